@@ -1,14 +1,14 @@
-# The command line, with TetGen and CGAL:
+# Image of the program with TetGen and CGAL:
 #   docker build -t atomesh .
 #   docker run --rm -v "$PWD:/data" atomesh mesh image.npy --distance 8
-# As a whole the program is under the AGPL, version 3 or later (see /usr/share/doc/atomesh).
+# The program as a whole is under the AGPL, version 3 or later (see /usr/share/doc/atomesh).
 
 FROM rust:1-bookworm AS build
 RUN apt-get update && apt-get install -y --no-install-recommends \
     g++ libtet1.5-dev libcgal-dev libclang-dev && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
 COPY . .
-# Without the Python package, whose crate is a member of the workspace but no part of the program.
+# --path . installs the program only, not the Python package, which is another member of the workspace.
 RUN cargo install --locked --path . --root /opt/atomesh
 
 FROM debian:bookworm-slim
@@ -17,7 +17,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends \
 COPY --from=build /opt/atomesh/bin/atomesh /usr/local/bin/atomesh
 COPY LICENSE-MIT LICENSE-APACHE python/licences/TetGen-AGPL-3.0 python/licences/GPL-3.0 \
     python/licences/LGPL-3.0 packaging/copyright /usr/share/doc/atomesh/
-# It runs, and finds its libraries.
+# Check that the program runs and finds its libraries.
 RUN atomesh doctor
 WORKDIR /data
 ENTRYPOINT ["atomesh"]

@@ -1,23 +1,25 @@
-# make demo   install what is missing, build, mesh the sample volume, say which files to open
-# make test   install what is missing, then the checks that need nothing but this repository
-# make test-all   those, and the tests against other programs (VTK, OPM Flow, Gmsh, ...), by ranks of MPI, and on
-#                 images made by others: DATA=folder
-# make lint   the lints of every kind of build, and the documentation of the library
-# make bench-networks   what becomes of twenty random fault networks, some minutes
-# make bench-labels   meshes of labelled images beside CGAL's: DATA=folder with other people's images
-# make reservoir   from a seismic volume to ten years of its simulation, in target/reservoir
-# make mpi-test   install Open MPI if it is missing, then one job by several processes
-# make wheel  the Python package for others, with all libraries that it needs, in target/wheels
-# make python-test   build the Python package and run every test of it
-# make deb    a Debian package of the program, in target/debian
-# make package   build what a registry would give to others
-# make book   the documentation as a site, target/book/index.html, with its links checked
-# make figures   pictures and figures of docs/ made again: DATA=folder with other people's images
-# make fuzz   random files and small jobs, led by what code they reach: SECONDS=60 for each of three targets
-# make soak   kills, interrupts, full disks and too little memory: RUNS=100 of each
+# make demo   install missing packages, build, mesh the sample volume and print which files to open
+# make test   install missing packages and run the checks that need nothing but this repository
+# make test-all   run all tests, also those against other programs (VTK, OPM Flow, Gmsh, ...), with MPI, and on
+#                 images of other projects: DATA=folder
+# make lint   run the lints of every kind of build and build the documentation of the library
+# make bench   measure the table of docs/benchmarks.md, some minutes
+# make bench-networks   measure meshes of twenty random fault networks, some minutes
+# make bench-labels   compare meshes of label images with those of CGAL: DATA=folder of images of other projects
+# make reservoir   run a study from a seismic volume to ten years of simulation, in target/reservoir
+# make mpi-test   install Open MPI if it is missing and test jobs on several processes
+# make wheel  build a wheel of the Python package with all libraries that it needs, in target/wheels
+# make python-stubs   write the types of the Python package's options from those of the command line
+# make python-test   build the Python package and run all its tests
+# make deb    build a Debian package of the program, in target/debian
+# make package   build the crates as a registry would distribute them
+# make book   build the documentation as a site, target/book/index.html, and check its links
+# make figures   check figures of docs/ and write its pictures: DATA=folder of images of other projects
+# make fuzz   fuzz with random files and small jobs, guided by coverage: SECONDS=60 for each of three targets
+# make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test test-all lint mpi-test wheel python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures fuzz soak help demo reservoir test test-all lint mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -34,17 +36,18 @@ demo: packages
 	@echo
 	@echo "Open in ParaView:"
 	@echo "  out/faults.vtu     the mesh (colour it by feature; clip it to look inside)"
-	@echo "  $(SAMPLE)    the image it was made from"
-	@echo "  out/potential.vti  the potential b(x) that pulled the atoms"
-	@echo "and out/faults.json holds every figure of the table above."
+	@echo "  $(SAMPLE)    the image of the mesh"
+	@echo "  out/potential.vti  the potential b(x) that attracts the atoms"
+	@echo "and out/faults.json has every figure of the table above."
 
 reservoir: packages validators
 	cargo build --locked
 	.venv/bin/python scripts/reservoir.py target/debug/atomesh target/reservoir
 
-# Without the packages that need MPI and Python.
+# The workspace members that need MPI and Python are not tested.
 test: packages
 	cargo fmt --all --check
+	python3 scripts/words.py
 	cargo test --package atomesh --package tetgen-sys --locked
 	python3 scripts/figures.py target/debug/atomesh --check
 
@@ -55,9 +58,10 @@ lint: packages
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
 
-# Tests that are ignored without it: what they need is there, or they fail.
+# Ignored tests run, too, and fail if a program that they need is missing.
 test-all: lint validators
 	cargo fmt --all --check
+	python3 scripts/words.py
 	cargo test --workspace --locked
 	DATA="$(DATA)" scripts/ignored_tests.sh
 	python3 scripts/figures.py target/debug/atomesh --check
@@ -72,12 +76,14 @@ wheel: packages
 python-test: packages
 	@scripts/python.sh test
 
+python-stubs: packages
+	@scripts/python.sh stubs
+
 deb: packages
 	@scripts/deb.sh
 
-# Cargo takes a crate of a registry for unchanged, and so what it unpacked and built of our own from
-# an earlier run: that goes first. Its registry for a workspace's crates has no host, so the folder's
-# name starts with a hyphen.
+# Cargo assumes that crates of a registry never change, so the crates that an earlier run unpacked and built are removed
+# first. The temporary registry of a workspace has no host, so the name of its folder starts with a hyphen.
 package: packages
 	rm -rf "$${CARGO_HOME:-$$HOME/.cargo}"/registry/src/-*/tetgen-sys-*
 	cargo clean --quiet --locked -p tetgen-sys

@@ -12,19 +12,14 @@ fn main() {
 
 #[cfg(feature = "cgal")]
 fn cgal() {
-    let bridges = [
-        "src/mesh/delaunay/cgal.rs",
-        "src/mesh/delaunay/exude.rs",
-        "src/mesh/delaunay/refine.rs",
-    ];
+    let bridge = "src/mesh/delaunay/bridge.rs";
     let sources = ["cpp/cgal_bridge.cpp", "cpp/exude.cpp", "cpp/refine.cpp"];
-    let headers = ["cpp/cgal_bridge.h", "cpp/exude.h", "cpp/refine.h"];
-    for file in [bridges, sources, headers].as_flattened() {
+    for file in [bridge, "cpp/cgal_bridge.h"].iter().chain(&sources) {
         println!("cargo::rerun-if-changed={file}");
     }
     // The interval arithmetic of CGAL's predicates changes the rounding mode, so the compiler must
     // not move computations across such a change. NDEBUG switches CGAL's internal checks off.
-    let mut build = cxx_build::bridges(bridges);
+    let mut build = cxx_build::bridge(bridge);
     build
         .files(sources)
         .std("c++17")

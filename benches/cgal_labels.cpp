@@ -1,11 +1,11 @@
-// CGAL's mesher of labelled images (Mesh_3), to stand beside ours: `make bench-labels` builds it and runs both.
+// Meshes a label image with CGAL (Mesh_3), for the comparison with atomesh: `make bench-labels` builds and runs it.
 //
 //   cgal_labels LABELS.raw NX NY NZ CELL_SIZE DISTANCE OUT.mesh
 //
-// LABELS.raw: a byte per sample, x fastest, of spacing 1; all labels are above 0, so that the whole box is meshed.
-// CELL_SIZE bounds the radius of the sphere round each tetrahedron and each face, DISTANCE that between faces and
-// boundary. What else there is to set is as in CGAL's manual; the sliver perturber and exuder run to their end.
-// Prints the processor time of meshing in seconds.
+// LABELS.raw has a byte per sample, x fastest, with spacing 1. All labels are above 0, so that the whole box is meshed.
+// CELL_SIZE bounds the radius of the circumsphere of each tetrahedron and each face, DISTANCE the distance between faces
+// and boundary. Other parameters are those of CGAL's manual. The sliver perturber and exuder run to their end.
+// Prints the CPU seconds of meshing.
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Image_3.h>

@@ -1,5 +1,5 @@
-//! CPU time of one evaluation of the lattice energy: `pairwise` against `sampled`, on one thread.
-//! `cargo bench --bench evaluator`; the target at d = 8 is a factor of ten.
+//! Measures the CPU time of one evaluation of the lattice energy, `pairwise` against `sampled`, on
+//! one thread: `cargo bench --bench evaluator`. The target at d = 8 is a factor of ten.
 
 use atomesh::image::{ScalarField, SparseField};
 use atomesh::lattice::distance::Distance;
@@ -8,7 +8,7 @@ use atomesh::lattice::seeding::{self, Alignment};
 use divan::Bencher;
 
 fn main() {
-    // CPU time is what is compared. An error means that a pool is there already.
+    // CPU time is compared, so there is one thread. An error means that a pool exists already.
     let _ = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build_global();
@@ -18,8 +18,8 @@ fn main() {
 /// Samples along each side of the volume.
 const SIDE: usize = 160;
 
-/// A curved valley through the volume, and a lattice of spacing d, slightly disordered as in the
-/// midst of an optimisation.
+/// Returns a lattice of spacing d, slightly disordered as during an optimisation, its distance, and
+/// the potential of a curved valley through the volume.
 fn case(d: f64) -> (Vec<[f64; 3]>, Distance<3>, ScalarField<3>) {
     let extent = [(SIDE - 1) as f64; 3];
     let distance = Distance::Constant(d);

@@ -1,6 +1,8 @@
-//! User CPU time, time by the clock and memory of writing a model in every format, with its twin:
-//! `cargo bench --bench export`. Of a million Voronoi cells, and of a million tetrahedra where a format
-//! holds nothing else. The targets: 2 s, and as much memory again as the model takes, at most.
+//! Measures user CPU time, wall-clock time and memory of writing a model in every format with its
+//! companion file: `cargo bench --bench export`.
+//!
+//! The model has a million Voronoi cells, or a million tetrahedra for formats that hold nothing
+//! else. The targets are at most 2 s and as much memory again as the model takes.
 
 use std::path::Path;
 use std::time::Instant;
@@ -13,7 +15,7 @@ use atomesh::model::flow::{Rock, Tensor};
 use atomesh::model::reservoir::Model;
 use atomesh::report::cost::{cpu_seconds, peak_mb};
 
-/// Half cells of the face-centred lattice along each side of the box, for Voronoi cells and for
+/// Half cells of the face-centred lattice along each side of the box: for Voronoi cells and for
 /// tetrahedra.
 const HALF_CELLS: [usize; 2] = [126, 70];
 
@@ -23,7 +25,7 @@ fn main() {
     }
 }
 
-/// A lattice disturbed a little, so that no five atoms are on one sphere.
+/// Returns a slightly disturbed lattice, so that no five atoms are on one sphere.
 fn atoms(half_cells: usize) -> Vec<[f64; 3]> {
     let mut state = 1u64;
     let mut shift = || {
@@ -54,14 +56,14 @@ fn run() -> Result<()> {
     measure(Model::new(cells, Some(tets)), true, &folder)
 }
 
-/// Writes a model in every format; where `tets_only`, in those only that hold tetrahedra and no others.
+/// Writes a model in every format, or with `tets_only` in the formats that hold tetrahedra only.
 fn measure(mut model: Model, tets_only: bool, folder: &Path) -> Result<()> {
     let rock = Rock::uniform(Tensor::isotropic(1e-13), 1.0);
     model.set_permeability(rock)?;
     model.porosity = Some(vec![0.2; model.len()]);
     println!("{} cells", model.len());
     for format in formats() {
-        // Columns have cells of their own; a million of them is no Voronoi lattice.
+        // Columns need cells of another kind than this lattice.
         if tets_only == format.holds_any_cells || format.name == "disv" {
             continue;
         }
@@ -70,30 +72,30 @@ fn measure(mut model: Model, tets_only: bool, folder: &Path) -> Result<()> {
             .extensions
             .first()
             .map_or("case".into(), |e| format!("a.{e}"));
-        // The peak so far is forgotten.
+        // Reset the peak memory of the process.
         let _ = std::fs::write("/proc/self/clear_refs", "5");
         let before = peak_mb();
         let (start, cpu) = (Instant::now(), cpu_seconds());
         let written = format.write(&model, &folder.join(name));
         let (wall, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
-        let (more, size) = (peak_mb() - before, size(folder));
+        let (extra_memory, size) = (peak_mb() - before, size(folder));
         let _ = std::fs::remove_dir_all(folder);
         written?;
         println!(
-            "{:10} {cpu:5.2} s of user CPU, {wall:5.2} s by the clock, {size:5.0} MB; {more:4.0} MB of memory beside the model's {before:.0}",
+            "{:10} {cpu:5.2} s of user CPU, {wall:5.2} s by the clock, {size:5.0} MB; {extra_memory:4.0} MB of memory beside the model's {before:.0}",
             format.name
         );
     }
     Ok(())
 }
 
-/// Size of all files in a folder, in MB.
+/// Returns the total size of all files in a folder, in MB.
 fn size(folder: &Path) -> f64 {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let of = |entry: std::fs::DirEntry| match entry.metadata() {
+    let size_of = |entry: std::fs::DirEntry| match entry.metadata() {
         Ok(data) if data.is_dir() => size(&entry.path()),
         Ok(data) => data.len() as f64 / 1e6,
         Err(_) => 0.0,
     };
-    entries.map(of).sum()
+    entries.map(size_of).sum()
 }

@@ -1,22 +1,22 @@
-"""Our meshes of labelled images beside those of CGAL (Mesh_3): `make bench-labels DATA=FOLDER`.
+"""Compares meshes of label images with those of CGAL (Mesh_3): `make bench-labels DATA=FOLDER`.
 
     labels.py ATOMESH CGAL_LABELS FOLDER [--data FOLDER] [--only NAME]
 
-Prints a table in Markdown. FOLDER takes the images and meshes. What is compared, alike for both meshers, from nothing
-but their tetrahedra and the samples:
+Prints a table in Markdown. Images and meshes are written to FOLDER. All figures come from the tetrahedra and the samples,
+in the same way for both meshers:
 
-- angles: the smallest dihedral angle of all, that which 1 % of the tetrahedra stay below, and the largest;
-- precision: the share of the area between regions within half a sample of the labels' boundary, which is the squares
-  between neighbouring samples of different labels; coverage: the share of these squares' middles within half a
-  sample, and within one, of the mesh's faces between regions;
-- truth: where labels are a field above a level, the share of the area within a quarter of a sample of where the field
-  has that level, by its value over its slope;
-- bends: the mean angle between neighbouring faces between regions: large where these follow the stairs of samples;
-- volume: by how much that of a region of 2000 samples or more is off that of its samples, the worst;
-- lost: connected parts of eight samples or more of which no tetrahedron has the label.
+- angles: the smallest and the largest dihedral angle, and the 1 % quantile of the smallest angles of tetrahedra;
+- precision: the share of the area between regions that is within half a sample of the boundary of the labels. The
+  boundary consists of the squares between neighbouring samples of different labels;
+- coverage: the shares of the centres of these squares within half a sample and one sample of a face between regions;
+- truth: if labels come from a field and a level, the share of the area within a quarter of a sample of the level set,
+  with the distance approximated by value over slope;
+- bends: the mean angle between neighbouring faces between regions, which is large if faces follow the steps of samples;
+- volume: the largest relative error of the volume of a region of 2000 samples or more;
+- lost: the number of connected parts of eight samples or more without a tetrahedron of their label.
 
-CGAL gets cells as large as ours, and keeps its faces so near to the boundary that it makes as many tetrahedra as we
-do, to a few percent.
+CGAL has the same cell size. The distance of its faces to the boundary is chosen such that the number of tetrahedra is the
+same to a few percent.
 """
 
 import argparse
@@ -32,13 +32,13 @@ from vtkmodules.vtkCommonCore import mutable, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkStaticCellLocator
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-DISTANCES = 0.05, 3.0  # CGAL's faces are nearer to the boundary than one between these, in samples
-ALIKE = 0.04  # numbers of tetrahedra may differ by so much
-FEWEST = 2000  # samples of regions whose volumes are compared
+DISTANCES = 0.05, 3.0  # range of the bound on the distance of CGAL's faces to the boundary, in samples
+COUNT_TOLERANCE = 0.04  # relative difference of the numbers of tetrahedra
+MIN_SAMPLES = 2000  # regions with fewer samples are left out of the comparison of volumes
 
 
 def blobs():
-    """Rock of two phases: noise smoothed by 3.5 samples, of which the highest fifth are pores."""
+    """Returns labels and truth of a rock of two phases: the highest fifth of noise smoothed by 3.5 samples are pores."""
     noise = np.random.default_rng(1).standard_normal((96, 96, 96))
     smooth = ndimage.gaussian_filter(noise, 3.5, mode="wrap")
     level = np.quantile(smooth, 0.8)
@@ -46,8 +46,8 @@ def blobs():
 
 
 def brain(data):
-    """A part of the MNI152 template: 1 where T1 is below a quarter of its largest value, 2 where grey matter is more
-    likely than not, 3 the rest."""
+    """Returns labels and truth of a part of the MNI152 template: 2 where grey matter is more likely than not, 1 where T1 is
+    below a quarter of its largest value, else 3."""
     import nibabel
 
     load = lambda name: np.asarray(nibabel.load(data / "medical" / name).dataobj, float)
@@ -58,19 +58,19 @@ def brain(data):
 
 
 def ketton(data):
-    """128 samples each way of Ketton limestone: 1 grain, 2 pore."""
+    """Returns labels of 128 samples along each axis of Ketton limestone: 1 for grain, 2 for pore."""
     import tifffile
 
     return 1 + (tifffile.imread(data / "rock/ketton.tif")[:128, :128, :128] > 127), None
 
 
 def layers(data):
-    """Layers that a fault offsets, computed by GemPy; named 1 and on."""
+    """Returns labels, from 1 on, of layers that a fault displaces, computed by GemPy."""
     values = np.load(data / "faultmodel3d_9a/lith_block.npy").ravel()[:125000]
     return np.unique(values.round(), return_inverse=True)[1].reshape(50, 50, 50).T + 1, None
 
 
-def of_vtu(path):
+def read_vtu(path):
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
     reader.Update()
@@ -80,13 +80,13 @@ def of_vtu(path):
     return points, tets, vtk_to_numpy(grid.GetCellData().GetArray("region"))
 
 
-def of_medit(path):
+def read_medit(path):
     words = path.read_text().split()
 
     def block(name, width):
-        at = words.index(name)
-        count = int(words[at + 1])
-        return np.array(words[at + 2 : at + 2 + count * width], float).reshape(count, width)
+        start = words.index(name)
+        count = int(words[start + 1])
+        return np.array(words[start + 2 : start + 2 + count * width], float).reshape(count, width)
 
     tets = block("Tetrahedra", 5).astype(int)
     return block("Vertices", 4)[:, :3], tets[:, :4] - 1, tets[:, 4]
@@ -95,8 +95,8 @@ def of_medit(path):
 def processor_time(command):
     used = lambda: sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
     before = used()
-    done = subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True)
-    return used() - before, done.stdout
+    result = subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True)
+    return used() - before, result.stdout
 
 
 def dihedrals(points, tets):
@@ -113,19 +113,19 @@ def dihedrals(points, tets):
 
 
 def interface(tets, region):
-    """The triangles between tetrahedra of different regions, and these."""
+    """Returns the triangles between tetrahedra of different regions, and the two regions of each."""
     faces = np.concatenate([np.delete(tets, k, axis=1) for k in range(4)])
     faces.sort(axis=1)
     order = np.lexsort(faces.T[::-1])
     same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
     one, other = order[1:][same], order[:-1][same]
     regions = np.tile(region, 4)
-    parts = regions[one] != regions[other]
-    return faces[one[parts]], np.stack([regions[one[parts]], regions[other[parts]]], axis=1)
+    differ = regions[one] != regions[other]
+    return faces[one[differ]], np.stack([regions[one[differ]], regions[other[differ]]], axis=1)
 
 
 def bends(normals, faces):
-    """The mean angle between faces that share an edge with each other and no third."""
+    """Returns the mean angle between faces that share an edge which no third face has."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [0, 2]], faces[:, [1, 2]]])
     edges.sort(axis=1)
     order = np.lexsort(edges.T)
@@ -135,34 +135,35 @@ def bends(normals, faces):
     return np.degrees(np.arccos(np.clip(np.abs((one * other).sum(axis=1)), 0, 1))).mean()
 
 
-def to_truth(at, field):
-    """Distances of points to where a field is 0, by its slope."""
-    take = lambda values: ndimage.map_coordinates(values, at.T[::-1], order=1)
-    slope = np.sqrt(sum(take(part) ** 2 for part in np.gradient(field)))
-    return np.abs(take(field)) / np.maximum(slope, 1e-12)
+def distance_to_level_set(points, field):
+    """Returns the distances of points to the zero level set of a field, approximated by value over slope."""
+    interpolate = lambda values: ndimage.map_coordinates(values, points.T[::-1], order=1)
+    slope = np.sqrt(sum(interpolate(part) ** 2 for part in np.gradient(field)))
+    return np.abs(interpolate(field)) / np.maximum(slope, 1e-12)
 
 
 def squares(labels):
-    """The middles and axes of the squares between samples of different labels; x, y, z."""
+    """Returns the centres (x, y, z) and the axes of the squares between samples of different labels."""
     middles, axes = [], []
     for axis in range(3):
-        unlike = np.argwhere(np.diff(labels, axis=2 - axis) != 0)[:, ::-1].astype(float)
-        unlike[:, axis] += 0.5
-        middles.append(unlike)
-        axes.append(np.full(len(unlike), axis))
+        centres = np.argwhere(np.diff(labels, axis=2 - axis) != 0)[:, ::-1].astype(float)
+        centres[:, axis] += 0.5
+        middles.append(centres)
+        axes.append(np.full(len(centres), axis))
     return np.concatenate(middles), np.concatenate(axes)
 
 
-def to_squares(at, middles, axes):
-    """Distances of points to the nearest of the squares."""
-    _, near = cKDTree(middles).query(at, k=12)
-    off = np.abs(at[:, None] - middles[near])
-    beside = np.maximum(off - 0.5, 0)
-    flat = np.arange(3) == axes[near][..., None]
-    return np.sqrt((np.where(flat, off, beside) ** 2).sum(axis=2)).min(axis=1)
+def distance_to_squares(points, middles, axes):
+    """Returns the distances of points to the nearest square."""
+    _, nearest = cKDTree(middles).query(points, k=12)
+    offsets = np.abs(points[:, None] - middles[nearest])
+    in_plane = np.maximum(offsets - 0.5, 0)
+    is_normal = np.arange(3) == axes[nearest][..., None]
+    return np.sqrt((np.where(is_normal, offsets, in_plane) ** 2).sum(axis=2)).min(axis=1)
 
 
-def to_triangles(at, points, faces):
+def distance_to_triangles(positions, points, faces):
+    """Returns the distances of positions to the nearest triangle."""
     surface = vtkPolyData()
     nodes = vtkPoints()
     nodes.SetData(numpy_to_vtk(points, deep=True))
@@ -176,30 +177,31 @@ def to_triangles(at, points, faces):
     locator.BuildLocator()
     closest, cell, part, square = [0.0] * 3, mutable(0), mutable(0), mutable(0.0)
     distances = []
-    for x in at:
+    for x in positions:
         locator.FindClosestPoint(x, closest, cell, part, square)
         distances.append(square.get() ** 0.5)
     return np.array(distances)
 
 
-def lost(labels, points, tets, region):
-    """Parts without a tetrahedron whose middle is in them or beside them."""
+def count_lost(labels, points, tets, region):
+    """Returns the number of parts without a tetrahedron whose centre is in them or next to them."""
     middles = points[tets].mean(axis=1).round().astype(int)[:, ::-1]
     middles = np.clip(middles, 0, np.array(labels.shape) - 1)
-    gone = 0
+    lost = 0
     for label in np.unique(labels):
-        here = np.zeros(labels.shape, bool)
-        here[tuple(middles[region == label].T)] = True
-        here = ndimage.binary_dilation(here)
+        covered = np.zeros(labels.shape, bool)
+        covered[tuple(middles[region == label].T)] = True
+        covered = ndimage.binary_dilation(covered)
         parts, count = ndimage.label(labels == label)
         sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
         found = np.zeros(count + 1, bool)
-        found[np.unique(parts[here])] = True
-        gone += int(((sizes >= 8) & ~found[1:]).sum())
-    return gone
+        found[np.unique(parts[covered])] = True
+        lost += int(((sizes >= 8) & ~found[1:]).sum())
+    return lost
 
 
-def judged(labels, truth, points, tets, region):
+def figures(labels, truth, points, tets, region):
+    """Returns the figures of a mesh."""
     random = np.random.default_rng(2)
     angles = dihedrals(points, tets)
     faces, sides = interface(tets, region)
@@ -208,64 +210,65 @@ def judged(labels, truth, points, tets, region):
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
     chosen = random.choice(len(faces), 30000, p=area / area.sum())
-    at = np.einsum("ij,ijk->ik", random.dirichlet([1, 1, 1], len(chosen)), corners[chosen])
-    near = "-"
+    positions = np.einsum("ij,ijk->ik", random.dirichlet([1, 1, 1], len(chosen)), corners[chosen])
+    truth_share = "-"
     if truth:
         label, field = truth
-        off = to_truth(at[(sides[chosen] == label).any(axis=1)], field)
-        near = f"{100 * (off <= 0.25).mean():.1f}"
-    asked = middles[random.choice(len(middles), min(len(middles), 20000), replace=False)]
-    covered = to_triangles(asked, points, faces)
+        distances = distance_to_level_set(positions[(sides[chosen] == label).any(axis=1)], field)
+        truth_share = f"{100 * (distances <= 0.25).mean():.1f}"
+    targets = middles[random.choice(len(middles), min(len(middles), 20000), replace=False)]
+    coverage = distance_to_triangles(targets, points, faces)
     edges = points[tets[:, 1:]] - points[tets[:, :1]]
     volume = np.abs(np.linalg.det(edges)) / 6
-    # Samples on the sides of the box are there by half.
+    # Half of a sample on a side of the box is inside the box.
     ends = [np.where((np.arange(n) == 0) | (np.arange(n) == n - 1), 0.5, 1.0) for n in labels.shape]
     weight = np.einsum("i,j,k->ijk", *ends)
-    off = []
+    errors = []
     for label in np.unique(labels):
         samples = weight[labels == label].sum()
-        if samples >= FEWEST:
-            off.append(100 * abs(volume[region == label].sum() / samples - 1))
+        if samples >= MIN_SAMPLES:
+            errors.append(100 * abs(volume[region == label].sum() / samples - 1))
     return {
         "tetrahedra": f"{len(tets):,}",
         "smallest dihedral angle": f"{angles.min():.1f}",
         "1 % of the tetrahedra below": f"{np.quantile(angles.min(axis=0), 0.01):.1f}",
         "largest dihedral angle": f"{angles.max():.1f}",
-        "precision, 1/2 sample, %": f"{100 * (to_squares(at, middles, axes) <= 0.5).mean():.1f}",
-        "coverage, 1/2 and 1 sample, %": f"{100 * (covered <= 0.5).mean():.1f}, {100 * (covered <= 1).mean():.1f}",
-        "truth, 1/4 sample, %": near,
+        "precision, 1/2 sample, %": f"{100 * (distance_to_squares(positions, middles, axes) <= 0.5).mean():.1f}",
+        "coverage, 1/2 and 1 sample, %": f"{100 * (coverage <= 0.5).mean():.1f}, {100 * (coverage <= 1).mean():.1f}",
+        "truth, 1/4 sample, %": truth_share,
         "bends, degrees": f"{bends(normals / area[:, None], faces):.1f}",
-        "volumes off by at most, %": f"{max(off):.2f}",
+        "volumes off by at most, %": f"{max(errors):.2f}",
         "the whole box off by, %": f"{100 * abs(volume.sum() / weight.sum() - 1):.2f}",
-        "parts lost": str(lost(labels, points, tets, region)),
+        "parts lost": str(count_lost(labels, points, tets, region)),
     }
 
 
-def compared(name, labels, truth, distance, given):
+def compare(name, labels, truth, distance, arguments):
+    """Meshes an image with both programs and prints the rows of the table."""
     labels = np.ascontiguousarray(labels, np.uint8)
-    folder = given.folder
+    folder = arguments.folder
     np.save(folder / f"{name}.npy", labels)
     labels.tofile(folder / f"{name}.raw")
     image, ours, theirs = (folder / f"{name}{end}" for end in (".npy", ".vtu", ".mesh"))
-    command = [given.atomesh, "mesh", image, "-o", ours, "--feature", "labels", "--distance", distance, "--quiet"]
+    command = [arguments.atomesh, "mesh", image, "-o", ours, "--feature", "labels", "--distance", distance, "--quiet"]
     seconds, _ = processor_time(command)
-    mesh = of_vtu(ours)
+    mesh = read_vtu(ours)
     low, high = DISTANCES
     for _ in range(9):
-        apart = (low * high) ** 0.5
-        command = [given.cgal, folder / f"{name}.raw", *labels.shape[::-1], distance, apart, theirs]
-        _, said = processor_time(command)
-        other = of_medit(theirs)
+        face_distance = (low * high) ** 0.5
+        command = [arguments.cgal, folder / f"{name}.raw", *labels.shape[::-1], distance, face_distance, theirs]
+        _, stdout = processor_time(command)
+        other = read_medit(theirs)
         ratio = len(other[1]) / len(mesh[1])
-        if abs(ratio - 1) < ALIKE:
+        if abs(ratio - 1) < COUNT_TOLERANCE:
             break
-        low, high = (apart, high) if ratio > 1 else (low, apart)
-    rows = [judged(labels, truth, *mesh), judged(labels, truth, *other)]
-    rows[0]["processor time, CGAL's is 1"] = f"{seconds / float(said):.2f}"
-    rows[1]["processor time, CGAL's is 1"] = f"1 ({float(said):.0f} s)"
-    print(f"| **{name}** | {'x'.join(map(str, labels.shape[::-1]))}, d = {distance} | size {distance}, distance {apart:.2f} |")
-    for what in rows[0]:
-        print(f"| {what} | {rows[0][what]} | {rows[1][what]} |", flush=True)
+        low, high = (face_distance, high) if ratio > 1 else (low, face_distance)
+    rows = [figures(labels, truth, *mesh), figures(labels, truth, *other)]
+    rows[0]["processor time, CGAL's is 1"] = f"{seconds / float(stdout):.2f}"
+    rows[1]["processor time, CGAL's is 1"] = f"1 ({float(stdout):.0f} s)"
+    print(f"| **{name}** | {'x'.join(map(str, labels.shape[::-1]))}, d = {distance} | size {distance}, distance {face_distance:.2f} |")
+    for figure in rows[0]:
+        print(f"| {figure} | {rows[0][figure]} | {rows[1][figure]} |", flush=True)
 
 
 def main():
@@ -274,19 +277,19 @@ def main():
         parser.add_argument(name, type=pathlib.Path)
     parser.add_argument("--data", type=pathlib.Path)
     parser.add_argument("--only")
-    given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
     volumes = {"blobs": (blobs, 3)}
-    if given.data:
+    if arguments.data:
         volumes |= {
-            "layers": (lambda: layers(given.data), 3),
-            "Ketton": (lambda: ketton(given.data), 4),
-            "brain": (lambda: brain(given.data), 3),
+            "layers": (lambda: layers(arguments.data), 3),
+            "Ketton": (lambda: ketton(arguments.data), 4),
+            "brain": (lambda: brain(arguments.data), 3),
         }
     print("| | atomesh | CGAL |\n|---|---|---|")
-    for name, (made, distance) in volumes.items():
-        if given.only in (None, name):
-            compared(name, *made(), distance, given)
+    for name, (make, distance) in volumes.items():
+        if arguments.only in (None, name):
+            compare(name, *make(), distance, arguments)
 
 
 if __name__ == "__main__":

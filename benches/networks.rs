@@ -1,7 +1,9 @@
-//! What atomesh makes of fault networks as real surveys have them: twenty random ones, each with faults
-//! that cross at 15 degrees and more, branch, run close and taper out. `make bench-networks`, or
-//! `cargo bench --bench networks [-- [voronoi] [FIRST LAST]]`; every figure beside its median over the seeds
-//! and its worst, with the seed that gave it. With `voronoi`, of Voronoi cells instead of tetrahedra.
+//! Measures meshes of twenty random fault networks, each with faults that cross at 15 degrees and
+//! more, branch, run close together and taper out: `make bench-networks`, or `cargo bench --bench
+//! networks [-- [voronoi] [FIRST LAST]]`.
+//!
+//! Prints for each figure the median over the seeds and the worst value with its seed. With
+//! `voronoi`, the meshes have Voronoi cells instead of tetrahedra.
 
 use std::path::Path;
 use std::process::Command;
@@ -10,11 +12,11 @@ use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-/// A figure of the reports: where it is, what to call it, and whether more is better.
+/// A figure of the reports: its JSON pointer, its name, and `true` if larger is better.
 type Figure = (&'static str, &'static str, bool);
 
-/// Those of Voronoi cells.
-const OF_CELLS: [Figure; 6] = [
+/// Figures of Voronoi cells.
+const CELL_FIGURES: [Figure; 6] = [
     (
         "/fidelity/tagged_faces/coverage_half",
         "coverage within half a sample",
@@ -47,8 +49,8 @@ const OF_CELLS: [Figure; 6] = [
     ),
 ];
 
-/// Those of tetrahedra.
-const OF_TETRAHEDRA: [Figure; 7] = [
+/// Figures of tetrahedra.
+const TETRAHEDRON_FIGURES: [Figure; 7] = [
     (
         "/fidelity/on_feature/coverage_half",
         "coverage within half a sample",
@@ -61,12 +63,12 @@ const OF_TETRAHEDRA: [Figure; 7] = [
     ),
     (
         "/fidelity/tagged_faces/coverage_one",
-        "coverage by claimed faces, one sample",
+        "coverage by tagged faces, one sample",
         true,
     ),
     (
         "/fidelity/tagged_faces/precision",
-        "precision of claimed faces",
+        "precision of tagged faces",
         true,
     ),
     (
@@ -87,18 +89,22 @@ const OF_TETRAHEDRA: [Figure; 7] = [
 ];
 
 fn main() -> Outcome<()> {
-    // `cargo test --benches` runs benches only to see that they start.
+    // `cargo test --benches` runs benchmarks only to see that they start.
     let arguments: Vec<String> = std::env::args().collect();
     if !arguments.iter().any(|a| a == "--bench") {
         return Ok(());
     }
     let cells = arguments.iter().any(|a| a == "voronoi");
-    let sought: &[Figure] = if cells { &OF_CELLS } else { &OF_TETRAHEDRA };
+    let definitions: &[Figure] = if cells {
+        &CELL_FIGURES
+    } else {
+        &TETRAHEDRON_FIGURES
+    };
     let mut seeds = arguments.iter().filter_map(|a| a.parse::<u32>().ok());
     let (first, last) = (seeds.next().unwrap_or(1), seeds.next().unwrap_or(20));
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("networks");
     std::fs::create_dir_all(&folder)?;
-    let mut figures: Vec<Vec<(f64, u32)>> = vec![Vec::new(); sought.len()];
+    let mut figures: Vec<Vec<(f64, u32)>> = vec![Vec::new(); definitions.len()];
     let mut by_gap: Vec<(String, f64, [f64; 2])> = Vec::new();
     for seed in first..=last {
         let number = seed.to_string();
@@ -116,44 +122,44 @@ fn main() -> Outcome<()> {
         let kind = if cells { "voronoi" } else { "tets" };
         let mesh = ["mesh", "n.npy", "-o", "n.vtu", "--cells", kind];
         run(&folder, &mesh)?;
-        let judged = run(&folder, &["quality", "n.vtu", "--truth", "t.npy", "--json"])?;
-        for (k, (place, _, _)) in sought.iter().enumerate() {
+        let report = run(&folder, &["quality", "n.vtu", "--truth", "t.npy", "--json"])?;
+        for (k, (pointer, _, _)) in definitions.iter().enumerate() {
             figures[k].push((
-                judged
-                    .pointer(place)
+                report
+                    .pointer(pointer)
                     .and_then(Value::as_f64)
                     .unwrap_or(f64::NAN),
                 seed,
             ));
         }
-        let classes = judged
+        let classes = report
             .pointer("/fidelity/on_feature/by_gap")
             .and_then(Value::as_array);
         for (k, class) in classes.into_iter().flatten().enumerate() {
-            let number = |name: &str| class[name].as_f64().unwrap_or(0.0);
+            let value_of = |name: &str| class[name].as_f64().unwrap_or(0.0);
             if by_gap.len() == k {
-                let to = class["to"]
+                let upper = class["to"]
                     .as_f64()
-                    .map_or("and more".into(), |to| format!("to {to}"));
-                by_gap.push((format!("{} {to}", number("from")), 0.0, [0.0; 2]));
+                    .map_or("and more".into(), |upper| format!("to {upper}"));
+                by_gap.push((format!("{} {upper}", value_of("from")), 0.0, [0.0; 2]));
             }
-            let points = number("points");
+            let points = value_of("points");
             by_gap[k].1 += points;
-            by_gap[k].2[0] += points * number("coverage_half");
-            by_gap[k].2[1] += points * number("coverage_one");
+            by_gap[k].2[0] += points * value_of("coverage_half");
+            by_gap[k].2[1] += points * value_of("coverage_one");
         }
-        eprintln!("seed {seed}: {}", line(&figures));
+        eprintln!("seed {seed}: {}", last_figures(&figures));
     }
     println!("| figure | median | worst | seed |\n|---|---|---|---|");
-    for ((_, name, more), values) in sought.iter().zip(&mut figures) {
+    for ((_, name, larger_is_better), values) in definitions.iter().zip(&mut figures) {
         values.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let middle = values[values.len() / 2].0;
-        let worst = if *more {
+        let median = values[values.len() / 2].0;
+        let worst = if *larger_is_better {
             values[0]
         } else {
             values[values.len() - 1]
         };
-        println!("| {name} | {middle:.3} | {:.3} | {} |", worst.0, worst.1);
+        println!("| {name} | {median:.3} | {:.3} | {} |", worst.0, worst.1);
     }
     println!(
         "\n| distance to the next fault (samples) | within half a sample | within one |\n|---|---|---|"
@@ -164,13 +170,13 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// The last seed's figures.
-fn line(figures: &[Vec<(f64, u32)>]) -> String {
+/// Returns the figures of the last seed.
+fn last_figures(figures: &[Vec<(f64, u32)>]) -> String {
     let last = figures.iter().filter_map(|f| f.last());
     last.map(|(value, _)| format!("{value:.3} ")).collect()
 }
 
-/// Runs atomesh; what it says as JSON, if it does.
+/// Runs atomesh and returns its JSON output, or null without such an output.
 fn run(folder: &Path, arguments: &[&str]) -> Outcome<Value> {
     let output = Command::new(env!("CARGO_BIN_EXE_atomesh"))
         .current_dir(folder)
@@ -178,8 +184,8 @@ fn run(folder: &Path, arguments: &[&str]) -> Outcome<Value> {
         .arg("--quiet")
         .output()?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(format!("atomesh {}: {said}", arguments.join(" ")).into());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("atomesh {}: {stderr}", arguments.join(" ")).into());
     }
     Ok(serde_json::from_slice(&output.stdout).unwrap_or(Value::Null))
 }

@@ -1,10 +1,11 @@
-//! Cut of a mesh's cells against cut of the samples (Xu 2016, table 4.1), as a user would run both:
-//! `cargo bench --bench segment`. Takes a minute or two.
+//! Compares the segmentation of a mesh's cells with that of samples (Xu 2016, table 4.1): `cargo
+//! bench --bench segment`. Takes a minute or two.
 //!
-//! The mesh's total is `atomesh mesh` (reading, features, lattice, tetrahedra, writing, but not the
-//! measuring of the mesh for its report) and the means and the cut of `atomesh segment`; the samples' is histograms, graph and cut alone,
-//! by the same code. Both are processor seconds in user mode. Seeds are the same boxes for both. Cells
-//! need no good angles for a cut, so slivers stay, as in the thesis.
+//! The total of the mesh is that of `atomesh mesh` (reading, features, lattice, tetrahedra,
+//! writing, without measuring the mesh for its report) and of the means and the cut of `atomesh
+//! segment`. The total of the samples is histograms, graph and cut by the same code. Both are user
+//! CPU seconds. Both have the same boxes as seeds. A cut does not need good angles, so slivers
+//! stay, as in the thesis.
 
 use std::path::Path;
 use std::process::Command;
@@ -15,7 +16,7 @@ use serde_json::Value;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-/// A scene: its name, dims, the value of a position, whether it is the object, the noise, the
+/// A scene: name, dimensions, value at a position, `true` at positions of the object, noise,
 /// nominal distance and seeds.
 struct Scene {
     name: &'static str,
@@ -27,7 +28,8 @@ struct Scene {
     seeds: &'static str,
 }
 
-/// Below 0 inside an ellipsoid, about the distance in samples near its surface.
+/// Returns a value that is negative inside an ellipsoid and approximates the distance in samples
+/// near its surface.
 fn ellipsoid(p: [f64; 3], centre: [f64; 3], radii: [f64; 3]) -> f64 {
     let square = |scale: &dyn Fn(f64) -> f64| {
         let part = |k: usize| ((p[k] - centre[k]) / scale(radii[k])).powi(2);
@@ -37,16 +39,16 @@ fn ellipsoid(p: [f64; 3], centre: [f64; 3], radii: [f64; 3]) -> f64 {
     outside * (outside - 1.0) / square(&|r| r * r).max(1e-9)
 }
 
-/// 1 inside, 0 outside, over about a sample.
-fn inside(off: f64) -> f64 {
-    1.0 / (1.0 + (2.0 * off).exp())
+/// Returns 1 inside and 0 outside, with a transition of about a sample.
+fn inside(signed_distance: f64) -> f64 {
+    1.0 / (1.0 + (2.0 * signed_distance).exp())
 }
 
 fn sphere(p: [f64; 3]) -> f64 {
     ellipsoid(p, [63.5; 3], [40.0; 3])
 }
 
-/// Biological cells: some large, some small.
+/// Biological cells, some large and some small.
 fn cells(p: [f64; 3]) -> f64 {
     [
         ([40.0, 38.0, 34.0], [26.0, 22.0, 22.0]),
@@ -60,12 +62,12 @@ fn cells(p: [f64; 3]) -> f64 {
     .fold(f64::INFINITY, f64::min)
 }
 
-/// The air of two lungs, without the vessels in them.
+/// Air of two lungs without the vessels in them.
 fn lungs(p: [f64; 3]) -> f64 {
     let left = ellipsoid(p, [38.0, 62.0, 62.0], [20.0, 27.0, 46.0]);
     let right = ellipsoid(p, [90.0, 62.0, 62.0], [21.0, 28.0, 48.0]);
     let heart = ellipsoid(p, [58.0, 48.0, 54.0], [18.0, 17.0, 20.0]);
-    // Vessels fan out from the middle.
+    // Vessels spread from the middle.
     let vessel = |slope: f64, rise: f64| {
         let x = p[0] - 64.0;
         let y = p[1] - 62.0 - slope * x.abs();
@@ -85,16 +87,16 @@ fn lungs(p: [f64; 3]) -> f64 {
     left.min(right).max(-heart).max(-vessels)
 }
 
-/// A chest: air 0, lungs 0.15, soft parts 0.55, bones 0.95.
+/// A chest: air 0, lungs 0.15, soft tissue 0.55, bones 0.95.
 fn chest(p: [f64; 3]) -> f64 {
     let body = ellipsoid([p[0], p[1], 0.0], [63.5, 63.5, 0.0], [58.0, 44.0, 1e6]);
     let spine = (p[0] - 63.5).hypot(p[1] - 96.0) - 8.0;
     let rib = ellipsoid([p[0], p[1], 0.0], [63.5, 63.5, 0.0], [51.0, 37.5, 1e6]).abs() - 2.2;
     let ribs = rib.max((4.0 - (p[2] + 0.25 * p[1]).rem_euclid(16.0)).abs() - 3.0);
-    let soft = 0.55 * inside(body);
+    let tissue = 0.55 * inside(body);
     let bone = 0.4 * inside(spine.min(ribs.max(body)));
     let air = inside(lungs(p));
-    (soft + bone) * (1.0 - air) + 0.15 * air
+    (tissue + bone) * (1.0 - air) + 0.15 * air
 }
 
 const SCENES: [Scene; 3] = [
@@ -128,12 +130,12 @@ const SCENES: [Scene; 3] = [
     },
 ];
 
-/// Writes the image and the true object.
-fn make(scene: &Scene, folder: &Path) -> Outcome<()> {
+/// Writes the image and the true object of a scene.
+fn write_scene(scene: &Scene, folder: &Path) -> Outcome<()> {
     let [nx, ny, nz] = scene.dims;
     let mut state = 5u64;
     let mut gauss = || {
-        // The sum of twelve even numbers, less six.
+        // The sum of twelve uniform numbers less six is nearly normal.
         let mut sum = -6.0;
         for _ in 0..12 {
             state = state
@@ -159,22 +161,22 @@ fn make(scene: &Scene, folder: &Path) -> Outcome<()> {
     Ok(save("truth.npy", truth)?)
 }
 
-/// User-mode processor seconds of all child processes that have ended.
-fn children_cpu() -> f64 {
+/// Returns the user CPU seconds of all child processes that have ended.
+fn children_cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let ticks = stat
         .rsplit(')')
         .next()
-        .and_then(|rest| rest.split_whitespace().nth(13));
+        .and_then(|fields| fields.split_whitespace().nth(13));
     ticks
         .and_then(|word| word.parse::<f64>().ok())
         .unwrap_or(f64::NAN)
         / 100.0
 }
 
-/// Runs atomesh: what it says, and the processor seconds that it took.
+/// Runs atomesh and returns its JSON output and the CPU seconds.
 fn atomesh(folder: &Path, line: &str) -> Outcome<(Value, f64)> {
-    let before = children_cpu();
+    let before = children_cpu_seconds();
     let output = Command::new(env!("CARGO_BIN_EXE_atomesh"))
         .current_dir(folder)
         .args(line.split_whitespace())
@@ -189,12 +191,12 @@ fn atomesh(folder: &Path, line: &str) -> Outcome<(Value, f64)> {
     }
     Ok((
         serde_json::from_slice(&output.stdout)?,
-        children_cpu() - before,
+        children_cpu_seconds() - before,
     ))
 }
 
-/// Processor seconds for measuring the mesh, of a report.
-fn measuring(report: &Value) -> f64 {
+/// Returns the CPU seconds for measuring the mesh, from a report.
+fn measuring_seconds(report: &Value) -> f64 {
     let stages = report.pointer("/stages").and_then(Value::as_array);
     let named = |stage: &&Value| stage["stage"] == "measuring the mesh";
     let stage = stages.and_then(|stages| stages.iter().find(named));
@@ -204,7 +206,7 @@ fn measuring(report: &Value) -> f64 {
 }
 
 fn main() -> Outcome<()> {
-    // `cargo test --benches` runs benches only to see that they start.
+    // `cargo test --benches` runs benchmarks only to see that they start.
     if !std::env::args().any(|argument| argument == "--bench") {
         return Ok(());
     }
@@ -215,19 +217,20 @@ fn main() -> Outcome<()> {
          |---|---|---|---|---|---|---|---|---|---|---|"
     );
     for scene in &SCENES {
-        make(scene, &folder)?;
+        write_scene(scene, &folder)?;
         let d = scene.distance;
         let mesh =
             format!("mesh image.npy -o mesh.vtu --feature edges --distance {d} --slivers none");
         let (report, meshing) = atomesh(&folder, &mesh)?;
-        let meshing = meshing - measuring(&report);
+        let meshing = meshing - measuring_seconds(&report);
         let cut = format!(
             "segment image.npy mesh.vtu {} --lambda 0.3 -o out.vtu --truth truth.npy --voxels",
             scene.seeds
         );
-        let (said, _) = atomesh(&folder, &cut)?;
+        let (result, _) = atomesh(&folder, &cut)?;
         let number = |pointer: &str| {
-            said.pointer(pointer)
+            result
+                .pointer(pointer)
                 .and_then(Value::as_f64)
                 .unwrap_or(f64::NAN)
         };

@@ -1,16 +1,16 @@
-//! CPU time of Voronoi cells against the Delaunay triangulation of the same atoms, on one thread:
-//! `cargo bench --bench voronoi`. The target is a factor of two for all of it.
+//! Measures the CPU time of Voronoi cells against that of the Delaunay triangulation of the same
+//! atoms, on one thread: `cargo bench --bench voronoi`. The target is a factor of two in total.
 
 use atomesh::mesh::{delaunay, voronoi};
 use atomesh::report::cost::cpu_seconds;
 
 /// Half cells of the face-centred lattice along each side of the box.
 const HALF_CELLS: usize = 90;
-/// Rounds; the least time counts.
+/// Number of rounds, of which the shortest counts.
 const ROUNDS: usize = 3;
 
 fn main() {
-    // CPU time is what is compared. An error means that a pool is there already.
+    // CPU time is compared, so there is one thread. An error means that a pool exists already.
     let _ = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build_global();

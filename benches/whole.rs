@@ -1,8 +1,8 @@
-//! The table of docs/benchmarks.md: what atomesh achieves, measured by running it as a user would.
-//! `make bench`, or `cargo bench --bench whole`. Takes some minutes and 2 GB of memory.
+//! Measures the table of docs/benchmarks.md by running atomesh on the command line: `make bench`,
+//! or `cargo bench --bench whole`. Takes some minutes and 2 GB of memory.
 //!
-//! Volumes made by others are looked for in the folder that ATOMESH_DATA names, else in
-//! `../shared/data`; rows on those that are absent say so.
+//! Volumes of other projects are looked for in the folder that `ATOMESH_DATA` names, else in
+//! `../shared/data`. Rows on absent volumes say so.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -21,7 +21,7 @@ use serde_json::Value;
 type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
 fn main() -> Outcome<()> {
-    // `cargo test --benches` runs benches only to see that they start.
+    // `cargo test --benches` runs benchmarks only to see that they start.
     if !std::env::args().any(|argument| argument == "--bench") {
         return Ok(());
     }
@@ -30,20 +30,20 @@ fn main() -> Outcome<()> {
     println!("| what | on | figure | target |\n|---|---|---|---|");
     presets(&folder)?;
     slivers(&folder)?;
-    volumes_of_others(&folder)?;
+    volumes_of_other_projects(&folder)?;
     large(&folder)?;
     evaluators()?;
-    sameness(&folder)?;
+    reproducibility(&folder)?;
     planes(&folder)?;
     cells()?;
     Ok(())
 }
 
-fn row(what: &str, on: &str, figure: &str, target: &str) {
-    println!("| {what} | {on} | {figure} | {target} |");
+fn print_row(topic: &str, object: &str, figure: &str, target: &str) {
+    println!("| {topic} | {object} | {figure} | {target} |");
 }
 
-/// What a run of the program said, and the processor seconds in user mode it took.
+/// JSON output of a run, and its user CPU seconds.
 struct Run {
     json: Value,
     cpu: f64,
@@ -51,16 +51,16 @@ struct Run {
 
 /// Runs atomesh with `--json`.
 fn atomesh(folder: &Path, arguments: &[&str]) -> Outcome<Run> {
-    let before = children_cpu();
+    let before = children_cpu_seconds();
     let output = Command::new(env!("CARGO_BIN_EXE_atomesh"))
         .current_dir(folder)
         .args(arguments)
         .args(["--json", "--quiet"])
         .output()?;
-    let cpu = children_cpu() - before;
+    let cpu = children_cpu_seconds() - before;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(format!("atomesh {}: {said}", arguments.join(" ")).into());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("atomesh {}: {stderr}", arguments.join(" ")).into());
     }
     Ok(Run {
         json: serde_json::from_slice(&output.stdout)?,
@@ -68,20 +68,20 @@ fn atomesh(folder: &Path, arguments: &[&str]) -> Outcome<Run> {
     })
 }
 
-/// User-mode processor seconds of all child processes that have ended.
-fn children_cpu() -> f64 {
+/// Returns the user CPU seconds of all child processes that have ended.
+fn children_cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let ticks = stat
         .rsplit(')')
         .next()
-        .and_then(|rest| rest.split_whitespace().nth(13));
+        .and_then(|fields| fields.split_whitespace().nth(13));
     ticks
         .and_then(|word| word.parse::<f64>().ok())
         .unwrap_or(f64::NAN)
         / 100.0
 }
 
-/// A number somewhere in a report.
+/// Returns a number at a JSON pointer of a report, or NaN.
 fn number(json: &Value, pointer: &str) -> f64 {
     json.pointer(pointer)
         .and_then(Value::as_f64)
@@ -92,45 +92,50 @@ fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// Makes a synthetic image and its truth.
-fn make(folder: &Path, name: &str, kind: SyntheticKind, options: &Options) -> Outcome<()> {
-    let made = synth::make(kind, options)?;
-    formats::write(&folder.join(format!("{name}.npy")), &made.image)?;
-    Ok(made
+/// Writes a synthetic image and its truth.
+fn write_synthetic(
+    folder: &Path,
+    name: &str,
+    kind: SyntheticKind,
+    options: &Options,
+) -> Outcome<()> {
+    let synthetic = synth::make(kind, options)?;
+    formats::write(&folder.join(format!("{name}.npy")), &synthetic.image)?;
+    Ok(synthetic
         .truth
         .write(&folder.join(format!("{name}-truth.npy")))?)
 }
 
-/// Fidelity, quality and validity on the noisy fault volumes.
+/// Rows of fidelity, quality and validity on the noisy fault volumes.
 fn presets(folder: &Path) -> Outcome<()> {
     for preset in PRESETS {
         let name = preset.name;
-        make(folder, name, preset.kind, &preset.options)?;
+        write_synthetic(folder, name, preset.kind, &preset.options)?;
         let (image, mesh) = (format!("{name}.npy"), format!("{name}.vtu"));
         atomesh(folder, &["mesh", &image, "-o", &mesh, "--distance", "8"])?;
         let truth = format!("{name}-truth.npy");
-        let judged = atomesh(folder, &["quality", &mesh, "--truth", &truth])?.json;
+        let report = atomesh(folder, &["quality", &mesh, "--truth", &truth])?.json;
         let [nx, ny, nz] = preset.options.dims;
-        let on = format!("{name}, {nx} x {ny} x {nz}, d = 8");
+        let object = format!("{name}, {nx} x {ny} x {nz}, d = 8");
         let figure = format!(
             "coverage {} and {}, precision {}",
-            percent(number(&judged, "/fidelity/on_feature/coverage_half")),
-            percent(number(&judged, "/fidelity/on_feature/coverage_one")),
-            percent(number(&judged, "/fidelity/on_feature/precision")),
+            percent(number(&report, "/fidelity/on_feature/coverage_half")),
+            percent(number(&report, "/fidelity/on_feature/coverage_one")),
+            percent(number(&report, "/fidelity/on_feature/precision")),
         );
-        row(
+        print_row(
             "fidelity",
-            &on,
+            &object,
             &figure,
             "96 % within 0.5 and 98.5 % within 1 sample, precision 97 %",
         );
-        quality(&on, &judged);
-        validity(folder, &on, &mesh)?;
+        print_quality(&object, &report);
+        print_validity(folder, &object, &mesh)?;
     }
     Ok(())
 }
 
-/// Exudation beside flips and smoothing, on the first volume of [`presets`].
+/// Rows that compare exudation with flips and smoothing, on the first volume of [`presets`].
 fn slivers(folder: &Path) -> Outcome<()> {
     let name = PRESETS[0].name;
     let image = format!("{name}.npy");
@@ -149,13 +154,13 @@ fn slivers(folder: &Path) -> Outcome<()> {
             percent(number(figures, "/fidelity/tagged_faces/coverage_one")),
             percent(number(figures, "/fidelity/tagged_faces/precision")),
         );
-        let on = format!("{name}, detected features");
-        row(&format!("slivers: {method}"), &on, &figure, "compared");
+        let object = format!("{name}, detected features");
+        print_row(&format!("slivers: {method}"), &object, &figure, "compared");
     }
     Ok(())
 }
 
-fn quality(on: &str, report: &Value) {
+fn print_quality(object: &str, report: &Value) {
     let figure = format!(
         "dihedral angles {:.1} to {:.1}; {} of {} tetrahedra below 30, {} above 150",
         number(report, "/quality/smallest_angle/worst"),
@@ -164,13 +169,18 @@ fn quality(on: &str, report: &Value) {
         number(report, "/quality/cells"),
         number(report, "/quality/above_150"),
     );
-    row("quality", on, &figure, "all in 20 to 160, goal 30 to 150");
+    print_row(
+        "quality",
+        object,
+        &figure,
+        "all in 20 to 160, goal 30 to 150",
+    );
 }
 
-fn validity(folder: &Path, on: &str, mesh: &str) -> Outcome<()> {
-    let judged = atomesh(folder, &["quality", mesh])?.json;
+fn print_validity(folder: &Path, object: &str, mesh: &str) -> Outcome<()> {
+    let report = atomesh(folder, &["quality", mesh])?.json;
     let verdict = atomesh(folder, &["validate", mesh])?.json;
-    let by: Vec<&str> = verdict["checks"]
+    let checkers: Vec<&str> = verdict["checks"]
         .as_array()
         .into_iter()
         .flatten()
@@ -179,27 +189,27 @@ fn validity(folder: &Path, on: &str, mesh: &str) -> Outcome<()> {
         .collect();
     let figure = format!(
         "volume error {:.0e}, sides off by {:.0e}, {} unused nodes; valid to {}",
-        number(&judged, "/box/volume_error"),
-        number(&judged, "/box/flatness_error"),
-        number(&judged, "/box/unused_nodes"),
-        by.join(", "),
+        number(&report, "/box/volume_error"),
+        number(&report, "/box/flatness_error"),
+        number(&report, "/box/unused_nodes"),
+        checkers.join(", "),
     );
-    row(
+    print_row(
         "box",
-        on,
+        object,
         &figure,
         "volume error 1e-9, flat sides, no unused node",
     );
     Ok(())
 }
 
-/// Quality on real data and on other people's synthetic data.
-fn volumes_of_others(folder: &Path) -> Outcome<()> {
+/// Rows of quality on real data and on synthetic data of other projects.
+fn volumes_of_other_projects(folder: &Path) -> Outcome<()> {
     let data = std::env::var_os("ATOMESH_DATA").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")),
         PathBuf::from,
     );
-    for (on, file, options) in [
+    for (object, file, options) in [
         (
             "F3 faults",
             "fault3d_f3/f3_faults_slices003-210_u8.npy",
@@ -214,7 +224,7 @@ fn volumes_of_others(folder: &Path) -> Outcome<()> {
     ] {
         let path = data.join(file);
         if !path.is_file() {
-            row("quality", on, "not measured: the file is absent", "");
+            print_row("quality", object, "not measured: the file is absent", "");
             continue;
         }
         let path = path.canonicalize()?;
@@ -225,20 +235,20 @@ fn volumes_of_others(folder: &Path) -> Outcome<()> {
         ]
         .concat();
         let run = atomesh(folder, &arguments)?;
-        quality(on, &run.json);
-        validity(folder, on, "other.vtu")?;
+        print_quality(object, &run.json);
+        print_validity(folder, object, "other.vtu")?;
     }
     Ok(())
 }
 
-/// Speed and memory, d = 4.
+/// Rows of speed and memory with d = 4.
 fn large(folder: &Path) -> Outcome<()> {
     for side in [128, 192, 256] {
         let options = Options {
             dims: [side; 3],
             ..Options::default()
         };
-        make(folder, "large", SyntheticKind::Faults, &options)?;
+        write_synthetic(folder, "large", SyntheticKind::Faults, &options)?;
         let start = Instant::now();
         let run = atomesh(
             folder,
@@ -251,10 +261,10 @@ fn large(folder: &Path) -> Outcome<()> {
             .map(|s| number(s, "/peak_mb"))
             .fold(0.0, f64::max);
         let tets = number(&run.json, "/quality/cells");
-        let on = format!("{side}^3, d = 4");
-        row(
+        let object = format!("{side}^3, d = 4");
+        print_row(
             "memory",
-            &on,
+            &object,
             &format!("{peak:.0} MB peak, {tets} tetrahedra"),
             "1,500 MB at 256^3",
         );
@@ -269,18 +279,18 @@ fn large(folder: &Path) -> Outcome<()> {
                 run.cpu / delaunay,
                 run.cpu,
             );
-            row("speed", &on, &figure, "4 times");
-            quality(&on, &run.json);
+            print_row("speed", &object, &figure, "4 times");
+            print_quality(&object, &run.json);
         }
     }
     Ok(())
 }
 
-/// Processor seconds of one evaluation of the energy by both evaluators.
+/// Row of the CPU seconds of one evaluation of the energy by both evaluators.
 fn evaluators() -> Outcome<()> {
     let d = 8.0;
     let image = synth::make(PRESETS[0].kind, &PRESETS[0].options)?.image;
-    let found = feature::detect(
+    let features = feature::detect(
         &image,
         &feature::DetectionOptions {
             d_min: d,
@@ -302,12 +312,12 @@ fn evaluators() -> Outcome<()> {
         }
         Ok(start.elapsed().as_secs_f64() / f64::from(count))
     };
-    // On one thread, so that seconds are processor seconds.
+    // There is one thread, so that wall-clock seconds are CPU seconds.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let (pairwise, sampled) = pool.install(|| -> Outcome<(f64, f64)> {
         let mut pairwise =
-            PairwiseEnergy::new(extent, &distance, Some(&found.potential), beta.clone())?;
-        let mut sampled = SampledEnergy::new(&distance, found.potential.to_dense(), beta);
+            PairwiseEnergy::new(extent, &distance, Some(&features.potential), beta.clone())?;
+        let mut sampled = SampledEnergy::new(&distance, features.potential.to_dense(), beta);
         Ok((time(&mut pairwise)?, time(&mut sampled)?))
     })?;
     let figure = format!(
@@ -316,7 +326,7 @@ fn evaluators() -> Outcome<()> {
         1e3 * sampled,
         sampled / pairwise
     );
-    row(
+    print_row(
         "evaluator",
         &format!("{}, d = 8", PRESETS[0].name),
         &figure,
@@ -325,8 +335,8 @@ fn evaluators() -> Outcome<()> {
     Ok(())
 }
 
-/// The same bytes with one and two threads, and twice in a row.
-fn sameness(folder: &Path) -> Outcome<()> {
+/// Row of the reproducibility with one and two threads, and in two runs.
+fn reproducibility(folder: &Path) -> Outcome<()> {
     let image = format!("{}.npy", PRESETS[1].name);
     let mut meshes = Vec::new();
     for threads in ["1", "2", "2"] {
@@ -342,7 +352,7 @@ fn sameness(folder: &Path) -> Outcome<()> {
     } else {
         "DIFFERENT bytes"
     };
-    row(
+    print_row(
         "reproducibility",
         PRESETS[1].name,
         figure,
@@ -351,7 +361,7 @@ fn sameness(folder: &Path) -> Outcome<()> {
     Ok(())
 }
 
-/// 2-D images: angles and the time in all.
+/// Rows of 2-D images: angles and total time.
 fn planes(folder: &Path) -> Outcome<()> {
     for kind in [
         "planes",
@@ -372,12 +382,12 @@ fn planes(folder: &Path) -> Outcome<()> {
             number(&run.json, "/quality/largest_angle/worst"),
             number(&run.json, "/quality/cells"),
         );
-        row("2-D", &format!("{kind}, 256 x 256"), &figure, "0.3 s");
+        print_row("2-D", &format!("{kind}, 256 x 256"), &figure, "0.3 s");
     }
     Ok(())
 }
 
-/// Voronoi cells against the Delaunay triangulation of the same atoms, on one thread.
+/// Row of Voronoi cells against the Delaunay triangulation of the same atoms, on one thread.
 fn cells() -> Outcome<()> {
     let extent = [255.0; 3];
     let mut atoms =
@@ -388,19 +398,19 @@ fn cells() -> Outcome<()> {
         }
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
-    let [triangulation, all] = pool.install(|| -> atomesh::Result<[f64; 2]> {
+    let [triangulation, cells] = pool.install(|| -> atomesh::Result<[f64; 2]> {
         let start = cpu_seconds();
         delaunay::delaunay(&atoms)?;
-        let middle = cpu_seconds();
+        let after_delaunay = cpu_seconds();
         voronoi::voronoi(&atoms, extent)?;
-        Ok([middle - start, cpu_seconds() - middle])
+        Ok([after_delaunay - start, cpu_seconds() - after_delaunay])
     })?;
     let figure = format!(
-        "{triangulation:.1} s of user CPU for the Delaunay tetrahedra, {all:.1} s for the cells: \
+        "{triangulation:.1} s of user CPU for the Delaunay tetrahedra, {cells:.1} s for the cells: \
          {:.1} times",
-        all / triangulation
+        cells / triangulation
     );
-    let on = format!("{} atoms", atoms.len());
-    row("Voronoi", &on, &figure, "2 times");
+    let object = format!("{} atoms", atoms.len());
+    print_row("Voronoi", &object, &figure, "2 times");
     Ok(())
 }

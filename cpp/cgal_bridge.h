@@ -1,10 +1,40 @@
-// The interface of CGAL for Rust: two functions on slices. Only cgal_bridge.cpp includes CGAL's
-// headers. The Rust side is src/mesh/delaunay/cgal.rs.
+// The interface of CGAL for Rust: functions on slices, and how their exceptions reach Rust. Only the
+// sources include CGAL's headers. The Rust side is src/mesh/delaunay/bridge.rs.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <exception>
+#include <new>
+#include <stdexcept>
+#include <string>
 
 #include "rust/cxx.h"
+
+// cxx calls this function instead of its own handler of exceptions. The text that Rust receives begins
+// with the kind of the exception:
+//
+//   memory                     an allocation failed
+//   input: PROBLEM; REMEDY     std::invalid_argument, which only atomesh throws
+//   internal: TEXT             any other exception
+namespace rust::behavior {
+
+template <typename Try, typename Fail>
+static void trycatch(Try &&function, Fail &&fail) noexcept try {
+  function();
+} catch (const std::bad_alloc &) {
+  fail("memory");
+} catch (const std::length_error &) {
+  fail("memory"); // a container cannot have so many elements
+} catch (const std::invalid_argument &e) {
+  fail(std::string("input: ") + e.what());
+} catch (const std::exception &e) {
+  fail(std::string("internal: ") + e.what());
+} catch (...) {
+  fail("internal: an exception of unknown type");
+}
+
+} // namespace rust::behavior
 
 namespace atomesh {
 
@@ -16,5 +46,35 @@ rust::Vec<std::uint32_t> cgal_triangulate(rust::Slice<const double> points);
 
 // Checks that tetrahedra (four point numbers each, all in range) are a triangulation.
 CgalVerdict cgal_validate(rust::Slice<const double> points, rust::Slice<const std::uint32_t> tets);
+
+// Returns CGAL's regular triangulation of `points` with all weights zero, which is a Delaunay
+// triangulation. Input and output are those of cgal_triangulate.
+rust::Vec<std::uint32_t> cgal_unweighted(rust::Slice<const double> points);
+
+// Returns the triangulation of cgal_unweighted after the points' weights are raised so that as few
+// dihedral angles as possible are below `angle` degrees. The hull and `faces` (three point numbers
+// each) are kept; `faces` that are not in the unweighted triangulation are ignored.
+rust::Vec<std::uint32_t> cgal_exude(rust::Slice<const double> points,
+                                    rust::Slice<const std::uint32_t> faces, double angle);
+
+// Adds circumcentres of tetrahedra to `points` (x, y, z of each point, all finite), the one with
+// the largest ratio of circumradius to d first, until no tetrahedron with its circumcentre in the
+// box from the origin to `extent` has a ratio above `limit`. d is interpolated linearly between
+// `samples` on a grid of `dims` points (x fastest) that covers the box. Returns the added points.
+// Throws if the points lie in one plane.
+rust::Vec<double> cgal_refine(rust::Slice<const double> points, rust::Slice<const double> extent,
+                              rust::Slice<const float> samples, rust::Slice<const std::size_t> dims,
+                              double limit);
+
+// Allocates and frees memory. Tests use it to make an allocation fail.
+void cgal_allocate(std::size_t bytes);
+
+// Throws if a triangulation of `points` points has fewer vertices.
+inline void check_distinct(std::size_t points, std::size_t vertices) {
+  if (vertices != points) {
+    throw std::invalid_argument(std::to_string(points - vertices) + " of " + std::to_string(points) +
+                                " points coincide with others; give distinct points");
+  }
+}
 
 } // namespace atomesh

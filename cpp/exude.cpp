@@ -1,4 +1,4 @@
-// See exude.h.
+// Sliver exudation; see cgal_bridge.h.
 
 #include <algorithm>
 #include <array>
@@ -13,8 +13,7 @@
 #include <CGAL/Mesh_triangulation_3.h>
 #include <CGAL/exude_mesh_3.h>
 
-#include "atomesh/cpp/exude.h"
-#include "atomesh/src/mesh/delaunay/exude.rs.h"
+#include "atomesh/cpp/cgal_bridge.h"
 
 namespace atomesh {
 namespace {
@@ -48,7 +47,8 @@ Triangulation triangulate(rust::Slice<const double> points) {
         Triangulation::Bare_point(points[3 * i], points[3 * i + 1], points[3 * i + 2]),
         static_cast<int>(i));
   }
-  // Points are inserted along a space-filling curve, so that each one is located near its predecessor.
+  // Points are inserted along a space-filling curve, so that each one is located near its
+  // predecessor.
   using Map = CGAL::First_of_pair_property_map<std::pair<Triangulation::Bare_point, int>>;
   using Order = CGAL::Spatial_sort_traits_adapter_3<Kernel, Map>;
   CGAL::spatial_sort(numbered.begin(), numbered.end(), Order());
@@ -57,15 +57,13 @@ Triangulation triangulate(rust::Slice<const double> points) {
   for (const auto &[point, number] : numbered) {
     last = mesh.insert(Weighted(point, 0), last == nullptr ? mesh.infinite_cell() : last->cell());
     if (last == nullptr) {
-      throw std::invalid_argument("point " + std::to_string(number) + " is hidden by another");
+      throw std::invalid_argument("point " + std::to_string(number) +
+                                  " is hidden by another; give distinct points");
     }
     last->set_index(number);
     last->set_dimension(3);
   }
-  if (mesh.number_of_vertices() != count) {
-    throw std::invalid_argument(std::to_string(count - mesh.number_of_vertices()) +
-                                " points coincide with others");
-  }
+  check_distinct(count, mesh.number_of_vertices());
   return mesh;
 }
 

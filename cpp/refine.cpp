@@ -1,4 +1,4 @@
-// See refine.h.
+// Delaunay refinement; see cgal_bridge.h.
 
 #include <algorithm>
 #include <array>
@@ -13,8 +13,7 @@
 #include <CGAL/Triangulation_cell_base_with_info_3.h>
 #include <CGAL/Triangulation_data_structure_3.h>
 
-#include "atomesh/cpp/refine.h"
-#include "atomesh/src/mesh/delaunay/refine.rs.h"
+#include "atomesh/cpp/cgal_bridge.h"
 
 namespace atomesh {
 namespace {
@@ -92,7 +91,8 @@ rust::Vec<double> cgal_refine(rust::Slice<const double> points, rust::Slice<cons
     near = delaunay.insert(Point(points[i], points[i + 1], points[i + 2]), near)->cell();
   }
   if (delaunay.dimension() != 3) {
-    throw std::invalid_argument("the first points do not span space");
+    throw std::invalid_argument(
+        "all points lie in one plane or on one line; give points that span a volume");
   }
   std::priority_queue<Entry> queue;
   std::uint64_t number = 0;

@@ -1,5 +1,5 @@
-//! What a lattice is made of: the pair force and potential, the potential of one atom, d(x) with the
-//! lattice grown in it. The kind of figures 3, 4 and 5 of Hale (2001).
+//! Draws what a lattice consists of: the pair force and potential, the potential of one atom, and
+//! d(x) with the lattice grown in it, as in figures 3, 4 and 5 of Hale (2001).
 //!
 //! ```text
 //! cargo run --release --example lattice -- slice.png pair.svg atom.png distance.png
@@ -27,13 +27,14 @@ fn main() -> anyhow::Result<()> {
     else {
         anyhow::bail!("{image} is not a 2-D image");
     };
-    std::fs::write(pair, curves())?;
-    one_atom(atom)?;
-    grown(&loaded.image, lattice)
+    std::fs::write(pair, pair_graph())?;
+    draw_one_atom(atom)?;
+    draw_grown_lattice(&loaded.image, lattice)
 }
 
-/// Force and potential of a pair, as published, over the distance in units of d.
-fn curves() -> String {
+/// Returns an SVG graph of the published force and potential of a pair over the distance in units
+/// of d.
+fn pair_graph() -> String {
     const SIZE: [f32; 2] = [520.0, 240.0];
     let x = |u: f32| 40.0 + 300.0 * u;
     let mut svg = format!(
@@ -41,16 +42,16 @@ fn curves() -> String {
          font-size='12'>\n<rect width='100%' height='100%' fill='white'/>\n",
         SIZE[0], SIZE[1]
     );
-    // The potential is smaller: each curve has a scale of its own.
+    // The potential is smaller than the force, so each curve has a scale of its own.
     type Curve = (&'static str, &'static str, f32, fn(f32, f32) -> f32);
-    let drawn: [Curve; 2] = [
+    let curves: [Curve; 2] = [
         ("force f(u)", "#c04000", 130.0, pair::force),
         ("potential phi(u)", "#1050a0", 600.0, pair::potential),
     ];
-    for (line, (name, colour, scale, curve)) in drawn.into_iter().enumerate() {
+    for (line, (name, colour, scale, curve)) in curves.into_iter().enumerate() {
         let points = (0..=150).map(|i| i as f32 / 100.0);
         let points = points.map(|u| [x(u), 160.0 - scale * curve(u, 0.0)]);
-        // What is too high is left out.
+        // Points above the graph are omitted.
         let points = points.filter(|[_, y]| *y > 0.0);
         let points = points.map(|[x, y]| format!("{x:.1},{y:.1}"));
         let points: Vec<String> = points.collect();
@@ -74,8 +75,8 @@ fn curves() -> String {
     svg
 }
 
-/// The sampled potential of one atom for d = 4 and, beside it, for d = 8.
-fn one_atom(to: &str) -> anyhow::Result<()> {
+/// Draws the sampled potential of one atom for d = 4 and for d = 8, side by side.
+fn draw_one_atom(output: &str) -> anyhow::Result<()> {
     const SIDE: usize = 33;
     let flat = ScalarField {
         dims: [SIDE; 2],
@@ -95,12 +96,13 @@ fn one_atom(to: &str) -> anyhow::Result<()> {
     let image = Image::new([2 * SIDE, SIDE], rows.concat(), Geometry::default());
     Ok(
         slice::draw_plane(&image, &Overlay::default(), &Caption::default())?
-            .write(Path::new(to))?,
+            .write(Path::new(output))?,
     )
 }
 
-/// d(x) of the image's features, dark where it is small, and the atoms that are grown in it.
-fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
+/// Draws d(x) of the image's features, dark where it is small, and the atoms of the lattice grown
+/// in it.
+fn draw_grown_lattice(image: &Image<2>, output: &str) -> anyhow::Result<()> {
     let limits = distance::DistanceLimits {
         min: 6.0,
         max: 18.0,
@@ -118,7 +120,7 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
     let samples = (0..nx * ny)
         .map(|i| distance.value_at([(i % nx) as f64, (i / nx) as f64]) as f32)
         .collect();
-    // A cross for every atom.
+    // Draw a cross for each atom.
     let mut crosses = Skeleton::default();
     for &[x, y] in &atoms.positions {
         for [u, v] in [[1.0, 0.0], [0.0, 1.0]] {
@@ -133,5 +135,5 @@ fn grown(image: &Image<2>, to: &str) -> anyhow::Result<()> {
         mesh: crosses,
         ..Overlay::default()
     };
-    Ok(slice::draw_plane(&image, &crosses, &Caption::default())?.write(Path::new(to))?)
+    Ok(slice::draw_plane(&image, &crosses, &Caption::default())?.write(Path::new(output))?)
 }

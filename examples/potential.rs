@@ -1,5 +1,5 @@
-//! The total potential field p(x) of an initial and an optimised lattice: the kind of figures 6 and 7
-//! of Hale (2001).
+//! Draws the total potential field p(x) of an initial and an optimised lattice, as in figures 6 and
+//! 7 of Hale (2001).
 //!
 //! ```text
 //! cargo run --release --example potential -- slice.png 8 before.png after.png
@@ -54,11 +54,11 @@ fn main() -> anyhow::Result<()> {
     draw(&mut energy, &atoms, after)
 }
 
-/// Draws p(x): dark where an atom would like to be.
-fn draw(energy: &mut SampledEnergy<2>, atoms: &Atoms<2>, to: &str) -> anyhow::Result<()> {
+/// Draws p(x), which is dark where the potential is low.
+fn draw(energy: &mut SampledEnergy<2>, atoms: &Atoms<2>, output: &str) -> anyhow::Result<()> {
     energy.evaluate(&atoms.positions, &mut vec![[0.0; 2]; atoms.len()])?;
     let total = energy.total_potential();
     let image = Image::new(total.dims, total.samples, Geometry::default());
     let picture = slice::draw_plane(&image, &Overlay::default(), &Caption::default())?;
-    Ok(picture.write(Path::new(to))?)
+    Ok(picture.write(Path::new(output))?)
 }

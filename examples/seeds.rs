@@ -1,9 +1,9 @@
-//! How lattices are seeded and moved, compared: the kind of tables 2 and 3 of Fernandes & Gattass (2009).
-//! Meshes are the bare Delaunay triangles (tetrahedra) of the atoms.
+//! Compares methods to seed and to optimise lattices, as in tables 2 and 3 of Fernandes & Gattass
+//! (2009). Meshes are the Delaunay triangles (tetrahedra) of the atoms without further improvement.
 //!
 //! ```text
 //! cargo run --release --example seeds -- 14                  # two synthetic images
-//! cargo run --release --example seeds -- 8 slice.png ...     # images of one's own, 2-D or 3-D
+//! cargo run --release --example seeds -- 8 slice.png ...     # your own images, 2-D or 3-D
 //! cargo run --release --example seeds -- 8 draw slice.png    # pictures: guide.png, projection.png
 //! ```
 
@@ -28,7 +28,7 @@ use atomesh::progress::CancelToken;
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
 
-/// Runs with different seeds whose figures are averaged, as in the paper.
+/// Number of runs with different seeds over which figures are averaged, as in the paper.
 const RUNS: u64 = 10;
 /// Weight of the image.
 const BETA: f64 = 0.5;
@@ -46,12 +46,12 @@ fn main() -> anyhow::Result<()> {
         else {
             anyhow::bail!("{image} is not a 2-D image");
         };
-        return pictures(&loaded.image, d);
+        return draw_seedings(&loaded.image, d);
     }
     for name in images {
         match formats::read_any(Path::new(name), &ReadOptions::default())? {
-            AnyImage::Plane(loaded) => compare(name, &loaded.image, d)?,
-            AnyImage::Space(loaded) => compare(name, &loaded.image, d)?,
+            AnyImage::Plane(loaded) => compare_methods(name, &loaded.image, d)?,
+            AnyImage::Space(loaded) => compare_methods(name, &loaded.image, d)?,
         }
     }
     if images.is_empty() {
@@ -67,20 +67,20 @@ fn main() -> anyhow::Result<()> {
                 dims,
                 ..synth::Options::default()
             };
-            compare(name, &synth::make_2d(kind, &options)?.image, d)?;
+            compare_methods(name, &synth::make_2d(kind, &options)?.image, d)?;
         }
     }
     Ok(())
 }
 
-/// What is compared on one image.
+/// Input of the comparison on one image.
 struct Case<'a, const D: usize> {
     features: &'a Features<D>,
     distance: Distance<D>,
     extent: [f64; D],
 }
 
-/// The figures of one lattice.
+/// Figures of one lattice.
 #[derive(Default)]
 struct Figures {
     atoms: f64,
@@ -90,17 +90,17 @@ struct Figures {
     energy: f64,
 }
 
-fn compare<const D: usize>(name: &str, image: &Image<D>, d: f64) -> anyhow::Result<()>
+fn compare_methods<const D: usize>(name: &str, image: &Image<D>, d: f64) -> anyhow::Result<()>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let features = features(image, d)?;
+    let features = detect_features(image, d)?;
     let case = Case::new(&features, d);
     println!("\n{name}, {:?}, d = {d}\n", image.dims());
     println!("| seeding | moved by | atoms | worst Q | mean Q | CPU ms | energy |");
     println!("|---|---|---|---|---|---|---|");
     for seeding in ["fcc", "refine", "guide", "projection"] {
-        for (how, method, kappa) in [
+        for (optimizer, method, kappa) in [
             ("nothing", None, 1.0),
             ("lbfgs", Some(Method::Lbfgs), 1.0),
             ("lbfgs, kappa 0.7", Some(Method::Lbfgs), DEFAULT_KAPPA),
@@ -113,28 +113,28 @@ where
                 let mut atoms = case.seed(seeding, seed)?;
                 let seeded = cpu_seconds();
                 if let Some(method) = method {
-                    let options = options_of(seed).with_method(method, kappa < 1.0);
+                    let options = optimize_options(seed).with_method(method, kappa < 1.0);
                     case.move_atoms(&mut atoms, &options, kappa)?;
                 }
                 let seconds = match method {
                     None => seeded - before,
                     Some(_) => cpu_seconds() - seeded,
                 };
-                let found = case.measure(atoms)?;
-                sum.atoms += found.atoms;
-                sum.worst += found.worst;
-                sum.mean += found.mean;
-                sum.energy += found.energy;
+                let figures = case.measure(atoms)?;
+                sum.atoms += figures.atoms;
+                sum.worst += figures.worst;
+                sum.mean += figures.mean;
+                sum.energy += figures.energy;
                 sum.seconds += seconds;
             }
-            let over = RUNS as f64;
+            let runs = RUNS as f64;
             println!(
-                "| {seeding} | {how} | {:.0} | {:.3} | {:.3} | {:.0} | {:.1} |",
-                sum.atoms / over,
-                sum.worst / over,
-                sum.mean / over,
-                1e3 * sum.seconds / over,
-                sum.energy / over
+                "| {seeding} | {optimizer} | {:.0} | {:.3} | {:.3} | {:.0} | {:.1} |",
+                sum.atoms / runs,
+                sum.worst / runs,
+                sum.mean / runs,
+                1e3 * sum.seconds / runs,
+                sum.energy / runs
             );
         }
     }
@@ -143,7 +143,8 @@ where
         "\n| evaluations | genetic: worst Q | mean Q | energy | lbfgs: worst Q | mean Q | energy |"
     );
     println!("|---|---|---|---|---|---|---|");
-    // Two evaluations of what is given, then those of the children of each generation.
+    // The genetic algorithm evaluates the initial lattice twice, then the children of each
+    // generation.
     let children = optimize::genetic::POPULATION_SIZE - 1;
     for generations in [0, 1, 2, 4, 8, 16, 32, 64, 128] {
         let evaluations = 2 + generations * children;
@@ -155,14 +156,14 @@ where
                     method,
                     tolerance: 1e-9,
                     max_evaluations: evaluations,
-                    ..options_of(1)
+                    ..optimize_options(1)
                 };
                 case.move_atoms(&mut atoms, &options, 1.0)?;
             }
-            let found = case.measure(atoms)?;
+            let figures = case.measure(atoms)?;
             print!(
                 " | {:.3} | {:.3} | {:.1}",
-                found.worst, found.mean, found.energy
+                figures.worst, figures.mean, figures.energy
             );
         }
         println!(" |");
@@ -170,7 +171,7 @@ where
     Ok(())
 }
 
-fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
+fn detect_features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features<D>> {
     let options = feature::DetectionOptions {
         d_min: d,
         ..feature::DetectionOptions::default()
@@ -178,12 +179,12 @@ fn features<const D: usize>(image: &Image<D>, d: f64) -> anyhow::Result<Features
     Ok(feature::detect(image, &options)?)
 }
 
-/// Atoms as they are placed, joined to triangles, over the image; sides between atoms on features are
+/// Draws the seeded atoms, joined to triangles, over the image. Sides between atoms on features are
 /// marked.
-fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
-    let features = features(image, d)?;
-    for how in ["guide", "projection"] {
-        let nodes = Case::new(&features, d).seed(how, 1)?.positions;
+fn draw_seedings(image: &Image<2>, d: f64) -> anyhow::Result<()> {
+    let features = detect_features(image, d)?;
+    for seeding in ["guide", "projection"] {
+        let nodes = Case::new(&features, d).seed(seeding, 1)?.positions;
         let triangles = delaunay::delaunay_plane(&nodes)?.triangles;
         let sides = triangles
             .iter()
@@ -201,17 +202,17 @@ fn pictures(image: &Image<2>, d: f64) -> anyhow::Result<()> {
                 .collect(),
             nodes,
         };
-        let over = Overlay {
+        let overlay = Overlay {
             mesh: skeleton,
             ..Overlay::default()
         };
-        slice::draw_plane(image, &over, &Caption::default())?
-            .write(Path::new(&format!("{how}.png")))?;
+        slice::draw_plane(image, &overlay, &Caption::default())?
+            .write(Path::new(&format!("{seeding}.png")))?;
     }
     Ok(())
 }
 
-fn options_of(seed: u64) -> OptimizeOptions {
+fn optimize_options(seed: u64) -> OptimizeOptions {
     OptimizeOptions {
         seed,
         tolerance: 1e-4,
@@ -233,8 +234,8 @@ where
         }
     }
 
-    fn seed(&self, how: &str, seed: u64) -> anyhow::Result<Atoms<D>> {
-        let how = match how {
+    fn seed(&self, name: &str, seed: u64) -> anyhow::Result<Atoms<D>> {
+        let method = match name {
             "refine" => Seeding::Refine { seed },
             "guide" => Seeding::Guide {
                 seed,
@@ -246,7 +247,7 @@ where
         let potential = Some(&self.features.potential);
         let (extent, distance) = (self.extent, &self.distance);
         Ok(seeding::seed(
-            how,
+            method,
             extent,
             distance,
             &[],
@@ -256,8 +257,8 @@ where
         )?)
     }
 
-    /// The energy as published.
-    fn pairs(&self) -> anyhow::Result<PairwiseEnergy<'_, D>> {
+    /// Returns the pairwise energy as published.
+    fn pairwise_energy(&self) -> anyhow::Result<PairwiseEnergy<'_, D>> {
         let potential = Some(&self.features.potential);
         let beta = Beta::Constant(BETA);
         Ok(PairwiseEnergy::new(
@@ -274,7 +275,7 @@ where
         options: &OptimizeOptions,
         kappa: f64,
     ) -> anyhow::Result<()> {
-        let pairs = self.pairs()?.with_auto_stiffness();
+        let pairs = self.pairwise_energy()?.with_auto_stiffness();
         let mut energy: Box<dyn Energy<D>> = if kappa < 1.0 {
             let mobility = atoms.mobility(self.extent);
             let beta = Beta::Constant(BETA);
@@ -297,32 +298,34 @@ where
 
     fn measure(&self, atoms: Atoms<D>) -> anyhow::Result<Figures> {
         let mut gradient = vec![[0.0; D]; atoms.len()];
-        let energy = self.pairs()?.evaluate(&atoms.positions, &mut gradient)?;
+        let energy = self
+            .pairwise_energy()?
+            .evaluate(&atoms.positions, &mut gradient)?;
         let scene = MeshScene {
             extent: self.extent,
             features: self.features,
             distance: &self.distance,
         };
         let count = atoms.len() as f64;
-        let mut unobserved = NoProgress;
-        let stages = &mut StageRunner::new(&mut unobserved);
+        let mut progress = NoProgress;
+        let stages = &mut StageRunner::new(&mut progress);
         let mesh = MeshSpace::<D>::join(atoms, &scene, None, None, stages)?
             .annotated_mesh
             .mesh;
-        let shapes = shapes(&mesh);
+        let [worst, mean] = worst_and_mean_quality(&mesh);
         Ok(Figures {
             atoms: count,
-            worst: shapes[0],
-            mean: shapes[1],
+            worst,
+            mean,
             seconds: 0.0,
             energy,
         })
     }
 }
 
-/// Worst and mean Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2); in 3-D the mean ratio, which it is in the
-/// plane.
-fn shapes<const D: usize>(mesh: &impl Simplices<D>) -> [f64; 2] {
-    let found = quality(mesh);
-    [found.mean_ratio.worst, found.mean_ratio_mean]
+/// Returns the worst and the mean Q = 4 sqrt(3) A / (l1^2 + l2^2 + l3^2) of triangles. For
+/// tetrahedra it is the mean ratio, which equals Q in the plane.
+fn worst_and_mean_quality<const D: usize>(mesh: &impl Simplices<D>) -> [f64; 2] {
+    let quality = quality(mesh);
+    [quality.mean_ratio.worst, quality.mean_ratio_mean]
 }

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Makes the first corpus of the fuzz targets with a built atomesh: fuzz/seeds.py BINARY FOLDER [FILES...].
-FILES are images and meshes that once broke something."""
+"""Writes the initial corpus of the fuzz targets with a built atomesh: fuzz/seeds.py BINARY FOLDER [FILES...].
+
+FILES are images and meshes that once caused a failure."""
 
 import os
 import struct
@@ -8,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 
-# As in src/images.rs.
+# The order must be that of ENDINGS in src/images.rs.
 ENDINGS = ["npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr"]
 
 binary, target, *files = sys.argv[1:]
@@ -17,7 +18,7 @@ for kind in ("images", "meshes", "jobs"):
     os.makedirs(os.path.join(target, kind), exist_ok=True)
 
 
-def keep(kind, name, first, content):
+def write_seed(kind, name, first, content):
     with open(os.path.join(target, kind, name), "wb") as out:
         out.write(bytes([first]) + content)
 
@@ -30,16 +31,16 @@ def content(path):
 def image(name, path):
     ending = next((e for e in sorted(ENDINGS, key=len, reverse=True) if path.endswith("." + e)), None)
     if ending and os.path.getsize(path) < 30000:
-        keep("images", name, ENDINGS.index(ending), content(path))
+        write_seed("images", name, ENDINGS.index(ending), content(path))
 
 
 def mesh(name, path):
     if os.path.getsize(path) < 40000:
-        keep("meshes", name, 0, content(path))
+        write_seed("meshes", name, 0, content(path))
 
 
 def survey(lines=4, samples=9):
-    """A small SEG-Y volume of IEEE floats."""
+    """Returns a small SEG-Y volume of IEEE floats."""
     head = bytearray(3600)
     struct.pack_into(">hhh", head, 3216, 4000, 0, samples)
     struct.pack_into(">h", head, 3224, 5)
@@ -56,30 +57,30 @@ def survey(lines=4, samples=9):
 
 
 with tempfile.TemporaryDirectory() as folder:
-    def run(*words):
-        subprocess.run([binary, *words, "--quiet"], cwd=folder, check=True)
+    def run(*arguments):
+        subprocess.run([binary, *arguments, "--quiet"], cwd=folder, check=True)
 
-    at = lambda name: os.path.join(folder, name)
+    in_folder = lambda name: os.path.join(folder, name)
     run("synth", "sphere", "-o", "b.npy", "--dims", "9,8,8")
     run("synth", "sphere", "-o", "s.npy", "--dims", "24,20")
     for ending in ("npy", "vti", "nrrd", "mha", "nii", "nii.gz"):
         run("convert", "b.npy", "c." + ending)
-        image("space-" + ending, at("c." + ending))
+        image("space-" + ending, in_folder("c." + ending))
     for ending in ("npy", "png", "nrrd"):
         run("convert", "s.npy", "d." + ending)
-        image("plane-" + ending, at("d." + ending))
-    with open(at("l.sgy"), "wb") as out:
+        image("plane-" + ending, in_folder("d." + ending))
+    with open(in_folder("l.sgy"), "wb") as out:
         out.write(survey())
-    image("survey", at("l.sgy"))
+    image("survey", in_folder("l.sgy"))
     run("mesh", "b.npy", "-o", "t.vtu", "--distance", "3", "--feature", "edges")
     run("mesh", "b.npy", "-o", "v.vtu", "--distance", "3", "--cells", "voronoi")
     run("mesh", "s.npy", "-o", "p.vtu", "--distance", "5")
     run("mesh", "s.npy", "-o", "q.vtu", "--distance", "6", "--cells", "voronoi")
     for name in "tvpq":
-        mesh("made-" + name, at(name + ".vtu"))
+        mesh("made-" + name, in_folder(name + ".vtu"))
 for path in files:
     name = os.path.basename(path)
     (mesh if path.endswith(".vtu") else image)(name, path)
 for n in range(40):
     # Draws of any length.
-    keep("jobs", f"draw-{n}", n, bytes((37 * n * k + n) % 251 for k in range(1, 60 + n)))
+    write_seed("jobs", f"draw-{n}", n, bytes((37 * n * k + n) % 251 for k in range(1, 60 + n)))

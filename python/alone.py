@@ -1,5 +1,7 @@
-"""What must run with nothing but NumPy: meshes, a worker, pictures, exports. With the argument `hidden` the
-system's TetGen, GMP and MPFR cannot be loaded, and this makes sure of it."""
+"""Checks that meshes, the worker process, pictures and exports need no package but NumPy.
+
+With the argument `hidden`, it also checks that the system's TetGen, GMP and MPFR cannot be loaded.
+"""
 
 import ctypes
 import subprocess

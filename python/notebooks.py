@@ -1,5 +1,8 @@
-"""Runs every notebook in examples/ from its first cell to its last, in a folder of its own; with the argument
-`--scripts FOLDER` it only writes their code there, for a type checker, with `--keep FOLDER` what they show."""
+"""Runs every notebook in examples/ from its first cell to its last, each in a folder of its own.
+
+With the argument `--scripts FOLDER`, it only writes the code of the notebooks there, for a type checker. With
+`--keep FOLDER`, it writes the notebooks with their output there.
+"""
 
 import sys
 import tempfile
@@ -9,13 +12,13 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 
-what, folder_of_results = (sys.argv[1:] + [""] * 2)[:2]
+mode, output_folder = (sys.argv[1:] + [""] * 2)[:2]
 for path in sorted((Path(__file__).parent / "examples").glob("*.ipynb")):
-    if what == "--scripts":
+    if mode == "--scripts":
         cells = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
-        Path(folder_of_results, path.with_suffix(".py").name).write_text("\n\n".join(cells) + "\n")
+        Path(output_folder, path.with_suffix(".py").name).write_text("\n\n".join(cells) + "\n")
         continue
-    begun = time.monotonic()
+    start = time.monotonic()
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
         client = NotebookClient(
@@ -25,6 +28,6 @@ for path in sorted((Path(__file__).parent / "examples").glob("*.ipynb")):
             extra_arguments=["--IPKernelApp.log_level=ERROR"],
         )
         client.execute()
-    if what == "--keep":
-        nbformat.write(notebook, Path(folder_of_results) / path.name)
-    print(f"{path.name}: {time.monotonic() - begun:.0f} s")
+    if mode == "--keep":
+        nbformat.write(notebook, Path(output_folder) / path.name)
+    print(f"{path.name}: {time.monotonic() - start:.0f} s")

@@ -1,5 +1,7 @@
-"""Writes package/atomesh/_options.pyi, the types of the verbs' options, from what the command line declares;
-with --check it only says whether the file is as it would be written."""
+"""Writes package/atomesh/_options.pyi, the types of the verbs' options, from the declarations of the command line.
+
+With --check, it only checks that the file is up to date.
+"""
 
 import sys
 import textwrap
@@ -9,7 +11,7 @@ from atomesh._call import argument, verbs
 
 FILE = Path(__file__).parent / "package" / "atomesh" / "_options.pyi"
 
-#: Options that the functions name themselves.
+#: Options that are named parameters of the functions.
 NAMED = {
     "mesh": {"spacing", "origin"},
     "export": {"to", "output"},
@@ -38,6 +40,7 @@ _Values: TypeAlias = _Value | Sequence[_Value] | Mapping[Any, _Value]
 
 
 def kind(option: dict[str, object]) -> str:
+    """Returns the type of an option."""
     if option["flag"]:
         return "bool"
     if option["repeated"]:
@@ -47,13 +50,14 @@ def kind(option: dict[str, object]) -> str:
     return {"number": "_Number", "whole": "int", "path": "_Path", "text": "_Value"}[option["type"]]
 
 
-def written() -> str:
+def stub_text() -> str:
+    """Returns the content of the file."""
     parts = [HEAD]
     for verb, described in verbs().items():
         lines = [f"class {verb.capitalize()}Options(TypedDict, total=False):"]
-        left_out = NAMED.get(verb, set()) | {"output", "quiet", "json", "threads", "print-config"}
+        omitted = NAMED.get(verb, set()) | {"output", "quiet", "json", "threads", "print-config"}
         for option in described["options"]:
-            if option["name"] in left_out:
+            if option["name"] in omitted:
                 continue
             help = " ".join((option["help"] or "").split())
             lines += [f"    #: {line}" for line in textwrap.wrap(help, 92)]
@@ -66,10 +70,10 @@ def written() -> str:
 
 def main() -> None:
     if "--check" in sys.argv:
-        if FILE.read_text() != written():
-            sys.exit(f"{FILE} is not as the command line declares: run {Path(__file__).name}")
+        if FILE.read_text() != stub_text():
+            sys.exit(f"{FILE} is not up to date; run {Path(__file__).name}")
     else:
-        FILE.write_text(written())
+        FILE.write_text(stub_text())
 
 
 if __name__ == "__main__":

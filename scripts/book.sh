@@ -1,6 +1,6 @@
 #!/bin/sh
-# Makes the book of docs/ in target/book with mdBook, which is built into target/mdbook if that version
-# is not there yet (a minute on two cores: unoptimised, without its server), and checks all links.
+# Checks all links of docs/, and builds the book of docs/ in target/book with mdBook. If this version of mdBook is not in
+# target/mdbook, the script builds it there, unoptimised and without its server (a minute on two cores).
 set -eu
 cd "$(dirname "$0")/.."
 

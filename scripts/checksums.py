@@ -1,20 +1,18 @@
 #!/usr/bin/env python3
-"""Checksums of all that an atomesh binary makes: the guard for changes that shall change no result.
+"""Prints checksums of the outputs of an atomesh binary, to check that a change alters no result.
 
     scripts/checksums.py OLD-BINARY > before.txt
     scripts/checksums.py NEW-BINARY --compare before.txt
 
-Runs the binary on small images and prints a line for each thing it made: name, tab, SHA-256 (for the
-exit code of a run: the code). Files of VTK have a line for each array, reports of JSON one for each of
-their parts, folders one for each file. What says who made a result, with which options, where and how
-fast, is left out: see `PROVENANCE`, `UNHASHED` and `VERSION`.
+Runs the binary on small images and prints a line for each output: name, tab, SHA-256 (or the code, for the exit code
+of a run). VTK files have a line for each array, JSON reports a line for each member, folders a line for each file.
+Provenance, paths and costs are left out: see `PROVENANCE`, `UNHASHED` and `VERSION`.
 
-Each run has a folder of its own, named like the run, in a temporary folder or in OUTDIR (which is
-kept). `--only 'mesh2|export'` runs those that match a regular expression, and what they need;
-`--data DIR` adds runs on real images; `--list` shows the runs. A run that is refused counts, too: its
-line holds the exit code, `--verbose` says why. Messages for people are not compared, but the notes in
-reports are (`--ignore ':notes$'` leaves them out, `--ignore 'FieldData/features'` what files say of
-feature detection).
+Each run has a folder of its name in a temporary folder or in OUTDIR (which is kept). `--only 'mesh2|export'` selects
+runs by a regular expression, and adds the runs that they need. `--data DIR` adds runs on real images, and `--list`
+shows the runs. A refused run has a line with its exit code; `--verbose` prints the reason. Messages are not compared,
+except the notes in reports (`--ignore ':notes$'` leaves them out, `--ignore 'FieldData/features'` the record of feature
+detection in files).
 """
 
 import argparse
@@ -40,24 +38,24 @@ sys.dont_write_bytecode = True  # leaves no folder among the scripts
 
 from checksums_runs import RUNS, add_all, needs_of, selected, write_inputs  # noqa: E402
 
-# Field data of VTK files that tells how a result was made. `features` (the scales and thresholds on
-# which feature detection settled) and `flow` (a report) are results, and are not among them.
+# Field data of VTK files with the provenance. `features` (the scales and thresholds that feature detection
+# selected) and `flow` (a report) are results, and are not among them.
 PROVENANCE = {"atomesh_version", "version", "parameters", "input_sha256", "edits", "record", "job"}
-# Members of JSON reports that are not hashed, wherever they are: provenance, costs ...
+# Members of JSON reports that are not hashed at any depth: provenance and costs.
 UNHASHED = PROVENANCE | {"schema", "hash", "stages", "seconds", "cpu_seconds", "means_seconds", "cut_seconds",
                          "peak_mb"}
-# ... and, where they hold names of files, these.
+# Members of JSON reports that are not hashed if they are names of files.
 FILES = {"file", "files", "twin", "labels", "surface", "lines", "streamlines", "potential", "output",
          "confidence", "picture", "truth"}
 # The version in the comments of text formats, in EPC's citations and in the head of a MAT-file.
 VERSION = re.compile(rb"atomesh[ :]\d+\.\d+\.\d+[-+.\w]*")
 UUID = re.compile(rb"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
-# Options by their present name, and what they were called before.
+# Present and former names of options.
 FORMER_NAMES = {"--evaluator": "--potential"}
 
-SECONDS_AT_MOST = 300
-MEMORY_AT_MOST = 8 << 30
+MAX_SECONDS = 300
+MAX_MEMORY = 8 << 30
 
 
 # --- what is hashed ---
@@ -68,7 +66,7 @@ def sha(data):
 
 
 def hashes_of_file(path, name):
-    """Lines (name, hash) for one file."""
+    """Returns the lines (name, hash) of a file."""
     data = path.read_bytes()
     if path.suffix in (".vtu", ".vtp", ".vti"):
         return hashes_of_vtk(data, name)
@@ -83,14 +81,14 @@ def hashes_of_file(path, name):
     if path.suffix == ".epc" or path.suffix == ".h5" and path.with_suffix(".epc").exists():
         return hashes_of_resqml(path, name)
     if path.suffix == ".mat":
-        # The first 116 bytes are a text: what made it.
+        # The first 116 bytes are a text with the program that wrote the file.
         return [(name, sha(data[116:]))]
     return [(name, sha(VERSION.sub(b"atomesh VERSION", data)))]
 
 
 def hashes_of_vtk(data, name):
-    """One line an array: its kind, its shape and its bytes, uncompressed. And one for the elements'
-    attributes, in which an image has its place."""
+    """Returns a line for each array with its type, shape and uncompressed bytes, and one for the attributes of the
+    elements, which hold the geometry of an image."""
     mark = b'<AppendedData encoding="raw">'
     end = data.find(mark)
     appended = data.find(b"_", end) + 1 if end >= 0 else len(data)
@@ -108,11 +106,11 @@ def hashes_of_vtk(data, name):
             return
         if element.get("format") == "appended":
             at = appended + int(element.get("offset"))
-            values = unpacked(data, at, root.get("compressor") is not None)
+            values = unpack(data, at, root.get("compressor") is not None)
         else:
             values = (element.text or "").encode()
         line = f"{name}:{section}/{array_name}"
-        # Text is text, whether it is stored as VTK's strings or as bytes.
+        # Text stored as VTK strings or as bytes has the same hash.
         if section == "FieldData" and element.get("type") in ("String", "UInt8"):
             values = values.rstrip(b"\0")
             if values[:1] in (b"{", b"["):
@@ -127,7 +125,7 @@ def hashes_of_vtk(data, name):
     return [(f"{name}:structure", sha(repr(structure).encode())), *lines]
 
 
-def unpacked(data, at, compressed):
+def unpack(data, at, compressed):
     if not compressed:
         (length,) = struct.unpack_from("<Q", data, at)
         return data[at + 8 : at + 8 + length]
@@ -142,7 +140,7 @@ def unpacked(data, at, compressed):
 
 
 def hashes_of_json(data, name):
-    """One line for each member of the outermost object, without provenance and costs."""
+    """Returns a line for each member of the outermost object, without provenance and costs."""
     value = without_provenance(json.loads(data))
     parts = value.items() if isinstance(value, dict) else [("", value)]
     return [(f"{name}:{key}".rstrip(":"), sha(json.dumps(part, sort_keys=True).encode())) for key, part in parts]
@@ -163,7 +161,7 @@ def without_provenance(value):
 
 
 def hashes_of_png(data, name):
-    """Its chunks, with the pixels uncompressed."""
+    """Returns lines for the uncompressed pixels and for the other chunks."""
     at, pixels, rest = 8, b"", []
     while at < len(data):
         (length,) = struct.unpack_from(">I", data, at)
@@ -177,7 +175,8 @@ def hashes_of_png(data, name):
 
 
 def hashes_of_headed(data, name):
-    """A MetaImage or NRRD: its header, without the size of what follows; and the samples, uncompressed."""
+    """Returns lines for the header of a MetaImage or NRRD file, without the size of the data, and for the uncompressed
+    samples."""
     end = re.search(rb"ElementDataFile.*\n|\n\n", data).end()
     head, body = data[:end], data[end:]
     if head.startswith(b"NRRD"):
@@ -189,8 +188,8 @@ def hashes_of_headed(data, name):
 
 
 def hashes_of_resqml(path, name):
-    """A package of RESQML, or the HDF5 file beside it. UUIDs, which are digests of the model and of the
-    version, count by the order in which the package lists them: in HDF5 they are names of groups."""
+    """Returns lines for a RESQML package or its HDF5 file. UUIDs, which are digests of the model and of the version, are
+    replaced by numbers in the order of the package, also in HDF5, where they are names of groups."""
     with zipfile.ZipFile(path.with_suffix(".epc")) as package:
         members = [(member.filename.encode(), package.read(member)) for member in package.infolist()]
     numbers = {}
@@ -199,7 +198,7 @@ def hashes_of_resqml(path, name):
             numbers.setdefault(uuid, b"%036d" % len(numbers))
 
     def anonymous(text):
-        return VERSION.sub(b"atomesh VERSION", UUID.sub(lambda found: numbers.get(found[0], found[0]), text))
+        return VERSION.sub(b"atomesh VERSION", UUID.sub(lambda match: numbers.get(match[0], match[0]), text))
 
     if path.suffix == ".h5":
         return [(name, sha(anonymous(path.read_bytes())))]
@@ -210,49 +209,49 @@ def hashes_of_resqml(path, name):
 # --- running ---
 
 
-def perform(binary, folder, name, renamed, threads):
-    """Runs the binary in the run's own folder; the lines of what it made."""
-    own = folder / name
-    own.mkdir()
+def execute(binary, folder, name, renamed, threads):
+    """Executes a run in its folder and returns the lines of its outputs, and the standard error."""
+    run_folder = folder / name
+    run_folder.mkdir()
     command = re.sub(r"@([^/\s]+)/", r"../\1/", RUNS[name])
     words = [renamed.get(word, word) for word in shlex.split(command)]
     words += ["--json", "--quiet", *(["--threads", str(threads)] if threads else [])]
 
     def limit():
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_AT_MOST, MEMORY_AT_MOST))
+        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
     try:
-        done = subprocess.run([binary, *words], cwd=own, capture_output=True, timeout=SECONDS_AT_MOST,
+        result = subprocess.run([binary, *words], cwd=run_folder, capture_output=True, timeout=MAX_SECONDS,
                               stdin=subprocess.DEVNULL, preexec_fn=limit, env={**os.environ, "RUST_BACKTRACE": "0"})
     except subprocess.TimeoutExpired:
         return [(f"{name}/exit", "timeout")], b""
-    lines = [(f"{name}/exit", str(done.returncode))]
-    printed = done.stdout.strip()
-    if printed:
+    lines = [(f"{name}/exit", str(result.returncode))]
+    output = result.stdout.strip()
+    if output:
         try:
-            lines += hashes_of_json(printed, f"{name}/printed")
+            lines += hashes_of_json(output, f"{name}/printed")
         except ValueError:
-            lines.append((f"{name}/printed", sha(printed)))
-    for path in sorted(path for path in own.rglob("*") if path.is_file()):
+            lines.append((f"{name}/printed", sha(output)))
+    for path in sorted(path for path in run_folder.rglob("*") if path.is_file()):
         file = str(path.relative_to(folder))
         try:
             lines += hashes_of_file(path, file)
         except Exception as fault:
-            # Not what the format says: then its bytes count, and someone should look.
+            # The file violates its format. Its bytes are hashed, and the error is printed.
             lines.append((f"{file}:unreadable", sha(path.read_bytes())))
             print(f"{file}: {type(fault).__name__}: {fault}", file=sys.stderr)
-    return lines, done.stderr
+    return lines, result.stderr
 
 
 def former_names(binary):
-    """Options that this binary still calls by another name."""
+    """Returns the options that this binary has under a former name."""
     text = subprocess.run([binary, "mesh", "--help"], capture_output=True, check=True, text=True).stdout
     return {new: old for new, old in FORMER_NAMES.items() if f"{new} " not in text}
 
 
 def all_lines(binary, folder, arguments):
-    """Performs the runs, several at a time; the lines of those that match, always in the same order."""
+    """Executes the runs, several at a time, and yields the lines of those that match, always in the same order."""
     chosen, ordered = selected(re.compile(arguments.only))
     for name in ("inputs", *ordered):
         shutil.rmtree(folder / name, ignore_errors=True)
@@ -264,37 +263,37 @@ def all_lines(binary, folder, arguments):
     waiting = {}
 
     def work(name):
-        # Workers take runs in their order, so what a run needs has been taken before it.
+        # Workers take runs in order, so that the runs that a run needs have started before it.
         for need in needs_of(RUNS[name]):
             waiting[need].result()
-        return perform(binary, folder, name, renamed, arguments.threads)
+        return execute(binary, folder, name, renamed, arguments.threads)
 
     with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
         for name in ordered:
             waiting[name] = pool.submit(work, name)
         for name in ordered:
-            lines, complaint = waiting[name].result()
+            lines, stderr = waiting[name].result()
             if arguments.verbose and lines[0][1] != "0":
-                first = complaint.decode(errors="replace").strip().partition("\n")[0]
+                first = stderr.decode(errors="replace").strip().partition("\n")[0]
                 print(f"{name}: {lines[0][1]}: {first}", file=sys.stderr)
             if name in chosen:
                 yield from lines
 
 
 def compare(lines, file, counts):
-    """Prints what is not as in `file`, of the lines whose names count; whether there was anything."""
+    """Prints the lines that differ from those in `file`, as far as their names count, and returns True if there are any."""
     text = file.read_text(encoding="utf-8")
     before = dict(line.split("\t") for line in text.splitlines() if counts(line.split("\t")[0]))
     same = different = 0
     for name, value in lines:
-        was = before.pop(name, "nothing")
-        if was == value:
+        old = before.pop(name, "nothing")
+        if old == value:
             same += 1
         else:
             different += 1
-            print(f"{name}\t{was}\t{value}", flush=True)
-    for name, was in before.items():
-        print(f"{name}\t{was}\tnothing")
+            print(f"{name}\t{old}\t{value}", flush=True)
+    for name, old in before.items():
+        print(f"{name}\t{old}\tnothing")
     different += len(before)
     print(f"{same} lines are the same, {different} are not", file=sys.stderr)
     return different > 0
@@ -302,17 +301,17 @@ def compare(lines, file, counts):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("binary", type=Path, help="the atomesh to run")
-    parser.add_argument("outdir", type=Path, nargs="?", help="keep what is made in this folder")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="also real images, in this folder")
+    parser.add_argument("binary", type=Path, help="the atomesh binary")
+    parser.add_argument("outdir", type=Path, nargs="?", help="folder that keeps the outputs")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="folder of real images for additional runs")
     parser.add_argument("--only", default="", metavar="PATTERN", help="runs whose names match this regular expression")
-    parser.add_argument("--ignore", metavar="PATTERN", help="leave out lines whose names match")
+    parser.add_argument("--ignore", metavar="PATTERN", help="leave out lines whose names match this expression")
     parser.add_argument("--compare", type=Path, metavar="FILE",
-                        help="print only lines that are not as in FILE (name, there, here); exit with 1 if any")
-    parser.add_argument("-j", dest="jobs", type=int, default=1, metavar="N", help="runs at a time")
-    parser.add_argument("--threads", type=int, metavar="N", help="threads of each run")
-    parser.add_argument("--list", action="store_true", help="show the runs, and stop")
-    parser.add_argument("--verbose", action="store_true", help="say on standard error why runs fail")
+                        help="print only lines that differ from FILE (name, there, here); exit with 1 if there are any")
+    parser.add_argument("-j", dest="jobs", type=int, default=1, metavar="N", help="number of runs at the same time")
+    parser.add_argument("--threads", type=int, metavar="N", help="number of threads of each run")
+    parser.add_argument("--list", action="store_true", help="print the runs and exit")
+    parser.add_argument("--verbose", action="store_true", help="print on standard error why runs fail")
     arguments = parser.parse_args()
 
     add_all(arguments.data and arguments.data.resolve())

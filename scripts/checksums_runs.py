@@ -1,4 +1,4 @@
-"""The runs of scripts/checksums.py, and the images that they begin with."""
+"""The runs of scripts/checksums.py and their input images."""
 
 import math
 import re
@@ -11,14 +11,14 @@ RUNS = {}
 
 
 def run(name, command):
-    """Adds a run. `@other/file` in its command is the file that the run `other` makes (`@inputs/file` one
-    of `write_inputs`, `@data/file` one of the real images); what it writes without a folder lies in its own."""
+    """Adds a run. In its command `@other/file` is an output of the run `other`, `@inputs/file` a file of `write_inputs`,
+    and `@data/file` a real image. Outputs without a folder are in the folder of the run."""
     if name in RUNS:
         raise ValueError(f"two runs are called {name}")
     RUNS[name] = command
 
 
-# By dimension.
+# Options by number of dimensions.
 MESH = {2: "mesh @faults2/image.png -o mesh.vtu --feature ridges",
         3: "mesh @faults3/image.vti -o mesh.vtu --feature ridges"}
 DISTANCE = {2: "", 3: "--distance 6"}
@@ -38,7 +38,7 @@ def synthetic_images():
 
 
 def features():
-    own = {
+    images_of_kind = {
         "ridges": {2: "@faults2/image.png", 3: "@faults3/image.vti"},
         "valleys": {2: "@inputs/valleys2.npy", 3: "@inputs/valleys3.npy"},
         "edges": {2: "@sphere2/image.npy", 3: "@sphere3/image.npy"},
@@ -50,7 +50,7 @@ def features():
         "potential": {2: "@feature2-ridges/b.npy", 3: "@feature3-ridges/b.npy"},
         "auto": {2: "@amplitude2/image.npy", 3: "@sphere3/image.npy"},
     }
-    for kind, images in own.items():
+    for kind, images in images_of_kind.items():
         for dimension, image in images.items():
             name = f"{dimension}-{kind}"
             run(f"feature{name}", f"feature {image} -o b.npy --feature {kind} --distance 6")
@@ -92,7 +92,7 @@ def meshes():
         vary("grown-atoms", f"--seeding grown --atoms-from @inputs/atoms{dimension}.csv")
         vary("well", f"--well @inputs/well{dimension}.csv --well-distance 3")
         vary("rng-seed", "--rng-seed 7")
-        # The metric of a mesh of which samples are farther apart along one axis than along another.
+        # The metric of images whose samples have different spacings along the axes.
         for metric in ("samples", "physical"):
             run(f"mesh{dimension}-spaced-{metric}", f"mesh @inputs/spaced{dimension}.nrrd -o mesh.vtu"
                 f" --feature ridges --distance 7 --metric {metric}")
@@ -227,7 +227,7 @@ def columns():
 
 
 def export_formats():
-    """The export formats as src/export declares them: name, usual extension (empty for a folder) and contents."""
+    """Yields the export formats that src/export declares: name, extension (empty for a folder) and supported contents."""
     source = Path(__file__).parent.parent / "src/export"
     entry = re.compile(r'ExportFormat = ExportFormat \{\s+name: "(\w+)",.*?extensions: &\[(?:"(\w+)")?'
                        r'.*?supported_content: (.*?)\s+deck_path:', re.DOTALL)
@@ -269,7 +269,7 @@ def exports():
 
 
 def large():
-    """Meshes whose work is shared out in many parts and whose arrays are of several blocks."""
+    """Adds large meshes, which are processed in many parts and whose arrays have several blocks."""
     run("large", "synth faults --dims 110,96,84 --signal-to-noise 10 --rng-seed 4 -o image.npy --truth truth.npy")
     for kind in ("tets", "voronoi"):
         mesh = f"large-{kind}"
@@ -282,7 +282,7 @@ def large():
 
 
 def real_images(data):
-    """Runs on files in the folder `data`; those that are missing are left out."""
+    """Adds runs on the files in the folder `data` that exist."""
     def mesh(name, file, options):
         if (data / file).is_file():
             run(f"data-{name}", f"mesh @data/{file} -o mesh.vtu {options}")
@@ -311,7 +311,7 @@ def real_images(data):
                 name, quoted = inside.replace("/", "-"), shlex.quote(f"@data/{inside}")
                 run(f"read-{name}", f"info {quoted}")
                 run(f"convert-{name}", f"convert {quoted} image.npy")
-    # Inputs that have gone wrong: what becomes of them may change, but shall not unseen.
+    # Inputs that once caused failures. Changes of their results are allowed but must be noticed.
     for name, command in {
         "checker": "mesh 2d-checker.npy --seeding canny --feature auto -o out.vtu",
         "rings": "mesh 2d-rings.npy --seeding canny --feature auto -o out.vtu",
@@ -335,7 +335,7 @@ def real_images(data):
             run(f"repro-{name}", shlex.join(words))
 
 def add_all(data):
-    """Adds all runs; those on real images if there is a folder of them."""
+    """Adds all runs, and those on real images if there is a folder of them."""
     for add in (synthetic_images, features, meshes, images, figures, surfaces, flow, segmentation, edits, columns,
                 exports, large):
         add()
@@ -348,13 +348,13 @@ def needs_of(command):
 
 
 def selected(pattern):
-    """The runs that match, and all those that are needed for them, in their order."""
+    """Returns the names of the runs that match, and the list of these and all that they need, in order."""
     chosen = {name for name in RUNS if pattern.search(name)}
-    wanted, todo = set(), list(chosen)
+    required, todo = set(), list(chosen)
     while todo:
         name = todo.pop()
-        if name not in wanted:
-            wanted.add(name)
+        if name not in required:
+            required.add(name)
             todo.extend(needs_of(RUNS[name]))
     ordered, done = [], set()
 
@@ -366,16 +366,16 @@ def selected(pattern):
             ordered.append(name)
 
     for name in RUNS:
-        if name in wanted:
+        if name in required:
             add(name)
     return chosen, ordered
 
 
-# --- images that no binary makes ---
+# --- input images ---
 
 
 def write_inputs(folder):
-    """Images, wells and tables. Only with the four operations and roots, which are the same everywhere."""
+    """Writes images, wells and tables, with nothing but basic arithmetic and roots, which are exact on every platform."""
     folder.mkdir()
 
     def write_npy(name, dims, value, kind="f"):
@@ -391,15 +391,15 @@ def write_inputs(folder):
         nx, ny, nz = (*dims, 1)[:3]
         return array(kind, (value(x, y, z) for z in range(nz) for y in range(ny) for x in range(nx)))
 
-    def sheets(x, y, z):
-        """Two planes that cross, one on each of two lines in 2-D."""
+    def crossing_planes(x, y, z):
+        """Returns the values of two planes that cross (two lines in 2-D)."""
         u = (x - 0.4 * y + 0.2 * z - 12) / 2
         v = (0.3 * x + y - 0.1 * z - 28) / 2
         return 1 / (1 + u * u) ** 2 + 0.7 / (1 + v * v) ** 2
 
     plane, space = (120, 100), (40, 36, 32)
     for dims, name in ((plane, "2"), (space, "3")):
-        write_npy(f"valleys{name}.npy", dims, lambda x, y, z: 1 - sheets(x, y, z))
+        write_npy(f"valleys{name}.npy", dims, lambda x, y, z: 1 - crossing_planes(x, y, z))
         write_npy(f"labels{name}.npy", dims, lambda x, y, z: int(x + y // 3 > 22) + 2 * int(y > 20 + z // 4), "i")
         write_npy(f"beta{name}.npy", dims, lambda x, y, z: (x + y) / 400)
         write_npy(f"distance{name}.npy", dims, lambda x, y, z: 5 + math.sqrt(x * x + y * y) / 12)
@@ -411,7 +411,7 @@ def write_inputs(folder):
         head = (f"NRRD0004\ntype: float\ndimension: 3\nspace dimension: 3\nsizes: {' '.join(map(str, dims))}\n"
                 "space directions: (2,0,0) (0,1,0) (0,0,0.5)\nspace origin: (100,10,1)\n"
                 'space units: "m" "m" "m"\nendian: little\nencoding: raw\n\n')
-        (folder / f"{name}.nrrd").write_bytes(head.encode() + samples(dims, sheets).tobytes())
+        (folder / f"{name}.nrrd").write_bytes(head.encode() + samples(dims, crossing_planes).tobytes())
     texts = {
         "atoms2.csv": "30,40\n71.5,52.25\n", "atoms3.csv": "12,13,14\n25.5,20.25,18\n",
         "well2.csv": "30,40,0.2\n71.5,62.25,0.2\n", "well3.csv": "20,12,0,0.1\n21,14,16,0.1\n27,18,25,0.1\n",

@@ -1,7 +1,7 @@
 #!/bin/sh
-# A Debian package in target/debian, with manual pages and completions for shells.
-#   deb.sh [PROFILE]   built by this profile of Cargo; release by default
-# Installs cargo-deb from crates.io into target/tools if there is none.
+# Builds a Debian package in target/debian, with manual pages and completions for shells.
+#   deb.sh [PROFILE]   uses this profile of Cargo, release by default
+# Installs cargo-deb from crates.io into target/tools if it is missing.
 set -eu
 cd "$(dirname "$0")/.."
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Makes figures and pictures of docs/ again: scripts/figures.py BINARY [--check] [--data FOLDER]
+"""Checks figures in docs/ and writes its pictures: scripts/figures.py BINARY [--check] [--data FOLDER]
 
-Every figure listed here is a line of a page as the program gives it today; a line that the page does not
-hold is printed beside the one that it does, and the script fails. `--check` does this for those that need
-only the program and take seconds. Otherwise pictures are made, too, in target/figures, under the names that
-they have in docs/ (there they have been reduced). Pictures of other people's images need the folder that
-holds these (BrainT1Slice.png, FatMRISlice.png, 3_fractures.raw, SEISMIC3D.sgy), and are left out without.
-Pictures of what simulators computed are made with them, not here (their pages say how). Needs no package.
+Each figure here is a line of a page that the program must reproduce. A line that is not in the page is printed, and
+the script fails. With `--check` it tests only figures that need nothing but the program and take seconds. Without it,
+the script also writes the pictures to target/figures under their names in docs/, where they have a smaller size.
+Pictures of images of other projects need the folder with these images (BrainT1Slice.png, FatMRISlice.png,
+3_fractures.raw, SEISMIC3D.sgy), and are skipped without it. Pictures of simulation results are not made here; their
+pages show the commands. The script needs no Python package.
 """
 import argparse
 import json
@@ -19,27 +19,27 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 
 class Work:
-    """A folder to work in, and the program."""
+    """A folder in which the program runs."""
 
     def __init__(self, binary, folder):
         self.binary, self.folder = pathlib.Path(binary).resolve(), folder
 
     def run(self, line):
-        """Runs the program, quietly."""
+        """Runs the program without output."""
         subprocess.run([self.binary, *line.split(), "--quiet"], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
 
     def json(self, line):
-        """What the program answers."""
+        """Runs the program and returns its JSON output."""
         command = [self.binary, *line.split(), "--json", "--quiet"]
         return json.loads(subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.PIPE).stdout)
 
 
 def plane_row(work, name, image, mesh):
-    """A row of the table of two-dimensions.md."""
+    """Returns a row of the table of two-dimensions.md."""
     work.run(f"synth {image} --dims 256,256 -o slice.png --truth truth.npy")
     work.run(f"mesh slice.png -o mesh.vtu {mesh}")
-    found = work.json("quality mesh.vtu --truth truth.npy")
-    quality, faces = found["quality"], found["fidelity"]["tagged_faces"]
+    report = work.json("quality mesh.vtu --truth truth.npy")
+    quality, faces = report["quality"], report["fidelity"]["tagged_faces"]
     angles = f"{quality['smallest_angle']['worst']:.1f} to {quality['largest_angle']['worst']:.1f}"
     ratio = f"{quality['mean_ratio']['worst']:.3f} | {quality['mean_ratio_mean']:.3f}"
     return f"| {name} | {quality['cells']} | {angles} | {ratio} | {faces['coverage_one']:.3f} | {faces['precision']:.3f} |"
@@ -55,9 +55,9 @@ def plane(work):
 
 def generations(work):
     work.run("synth faults -o slice.npy --dims 128,112")
-    found = work.json("mesh slice.npy --feature horizons --distance 8 --seeding guide --optimizer genetic --slivers none "
+    report = work.json("mesh slice.npy --feature horizons --distance 8 --seeding guide --optimizer genetic --slivers none "
                       "--trace lattices.pvd -o evolved.vtu")
-    trace = found["trace"]
+    trace = report["trace"]
     rows = [trace[n] for n in (0, 12, 24, 48, 72, 108)]
     return [f"| {n} | {row['worst_quality']:.3f} | {row['mean_quality']:.3f} | {row['energy']:.3f} |"
             for n, row in zip((0, 12, 24, 48, 72, 108), rows)]
@@ -69,7 +69,7 @@ def ball(work):
     return [f"has {quality['nodes']:,} and {quality['cells']:,}."]
 
 
-# What a page says, and how to find it out.
+# Pages with the functions that return their figures.
 QUICK = [("two-dimensions.md", plane), ("guide-tables.md", generations), ("canny.md", ball)]
 
 
@@ -89,13 +89,13 @@ def fractures(work):
     return [f"{number[count.pop()]} surfaces at any distance from 2.7 to 8" if len(count) == 1 else str(count)]
 
 
-# The same of other people's images.
+# Pages with figures of images of other projects.
 WITH_DATA = [("canny.md", slices), ("surfaces.md", fractures)]
 
 UNIT = ["synth amplitude -o image.vti --dims 96,120,80 --count 1 --rng-seed 3 --signal-to-noise 8",
         "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons",
         "paint mesh.vtu --seed 62,75,40=1 --seed 62,14,40=1 -o painted.vtu --surface-out unit.vtp"]
-# Pictures by the commands of their pages.
+# Pictures with the commands of their pages.
 PICTURES = {
     "two-dimensions-mesh.png": ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice.png",
                                 "mesh slice.png -o mesh.vtu --distance 6:18 --distance-from features",
@@ -152,35 +152,35 @@ PICTURES_WITH_DATA = {
 
 
 def compare(work, page, figures):
-    """Whether a page holds what is found; says what it lacks."""
+    """Prints the figures that a page does not have, and returns True if it has all."""
     text = " ".join((ROOT / "docs" / page).read_text().split())
-    lacking = [line for line in figures(work) if line not in text]
-    for line in lacking:
-        print(f"docs/{page} does not say: {line}")
-    return not lacking
+    missing = [line for line in figures(work) if line not in text]
+    for line in missing:
+        print(f"docs/{page} does not have: {line}")
+    return not missing
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
     parser.add_argument("binary")
-    parser.add_argument("--check", action="store_true", help="only compare what takes seconds")
-    parser.add_argument("--data", type=pathlib.Path, help="other people's images")
+    parser.add_argument("--check", action="store_true", help="only compare figures that take seconds")
+    parser.add_argument("--data", type=pathlib.Path, help="folder of images of other projects")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = Work(options.binary, folder)
         work.data = options.data and options.data.resolve()
         figures = QUICK + (WITH_DATA if work.data and not options.check else [])
-        # All of them, even after one that differs.
-        true = all([compare(work, page, find) for page, find in figures])
+        # The list makes sure that all pages are compared, even after one that differs.
+        agree = all([compare(work, page, find) for page, find in figures])
         if not options.check:
             out = ROOT / "target" / "figures"
             out.mkdir(parents=True, exist_ok=True)
             for name, lines in {**PICTURES, **(PICTURES_WITH_DATA if work.data else {})}.items():
                 for line in lines:
                     work.run(line.replace("{data}", str(work.data)).replace("{}", str(out / name)))
-                print(f"made {out / name}")
-    print("docs agree" if true else "docs differ")
-    sys.exit(not true)
+                print(f"wrote {out / name}")
+    print("docs agree" if agree else "docs differ")
+    sys.exit(not agree)
 
 
 if __name__ == "__main__":

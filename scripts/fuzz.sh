@@ -1,13 +1,13 @@
 #!/bin/bash
-# Fuzzes every target for so many seconds (60 unless given as the first argument), from the kept corpus:
-# coverage-guided, on stable Rust, without cargo-fuzz (with which the folder works as well). New findings
-# are left in fuzz/found. With 0 seconds the corpus is only replayed.
+# Fuzzes every target, guided by coverage, on stable Rust without cargo-fuzz (which works with the folder, too).
+#   fuzz.sh [SECONDS] [TARGETS]   SECONDS for each target, 60 by default; with 0 it only replays the corpus
+# It starts from fuzz/corpus, and writes inputs that fail to fuzz/found.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
 targets=${2:-"images meshes jobs"}
 host=$(rustc -vV | sed -n 's/^host: //p')
-# What libFuzzer needs to see which code has been reached.
+# libFuzzer needs this instrumentation to measure coverage.
 export RUSTFLAGS="--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=3 \
 -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table"
 cargo build --release --locked --manifest-path fuzz/Cargo.toml --target "$host" --target-dir target/fuzz

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs the tests that plain `cargo test` ignores: those against other programs, which `make validators` installs,
-# and those on images made by others, if their folder is there: DATA=folder, or ../shared/data.
+# Runs the tests that `cargo test` ignores: slow tests, tests against other programs, which `make validators` installs,
+# and tests on images of other projects if their folder exists (DATA=folder, else ../shared/data).
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -9,8 +9,8 @@ if [ -d "$data" ]; then
     export ATOMESH_DATA="$data"
     set --
 else
-    echo "note: no folder of images made by others: their tests are left out (make test-all DATA=folder)"
+    echo "note: no folder of images of other projects: their tests are skipped (make test-all DATA=folder)"
     set -- --skip real_data
 fi
-# Of the whole workspace: for one package alone Cargo would compile with other features.
+# With --workspace, since Cargo would compile a single package with other features.
 cargo test --locked --workspace --lib --test main -- --ignored "$@"

@@ -1,8 +1,7 @@
 #!/bin/sh
-# Installs what atomesh needs from the system and lacks: TetGen, CGAL, a C++ compiler, and the
-# libclang with which the TetGen bindings are generated. Debian and Ubuntu only; elsewhere it says
-# what to install and stops.
-#   packages.sh [PACKAGE...]   these besides
+# Installs the missing system packages of atomesh: TetGen, CGAL, a C++ compiler, and the libclang that generates the
+# bindings of TetGen. On systems other than Debian and Ubuntu it prints the packages and stops.
+#   packages.sh [PACKAGE...]   installs these packages, too
 set -eu
 
 packages="g++ libtet1.5-dev libcgal-dev libclang-dev $*"
@@ -13,7 +12,7 @@ if ! command -v cargo >/dev/null 2>&1; then
 fi
 
 if ! command -v dpkg >/dev/null 2>&1 || ! command -v apt-get >/dev/null 2>&1; then
-    echo "error: system packages: no apt here; install the equivalents of these yourself: $packages" >&2
+    echo "error: system packages: no apt here; install the equivalents of these packages: $packages" >&2
     echo "       then: cargo build --release" >&2
     exit 1
 fi
@@ -29,7 +28,7 @@ done
 as_root=""
 if [ "$(id -u)" -ne 0 ]; then
     if ! command -v sudo >/dev/null 2>&1; then
-        echo "error: system packages: not root and no sudo; have these installed:$missing" >&2
+        echo "error: system packages: not root and no sudo; ask an administrator to install:$missing" >&2
         exit 1
     fi
     as_root="sudo"

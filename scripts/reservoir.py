@@ -1,10 +1,11 @@
 #!/usr/bin/env python
-"""A reservoir from a seismic volume to its simulation: scripts/reservoir.py BINARY FOLDER [--distance D]
-(with .venv's modules, which `make validators` installs; OPM Flow as `flow`)
+"""Runs a reservoir study from a seismic volume to a simulation: scripts/reservoir.py BINARY FOLDER [--distance D]
 
-A synthetic survey becomes SEG-Y, its fault and horizons cells, the layers between them rock; OPM Flow simulates
-ten years of water injection. Then the same cells go to every solver at hand, for their steady pressures side by
-side. Prints each command, and figures as a table; FOLDER/figures.json has them, too. docs/reservoir-case.md
+A synthetic survey is written as SEG-Y. Its fault and horizons become a mesh, and the layers between them have rock
+properties. OPM Flow simulates ten years of water injection. Then every available solver computes the steady pressures
+of the same cells, which are compared. The script prints each command and the figures, which are also in
+FOLDER/figures.json. See docs/reservoir-case.md. It needs the Python modules in .venv, which `make validators`
+installs, and OPM Flow as `flow`.
 """
 import argparse
 import json
@@ -20,62 +21,62 @@ import segyio
 
 import simulated
 
-JUDGES = pathlib.Path(__file__).resolve().parent.parent / "tests/data/export"
-# A survey of 12.5 m x 12.5 m x 4 ms at 3000 m/s, so 6 m.
-CORNER, APART, INTERVAL, VELOCITY = (600_000.0, 6_000_000.0), 12.5, 4, 3000
-# The space in which rock ten times tighter upwards than sideways conducts equally in all directions.
-METRIC = f"{6 / APART * 10 ** 0.5:.5f},1,1"
+VALIDATORS = pathlib.Path(__file__).resolve().parent.parent / "tests/data/export"
+# The survey has samples of 12.5 m x 12.5 m x 4 ms, or 6 m at 3000 m/s.
+CORNER, SPACING, INTERVAL, VELOCITY = (600_000.0, 6_000_000.0), 12.5, 4, 3000
+# Metric in which rock with a vertical permeability of a tenth of the horizontal one is isotropic.
+METRIC = f"{6 / SPACING * 10 ** 0.5:.5f},1,1"
 WEST, EAST = (600_300, 6_000_500), (601_150, 6_000_300)
-# What an interpreter clicks on: west and east of the fault, layer by layer downwards.
+# Seeds as an interpreter picks them: west and east of the fault, layer by layer downwards.
 LAYERS = {1: [(WEST, -15), (WEST, -60), (EAST, -40), (EAST, -110)],
           2: [(WEST, -160), (EAST, -155), (EAST, -235)],
           3: [(WEST, -300), (WEST, -372), (EAST, -340)]}
-# Porosity, horizontal and vertical permeability (mD): seal, sand, silt. What no paint reached is seal.
+# Porosity, horizontal and vertical permeability (mD) of seal, sand and silt. Unpainted cells are seal.
 ROCK = {0: (0.05, 0.1, 0.01), 1: (0.05, 0.1, 0.01), 2: (0.22, 200, 20), 3: (0.12, 20, 2)}
-# Where wells are open: x, y, top and bottom of the sand.
+# Open intervals of the wells: x, y, top and bottom of the sand.
 WELLS = {"I1": (600_125, 6_000_375, -100, -225), "P1": (600_625, 6_000_625, -105, -230),
          "P2": (601_062, 6_000_125, -150, -280)}
 INJECTED, PRODUCED_AT = 2500, 180
-# One cell of the sand on either side of the fault, for the steady flow between them.
+# Points in the sand on both sides of the fault, between whose cells the steady flow is.
 HIGH, LOW, STEADY = (600_125, 6_000_375, -160), (601_062, 6_000_125, -235), 30
 FAULTS = 0.001
 
 
 class Case:
-    """A folder to work in, and what is found there."""
+    """The program, the folder of the study, and its figures."""
 
     def __init__(self, binary, folder):
         self.binary, self.folder, self.figures = pathlib.Path(binary).resolve(), folder, {}
 
     def atomesh(self, line):
-        """Runs a verb; gives its answer."""
+        """Runs a verb and returns its report."""
         print(f"$ atomesh {line}", flush=True)
         command = [self.binary, *line.split(), "--json", "--quiet"]
         return json.loads(subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.PIPE).stdout)
 
     def flow(self, case, out, *options):
-        """Runs OPM Flow; gives the number of its linear iterations."""
+        """Runs OPM Flow and returns the number of its linear iterations."""
         line = ["flow", f"{case}.DATA", f"--output-dir={out}", *options]
         print("$", *line, flush=True)
-        said = subprocess.run([*line, "--threads-per-process=1"], cwd=self.folder, check=True,
+        stdout = subprocess.run([*line, "--threads-per-process=1"], cwd=self.folder, check=True,
                               stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
-        return int(re.search(r"Overall Linear Iterations:\s+(\d+)", said)[1])
+        return int(re.search(r"Overall Linear Iterations:\s+(\d+)", stdout)[1])
 
     def table(self, name, columns, row):
-        """Writes a CSV file with a line for each rock."""
+        """Writes a CSV file with a line for each region of rock."""
         lines = [",".join(["region", *columns])]
         lines += [",".join(map(str, [number, *row(rock)])) for number, rock in ROCK.items()]
         (self.folder / name).write_text("\n".join(lines) + "\n")
 
-    def judge(self, script, *arguments):
-        """Pressures that an independent solver finds."""
-        found = subprocess.run([sys.executable, JUDGES / script, *map(str, arguments)], cwd=self.folder,
+    def solve(self, script, *arguments):
+        """Returns the pressures that an independent solver computes."""
+        result = subprocess.run([sys.executable, VALIDATORS / script, *map(str, arguments)], cwd=self.folder,
                                check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        return np.array(json.loads(found.stdout)["pressure"])
+        return np.array(json.loads(result.stdout)["pressure"])
 
 
 def survey(case):
-    """Two to three clear reflectors and a steep fault, as SEG-Y."""
+    """Writes a survey with two to three clear reflectors and a steep fault as SEG-Y."""
     case.atomesh("synth amplitude -o amplitude.npy --dims 64,100,80 --count 1 --signal-to-noise 8")
     volume = np.load(case.folder / "amplitude.npy")
     path = case.folder / "survey.sgy"
@@ -83,13 +84,13 @@ def survey(case):
     inlines, crosslines, _ = volume.shape
     with segyio.open(path, "r+") as file:
         for trace in range(inlines * crosslines):
-            x, y = CORNER[0] + APART * (trace % crosslines), CORNER[1] + APART * (trace // crosslines)
+            x, y = CORNER[0] + SPACING * (trace % crosslines), CORNER[1] + SPACING * (trace // crosslines)
             file.header[trace].update({segyio.su.scalco: -100, segyio.su.cdpx: round(100 * x),
                                        segyio.su.cdpy: round(100 * y)})
 
 
 def model(case, distance):
-    """Cells that conform to fault and horizons, with their layers."""
+    """Meshes the survey with cells that conform to the fault and the horizons, and paints the layers."""
     mesh = case.atomesh(f"mesh survey.sgy -o cells.vtu --cells voronoi --feature faults+horizons --threshold 1.2"
                         f" --velocity {VELOCITY} --metric {METRIC} --distance {distance}")
     surfaces = case.atomesh("surface cells.vtu -o surfaces.vtp")["surfaces"]
@@ -106,27 +107,27 @@ def model(case, distance):
     return mesh
 
 
-def export(case, to, out, more):
-    """The model in a format, with what all of them share."""
+def export(case, to, out, options):
+    """Exports the model to a format and returns the report."""
     return case.atomesh(f"export layers.vtu --to {to} -o {out} --depth-at-top 2000 --porosity porosity.csv"
-                        f" --permeability permeability.csv --permeability-unit mD {more}")
+                        f" --permeability permeability.csv --permeability-unit mD {options}")
 
 
 def read(folder, case, ending):
-    """The arrays of a file of OPM Flow, all reports of each."""
-    found = {}
+    """Returns the arrays of a file of OPM Flow, each with all of its reports."""
+    arrays = {}
     for name, values in resfo.read(folder / f"{case}.{ending}"):
-        found.setdefault(name.strip(), []).append(values)
-    return found
+        arrays.setdefault(name.strip(), []).append(values)
+    return arrays
 
 
 def ten_years(case):
-    """Water drives oil, with the fault open and nearly closed."""
+    """Simulates oil that water displaces, with the fault open and nearly closed."""
     wells = f"--injector I1.csv:{INJECTED} --producer P1.csv:{PRODUCED_AT} --producer P2.csv:{PRODUCED_AT}"
     fluid = f"--fluid oil-water {wells}"
     export(case, "opm", "OPEN.DATA", fluid)
-    done = export(case, "opm", "CASE.DATA", f"{fluid} --faults {FAULTS}")
-    case.figures["model"] = done["checks"]
+    report = export(case, "opm", "CASE.DATA", f"{fluid} --faults {FAULTS}")
+    case.figures["model"] = report["checks"]
     case.figures["iterations"] = {"open, ILU(0)": case.flow("OPEN", "open"),
                                   f"{FAULTS}, ILU(0)": case.flow("CASE", "ilu"),
                                   f"{FAULTS}, CPR": case.flow("CASE", "cpr", "--linear-solver=cpr")}
@@ -136,60 +137,60 @@ def ten_years(case):
         case.atomesh(f"slice simulated.vtu -o {name}.png --view 3d --cut y --color simulated_{name}")
 
     out = case.folder / "cpr"
-    pores = np.array(read(out, "CASE", "INIT")["PORV"][0], dtype=float)
-    mean = [float((np.array(p, dtype=float) * pores).sum() / pores.sum())
+    pore_volumes = np.array(read(out, "CASE", "INIT")["PORV"][0], dtype=float)
+    mean = [float((np.array(p, dtype=float) * pore_volumes).sum() / pore_volumes.sum())
             for p in read(out, "CASE", "UNRST")["PRESSURE"]]
     names = [name.decode().strip() for name in read(out, "CASE", "SMSPEC")["KEYWORDS"][0]]
     first, last = (dict(zip(names, map(float, read(out, "CASE", "UNSMRY")["PARAMS"][step]))) for step in (0, -1))
     case.figures["ten years"] = {
-        "pore volume, m3": float(pores.sum()), "oil in place, sm3": first["FOIP"] + first["FOPT"],
+        "pore volume, m3": float(pore_volumes.sum()), "oil in place, sm3": first["FOIP"] + first["FOPT"],
         "oil left, sm3": last["FOIP"], "oil produced, sm3": last["FOPT"], "water injected, sm3": last["FWIT"],
         "water produced, sm3": last["FWPT"], "mean pressure, bar": [mean[0], mean[-1]]}
 
 
-def shares(pressure, high, low):
-    """Pressures from 0 in one cell to 1 in another."""
+def scaled(pressure, high, low):
+    """Returns pressures scaled to 0 in one cell and 1 in another."""
     return (pressure - pressure[low]) / (pressure[high] - pressure[low])
 
 
-def side_by_side(case):
-    """The steady flow of water from cell to cell through the nearly closed fault, by every solver at hand."""
+def compare_solvers(case):
+    """Compares the steady flow of water between two cells through the nearly closed fault in every available solver."""
     ends = [",".join(map(str, point)) for point in (HIGH, LOW)]
     faults = f"--faults {FAULTS}"
     wells = f"--injector {ends[0]}:{STEADY} --producer {ends[1]}:195"
-    done = export(case, "opm", "STEADY.DATA", f"{faults} {wells} --no-gravity --days 365000")
-    high, low = (well["cells"][0][0] for well in done["wells"])
+    report = export(case, "opm", "STEADY.DATA", f"{faults} {wells} --no-gravity --days 365000")
+    high, low = (well["cells"][0][0] for well in report["wells"])
     case.flow("STEADY", "steady", "--solver-max-time-step-in-days=365000", "--linear-solver-reduction=1e-6",
               "--linear-solver-max-iter=2000")
-    found = {"OPM Flow": np.array(read(case.folder / "steady", "STEADY", "UNRST")["PRESSURE"][-1], dtype=float)}
+    pressures = {"OPM Flow": np.array(read(case.folder / "steady", "STEADY", "UNRST")["PRESSURE"][-1], dtype=float)}
     export(case, "mrst", "blocks.mat", f"{faults} {wells}")
-    found["MRST's grid, SciPy"] = case.judge("mrst.py", "blocks.mat") / 1e5
+    pressures["MRST's grid, SciPy"] = case.solve("mrst.py", "blocks.mat") / 1e5
     export(case, "darts", "blocks.conn", f"{faults} {wells}")
-    found["open-DARTS"] = case.judge("steady.py", "blocks.conn", "blocks.cells", "blocks.wells")
-    # The rock in m2, as `flow` takes it; the depth of the deck plays no part.
+    pressures["open-DARTS"] = case.solve("steady.py", "blocks.conn", "blocks.cells", "blocks.wells")
+    # `flow` takes permeabilities in m2.
     case.table("permeability-m2.csv", ["kx", "ky", "kz"],
                lambda rock: [k * 9.86923266716013e-16 for k in (rock[1], rock[1], rock[2])])
     case.atomesh(f"flow layers.vtu -o flow.vtu --permeability permeability-m2.csv {faults}"
                  f" --source {ends[0]}:1e-4 --sink {ends[1]}:1e-4")
-    ours = shares(simulated.cell_array(case.folder / "flow.vtu", "pressure"), high, low)
-    case.figures["range, bar"] = float(np.ptp(found["OPM Flow"]))
-    case.figures["apart"] = {name: float(np.abs(shares(p, high, low) - ours).max()) for name, p in found.items()}
+    ours = scaled(simulated.cell_array(case.folder / "flow.vtu", "pressure"), high, low)
+    case.figures["range, bar"] = float(np.ptp(pressures["OPM Flow"]))
+    case.figures["apart"] = {name: float(np.abs(scaled(p, high, low) - ours).max()) for name, p in pressures.items()}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("binary")
     parser.add_argument("folder", type=pathlib.Path)
-    parser.add_argument("--distance", default="8", help="between sites, in samples [default: 8]")
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    case = Case(asked.binary, asked.folder.resolve())
+    parser.add_argument("--distance", default="8", help="distance between sites, in samples [default: 8]")
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    case = Case(arguments.binary, arguments.folder.resolve())
     survey(case)
-    model(case, asked.distance)
+    model(case, arguments.distance)
     if shutil.which("flow") is None:
         sys.exit("no OPM Flow here: the cells are made, but not simulated (make validators installs it)")
     ten_years(case)
-    side_by_side(case)
+    compare_solvers(case)
     (case.folder / "figures.json").write_text(json.dumps(case.figures, indent=1) + "\n")
     print(json.dumps(case.figures, indent=1))
 

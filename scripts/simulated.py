@@ -1,6 +1,10 @@
 #!/usr/bin/env python
-"""Puts what OPM Flow found onto the cells: scripts/simulated.py TWIN.vtu FOLDER CASE OUT.vtu
-(with .venv's VTK and resfo). The last pressure (bar) and saturation of water."""
+"""Adds the last pressure (bar) and water saturation of OPM Flow to a mesh as cell arrays.
+
+    scripts/simulated.py COMPANION.vtu FOLDER CASE OUT.vtu
+
+Needs VTK and resfo, which are in .venv.
+"""
 import sys
 
 import numpy as np
@@ -11,7 +15,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructured
 
 
 def cells(path):
-    """The mesh in a file."""
+    """Returns the mesh of a file."""
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(path))
     reader.Update()
@@ -19,36 +23,36 @@ def cells(path):
 
 
 def cell_array(path, name):
-    """A value of each cell of the mesh in a file."""
+    """Returns a cell array of the mesh of a file."""
     return np.array(vtk_to_numpy(cells(path).GetCellData().GetArray(name)), dtype=float)
 
 
 def write(mesh, path):
-    """Writes the mesh."""
+    """Writes a mesh."""
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetFileName(str(path))
     writer.SetInputData(mesh)
     writer.Write()
 
 
-def simulated(twin, folder, case):
-    """The cells with the last pressure and saturation."""
-    mesh = cells(twin)
-    # Of several reports the last.
-    found = {name.strip(): values for name, values in resfo.read(f"{folder}/{case}.UNRST")}
+def simulated(companion, folder, case):
+    """Returns the companion mesh of a case with the last pressure and saturation."""
+    mesh = cells(companion)
+    # The last report overwrites those before it.
+    results = {name.strip(): values for name, values in resfo.read(f"{folder}/{case}.UNRST")}
     for name in ("PRESSURE", "SWAT"):
-        if name not in found:
+        if name not in results:
             continue
         array = vtkDoubleArray()
         array.SetName(f"simulated_{name.lower()}")
-        for value in found[name]:
+        for value in results[name]:
             array.InsertNextValue(float(value))
         mesh.GetCellData().AddArray(array)
     return mesh
 
 
-def main(twin, folder, case, out):
-    write(simulated(twin, folder, case), out)
+def main(companion, folder, case, out):
+    write(simulated(companion, folder, case), out)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
-"""Ends jobs of every verb at random moments, by signals, full disks and little memory, and looks at what
-is left: exit codes, one line of reason, whole files or none, nothing under a temporary name.
+"""Stops jobs of every verb at random moments by signals, full disks and memory limits, and checks the exit codes, the
+one line of error, and that files are complete or absent, without temporary files.
 
     scripts/soak.py BINARY [--kills N] [--interrupts N] [--disks N] [--memory N] [--seed S]
 
-Full disks need the right to mount a small tmpfs (or a folder on one, by --disk FOLDER); without it they
-are left out, and the last line says so.
+Full disks need the right to mount a small tmpfs. Without it they are skipped, and a line says so.
 """
 
 import argparse
@@ -19,8 +18,8 @@ import sys
 import tempfile
 import time
 
-# Seconds within which an interrupted process has ended, on a machine that has other work too.
-PROMPT = 4.0
+# Longest time in seconds that an interrupted process may continue, on a machine with other load.
+MAX_DELAY = 4.0
 
 
 def words(line):
@@ -33,13 +32,12 @@ class Bench:
     def __init__(self, binary, folder):
         self.binary, self.inputs = binary, os.path.join(folder, "inputs")
         os.mkdir(self.inputs)
-        here = self.inputs
-        self.must(words("synth faults -o faults.npy --dims 72,66,60"), here)
-        self.must(words("synth amplitude -o layers.npy --dims 64,64,64"), here)
-        self.must(words("synth planes -o plane.npy --dims 300,280"), here)
-        self.must(words("mesh faults.npy -o tets.vtu --distance 5"), here)
-        self.must(words("mesh faults.npy -o cells.vtu --distance 6 --cells voronoi"), here)
-        self.must(words("mesh plane.npy -o flat.vtu --distance 6 --cells voronoi"), here)
+        self.run(words("synth faults -o faults.npy --dims 72,66,60"), self.inputs)
+        self.run(words("synth amplitude -o layers.npy --dims 64,64,64"), self.inputs)
+        self.run(words("synth planes -o plane.npy --dims 300,280"), self.inputs)
+        self.run(words("mesh faults.npy -o tets.vtu --distance 5"), self.inputs)
+        self.run(words("mesh faults.npy -o cells.vtu --distance 6 --cells voronoi"), self.inputs)
+        self.run(words("mesh plane.npy -o flat.vtu --distance 6 --cells voronoi"), self.inputs)
         rock = "--porosity .2 --permeability 100 --permeability-unit mD --depth-at-top 1000"
         jobs = [
             "mesh IN/faults.npy -o m.vtu --distance 4 --trace t.pvd --lines l.vtp --report r.json",
@@ -64,203 +62,207 @@ class Bench:
             f"export IN/cells.vtu --to resqml -o r.epc {rock}",
             "export IN/tets.vtu --to msh -o m.msh",
         ]
-        # What each makes, and how long it takes.
-        self.jobs = [self.measured(line, folder) for line in jobs]
+        # Each job has its arguments, the sizes of its files and its duration in seconds.
+        self.jobs = [self.measure(line, folder) for line in jobs]
 
-    def must(self, line, folder):
-        done = subprocess.run([self.binary, *line, "--quiet"], cwd=folder, capture_output=True, text=True)
-        if done.returncode:
-            sys.exit(f"{' '.join(line)}: {done.stderr}")
+    def run(self, line, folder):
+        result = subprocess.run([self.binary, *line, "--quiet"], cwd=folder, capture_output=True, text=True)
+        if result.returncode:
+            sys.exit(f"{' '.join(line)}: {result.stderr}")
 
-    def measured(self, line, folder):
+    def measure(self, line, folder):
         line = [word.replace("IN/", self.inputs + "/") for word in words(line)]
-        place = tempfile.mkdtemp(dir=folder)
+        job_folder = tempfile.mkdtemp(dir=folder)
         start = time.time()
-        self.must(line, place)
-        took = time.time() - start
-        made = {name: os.path.getsize(os.path.join(place, name)) for name in tree(place)}
-        shutil.rmtree(place)
-        return line, made, took
+        self.run(line, job_folder)
+        duration = time.time() - start
+        outputs = {name: os.path.getsize(os.path.join(job_folder, name)) for name in tree(job_folder)}
+        shutil.rmtree(job_folder)
+        return line, outputs, duration
 
-    def start(self, line, folder, **more):
+    def start(self, line, folder, **options):
         return subprocess.Popen(
-            [self.binary, *line, "--quiet"], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, **more
+            [self.binary, *line, "--quiet"], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, **options
         )
 
 
 def tree(folder):
     return sorted(
-        os.path.relpath(os.path.join(place, name), folder)
-        for place, _, names in os.walk(folder)
+        os.path.relpath(os.path.join(job_folder, name), folder)
+        for job_folder, _, names in os.walk(folder)
         for name in names
     )
 
 
 def folders(folder):
-    return [place for place, _, _ in os.walk(folder) if place != folder]
+    return [job_folder for job_folder, _, _ in os.walk(folder) if job_folder != folder]
 
 
 class Faults(list):
-    def say(self, *what):
-        print("FAULT", *what, flush=True)
-        self.append(what)
+    """Failed checks, which are printed as they occur."""
+
+    def report(self, *parts):
+        print("FAULT", *parts, flush=True)
+        self.append(parts)
 
 
-def all_or_none(kind, line, made, place, faults, code, hidden_allowed=False):
-    """Whether a job left all its files, or none. Gives whether it left any."""
-    left = tree(place)
-    hidden = [name for name in left if os.path.basename(name).startswith(".")]
-    seen = [name for name in left if name not in hidden]
+def check_all_or_none(kind, line, outputs, job_folder, faults, code, hidden_allowed=False):
+    """Checks that a job left all its files or none, and returns True if it left any."""
+    files = tree(job_folder)
+    hidden = [name for name in files if os.path.basename(name).startswith(".")]
+    visible = [name for name in files if name not in hidden]
     # An interrupted job has fewer frames of its trace.
-    frames = lambda name: name.startswith("t_")
-    wanted = sorted(name for name in made if not frames(name))
-    got = sorted(name for name in seen if not frames(name))
+    is_frame = lambda name: name.startswith("t_")
+    expected = sorted(name for name in outputs if not is_frame(name))
+    actual = sorted(name for name in visible if not is_frame(name))
     if hidden and not hidden_allowed:
-        faults.say(kind, code, "left", hidden, ":", *line)
-    if got and got != wanted:
-        faults.say(kind, code, "left", got, "of", wanted, ":", *line)
-    if not got and code == 0:
-        faults.say(kind, "made nothing and said 0:", *line)
-    if not left and folders(place) and not hidden_allowed:
-        faults.say(kind, "left empty folders:", *line)
-    return bool(got)
+        faults.report(kind, code, "left", hidden, ":", *line)
+    if actual and actual != expected:
+        faults.report(kind, code, "left", actual, "of", expected, ":", *line)
+    if not actual and code == 0:
+        faults.report(kind, "wrote nothing and ended with 0:", *line)
+    if not files and folders(job_folder) and not hidden_allowed:
+        faults.report(kind, "left empty folders:", *line)
+    return bool(actual)
 
 
-def whole(bench, place, faults, kind, line):
-    """Every mesh that is there can be read."""
-    for name in tree(place):
+def check_meshes(bench, job_folder, faults, kind, line):
+    """Checks that every mesh in a folder can be read."""
+    for name in tree(job_folder):
         if name.endswith(".vtu") and not name.startswith("."):
-            done = subprocess.run([bench.binary, "quality", name, "--quiet"], cwd=place, capture_output=True)
-            if done.returncode:
-                faults.say(kind, "left a damaged", name, done.stderr.decode(), ":", *line)
+            result = subprocess.run([bench.binary, "quality", name, "--quiet"], cwd=job_folder, capture_output=True)
+            if result.returncode:
+                faults.report(kind, "left a damaged", name, result.stderr.decode(), ":", *line)
 
 
-def ended(child, seconds):
+def wait_for_end(child, seconds):
+    """Returns the exit code of a process, None if it hangs, and its standard error."""
     try:
-        _, said = child.communicate(timeout=seconds)
-        return child.returncode, said.decode(errors="replace")
+        _, stderr = child.communicate(timeout=seconds)
+        return child.returncode, stderr.decode(errors="replace")
     except subprocess.TimeoutExpired:
-        where = whereabouts(child.pid)
+        stacks = backtraces(child.pid)
         child.kill()
-        _, said = child.communicate()
-        return None, said.decode(errors="replace") + where
+        _, stderr = child.communicate()
+        return None, stderr.decode(errors="replace") + stacks
 
 
-def patience(took):
-    """Seconds after which a job that took so long undisturbed hangs, on a machine that has other work too."""
-    return 120 + 60 * took
+def time_limit(duration):
+    """Returns the seconds after which a job with a known duration counts as hanging, on a machine with other load."""
+    return 120 + 60 * duration
 
 
-def whereabouts(pid):
-    """What the threads of a process that hangs are doing, where a debugger tells."""
+def backtraces(pid):
+    """Returns the backtraces of the threads of a process, if there is a debugger."""
     if not shutil.which("gdb"):
         return ""
-    asked = ["gdb", "-p", str(pid), "-batch", "-ex", "thread apply all backtrace 25"]
-    told = subprocess.run(asked, capture_output=True, text=True).stdout
-    return "\n" + "\n".join(row for row in told.splitlines() if row.startswith(("Thread", "#")))
+    command = ["gdb", "-p", str(pid), "-batch", "-ex", "thread apply all backtrace 25"]
+    text = subprocess.run(command, capture_output=True, text=True).stdout
+    return "\n" + "\n".join(row for row in text.splitlines() if row.startswith(("Thread", "#")))
 
 
 def kills(bench, folder, count, rng, faults):
-    """SIGKILL at any moment; what is left under temporary names is removed by the next job."""
-    hit = swept = 0
+    """Kills jobs by SIGKILL at any moment, and checks that the next job removes temporary files."""
+    killed = removed = 0
     for _ in range(count):
-        line, made, took = rng.choice(bench.jobs)
-        place = tempfile.mkdtemp(dir=folder)
-        child = bench.start(line, place)
-        time.sleep(rng.uniform(0, 1.1 * took))
+        line, outputs, duration = rng.choice(bench.jobs)
+        job_folder = tempfile.mkdtemp(dir=folder)
+        child = bench.start(line, job_folder)
+        time.sleep(rng.uniform(0, 1.1 * duration))
         child.kill()
-        code, _ = ended(child, 10)
-        hit += code == -signal.SIGKILL
-        any_file = all_or_none("kill", line, made, place, faults, code, hidden_allowed=True)
+        code, _ = wait_for_end(child, 10)
+        killed += code == -signal.SIGKILL
+        any_file = check_all_or_none("kill", line, outputs, job_folder, faults, code, hidden_allowed=True)
         if any_file:
-            whole(bench, place, faults, "kill", line)
-        left = [name for name in tree(place) if os.path.basename(name).startswith(".")]
-        if left:
-            swept += 1
-            again = bench.start(line, place)
-            code, said = ended(again, 120)
+            check_meshes(bench, job_folder, faults, "kill", line)
+        temporary = [name for name in tree(job_folder) if os.path.basename(name).startswith(".")]
+        if temporary:
+            removed += 1
+            again = bench.start(line, job_folder)
+            code, stderr = wait_for_end(again, 120)
             if code:
-                faults.say("after a kill", code, said, ":", *line)
-            all_or_none("after a kill", line, made, place, faults, code)
-        shutil.rmtree(place)
-    return f"{hit} of {count} killed while running, {swept} had left temporary files"
+                faults.report("after a kill", code, stderr, ":", *line)
+            check_all_or_none("after a kill", line, outputs, job_folder, faults, code)
+        shutil.rmtree(job_folder)
+    return f"{killed} of {count} killed while running, {removed} had left temporary files"
 
 
 def interrupts(bench, folder, count, rng, faults):
-    """SIGINT and SIGTERM at any moment."""
-    hit, slowest = 0, 0.0
+    """Interrupts jobs by SIGINT and SIGTERM at any moment."""
+    interrupted, slowest = 0, 0.0
     for _ in range(count):
-        line, made, took = rng.choice(bench.jobs)
-        place = tempfile.mkdtemp(dir=folder)
-        child = bench.start(line, place)
-        # Before it runs nobody handles signals.
-        time.sleep(0.03 + rng.uniform(0, took))
-        which = rng.choice([signal.SIGINT, signal.SIGTERM])
+        line, outputs, duration = rng.choice(bench.jobs)
+        job_folder = tempfile.mkdtemp(dir=folder)
+        child = bench.start(line, job_folder)
+        # The program needs some time before it handles signals.
+        time.sleep(0.03 + rng.uniform(0, duration))
+        number = rng.choice([signal.SIGINT, signal.SIGTERM])
         start = time.time()
-        child.send_signal(which)
-        code, said = ended(child, 20)
+        child.send_signal(number)
+        code, stderr = wait_for_end(child, 20)
         slowest = max(slowest, time.time() - start)
-        if time.time() - start > PROMPT:
-            faults.say("interrupt", which, "took", time.time() - start, ":", *line)
-        hit += code == 130
+        if time.time() - start > MAX_DELAY:
+            faults.report("interrupt", number, "took", time.time() - start, ":", *line)
+        interrupted += code == 130
         if code not in (0, 130):
-            faults.say("interrupt", which, "ended with", code, said, ":", *line)
-        if all_or_none("interrupt", line, made, place, faults, code):
-            whole(bench, place, faults, "interrupt", line)
-        shutil.rmtree(place)
-    return f"{hit} of {count} ended with 130, the slowest after {slowest:.1f} s"
+            faults.report("interrupt", number, "ended with", code, stderr, ":", *line)
+        if check_all_or_none("interrupt", line, outputs, job_folder, faults, code):
+            check_meshes(bench, job_folder, faults, "interrupt", line)
+        shutil.rmtree(job_folder)
+    return f"{interrupted} of {count} ended with 130, the slowest after {slowest:.1f} s"
 
 
-def one_line(kind, code, said, line, faults):
-    lines = [text for text in said.splitlines() if text.strip()]
+def check_error_line(kind, code, stderr, line, faults):
+    """Checks that a job failed with exit code 1 and one line of error."""
+    lines = [text for text in stderr.splitlines() if text.strip()]
     if code != 1 or len(lines) != 1 or not lines[0].startswith("error: "):
-        faults.say(kind, "ended with", code, said[-600:], ":", *line)
+        faults.report(kind, "ended with", code, stderr[-600:], ":", *line)
 
 
 def memory(bench, folder, count, rng, faults):
-    """An address space that is too small, by any amount."""
+    """Runs jobs in an address space that is too small by any amount."""
     failed = 0
     for _ in range(count):
-        line, made, took = rng.choice(bench.jobs)
-        place = tempfile.mkdtemp(dir=folder)
-        # From what hardly loads the program to what suffices.
+        line, outputs, duration = rng.choice(bench.jobs)
+        job_folder = tempfile.mkdtemp(dir=folder)
+        # Limits range from one that hardly suffices to load the program to one that suffices for the job.
         limit = int(30e6 * 7 ** rng.random())
         child = bench.start(
-            line, place, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+            line, job_folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         )
-        code, said = ended(child, patience(took))
-        # 127: the loader itself found no room.
-        if code == 127 and ("error while loading shared libraries" in said or "for initial thread" in said):
-            shutil.rmtree(place)
+        code, stderr = wait_for_end(child, time_limit(duration))
+        # The exit code is 127 if the loader has no memory.
+        if code == 127 and ("error while loading shared libraries" in stderr or "for initial thread" in stderr):
+            shutil.rmtree(job_folder)
             continue
         if code is None:
-            faults.say("memory", limit, "hangs:", *line, said[-9000:])
+            faults.report("memory", limit, "hangs:", *line, stderr[-9000:])
         else:
             if code:
                 failed += 1
-                one_line(f"memory {limit}", code, said, line, faults)
-            all_or_none("memory", line, made, place, faults, code)
-        shutil.rmtree(place)
-    return f"{failed} of {count} had too little"
+                check_error_line(f"memory {limit}", code, stderr, line, faults)
+            check_all_or_none("memory", line, outputs, job_folder, faults, code)
+        shutil.rmtree(job_folder)
+    return f"{failed} of {count} had too little memory"
 
 
 def disks(bench, disk, count, rng, faults):
-    """A disk that is full after any number of bytes."""
+    """Runs jobs on a disk that is full after any number of bytes."""
     failed = 0
     for _ in range(count):
-        line, made, took = rng.choice(bench.jobs)
-        size = max(int(sum(made.values()) * rng.uniform(0, 1.2)) >> 12, 1) << 12
+        line, outputs, duration = rng.choice(bench.jobs)
+        size = max(int(sum(outputs.values()) * rng.uniform(0, 1.2)) >> 12, 1) << 12
         subprocess.run(["mount", "-o", f"remount,size={size}", disk], check=True)
-        place = tempfile.mkdtemp(dir=disk)
-        code, said = ended(bench.start(line, place), patience(took))
+        job_folder = tempfile.mkdtemp(dir=disk)
+        code, stderr = wait_for_end(bench.start(line, job_folder), time_limit(duration))
         if code is None:
-            faults.say("full disk hangs:", *line)
+            faults.report("full disk hangs:", *line)
         elif code:
             failed += 1
-            one_line("full disk", code, said, line, faults)
+            check_error_line("full disk", code, stderr, line, faults)
         if code is not None:
-            all_or_none("full disk", line, made, place, faults, code)
-        shutil.rmtree(place)
+            check_all_or_none("full disk", line, outputs, job_folder, faults, code)
+        shutil.rmtree(job_folder)
     return f"{failed} of {count} disks were full"
 
 

@@ -1,18 +1,17 @@
 #!/bin/sh
-# Installs the programs that judge atomesh's files, each independent of it: VTK, Gmsh, toughio, xtgeo,
-# resqpy, open-DARTS, SciPy, meshio, the readers of images of the field (segyio, nibabel, pynrrd, SimpleITK,
-# tifffile, zarr) and a reader of simulators' output from PyPI into .venv; OPM Flow, OpenFOAM, CalculiX, Octave and
-# Chromium, which opens pages, by apt. Tests then use them; without one they name it and check less.
+# Installs the independent programs with which tests check the files of atomesh. From PyPI into .venv: VTK, Gmsh,
+# toughio, xtgeo, resqpy, open-DARTS, SciPy, meshio, readers of images (segyio, nibabel, pynrrd, SimpleITK, tifffile,
+# zarr) and a reader of simulation results (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio
 segyio nibabel nrrd SimpleITK tifffile zarr"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
-# Where there is no shell of its own (Ubuntu), the whole browser.
+# Systems without a package of the headless shell (Ubuntu) have a package of the whole browser.
 browser="chromium-headless-shell chromium"
 
 absent() {
-    echo "note: $1: tests that need them check less" >&2
+    echo "note: $1: tests that need it will fail" >&2
 }
 
 python_modules() {
@@ -27,11 +26,11 @@ install_modules() {
     python3 -m venv .venv >/dev/null 2>&1 ||
         { absent "python3 -m venv fails (apt install python3-venv)"; return; }
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
-    # VTK without what it draws plots with.
+    # VTK is installed without its dependencies, which are for plots.
     { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio &&
         $pip segyio nibabel pynrrd SimpleITK tifffile zarr; } ||
         absent "pip install fails"
-    # DARTS asks for much that it does not need to solve for pressures.
+    # Most dependencies of open-DARTS are not needed to solve for pressures.
     $pip --no-deps open-darts || absent "pip install open-darts fails"
     python_modules || absent "some of the Python modules ($modules) do not load"
 }
@@ -43,7 +42,7 @@ has_browser() {
     return 1
 }
 
-# The first that there is a package of; known only after an update.
+# Prints the first browser that has a package. The list of packages must be up to date.
 packaged_browser() {
     for name in $browser; do
         ! apt-cache show "$name" >/dev/null 2>&1 || { echo "$name"; return; }
@@ -78,7 +77,7 @@ if command -v dpkg >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then
 else
     absent "no apt here; install OPM Flow, OpenFOAM, CalculiX, Octave and Chromium yourself"
 fi
-# A folder made elsewhere is of no use.
+# A virtual environment of another machine does not work.
 if ! { [ -x .venv/bin/python ] && python_modules; }; then
     install_modules
 fi

@@ -1,35 +1,39 @@
-//! One error for the whole crate: its kind, *where* the fault is, *what* is wrong, *what to do* about
-//! it, and what caused it. The command line prints it as one line, `place: problem; remedy`.
+//! The error type of the crate.
+//!
+//! An error has a kind, and a [`Cause`] that says where the fault is, what is wrong, what to do
+//! about it, and which error led to it. The command line prints it as one line: `place: problem;
+//! remedy`.
 
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What went wrong: place, problem, remedy.
+/// The cause of an error: the place, the problem and the remedy.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Cause {
     /// The file, parameter or item that is at fault, e.g. `survey.sgy` or `distance`.
     pub place: String,
-    /// What is wrong with it, with the numbers that show it. Complete: it holds what the source says.
+    /// The problem, with the numbers that show it. The text is complete: it includes the message of
+    /// the source error.
     pub problem: String,
-    /// What the user can do.
+    /// The remedy: what the user can do.
     pub remedy: String,
-    /// The parameter to change, e.g. `porosity`, where one is at fault or missing: a front end adds what
-    /// it calls it.
+    /// The parameter to change, e.g. `porosity`, if one is wrong or missing. A front end adds its
+    /// own name for it, such as `--porosity`.
     pub parameter: Option<&'static str>,
     /// The error that led to this one.
     source: Option<Arc<dyn std::error::Error + Send + Sync>>,
 }
 
 impl Cause {
-    /// The same, with the error that led to it.
+    /// Returns this cause with the error that led to it.
     pub fn with_source(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
         self.source = Some(Arc::new(source));
         self
     }
 
-    /// The same, with the parameter that is to be changed.
+    /// Returns this cause with the parameter that has to be changed.
     pub fn with_parameter(mut self, parameter: &'static str) -> Self {
         self.parameter = Some(parameter);
         self
@@ -42,17 +46,17 @@ impl fmt::Display for Cause {
     }
 }
 
-/// Declares the kinds of errors once, for [`Error`] and [`ErrorKind`].
+/// Declares the kinds of errors in one place, for both [`Error`] and [`ErrorKind`].
 macro_rules! kinds {
     ($($(#[$doc:meta])+ $name:ident,)+) => {
-        /// Every way in which a stage of atomesh can fail on what a user gives it.
+        /// Errors that the user's input can cause in any stage of atomesh.
         #[derive(Debug, Clone)]
         #[non_exhaustive]
         pub enum Error {
             $($(#[$doc])+ $name(Cause),)+
         }
 
-        /// The kinds of errors, for programs that tell them apart.
+        /// Kinds of errors, for programs that distinguish them.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         #[non_exhaustive]
         pub enum ErrorKind {
@@ -60,14 +64,14 @@ macro_rules! kinds {
         }
 
         impl Error {
-            /// What kind of error this is.
+            /// Returns the kind of this error.
             pub fn kind(&self) -> ErrorKind {
                 match self {
                     $(Self::$name(_) => ErrorKind::$name,)+
                 }
             }
 
-            /// Place, problem and remedy.
+            /// Returns the place, the problem and the remedy.
             pub fn cause(&self) -> &Cause {
                 match self {
                     $(Self::$name(cause) => cause,)+
@@ -86,38 +90,38 @@ macro_rules! kinds {
 kinds! {
     /// A file cannot be opened, read, understood or written.
     Io,
-    /// An image holds what no mesh can be made of (NaN, constant, too small ...).
+    /// An image cannot be meshed (it holds NaN, is constant or too small ...).
     Image,
-    /// Feature detection got a parameter or an image that it cannot work with.
+    /// Feature detection received a parameter or an image that it cannot work with.
     Feature,
     /// The nominal distance d(x) is impossible.
     Distance,
-    /// Atoms cannot be placed as asked.
+    /// Atoms cannot be placed as requested.
     Seeding,
-    /// The lattice energy or its minimisation got an impossible parameter.
+    /// The lattice energy or its minimisation received an impossible parameter.
     Optimize,
     /// The Delaunay triangulation failed or cannot be run.
     Delaunay,
-    /// A mesh is not what it claims to be.
+    /// A mesh is invalid, or its file is inconsistent.
     Mesh,
-    /// Flow cannot be computed as asked.
+    /// Flow cannot be computed as requested.
     Flow,
-    /// A model cannot be given to a simulator as asked.
+    /// A model cannot be exported as requested.
     Export,
     /// A parameter of the whole job is wrong.
     Job,
-    /// An observer asked to stop before there was a result.
+    /// The caller stopped the job before there was a result.
     Interrupted,
 }
 
 impl Error {
-    /// The same at another place: who calls may know better what the user calls it.
+    /// Returns the error with another place, for callers that know the user's name for it.
     pub fn with_place(mut self, place: impl fmt::Display) -> Self {
         self.cause_mut().place = place.to_string();
         self
     }
 
-    /// The same, with the error that led to it.
+    /// Returns the error with the error that led to it.
     pub fn with_source(mut self, source: impl std::error::Error + Send + Sync + 'static) -> Self {
         self.cause_mut().source = Some(Arc::new(source));
         self
@@ -137,10 +141,10 @@ impl std::error::Error for Error {
     }
 }
 
-/// The crate's result.
+/// The result type of the crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Builds a [`Cause`]; `Error::Io(cause(path, "is empty", "give a file with data"))`.
+/// Builds a [`Cause`], e.g. `Error::Io(cause(path, "is empty", "give a file with data"))`.
 pub fn cause(
     place: impl fmt::Display,
     problem: impl fmt::Display,
@@ -155,10 +159,10 @@ pub fn cause(
     }
 }
 
-/// Characters of a problem at most: words from files may be of any length.
+/// Largest number of characters of a problem. Text from files may be of any length.
 const MAX_PROBLEM_CHARS: usize = 600;
 
-/// Text as one line that is not too long.
+/// Returns the text as one line of at most [`MAX_PROBLEM_CHARS`] characters.
 fn one_line(mut text: String) -> String {
     if let Some((end, _)) = text.char_indices().nth(MAX_PROBLEM_CHARS) {
         text.truncate(end);
@@ -174,8 +178,8 @@ fn one_line(mut text: String) -> String {
     text
 }
 
-/// An operating-system error about a path, as [`Error::Io`]; an error of ours that came through one of its,
-/// as it was.
+/// Converts an error of the operating system about a path into [`Error::Io`]. An [`Error`] that was
+/// wrapped into the I/O error is returned as it is.
 pub fn io_error(path: &Path, doing: &str, source: std::io::Error) -> Error {
     let source = match source.downcast::<Error>() {
         Ok(ours) => return ours,
@@ -197,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_of_files_make_one_line_of_bounded_length() {
+    fn text_from_files_becomes_one_line_of_bounded_length() {
         let error = cause("a", "is odd:\n  one\r\ntwo\n", "b").to_string();
         assert_eq!(error, "a: is odd: one two; b");
         let error = cause("a", "é".repeat(10_000), "b").to_string();
@@ -218,9 +222,9 @@ mod tests {
         );
         let source = error.source().unwrap().downcast_ref::<std::io::Error>();
         assert_eq!(source.unwrap().kind(), std::io::ErrorKind::NotFound);
-        // As an `anyhow` error or across threads, like any other.
-        fn carried<E: std::error::Error + Send + Sync + Clone + 'static>(_: &E) {}
-        carried(&error);
+        // Errors must be usable with `anyhow` and across threads.
+        fn assert_portable<E: std::error::Error + Send + Sync + Clone + 'static>(_: &E) {}
+        assert_portable(&error);
         assert!(
             error
                 .with_place("--image")

@@ -1,34 +1,37 @@
 //! atomesh turns 2-D and 3-D images, above all 3-D seismic volumes, straight into meshes for
-//! simulation: a lattice of atoms is pulled onto the image's features by an energy, and only then
-//! joined into tetrahedra (Hale 2001, 2002).
+//! simulation. An energy pulls a lattice of atoms onto the image's features; only then are the
+//! atoms joined into tetrahedra (Hale 2001, 2002).
 //!
 //! ```text
-//! observer  watching and stopping long work
-//! geometry  vectors, points in buckets, sets: what all houses stand on
-//! files     files that appear whole or not at all; VTK's container; values as bytes
-//! ranks     processes that share a job (feature `mpi`)
-//! image     samples and where they lie in the world; formats, synthetic images
-//! mesh      cells, their checks and measures; points joined into Delaunay or Voronoi cells
+//! error     the error type: place, problem and remedy
+//! progress  reports progress, and stops long work
+//! memory    checks that a task fits into memory
+//! parallel  parallel iterators
+//! geometry  vectors, cell lists, union-find: what all other modules use
+//! files     files that appear complete or not at all; VTK's XML format; values as bytes
+//! comm      processes that share a job (feature `mpi`)
+//! image     samples and their position in the world; formats, synthetic images
+//! mesh      cells, their checks and measures; Delaunay triangulations, Voronoi cells
 //! feature   image -> points on features, and the potential b(x) with valleys on them
-//! lattice   where atoms stand: distance, seeding, energy, optimisation
-//! improve   slivers go, features stay
-//! report    how good the mesh is, and what it cost
+//! lattice   positions of atoms: distance, seeding, energy, optimisation
+//! improve   removes slivers and keeps features
+//! report    the quality of a mesh, and its cost
 //! job       all of the above in order: image in, mesh out
 //! store     meshes in files, in the image's physical coordinates
-//! model     what users do with a mesh: surfaces, paint, flow, columns, reservoir models, edits
-//! export    meshes and models to other programs; a page for the browser
+//! model     uses of a mesh: surfaces, paint, flow, columns, reservoir models, edits
+//! export    meshes and models for other programs; a page for the browser
 //! cli       the command line (feature `cli`)
 //! ```
 //!
-//! [`job::run`] does all of it:
+//! [`job::run`] runs a whole job:
 //!
 //! ```
-//! use atomesh::image::synth::{self, Kind};
+//! use atomesh::image::synth::{self, SyntheticKind};
 //! use atomesh::job::{self, MeshSpec, Params};
 //! use atomesh::progress::NoProgress;
 //!
 //! let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
-//! let image = synth::make(Kind::Sphere, &options)?.image;
+//! let image = synth::make(SyntheticKind::Sphere, &options)?.image;
 //! let params = Params::new(MeshSpec { distance: "6".parse().unwrap(), ..Default::default() })?;
 //! # if !cfg!(feature = "tetgen") { return Ok(()); }
 //! let outcome = job::run(&image, &params, &mut NoProgress)?;
@@ -71,8 +74,9 @@ pub mod report;
 pub mod store;
 
 pub use error::{Error, ErrorKind, Result};
+pub use job::{MeshSpec, mesh};
 
-/// The examples of the README are tested.
+/// Makes rustdoc test the examples of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -1,4 +1,4 @@
-//! The `atomesh` binary: parse, run, exit code.
+//! The `atomesh` program: parses the command line, runs the verb and returns its exit code.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,8 @@
-//! Watching, and stopping, long work.
+//! Reports the progress of long work, and stops it on request.
+//!
+//! - [`Progress`]: the trait by which a caller follows a job and may stop it
+//! - [`CancelToken`]: what long loops poll to learn whether to stop
+//! - [`Stage`]: the stages of a job or an edit
 
 use std::fmt;
 use std::sync::Mutex;
@@ -11,27 +15,27 @@ use serde::{Serialize, Serializer};
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// What is being done: a step of making or editing a mesh, in this order as far as a job takes them.
+/// A stage of making or editing a mesh. The variants are in the order in which a job runs them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Stage {
     /// Files are read.
     Reading,
-    /// Features are sought in the image.
+    /// Features are detected in the image.
     Features,
     /// Atoms are placed.
     Placing,
-    /// Atoms move onto features, or alongside.
+    /// Atoms move onto features, or to places alongside them.
     Optimising,
-    /// Atoms are joined.
+    /// Atoms are joined by a Delaunay triangulation.
     Triangulating,
-    /// A triangulation of the plane is smoothed under the weight of its image.
+    /// A triangulation of the plane is smoothed, weighted by its image.
     Smoothing,
-    /// Slivers are removed by the method that is only compared with.
+    /// Slivers are removed by the baseline method, whose result is only compared with.
     ApplyingBaseline,
     /// Features are recovered and slivers removed.
     Improving,
-    /// Sites are put on either side of features, and atoms around them (Voronoi cells).
+    /// Sites are placed on both sides of features, and atoms around the sites (Voronoi cells).
     Conforming,
     /// Voronoi cells are cut.
     Cutting,
@@ -39,22 +43,24 @@ pub enum Stage {
     Measuring,
     /// Files are written.
     Writing,
-    /// Of an edit: features are sought everywhere, as the mesh does not say how they were found.
+    /// In an edit: features are detected in the whole image, as the mesh does not record how they
+    /// were found.
     FeaturesEverywhere,
-    /// Of an edit: what of the mesh it concerns.
+    /// In an edit: the parts of the mesh that the edit changes are found.
     Neighbourhoods,
-    /// Of an edit: atoms around the edited ones.
+    /// In an edit: the atoms around the edited ones are found.
     Neighbours,
-    /// Of an edit: these move.
+    /// In an edit: the edited atoms and their neighbours move.
     Moving,
-    /// Of an edit: cells are made anew.
+    /// In an edit: the cells of the changed parts are built again.
     Rebuilding,
-    /// Of an edit: the parts become one mesh.
+    /// In an edit: the changed and the unchanged parts are assembled into one mesh.
     Assembling,
 }
 
 impl Stage {
-    /// Whether a job that is stopped in this stage still gives a mesh: there is a lattice.
+    /// Returns `true` if a job that is stopped in this stage still returns a mesh, because there is
+    /// a lattice.
     pub fn has_lattice(self) -> bool {
         (Self::Optimising..=Self::Writing).contains(&self)
     }
@@ -69,9 +75,9 @@ impl fmt::Display for Stage {
             Self::Optimising => "moving atoms onto features",
             Self::Triangulating => "joining atoms",
             Self::Smoothing => "smoothing",
-            Self::ApplyingBaseline => "removing slivers the other way",
+            Self::ApplyingBaseline => "removing slivers (baseline)",
             Self::Improving => "removing slivers",
-            Self::Conforming => "putting sites beside features",
+            Self::Conforming => "placing sites along features",
             Self::Cutting => "cutting cells",
             Self::Measuring => "measuring the mesh",
             Self::Writing => "writing",
@@ -79,150 +85,155 @@ impl fmt::Display for Stage {
             Self::Neighbourhoods => "finding neighbourhoods",
             Self::Neighbours => "finding neighbours",
             Self::Moving => "moving atoms",
-            Self::Rebuilding => "mending the mesh",
-            Self::Assembling => "putting it together",
+            Self::Rebuilding => "rebuilding the mesh",
+            Self::Assembling => "assembling the mesh",
         })
     }
 }
 
 impl Serialize for Stage {
-    /// The words of [`fmt::Display`].
+    /// Serialises the stage as the text of [`fmt::Display`].
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
 }
 
-/// Where an optimisation stands.
+/// The state of an optimisation that is running.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OptimizeStatus {
-    /// Rounds of perturbation begun, from 1.
+    /// Number of the current round of perturbation, from 1.
     pub round: usize,
-    /// Steps accepted, over all rounds.
+    /// Number of accepted steps, over all rounds.
     pub iterations: usize,
-    /// Evaluations of the energy, over all rounds.
+    /// Number of evaluations of the energy, over all rounds.
     pub evaluations: usize,
-    /// P = (1 - beta) A + beta B now.
+    /// Current total energy P = (1 - beta) A + beta B.
     pub energy: f64,
-    /// A, of the lattice, now.
+    /// Current energy A of the lattice.
     pub lattice_energy: f64,
-    /// B, of the image, now.
+    /// Current energy B of the image.
     pub image_energy: f64,
 }
 
-/// A lattice on its way.
+/// A lattice between two rounds of an optimisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LatticeSnapshot<'a> {
-    /// Of which round it is the result, from 1; 0 for the lattice with which an optimisation begins.
+    /// The round whose result this lattice is, from 1; 0 for the lattice with which an optimisation
+    /// begins.
     pub round: usize,
-    /// Where the atoms are, in lattice space.
+    /// Positions of the atoms, in lattice space.
     pub positions: &'a [[f64; 3]],
-    /// P = (1 - beta) A + beta B as published.
+    /// Total energy P = (1 - beta) A + beta B, as published.
     pub energy: f64,
-    /// A, between atoms, as published.
+    /// Energy A between atoms, as published.
     pub lattice_energy: f64,
-    /// B, in the image.
+    /// Energy B of the atoms in the image.
     pub image_energy: f64,
 }
 
-/// How large a mesh will become, before it is made.
+/// Estimated size of a mesh, before it is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SizeEstimate {
-    /// Atoms.
+    /// Number of atoms.
     pub atoms: f64,
-    /// Tetrahedra, triangles, or Voronoi cells.
+    /// Number of tetrahedra, triangles or Voronoi cells.
     pub cells: f64,
-    /// Bytes of memory that it takes more.
+    /// Memory in bytes that the mesh takes in addition to what is used already.
     pub bytes: f64,
 }
 
-/// Sees what goes on inside the library, which itself never prints, and may ask it to stop. All
-/// methods have a default that does nothing. They are called by whichever thread is at work, but never
-/// by two at once.
+/// Follows a job, and may stop it.
+///
+/// The library itself never prints. All methods have a default that does nothing. The thread that
+/// is at work calls them, and never two threads at once.
 ///
 /// # Stopping
-/// Every long stage asks [`keep_going`](Self::keep_going) some fifty times a second, in the midst of its
-/// passes over samples, atoms and cells too. What a stop gives:
+/// Every long stage calls [`keep_going`](Self::keep_going) about fifty times a second, also inside
+/// its loops over samples, atoms and cells. The result of a stop depends on the stage:
 ///
-/// | asked for | gives |
+/// | stopped | result |
 /// |---|---|
 /// | before atoms move ([`Stage::Reading`] to [`Stage::Placing`]) | [`Error::Interrupted`] |
 /// | while they move ([`Stage::Optimising`], [`Stage::Conforming`]) | the best lattice so far, joined and improved |
-/// | while the mesh is smoothed or improved | the mesh as far as it has come: valid, with more slivers or edges across features |
-/// | while it is measured | the mesh, with those figures that were found by then; whether it is valid may be missing, too |
-/// | in an edit | [`Error::Interrupted`]: the mesh stays as it was |
-/// | in a flow, by a [`CancelToken`] | [`Error::Interrupted`] |
+/// | while the mesh is smoothed or improved | the mesh so far: valid, with more slivers or edges across features |
+/// | while it is measured | the mesh, with the figures that were complete by then; the validity check may be missing, too |
+/// | in an edit | [`Error::Interrupted`]; the mesh stays as it was |
+/// | in a flow computation, by a [`CancelToken`] | [`Error::Interrupted`] |
 ///
-/// Three things run to their end once they are begun: reading a file, one evaluation of the energy of all
-/// atoms, and what joins all atoms at once ([`SmoothingStage::Triangulating`] and [`Stage::Cutting`], where TetGen is at
-/// work, and refinement in space, where CGAL is): a stop takes effect after them. A program that must
-/// end sooner has to end its process, as the command line does.
+/// Three operations run to their end once they have begun, and a stop takes effect after them:
+/// reading a file, one evaluation of the energy of all atoms, and an operation that joins all atoms
+/// at once ([`Stage::Triangulating`] and [`Stage::Cutting`] by TetGen, and refinement in space by
+/// CGAL). A program that must end sooner has to end its process, as the command line does.
 ///
-/// A mesh of a job that was stopped says so: its `stop` is
-/// [`Stop::Interrupted`](crate::densest_lattice::optimize::StopPoint::Interrupted). Every stage asks afresh: an
-/// observer that goes on saying no from stage to stage leaves out all that can be left out.
+/// The result of a job that was stopped has the `stop` reason
+/// [`StopReason::Interrupted`](crate::lattice::optimize::StopReason::Interrupted). Every stage
+/// polls again: if `keep_going` continues to return `false`, all later stages are shortened as
+/// well.
 pub trait Progress: Send {
-    /// A stage begins.
+    /// Is called when a stage begins.
     fn stage(&mut self, _stage: Stage) {}
 
-    /// A line that a user should know.
+    /// Is called with a line of text that the user should read.
     fn note(&mut self, _line: &str) {}
 
-    /// The distance between atoms is known, none is placed.
+    /// Is called when the distance between atoms is known and no atom is placed yet.
     fn estimate(&mut self, _estimate: &SizeEstimate) {}
 
-    /// A step of the optimiser has been accepted.
+    /// Is called after each accepted step of the optimiser.
     fn optimize_step(&mut self, _progress: &OptimizeStatus) {}
 
-    /// So much of the stage is done, in [0, 1], where that is known; said now and then, and never less
-    /// than before.
-    fn fraction_done(&mut self, _share: f64) {}
+    /// Is called from time to time with the fraction of the stage that is done, in [0, 1], if it is
+    /// known. The fraction never decreases within a stage.
+    fn fraction_done(&mut self, _fraction: f64) {}
 
-    /// The lattice before atoms move, and after each round of the optimiser (each generation of a
-    /// genetic algorithm).
+    /// Is called with the lattice before atoms move, and after each round of the optimiser (each
+    /// generation of a genetic algorithm).
     fn lattice(&mut self, _snapshot: &LatticeSnapshot<'_>) {}
 
-    /// Whether [`lattice`](Self::lattice) shall be called: each call takes an evaluation of the energy.
+    /// Returns `true` if [`lattice`](Self::lattice) is to be called. Each call costs an evaluation
+    /// of the energy.
     fn wants_lattices(&self) -> bool {
         false
     }
 
-    /// Whether to go on; `false` ends the stage soon.
+    /// Returns `true` if the work is to continue; `false` ends the stage soon.
     fn keep_going(&mut self) -> bool {
         true
     }
 }
 
-/// An observer that does not look.
+/// A [`Progress`] that ignores everything and never stops the work.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoProgress;
 
 impl Progress for NoProgress {}
 
-/// Asks an observer whether to go on, now and then, from any thread that is at work; once told to stop,
-/// it does not ask again.
+/// A token by which long work learns, from any of its threads, whether to stop. Once it is
+/// cancelled, it does not call back again.
 ///
-/// What takes long asks it once a row or a step, and where it is over leaves the rest undone: whoever
-/// gave it must look whether it is [`over`](Self::is_cancelled) before trusting the result.
+/// Long work polls the token once per row or step and leaves the rest undone when it is cancelled.
+/// The caller must check [`is_cancelled`](Self::is_cancelled) before it trusts the result.
 pub struct CancelToken<'a> {
     callback: Option<&'a (dyn Fn(Option<f64>) -> bool + Sync)>,
     start: Instant,
-    /// When to ask again, in milliseconds from the beginning.
+    /// Time of the next callback, in milliseconds after `start`.
     next_poll_ms: AtomicU64,
     is_cancelled: AtomicBool,
-    /// The bits of the share that is done, which rise with it; and of where the part at work begins and
-    /// ends.
+    /// Bits of the fraction that is done. Non-negative floats have the same order as their bits, so
+    /// that an atomic maximum of the bits is one of the fractions.
     fraction_bits: AtomicU64,
     range_bits: [AtomicU64; 2],
 }
 
-/// What a [`CancelToken`] asks, given the share that is done where that is known.
+/// The callback of a [`CancelToken`]. It receives the fraction that is done, if that is known, and
+/// returns `true` if the work is to continue.
 type ProgressCallback<'a> = &'a mut (dyn FnMut(Option<f64>) -> bool + Send);
 
-/// Milliseconds between two questions; unit tests count them all.
+/// Time between two callbacks, in milliseconds. It is 0 in unit tests, which count the callbacks.
 const POLL_INTERVAL_MS: u64 = if cfg!(test) { 0 } else { 20 };
 
 impl<'a> CancelToken<'a> {
-    /// Without end.
+    /// Returns a token that is never cancelled.
     pub fn never() -> Self {
         Self {
             callback: None,
@@ -230,19 +241,20 @@ impl<'a> CancelToken<'a> {
             next_poll_ms: AtomicU64::new(0),
             is_cancelled: AtomicBool::new(false),
             fraction_bits: AtomicU64::new(0),
-            range_bits: [0.0, 1.0].map(|share: f64| AtomicU64::new(share.to_bits())),
+            range_bits: [0.0, 1.0].map(|fraction: f64| AtomicU64::new(fraction.to_bits())),
         }
     }
 
-    /// Until `ask` says no.
-    fn new(ask: &'a (dyn Fn(Option<f64>) -> bool + Sync)) -> Self {
+    /// Returns a token that is cancelled when `callback` returns `false`.
+    fn new(callback: &'a (dyn Fn(Option<f64>) -> bool + Sync)) -> Self {
         Self {
-            callback: Some(ask),
+            callback: Some(callback),
             ..Self::never()
         }
     }
 
-    /// What `work` gives as long as an observer has patience, which is asked at once.
+    /// Runs `work` with a token that is cancelled when `keep_going` returns `false`, and returns
+    /// the result of `work`. The first poll calls `keep_going` at once.
     pub fn run<T>(
         keep_going: &mut (dyn FnMut() -> bool + Send),
         work: impl FnOnce(&CancelToken<'_>) -> T,
@@ -250,32 +262,33 @@ impl<'a> CancelToken<'a> {
         Self::run_with_progress(&mut |_| keep_going(), work)
     }
 
-    /// The same, and whoever is asked is told how much is done.
+    /// Runs `work` like [`run`](Self::run), with a callback that also receives the fraction that is
+    /// done.
     pub fn run_with_progress<T>(
         keep_going: ProgressCallback<'_>,
         work: impl FnOnce(&CancelToken<'_>) -> T,
     ) -> T {
-        // The answer is kept beside the question: whoever comes between a no and its being known to all
-        // does not ask again.
-        let asked = Mutex::new((true, keep_going));
-        // Who finds another asking goes on.
-        let ask = |share| {
-            asked.try_lock().map_or(true, |mut asked| {
-                let (patient, keep_going) = &mut *asked;
-                *patient = *patient && keep_going(share);
-                *patient
+        // The last answer is stored under the same lock as the callback. A thread that polls after
+        // a `false` and before `is_cancelled` is set must not call back again.
+        let state = Mutex::new((true, keep_going));
+        // A thread that finds the lock taken continues: another thread is calling back.
+        let callback = |fraction| {
+            state.try_lock().map_or(true, |mut state| {
+                let (is_running, keep_going) = &mut *state;
+                *is_running = *is_running && keep_going(fraction);
+                *is_running
             })
         };
-        work(&CancelToken::new(&ask))
+        work(&CancelToken::new(&callback))
     }
 
-    /// Whether to stop here.
+    /// Returns `true` if the work must stop.
     #[inline]
     pub fn is_cancelled(&self) -> bool {
         if self.is_cancelled.load(Relaxed) {
             return true;
         }
-        let Some(ask) = self.callback else {
+        let Some(callback) = self.callback else {
             return false;
         };
         let now = self.start.elapsed().as_millis() as u64;
@@ -285,37 +298,37 @@ impl<'a> CancelToken<'a> {
                 .next_poll_ms
                 .compare_exchange(next, now + POLL_INTERVAL_MS, Relaxed, Relaxed)
                 .is_ok();
-        if due && !ask(self.fraction()) {
+        if due && !callback(self.fraction()) {
             self.is_cancelled.store(true, Relaxed);
         }
         self.is_cancelled.load(Relaxed)
     }
 
-    /// So much of the [part](Self::submesh) at work is done, in [0, 1]. A guess will do: it is for whoever
-    /// waits.
-    pub fn set_fraction(&self, share: f64) {
-        let [from, to] = [0, 1].map(|k| f64::from_bits(self.range_bits[k].load(Relaxed)));
-        let share = from + (to - from) * share.clamp(0.0, 1.0);
-        self.fraction_bits.fetch_max(share.to_bits(), Relaxed);
+    /// Records that this fraction of the current [range](Self::set_range) is done, in [0, 1]. An
+    /// approximate value is enough, as it is only shown to the user.
+    pub fn set_fraction(&self, fraction: f64) {
+        let [start, end] = [0, 1].map(|k| f64::from_bits(self.range_bits[k].load(Relaxed)));
+        let fraction = start + (end - start) * fraction.clamp(0.0, 1.0);
+        self.fraction_bits.fetch_max(fraction.to_bits(), Relaxed);
     }
 
-    /// What comes now takes the work from one share of the whole to another.
-    pub fn set_range(&self, from: f64, to: f64) {
-        self.range_bits[0].store(from.to_bits(), Relaxed);
-        self.range_bits[1].store(to.to_bits(), Relaxed);
+    /// Declares that the work that follows takes the total fraction from `start` to `end`.
+    pub fn set_range(&self, start: f64, end: f64) {
+        self.range_bits[0].store(start.to_bits(), Relaxed);
+        self.range_bits[1].store(end.to_bits(), Relaxed);
         self.set_fraction(0.0);
     }
 
-    /// How much is done, where any work has said so.
+    /// Returns the fraction that is done, if any work has recorded one.
     fn fraction(&self) -> Option<f64> {
-        let share = f64::from_bits(self.fraction_bits.load(Relaxed));
-        (share > 0.0).then_some(share)
+        let fraction = f64::from_bits(self.fraction_bits.load(Relaxed));
+        (fraction > 0.0).then_some(fraction)
     }
 
-    /// Refuses to go on once it is over, where there is no result to stop with.
+    /// Returns an error if the token is cancelled. For stages without a result so far.
     ///
     /// # Errors
-    /// [`Error::Interrupted`].
+    /// Returns [`Error::Interrupted`] if the token is cancelled.
     pub fn check(&self, stage: Stage) -> Result<()> {
         if self.is_cancelled() {
             return Err(interrupted_error(stage));
@@ -324,7 +337,7 @@ impl<'a> CancelToken<'a> {
     }
 }
 
-/// An observer that only looks whether there is patience left.
+/// A [`Progress`] that stops the work when a token is cancelled.
 pub(crate) struct TokenProgress<'a>(pub &'a CancelToken<'a>);
 
 impl Progress for TokenProgress<'_> {
@@ -335,12 +348,14 @@ impl Progress for TokenProgress<'_> {
 
 impl fmt::Debug for CancelToken<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let over = self.is_cancelled.load(Relaxed);
-        f.debug_struct("Patience").field("over", &over).finish()
+        let is_cancelled = self.is_cancelled.load(Relaxed);
+        f.debug_struct("CancelToken")
+            .field("is_cancelled", &is_cancelled)
+            .finish()
     }
 }
 
-/// What is said of a stage that was stopped before there was a result.
+/// Returns the error of a stage that was stopped before there was a result.
 pub(crate) fn interrupted_error(stage: Stage) -> Error {
     Error::Interrupted(cause(
         stage,
@@ -354,46 +369,46 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_done_is_told_part_by_part_and_never_less_than_before() {
-        let mut told = Vec::new();
-        let mut ask = |share: Option<f64>| {
-            told.push(share);
+    fn progress_is_reported_range_by_range_and_never_decreases() {
+        let mut reported = Vec::new();
+        let mut callback = |fraction: Option<f64>| {
+            reported.push(fraction);
             true
         };
-        CancelToken::run_with_progress(&mut ask, |patience| {
-            let say = |share| {
-                patience.set_fraction(share);
-                patience.is_cancelled();
+        CancelToken::run_with_progress(&mut callback, |cancel| {
+            let report = |fraction| {
+                cancel.set_fraction(fraction);
+                cancel.is_cancelled();
             };
-            say(0.0);
-            say(0.5);
-            say(0.25);
-            patience.set_range(0.75, 1.0);
-            say(0.0);
-            say(0.5);
-            say(7.0);
+            report(0.0);
+            report(0.5);
+            report(0.25);
+            cancel.set_range(0.75, 1.0);
+            report(0.0);
+            report(0.5);
+            report(7.0);
         });
         let all = [0.5, 0.5, 0.75, 0.875, 1.0].map(Some);
-        assert_eq!(told[0], None);
-        assert_eq!(told[1..], all);
+        assert_eq!(reported[0], None);
+        assert_eq!(reported[1..], all);
     }
 
     #[test]
-    fn after_a_no_nobody_asks_again_however_many_ask_at_once() {
+    fn a_cancelled_token_does_not_call_back_again() {
         for _ in 0..200 {
-            let mut asked = 0;
-            let mut ask = || {
-                asked += 1;
-                asked < 50
+            let mut calls = 0;
+            let mut keep_going = || {
+                calls += 1;
+                calls < 50
             };
-            CancelToken::run(&mut ask, |patience| {
+            CancelToken::run(&mut keep_going, |cancel| {
                 std::thread::scope(|scope| {
                     for _ in 0..4 {
-                        scope.spawn(|| while !patience.is_cancelled() {});
+                        scope.spawn(|| while !cancel.is_cancelled() {});
                     }
                 });
             });
-            assert_eq!(asked, 50);
+            assert_eq!(calls, 50);
         }
     }
 }

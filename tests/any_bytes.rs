@@ -1,6 +1,8 @@
-//! Any file, any small job: the corpus of the fuzz targets, and random changes of it. The changes and their
-//! number are the same in each run; `ATOMESH_FUZZ_SEED` and `ATOMESH_FUZZ_TIMES` (as many times more) try
-//! others. `make fuzz` goes on from there, led by what code is reached.
+//! Runs the checks of the fuzz targets on their corpus and on random changes of it.
+//!
+//! The changes and their number are the same in each run. `ATOMESH_FUZZ_SEED` chooses other
+//! changes, and `ATOMESH_FUZZ_TIMES` multiplies their number. `make fuzz` continues from there,
+//! guided by code coverage.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
@@ -8,17 +10,17 @@
 )]
 
 #[path = "../fuzz/src/lib.rs"]
-mod any;
+mod fuzz_targets;
 
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// Verbs of one process are not to overlap.
-static ALONE: Mutex<()> = Mutex::new(());
+/// Prevents that verbs of this process run at the same time.
+static VERB_LOCK: Mutex<()> = Mutex::new(());
 
-/// SplitMix64.
+/// Random numbers by SplitMix64.
 struct Random(u64);
 
 impl Random {
@@ -30,19 +32,19 @@ impl Random {
         ((z ^ (z >> 31)) % n.max(1) as u64) as usize
     }
 
-    fn of<'a, T>(&mut self, all: &'a [T]) -> &'a T {
-        &all[self.below(all.len())]
+    fn choose<'a, T>(&mut self, items: &'a [T]) -> &'a T {
+        &items[self.below(items.len())]
     }
 
-    /// A place and a length there, at most so long.
-    fn range(&mut self, length: usize, most: usize) -> std::ops::Range<usize> {
+    /// Returns a random range within `length` that is shorter than `max_length`.
+    fn range(&mut self, length: usize, max_length: usize) -> std::ops::Range<usize> {
         let start = self.below(length + 1);
-        start..(start + self.below(most)).min(length)
+        start..(start + self.below(max_length)).min(length)
     }
 }
 
-/// A file of the corpus with a few changes.
-fn changed(corpus: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
+/// Returns a file of the corpus with a few random changes.
+fn mutated(corpus: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
     const NUMBERS: [&str; 12] = [
         "-1",
         "0",
@@ -57,29 +59,29 @@ fn changed(corpus: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
         "3",
         "1e-300",
     ];
-    let mut bytes = random.of(corpus).clone();
+    let mut bytes = random.choose(corpus).clone();
     for _ in 0..1 + random.below(5) {
         let length = bytes.len();
         match random.below(8) {
             0..=2 if length > 0 => bytes[random.below(length)] ^= 1 << random.below(8),
             3 if length > 0 => {
-                bytes[random.below(length)] = *random.of(&[0, 1, 127, 128, 255, b' ', b'9'])
+                bytes[random.below(length)] = *random.choose(&[0, 1, 127, 128, 255, b' ', b'9'])
             }
             4 => drop(bytes.drain(random.range(length, 40))),
             5 => {
-                let other = random.of(corpus);
+                let other = random.choose(corpus);
                 let part = other[random.range(other.len(), 60)].to_vec();
-                let to = random.range(length, 60);
-                bytes.splice(to, part);
+                let target = random.range(length, 60);
+                bytes.splice(target, part);
             }
             _ => {
-                // One of the numbers in a text.
+                // Replace one of the numbers in a text file.
                 let start = random.below(length);
                 let digit = |b: &u8| b.is_ascii_digit();
                 if let Some(first) = bytes[start..].iter().position(digit) {
                     let first = start + first;
-                    let more = bytes[first..].iter().take_while(|b| digit(b)).count();
-                    bytes.splice(first..first + more, random.of(&NUMBERS).bytes());
+                    let digits = bytes[first..].iter().take_while(|b| digit(b)).count();
+                    bytes.splice(first..first + digits, random.choose(&NUMBERS).bytes());
                 }
             }
         }
@@ -100,27 +102,28 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
     paths.iter().map(|path| fs::read(path).unwrap()).collect()
 }
 
-/// Replays the corpus, with every verb that a first byte can name, and then `changes` of its files.
-fn kept_and_changed(name: &str, verbs: usize, changes: u64, promise: fn(&Path, &[u8])) {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let folder = any::folder();
+/// Runs `check` on each file of the corpus, with every verb that a first byte can name, and then on
+/// `changes` changed files.
+fn replay_and_mutate(name: &str, verbs: usize, changes: u64, check: fn(&Path, &[u8])) {
+    let _guard = VERB_LOCK.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = fuzz_targets::folder();
     let corpus = corpus(name);
-    let found = Path::new(env!("CARGO_TARGET_TMPDIR")).join("found");
-    let mut faults = Vec::new();
-    let mut hold = |bytes: &[u8]| {
-        if catch_unwind(AssertUnwindSafe(|| promise(&folder, bytes))).is_err() {
-            fs::create_dir_all(&found).unwrap();
-            let path = found.join(format!("{name}-{}", faults.len()));
+    let failure_folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("found");
+    let mut failures = Vec::new();
+    let mut run_check = |bytes: &[u8]| {
+        if catch_unwind(AssertUnwindSafe(|| check(&folder, bytes))).is_err() {
+            fs::create_dir_all(&failure_folder).unwrap();
+            let path = failure_folder.join(format!("{name}-{}", failures.len()));
             fs::write(&path, bytes).unwrap();
-            faults.push(path);
+            failures.push(path);
         }
     };
     for bytes in &corpus {
-        hold(bytes);
+        run_check(bytes);
         let mut bytes = bytes.clone();
         for verb in 1..verbs {
             bytes[0] = verb as u8;
-            hold(&bytes);
+            run_check(&bytes);
         }
     }
     let number = |name: &str, default: u64| {
@@ -129,36 +132,36 @@ fn kept_and_changed(name: &str, verbs: usize, changes: u64, promise: fn(&Path, &
     let random = &mut Random(number("ATOMESH_FUZZ_SEED", 1));
     let changes = changes * number("ATOMESH_FUZZ_TIMES", 1);
     for _ in 0..changes {
-        let mut bytes = changed(&corpus, random);
+        let mut bytes = mutated(&corpus, random);
         if verbs > 1 && !bytes.is_empty() {
             bytes[0] = random.below(verbs) as u8;
         }
-        hold(&bytes);
+        run_check(&bytes);
     }
-    println!("{name}: {} kept, {changes} changed", corpus.len());
+    println!("{name}: {} files, {changes} changed", corpus.len());
     assert!(
-        faults.is_empty(),
-        "{} broke a promise: {faults:?}",
-        faults.len()
+        failures.is_empty(),
+        "{} failed: {failures:?}",
+        failures.len()
     );
 }
 
 #[test]
-fn any_image_is_refused_in_a_line_or_read_and_written_back() {
-    kept_and_changed("images", 1, 20_000, any::images::any_image);
+fn any_image_is_refused_in_one_line_or_survives_a_round_trip() {
+    replay_and_mutate("images", 1, 20_000, fuzz_targets::images::check_image);
 }
 
 #[test]
-fn any_mesh_is_refused_in_a_line_or_good_for_every_verb() {
-    kept_and_changed(
+fn any_mesh_is_refused_in_one_line_or_accepted_by_every_verb() {
+    replay_and_mutate(
         "meshes",
-        any::meshes::LINES.len(),
+        fuzz_targets::meshes::LINES.len(),
         5_000,
-        any::meshes::any_mesh,
+        fuzz_targets::meshes::check_mesh,
     );
 }
 
 #[test]
-fn any_job_is_refused_in_a_line_or_gives_a_valid_mesh() {
-    kept_and_changed("jobs", 1, 200, any::jobs::any_job);
+fn any_job_is_refused_in_one_line_or_gives_a_valid_mesh() {
+    replay_and_mutate("jobs", 1, 200, fuzz_targets::jobs::check_job);
 }

@@ -1,12 +1,13 @@
-//! A job that was ended goes on from the last stage that was kept, and makes the same mesh, byte by byte.
+//! Tests that an interrupted job continues from its last checkpoint, and makes the same mesh, byte
+//! for byte.
 
 use std::fs;
 use std::path::Path;
 
-use crate::common::{atomesh, write_npy, write_npy_2d, expect_refusal, planar_fault};
+use crate::common::{atomesh, expect_refusal, planar_fault, write_npy, write_npy_2d};
 
-/// The mesh that a line of words makes, and what is said on the way.
-fn made(folder: &Path, words: &str) -> (Vec<u8>, String) {
+/// Runs `mesh` with the options of a line, and returns the file of the mesh and the standard error.
+fn make_mesh(folder: &Path, words: &str) -> (Vec<u8>, String) {
     let line = words.split_whitespace();
     let output = atomesh(folder)
         .arg("mesh")
@@ -14,13 +15,13 @@ fn made(folder: &Path, words: &str) -> (Vec<u8>, String) {
         .args(["-o", "m.vtu"])
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{words}: {said}");
-    (fs::read(folder.join("m.vtu")).unwrap(), said)
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{words}: {stderr}");
+    (fs::read(folder.join("m.vtu")).unwrap(), stderr)
 }
 
-/// The files of stages, in order.
-fn kept(folder: &Path) -> Vec<String> {
+/// Returns the names of the checkpoint files, sorted.
+fn checkpoint_files(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder.join("kept")).unwrap();
     let mut names: Vec<String> = entries
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -29,28 +30,33 @@ fn kept(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Ends a job after each of its stages and starts it again; damages what each has kept.
-fn goes_on(folder: &Path, words: &str, stages: &[&str]) {
-    let (whole, _) = made(folder, words);
+/// Restarts a job from each of its stages, also after damage to a checkpoint, and compares the
+/// meshes.
+fn assert_restarts(folder: &Path, words: &str, stages: &[&str]) {
+    let (reference, _) = make_mesh(folder, words);
     let words = &format!("{words} --checkpoint kept");
-    assert_eq!(made(folder, words).0, whole, "{words}");
+    assert_eq!(make_mesh(folder, words).0, reference, "{words}");
     let expected: Vec<String> = stages
         .iter()
         .map(|name| format!("{name}.checkpoint"))
         .collect();
-    assert_eq!(kept(folder), expected, "{words}");
+    assert_eq!(checkpoint_files(folder), expected, "{words}");
     let path = |name: &str| folder.join("kept").join(name);
     for (k, name) in expected.iter().enumerate() {
-        let (bytes, said) = made(folder, words);
-        assert_eq!(bytes, whole, "{words}: from {name}");
-        assert!(!said.contains("stage is made"), "{said}");
-        // As a job leaves it that is killed in the stage before.
+        let (bytes, stderr) = make_mesh(folder, words);
+        assert_eq!(bytes, reference, "{words}: from {name}");
+        assert!(!stderr.contains("stage is made"), "{stderr}");
+        // This is the state that a job leaves if it is killed in the stage before.
         for later in &expected[expected.len() - 1 - k..] {
             fs::remove_file(path(later)).unwrap();
         }
-        assert_eq!(made(folder, words).0, whole, "{words}: without {k} stages");
-        assert_eq!(kept(folder), expected, "{words}");
-        // What is damaged is made again, and nothing is needed of the stages before.
+        assert_eq!(
+            make_mesh(folder, words).0,
+            reference,
+            "{words}: without {k} stages"
+        );
+        assert_eq!(checkpoint_files(folder), expected, "{words}");
+        // A damaged stage is computed again, and the stages before it are not needed.
         let good = fs::read(path(name)).unwrap();
         let mut bad = good.clone();
         let middle = bad.len() / 2;
@@ -60,10 +66,10 @@ fn goes_on(folder: &Path, words: &str, stages: &[&str]) {
                 fs::remove_file(path(later)).unwrap();
             }
             fs::write(path(name), bad).unwrap();
-            let (bytes, said) = made(folder, words);
-            assert_eq!(bytes, whole, "{words}: damaged {name}");
-            let line = format!("{name}: is damaged: this stage is made again");
-            assert_eq!(said.matches(&line).count(), 1, "{said}");
+            let (bytes, stderr) = make_mesh(folder, words);
+            assert_eq!(bytes, reference, "{words}: damaged {name}");
+            let line = format!("{name}: is damaged: this stage is run again");
+            assert_eq!(stderr.matches(&line).count(), 1, "{stderr}");
             if bad.is_empty() {
                 continue;
             }
@@ -74,7 +80,7 @@ fn goes_on(folder: &Path, words: &str, stages: &[&str]) {
 
 #[test]
 #[cfg(feature = "tetgen")]
-fn tetrahedra_are_the_same_whatever_stage_a_job_went_on_from() {
+fn tetrahedra_are_the_same_after_a_restart_from_any_stage() {
     let folder = tempfile::tempdir().unwrap();
     write_npy(
         &folder.path().join("a.npy"),
@@ -88,40 +94,49 @@ fn tetrahedra_are_the_same_whatever_stage_a_job_went_on_from() {
         "4-joined",
         "5-improved",
     ];
-    goes_on(folder.path(), "a.npy --distance 5:7", &stages);
+    assert_restarts(folder.path(), "a.npy --distance 5:7", &stages);
 
-    // Another image, and another option: all is made anew, said once for each stage.
-    let words = "a.npy --distance 5:7 --checkpoint kept";
-    let other = "a.npy --distance 5:8 --checkpoint kept";
-    let alone = made(folder.path(), "a.npy --distance 5:8").0;
-    let (bytes, said) = made(folder.path(), other);
-    assert_eq!(bytes, alone);
+    // With another option or another image every stage is computed again, and a note for each stage
+    // says so.
+    let options = "a.npy --distance 5:7 --checkpoint kept";
+    let other_options = "a.npy --distance 5:8 --checkpoint kept";
+    let reference = make_mesh(folder.path(), "a.npy --distance 5:8").0;
+    let (bytes, stderr) = make_mesh(folder.path(), other_options);
+    assert_eq!(bytes, reference);
     assert_eq!(
-        said.matches("other options").count(),
+        stderr.matches("other options").count(),
         stages.len(),
-        "{said}"
+        "{stderr}"
     );
-    assert!(!made(folder.path(), other).1.contains("other options"));
+    assert!(
+        !make_mesh(folder.path(), other_options)
+            .1
+            .contains("other options")
+    );
     write_npy(&folder.path().join("a.npy"), [26, 24, 22], |x| {
         planar_fault([26, 24, 22])(x) + 1.0
     });
-    assert!(made(folder.path(), words).1.contains("is of another image"));
-    // Where it is written does not matter.
-    let (_, said) = made(folder.path(), &format!("{words} --report r.json"));
-    assert!(!said.contains("other options"), "{said}");
+    assert!(
+        make_mesh(folder.path(), options)
+            .1
+            .contains("is of another image")
+    );
+    // Options of the output do not matter.
+    let (_, stderr) = make_mesh(folder.path(), &format!("{options} --report r.json"));
+    assert!(!stderr.contains("other options"), "{stderr}");
 }
 
 #[test]
-fn triangles_and_cells_are_the_same_whatever_stage_a_job_went_on_from() {
+fn triangles_and_cells_are_the_same_after_a_restart_from_any_stage() {
     let folder = tempfile::tempdir().unwrap();
     write_npy_2d(&folder.path().join("a.npy"), [60, 50], |[x, y]| {
         f32::from((x as f64 - 30.0).hypot(y as f64 - 25.0) < 15.0)
     });
     let stages = ["1-features", "2-seeded", "3-moved", "5-improved"];
-    goes_on(folder.path(), "a.npy --distance 6", &stages);
+    assert_restarts(folder.path(), "a.npy --distance 6", &stages);
     fs::remove_dir_all(folder.path().join("kept")).unwrap();
     let voronoi = "a.npy --distance 6 --cells voronoi";
-    goes_on(
+    assert_restarts(
         folder.path(),
         voronoi,
         &["1-features", "2-seeded", "3-moved"],
@@ -129,14 +144,14 @@ fn triangles_and_cells_are_the_same_whatever_stage_a_job_went_on_from() {
 }
 
 #[test]
-fn a_folder_is_needed_and_lattices_are_not_kept() {
+fn checkpoints_need_a_folder_and_exclude_traces() {
     let folder = tempfile::tempdir().unwrap();
     write_npy_2d(&folder.path().join("a.npy"), [40, 40], |[x, _]| {
         f32::from(x > 20)
     });
     fs::write(folder.path().join("file"), "").unwrap();
     let error = expect_refusal(folder.path(), &["mesh", "a.npy", "--checkpoint", "file"]);
-    assert!(error.contains("is no folder"), "{error}");
+    assert!(error.contains("is not a folder"), "{error}");
     let traced = ["mesh", "a.npy", "--checkpoint", "kept", "--trace", "t.pvd"];
     let error = expect_refusal(folder.path(), &traced);
     assert!(error.contains("keeps no lattices for --trace"), "{error}");

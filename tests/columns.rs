@@ -1,10 +1,12 @@
-//! `atomesh columns`, and what simulators make of columns.
+//! Tests `atomesh columns`, and simulators on columns.
 
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{SharedFiles, run_validator, write_npy, write_npy_2d, expect_refusal, run, run_simulator};
+use crate::common::{
+    SharedFiles, expect_refusal, run, run_simulator, run_validator, write_npy, write_npy_2d,
+};
 use atomesh::mesh::graph::Graph;
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu};
@@ -12,14 +14,15 @@ use serde_json::Value;
 
 const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
 
-/// A folder with `map.vtu`, the cells of a map of 60 x 50 samples with one fault across it, and the
-/// horizons `top.npy`, `mid.npy` (which touches the top in part) and `base.npy`: depths.
+/// Returns a folder with `map.vtu`, the cells of a map of 60 x 50 samples with one fault across it,
+/// and with the depths of horizons `top.npy`, `mid.npy` (part of which coincides with the top) and
+/// `base.npy`.
 fn folder() -> tempfile::TempDir {
-    static MADE: SharedFiles = SharedFiles::new();
-    MADE.folder(map_and_horizons)
+    static FILES: SharedFiles = SharedFiles::new();
+    FILES.folder(write_map_and_horizons)
 }
 
-fn map_and_horizons(path: &Path) {
+fn write_map_and_horizons(path: &Path) {
     write_npy_2d(&path.join("fault.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.8 * x as f32 - 0.6 * y as f32 - 9.0) / 1.5).powi(2)).exp()
     });
@@ -54,36 +57,39 @@ fn map_of(path: &Path) -> PolyMesh<2> {
 const HORIZONS: &str = "--horizon top.npy --horizon mid.npy --horizon base.npy --layers 2,3";
 
 #[test]
-fn columns_between_horizons_pass_every_verb() {
+fn columns_between_horizons_suit_every_verb() {
     let folder = folder();
     let folder = folder.path();
-    let said = run(
+    let stdout = run(
         folder,
         &format!("columns map.vtu {HORIZONS} -o cells.vtu --json --quiet"),
     );
-    let said: Value = serde_json::from_str(&said).unwrap();
+    let report: Value = serde_json::from_str(&stdout).unwrap();
     let map = map_of(&folder.join("map.vtu"));
     let columns = map.sites.len();
-    assert_eq!(said["columns"].as_u64().unwrap() as usize, columns);
-    assert_eq!(said["layers"], serde_json::json!([2, 3]));
-    assert_eq!(said["z_grows"], "downwards");
-    let missing = said["missing"][0].as_u64().unwrap();
-    assert!(missing > 10 && said["missing"][1] == missing && said["missing"][2] == 0);
+    assert_eq!(report["columns"].as_u64().unwrap() as usize, columns);
+    assert_eq!(report["layers"], serde_json::json!([2, 3]));
+    assert_eq!(report["z_grows"], "downwards");
+    let missing = report["missing"][0].as_u64().unwrap();
+    assert!(missing > 10 && report["missing"][1] == missing && report["missing"][2] == 0);
 
     let file = cells(&folder.join("cells.vtu"));
     assert_eq!(file.mesh.sites.len(), 5 * columns - 2 * missing as usize);
-    // The volume is the integral of the thickness, which mid does not change.
+    // The volume is the integral of the thickness between top and base, which mid does not change.
     let graph = Graph::from_poly(&file.mesh);
     let volume: f64 = graph.volume.iter().sum();
-    let want: f64 = (0..590)
+    let expected: f64 = (0..590)
         .map(|i| 20.0 + (0.02 * (f64::from(i) + 0.5)).sin())
         .sum::<f64>()
         * 4.9;
-    assert!((volume / want - 1.0).abs() < 2e-3, "{volume} {want}");
-    // Faults stand upright through all layers: on the map's edges.
-    let on = |mesh: &[bool]| mesh.iter().filter(|on| **on).count();
-    assert!(on(&map.on_feature) > 5);
-    assert!(on(&file.mesh.on_feature) > 3 * on(&map.on_feature));
+    assert!(
+        (volume / expected - 1.0).abs() < 2e-3,
+        "{volume} {expected}"
+    );
+    // Faults are vertical through all layers, on the edges of the map.
+    let count_true = |flags: &[bool]| flags.iter().filter(|flag| **flag).count();
+    assert!(count_true(&map.on_feature) > 5);
+    assert!(count_true(&file.mesh.on_feature) > 3 * count_true(&map.on_feature));
 
     let valid = run(folder, "validate cells.vtu --json --quiet");
     assert!(
@@ -93,27 +99,27 @@ fn columns_between_horizons_pass_every_verb() {
     let quality = run(folder, "quality cells.vtu --json --quiet");
     let quality: Value = serde_json::from_str(&quality).unwrap();
     assert_eq!(quality["voronoi"]["non_positive_connections"], 0);
-    // Damage is still found.
+    // Validation still finds damage.
     let mut damaged = file.clone();
     damaged.mesh.sites[7][2] += 30.0;
     atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
-    let said = expect_refusal(folder, &["validate", "damaged.vtu"]);
-    assert!(said.contains("do not contain their site"), "{said}");
-    // Moved sideways it stands in no column any more.
+    let error = expect_refusal(folder, &["validate", "damaged.vtu"]);
+    assert!(error.contains("do not contain their site"), "{error}");
+    // A site that is moved sideways lies in no column.
     damaged.mesh.sites[7][0] += 30.0;
     atomesh::store::write_cells_vtu(&folder.join("damaged.vtu"), &damaged).unwrap();
     assert!(expect_refusal(folder, &["validate", "damaged.vtu"]).contains("invalid"));
 
     let flow = "flow cells.vtu -o flow.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults open";
     run(folder, &format!("{flow} --quiet"));
-    let said = run(
+    let stdout = run(
         folder,
         &format!("export cells.vtu --to openfoam -o case --down z --json {ROCK}"),
     );
-    let said: Value = serde_json::from_str(&said).unwrap();
+    let report: Value = serde_json::from_str(&stdout).unwrap();
     assert!(
-        said["checks"]["volume_error"].as_f64().unwrap() < 1e-12,
-        "{said}"
+        report["checks"]["volume_error"].as_f64().unwrap() < 1e-12,
+        "{report}"
     );
 }
 
@@ -135,15 +141,15 @@ fn openfoam_accepts_columns() {
         .env("WM_PROJECT_DIR", "/usr/share/openfoam")
         .arg("-case")
         .arg(folder.join("case"));
-    let said = run_simulator(&mut check);
+    let stdout = run_simulator(&mut check);
     assert!(
-        said.contains("Boundary definition OK") && said.contains("Cell volumes OK"),
-        "{said}"
+        stdout.contains("Boundary definition OK") && stdout.contains("Cell volumes OK"),
+        "{stdout}"
     );
 }
 
 #[test]
-fn level_layers_conduct_as_the_map_does() {
+fn level_layers_have_the_pressures_of_the_map() {
     let folder = folder();
     let folder = folder.path();
     run(
@@ -154,8 +160,8 @@ fn level_layers_conduct_as_the_map_does() {
     run(folder, &format!("flow cells.vtu -o flow.vtu {sides}"));
     run(folder, &format!("flow map.vtu -o plane.vtu {sides}"));
     let pressure = |arrays: &[atomesh::files::vtk::DataArray]| {
-        let found = arrays.iter().find(|a| a.name == "pressure").unwrap();
-        found.values.to_f64()
+        let array = arrays.iter().find(|a| a.name == "pressure").unwrap();
+        array.values.to_f64()
     };
     let space = pressure(&cells(&folder.join("flow.vtu")).cell_data);
     let AnyMesh::Polygons(plane) = read_any_vtu(&folder.join("plane.vtu")).unwrap() else {
@@ -189,23 +195,23 @@ fn opm_flow_runs_columns() {
         .args(["CASE.DATA", "--output-dir=out", "--threads-per-process=1"]);
     run_simulator(&mut command);
     let out = folder.join("out");
-    let found = run_validator("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
-    let pressure: Vec<f64> = (found["pressure"].as_array().unwrap().iter())
+    let result = run_validator("resfo", "opm.py", &[out.as_os_str(), OsStr::new("CASE")]);
+    let pressure: Vec<f64> = (result["pressure"].as_array().unwrap().iter())
         .map(|p| p.as_f64().unwrap())
         .collect();
     let file = cells(&folder.join("cells.vtu"));
     assert_eq!(pressure.len(), file.mesh.sites.len());
-    let least = pressure.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = pressure.iter().copied().fold(0.0, f64::max);
-    assert!(least > 100.0 && most > least + 0.1, "{least} {most}");
+    let min = pressure.iter().copied().fold(f64::INFINITY, f64::min);
+    let max = pressure.iter().copied().fold(0.0, f64::max);
+    assert!(min > 100.0 && max > min + 0.1, "{min} {max}");
 }
 
 #[test]
 #[ignore = "needs flopy: make test-all"]
-fn modflow_has_our_conductances_and_heads() {
+fn modflow_has_the_conductances_and_heads_of_atomesh() {
     let folder = folder();
     let folder = folder.path();
-    // Level layers, one of them missing in part: in the east the middle one has no thickness.
+    // The layers are level. In the east the middle one has no thickness.
     write_npy_2d(&folder.join("step.npy"), [60, 50], |[x, _]| {
         if x < 30 { 1006.0 } else { 1002.0 }
     });
@@ -214,7 +220,7 @@ fn modflow_has_our_conductances_and_heads() {
         folder,
         &format!("columns map.vtu {horizons} -o cells.vtu --quiet"),
     );
-    // The same, level.
+    // The same horizons without the layer that ends.
     let level = "--horizon 1000 --horizon 1002 --horizon 1006 --layers 2";
     run(
         folder,
@@ -224,38 +230,38 @@ fn modflow_has_our_conductances_and_heads() {
     for mesh in ["cells", "level"] {
         let export = format!("export {mesh}.vtu --down z --no-gravity --quiet {wells}");
         let rock = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD --json";
-        let said = run(
+        let stdout = run(
             folder,
             &format!("{export} --to disv -o model-{mesh} {rock}"),
         );
-        let said: Value = serde_json::from_str(&said).unwrap();
+        let report: Value = serde_json::from_str(&stdout).unwrap();
         let path = folder.join(format!("model-{mesh}"));
-        let found = run_validator("flopy", "disv.py", &[path.as_os_str()]);
+        let result = run_validator("flopy", "disv.py", &[path.as_os_str()]);
         let file = cells(&folder.join(format!("{mesh}.vtu")));
         let graph = Graph::from_poly(&file.mesh);
-        assert_eq!(found["clockwise"], true);
-        let active = found["active"].as_u64().unwrap() as usize;
+        assert_eq!(result["clockwise"], true);
+        let active = result["active"].as_u64().unwrap() as usize;
         assert_eq!(active, graph.volume.len());
         let total: f64 = graph.volume.iter().sum();
-        assert!((found["volume"].as_f64().unwrap() / total - 1.0).abs() < 1e-12);
+        assert!((result["volume"].as_f64().unwrap() / total - 1.0).abs() < 1e-12);
         if mesh == "cells" {
             assert!(
-                found["passed"].as_u64().unwrap() > 10,
+                result["passed"].as_u64().unwrap() > 10,
                 "{}",
-                found["passed"]
+                result["passed"]
             );
             continue;
         }
         assert_eq!(
-            found["connections"].as_u64().unwrap() as usize,
+            result["connections"].as_u64().unwrap() as usize,
             graph.connections.len()
         );
-        // Heads of the same problem by our own flow: between the wells, in the cells.
-        let twin = format!(
+        // The heads between the wells are those that `atomesh flow` computes for the same problem.
+        let flow = format!(
             "flow {mesh}.vtu -o flow.vtu --permeability 9.86923266716013e-14,9.86923266716013e-14,9.86923266716013e-15"
         );
         let ends = "--source 5,40,1001:1e-4 --sink 50,12,1001:1e-4 --faults 0.01 --quiet";
-        run(folder, &format!("{twin} {ends}"));
+        run(folder, &format!("{flow} {ends}"));
         let ours = cells(&folder.join("flow.vtu")).cell_data;
         let ours = ours
             .iter()
@@ -263,10 +269,10 @@ fn modflow_has_our_conductances_and_heads() {
             .unwrap()
             .values
             .to_f64();
-        let heads: Vec<f64> = (found["head"].as_array().unwrap().iter())
+        let heads: Vec<f64> = (result["head"].as_array().unwrap().iter())
             .map(|h| h.as_f64().unwrap())
             .collect();
-        let producer = said["wells"][1]["cells"][0][0].as_u64().unwrap() as usize;
+        let producer = report["wells"][1]["cells"][0][0].as_u64().unwrap() as usize;
         let range = ours.iter().copied().fold(f64::NEG_INFINITY, f64::max)
             - ours.iter().copied().fold(f64::INFINITY, f64::min);
         for (cell, p) in ours.iter().enumerate() {
@@ -276,8 +282,8 @@ fn modflow_has_our_conductances_and_heads() {
                 "{cell}"
             );
         }
-        // All that enters leaves through the well's index.
-        let index = said["wells"][1]["cells"][0][1].as_f64().unwrap();
+        // The whole rate leaves through the well index of the producer.
+        let index = report["wells"][1]["cells"][0][1].as_f64().unwrap();
         let rate = (heads[producer] * 9806.65 - 120e5) * index / 1e-3;
         assert!((rate / 1e-4 - 1.0).abs() < 1e-6, "{rate}");
     }
@@ -293,7 +299,7 @@ fn impossible_columns_are_refused() {
         folder,
         "mesh fault.npy --distance 8 --quiet -o triangles.vtu",
     );
-    for (line, want) in [
+    for (line, expected) in [
         ("map.vtu --horizon top.npy", "at least two"),
         (
             "map.vtu --horizon base.npy --horizon mid.npy --horizon top.npy --horizon 2000",
@@ -321,14 +327,14 @@ fn impossible_columns_are_refused() {
         ("triangles.vtu --horizon 0 --horizon 1", "triangles"),
     ] {
         let line = format!("columns {line} -o out.vtu");
-        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-        assert!(said.contains(want), "{line}\n{said}");
+        let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(error.contains(expected), "{line}\n{error}");
     }
 }
 
 #[cfg(feature = "tetgen")]
 #[test]
-fn what_does_not_stand_in_columns_is_no_modflow_grid() {
+fn a_mesh_that_is_not_in_columns_is_refused_as_a_modflow_grid() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(
@@ -343,15 +349,15 @@ fn what_does_not_stand_in_columns_is_no_modflow_grid() {
     let export = "export cells.vtu --to disv -o model --depth-at-top 10";
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD";
     let line = format!("{export} {rock}");
-    let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-    assert!(said.contains("columns only"), "{said}");
+    let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(error.contains("columns only"), "{error}");
 }
 
 #[test]
-fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
+fn surfaces_and_images_with_a_geometry_are_horizons() {
     let folder = folder();
     let folder = folder.path();
-    // Two surfaces over a part of the map: z = 10 + 0.2 x, and z = 30.
+    // Two surfaces cover part of the map: z = 10 + 0.2 x, and z = 30.
     let grid = |z: &dyn Fn(f64) -> f64| -> Vec<[f64; 3]> {
         (0..36)
             .map(|i| {
@@ -364,8 +370,11 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
     let mut facets = Vec::new();
     for first in [0u32, 36] {
         for cell in (0..30u32).filter(|c| c % 6 < 5) {
-            let at = first + cell;
-            facets.extend([[at, at + 1, at + 7], [at, at + 7, at + 6]]);
+            let corner = first + cell;
+            facets.extend([
+                [corner, corner + 1, corner + 7],
+                [corner, corner + 7, corner + 6],
+            ]);
         }
     }
     let half = facets.len() / 2;
@@ -377,13 +386,13 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
         "columns map.vtu --horizon h.vtp:1 --horizon h.vtp:2 -o cells.vtu --quiet",
     );
     let mesh = cells(&folder.join("cells.vtu")).mesh;
-    // Beyond x = 45 the surfaces end, and go on about as they are there.
+    // The surfaces end at x = 45. Beyond, depths are extrapolated from the margin.
     for [x, _, z] in &mesh.nodes {
         let top = 10.0 + 0.2 * x;
-        let known = (z - top).abs().min((z - 30.0).abs());
-        assert!(known < if *x <= 45.0 { 1e-5 } else { 4.0 }, "{x} {z}");
+        let error = (z - top).abs().min((z - 30.0).abs());
+        assert!(error < if *x <= 45.0 { 1e-5 } else { 4.0 }, "{x} {z}");
     }
-    // An image of other dims, with its place.
+    // The image has other dimensions than the map, and a geometry of its own.
     let geometry = atomesh::image::Geometry::with_spacing([-10.0, -10.0], [20.0, 16.0]);
     let samples = (0..30).map(|i| 5.0 + 0.5 * (i % 5) as f32).collect();
     let image = atomesh::image::Image::new([5, 6], samples, geometry);
@@ -401,7 +410,7 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
             "{x} {z}"
         );
     }
-    let said = expect_refusal(
+    let error = expect_refusal(
         folder,
         &[
             "columns",
@@ -414,5 +423,5 @@ fn surfaces_and_images_that_say_where_they_lie_are_horizons() {
             "x.vtu",
         ],
     );
-    assert!(said.contains("h.vtp:7: has no such surface"), "{said}");
+    assert!(error.contains("h.vtp:7: has no such surface"), "{error}");
 }

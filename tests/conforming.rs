@@ -1,4 +1,5 @@
-//! Sites of a surface make Voronoi cells whose faces are its facets.
+//! Tests Voronoi cells that conform to a surface: sites on both sides of its facets make faces of
+//! its facets.
 
 use atomesh::mesh::poly::PolyMesh;
 use atomesh::mesh::voronoi::conform::{ConformingSites, FacetSurface};
@@ -6,7 +7,7 @@ use atomesh::mesh::voronoi::{voronoi, voronoi_plane};
 
 const BOX: [f64; 3] = [8.0, 8.0, 8.0];
 
-/// Numbers in [-0.5, 0.5), the same for the same seed.
+/// Pseudo-random numbers in [-0.5, 0.5) that depend on the seed only.
 struct Random(u64);
 
 impl Random {
@@ -34,81 +35,87 @@ fn area(x: [[f64; 3]; 3]) -> f64 {
     0.5 * square.sqrt()
 }
 
-/// Nearly equilateral triangles between rows of nodes: `columns` steps of `u`, `rows` of `v`; nodes that are
-/// not on the outline are off by up to half of `off`.
+/// Adds nearly equilateral triangles between rows of nodes: `columns` steps of `u` and `rows` steps
+/// of `v`. Nodes that are not on the outline are displaced by up to half of `off` steps.
 fn patch(
     surface: &mut FacetSurface<3>,
     origin: [f64; 3],
     [u, v]: [[f64; 3]; 2],
     [columns, rows]: [usize; 2],
-    off: f64,
+    displacement: f64,
 ) {
-    let mut random = Random(rows as u64 + (1e6 * off) as u64);
-    let mut below: Vec<(f64, u32)> = Vec::new();
+    let mut random = Random(rows as u64 + (1e6 * displacement) as u64);
+    let mut previous_row: Vec<(f64, u32)> = Vec::new();
     for j in 0..=rows {
-        // Every second row begins half a step later, but for its ends.
-        let mut places: Vec<f64> = (0..=columns).map(|i| i as f64).collect();
+        // Every second row begins half a step later, except at its ends.
+        let mut positions: Vec<f64> = (0..=columns).map(|i| i as f64).collect();
         if j % 2 == 1 {
-            places = (0..columns).map(|i| i as f64 + 0.5).collect();
-            places.insert(0, 0.0);
-            places.push(columns as f64);
+            positions = (0..columns).map(|i| i as f64 + 0.5).collect();
+            positions.insert(0, 0.0);
+            positions.push(columns as f64);
         }
-        let last = places.len() - 1;
-        let row: Vec<(f64, u32)> = (places.iter().enumerate())
-            .map(|(i, &place)| {
+        let last = positions.len() - 1;
+        let row: Vec<(f64, u32)> = (positions.iter().enumerate())
+            .map(|(i, &position)| {
                 let outline = i == 0 || i == last || j == 0 || j == rows;
-                let [a, b] =
-                    [random.draw(), random.draw()].map(|r| if outline { 0.0 } else { off * r });
-                let (s, t) = (place + a, j as f64 + b);
+                let [a, b] = [random.draw(), random.draw()]
+                    .map(|r| if outline { 0.0 } else { displacement * r });
+                let (s, t) = (position + a, j as f64 + b);
                 let x = std::array::from_fn(|k| origin[k] + s * u[k] + t * v[k]);
                 surface.nodes.push(x);
-                (place, surface.nodes.len() as u32 - 1)
+                (position, surface.nodes.len() as u32 - 1)
             })
             .collect();
         let (mut i, mut k) = (0, 0);
-        while j > 0 && (i + 1 < below.len() || k + 1 < row.len()) {
-            let next =
-                |row: &[(f64, u32)], at: usize| row.get(at + 1).map_or(f64::INFINITY, |n| n.0);
-            if next(&below, i) <= next(&row, k) {
-                surface.facets.push([below[i].1, below[i + 1].1, row[k].1]);
+        while j > 0 && (i + 1 < previous_row.len() || k + 1 < row.len()) {
+            let next = |row: &[(f64, u32)], index: usize| {
+                row.get(index + 1).map_or(f64::INFINITY, |n| n.0)
+            };
+            if next(&previous_row, i) <= next(&row, k) {
+                surface
+                    .facets
+                    .push([previous_row[i].1, previous_row[i + 1].1, row[k].1]);
                 i += 1;
             } else {
-                surface.facets.push([below[i].1, row[k + 1].1, row[k].1]);
+                surface
+                    .facets
+                    .push([previous_row[i].1, row[k + 1].1, row[k].1]);
                 k += 1;
             }
         }
-        below = row;
+        previous_row = row;
     }
 }
 
-/// The same with one node for those at one place.
-fn joined(surface: &FacetSurface<3>) -> FacetSurface<3> {
+/// Returns the surface with one node in place of those that coincide.
+fn merge_nodes(surface: &FacetSurface<3>) -> FacetSurface<3> {
     let mut nodes: Vec<[f64; 3]> = Vec::new();
-    let mut number = Vec::new();
+    let mut new_index = Vec::new();
     for x in &surface.nodes {
-        let same = nodes.iter().position(|y| distance(x, y) < 1e-9);
-        number.push(same.unwrap_or(nodes.len()) as u32);
-        if same.is_none() {
+        let existing = nodes.iter().position(|y| distance(x, y) < 1e-9);
+        new_index.push(existing.unwrap_or(nodes.len()) as u32);
+        if existing.is_none() {
             nodes.push(*x);
         }
     }
-    let renumbered = |facet: &[u32; 3]| facet.map(|n| number[n as usize]);
+    let renumbered = |facet: &[u32; 3]| facet.map(|n| new_index[n as usize]);
     let facets = surface.facets.iter().map(renumbered).collect();
     FacetSurface { nodes, facets }
 }
 
-/// Cells of sites, and of atoms around them that are about as far apart; and the first cell of a site.
+/// Returns the Voronoi cells of the sites and of atoms around them at a similar distance, and the
+/// first cell that belongs to a site.
 fn cells(sites: &ConformingSites<3>) -> (PolyMesh<3>, usize) {
     let mut random = Random(5);
     let grid = (0..1000).map(|i| [i % 10, i / 10 % 10, i / 100]);
-    let atoms = grid.map(|place| place.map(|c| 0.8 * (f64::from(c) + 0.5) + 0.2 * random.draw()));
+    let atoms = grid.map(|index| index.map(|c| 0.8 * (f64::from(c) + 0.5) + 0.2 * random.draw()));
     let mut atoms: Vec<[f64; 3]> = atoms.filter(|&x| sites.is_free(x)).collect();
     let first = atoms.len();
     atoms.extend(sites.sites());
     (voronoi(&atoms, BOX).unwrap(), first)
 }
 
-/// The face between the two sites of the i-th facet that has sites.
+/// Returns the face between the two sites of the `i`-th facet that has sites.
 fn face<const D: usize>(mesh: &PolyMesh<D>, first: usize, i: usize) -> usize {
     let cells = [first + 2 * i, first + 2 * i + 1].map(|c| c as u32);
     let inner = &mesh.face_cells[..mesh.inner_face_count()];
@@ -117,27 +124,29 @@ fn face<const D: usize>(mesh: &PolyMesh<D>, first: usize, i: usize) -> usize {
         .expect("a face between the two sites")
 }
 
-/// Each facet, all of whose neighbours have sites as it has, is a face, corner for corner. Gives how many
-/// these are.
-fn exact(sites: &ConformingSites<3>, mesh: &PolyMesh<3>, first: usize) -> usize {
+/// Asserts that a facet is a face, corner for corner, if the facet and all its neighbours have
+/// sites. Returns the number of these facets.
+fn count_exact_faces(sites: &ConformingSites<3>, mesh: &PolyMesh<3>, first: usize) -> usize {
     let surface = sites.surface();
     let on_surface = sites.faces_on_surface(mesh, first);
-    let lacking =
+    let nodes_without_sites =
         (0..surface.facets.len() as u32).filter(|f| sites.facets().binary_search(f).is_err());
-    let lacking: Vec<u32> = lacking.flat_map(|f| surface.facets[f as usize]).collect();
-    let mut found = 0;
+    let nodes_without_sites: Vec<u32> = nodes_without_sites
+        .flat_map(|f| surface.facets[f as usize])
+        .collect();
+    let mut count = 0;
     for (i, &f) in sites.facets().iter().enumerate() {
         if surface.facets[f as usize]
             .iter()
-            .any(|n| lacking.contains(n))
+            .any(|n| nodes_without_sites.contains(n))
         {
             continue;
         }
         let face = face(mesh, first, i);
         assert!(on_surface[face]);
         let corners = surface.corners(f as usize);
-        let off = mesh.face_shape(face).area() / area(corners) - 1.0;
-        assert!(off.abs() < 1e-7, "facet {f}: {off}");
+        let error = mesh.face_shape(face).area() / area(corners) - 1.0;
+        assert!(error.abs() < 1e-7, "facet {f}: {error}");
         for x in &corners {
             let mut nodes = mesh.faces.get(face).iter();
             assert!(
@@ -145,16 +154,16 @@ fn exact(sites: &ConformingSites<3>, mesh: &PolyMesh<3>, first: usize) -> usize 
                 "facet {f}: {x:?}"
             );
         }
-        found += 1;
+        count += 1;
     }
-    found
+    count
 }
 
-/// A plane from side to side of the box, of 153 triangles.
-fn plane(off: f64) -> FacetSurface<3> {
+/// Returns a plane of 153 triangles that crosses the whole box.
+fn plane(displacement: f64) -> FacetSurface<3> {
     let mut surface = FacetSurface::default();
-    let ways = [[0.0, 1.0, 0.0], [8.0 / 9.0, 0.0, 0.25]];
-    patch(&mut surface, [0.0, 0.0, 3.0], ways, [8, 9], off);
+    let steps = [[0.0, 1.0, 0.0], [8.0 / 9.0, 0.0, 0.25]];
+    patch(&mut surface, [0.0, 0.0, 3.0], steps, [8, 9], displacement);
     surface
 }
 
@@ -165,47 +174,47 @@ fn facets_are_faces() {
         surface.regularise(BOX);
         let sites = ConformingSites::new(surface, BOX, &[]);
         let (mesh, first) = cells(&sites);
-        let found = exact(&sites, &mesh, first);
+        let exact = count_exact_faces(&sites, &mesh, first);
         let share = sites.covered_share(&mesh, first);
-        println!("seed {seed}: {found} of 153 exact, {share:.4}");
+        println!("seed {seed}: {exact} of 153 exact, {share:.4}");
         assert!(
-            found >= 90 && share > 0.98,
-            "seed {seed}: {found} exact, {share}"
+            exact >= 90 && share > 0.98,
+            "seed {seed}: {exact} exact, {share}"
         );
     }
 }
 
 #[test]
-fn surfaces_that_cross_are_followed_up_to_their_line() {
-    // Degrees between the two.
+fn cells_follow_crossing_surfaces_up_to_their_intersection() {
+    // The angle between the surfaces is in degrees.
     for angle in [90.0f64, 60.0, 45.0] {
         let (sin, cos) = angle.to_radians().sin_cos();
         let mut surface = FacetSurface::default();
         for [x, z] in [[1.0, 0.0], [-1.0, 0.0], [cos, sin], [-cos, -sin]] {
-            let ways = [[0.0, 1.0, 0.0], [0.9 * x, 0.0, 0.9 * z]];
-            patch(&mut surface, [4.0, 0.0, 4.0], ways, [8, 3], 0.0);
+            let steps = [[0.0, 1.0, 0.0], [0.9 * x, 0.0, 0.9 * z]];
+            patch(&mut surface, [4.0, 0.0, 4.0], steps, [8, 3], 0.0);
         }
-        let mut surface = joined(&surface);
+        let mut surface = merge_nodes(&surface);
         surface.regularise(BOX);
         let sites = ConformingSites::new(surface, BOX, &[]);
         let (mesh, first) = cells(&sites);
-        let (found, share) = (
-            exact(&sites, &mesh, first),
+        let (exact, share) = (
+            count_exact_faces(&sites, &mesh, first),
             sites.covered_share(&mesh, first),
         );
-        println!("{angle} degrees: {found} of 204 exact, {share:.4}");
+        println!("{angle} degrees: {exact} of 204 exact, {share:.4}");
         assert!(
-            found >= 45 && share > 0.85,
-            "{angle}: {found} exact, {share}"
+            exact >= 45 && share > 0.85,
+            "{angle}: {exact} exact, {share}"
         );
     }
 }
 
 #[test]
-fn faces_end_where_a_surface_does() {
+fn faces_end_at_the_rim_of_a_surface() {
     let mut surface = FacetSurface::default();
-    let ways = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
-    patch(&mut surface, [2.0, 2.0, 4.0], ways, [4, 4], 0.0);
+    let steps = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
+    patch(&mut surface, [2.0, 2.0, 4.0], steps, [4, 4], 0.0);
     let sites = ConformingSites::new(surface, BOX, &[]);
     let (mesh, first) = cells(&sites);
     let on_surface = sites.faces_on_surface(&mesh, first);
@@ -214,8 +223,8 @@ fn faces_end_where_a_surface_does() {
         total += mesh.face_shape(f).area();
         for &n in mesh.faces.get(f) {
             let [x, y, _] = mesh.nodes[n as usize];
-            let over = [2.0 - x, x - 6.0, 2.0 - y, y - 6.0];
-            farthest = over.into_iter().fold(farthest, f64::max);
+            let beyond = [2.0 - x, x - 6.0, 2.0 - y, y - 6.0];
+            farthest = beyond.into_iter().fold(farthest, f64::max);
         }
     }
     println!("area {total:.4} of 16, over the rim by {farthest:.4}");
@@ -226,22 +235,22 @@ fn faces_end_where_a_surface_does() {
 }
 
 #[test]
-fn sites_keep_off_given_atoms() {
+fn sites_keep_away_from_fixed_atoms() {
     let free = ConformingSites::new(plane(0.2), BOX, &[]);
-    let given = free.sites()[40];
-    let sites = ConformingSites::new(plane(0.2), BOX, &[given]);
+    let fixed = free.sites()[40];
+    let sites = ConformingSites::new(plane(0.2), BOX, &[fixed]);
     assert!(sites.facets().len() < free.facets().len());
     for x in sites.sites() {
-        assert!(distance(&x, &given) > 0.2, "{x:?}");
+        assert!(distance(&x, &fixed) > 0.2, "{x:?}");
     }
 }
 
 #[test]
 fn edges_are_faces_in_the_plane() {
     let extent = [9.0, 7.0];
-    let bend = |i: usize| [i as f64, 3.0 + 0.8 * (0.7 * i as f64).sin()];
+    let node = |i: usize| [i as f64, 3.0 + 0.8 * (0.7 * i as f64).sin()];
     let surface = FacetSurface::<2> {
-        nodes: (0..9).map(bend).collect(),
+        nodes: (0..9).map(node).collect(),
         facets: (0..8).map(|i| [i, i + 1]).collect(),
     };
     let sites = ConformingSites::new(surface, extent, &[]);
@@ -264,8 +273,8 @@ fn edges_are_faces_in_the_plane() {
             let mut ends = nodes
                 .clone()
                 .map(|&n| distance(&mesh.nodes[n as usize], &x));
-            // The last one is a tip, where the site ahead ends the face.
-            assert!(ends.any(|off| off < 1e-9), "edge {i}");
+            // The last node is a tip, where the site beyond it ends the face.
+            assert!(ends.any(|distance| distance < 1e-9), "edge {i}");
         }
     }
 }

@@ -1,11 +1,12 @@
-//! `atomesh export`: what it writes is read, and run, by programs that know nothing of atomesh.
+//! Tests `atomesh export`: independent programs read and run the exported files.
 
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
 use crate::common::{
-    FAULT_DIMS as DIMS, run_validator, is_close, write_npy, numbers, expect_refusal, run, folder_with_meshes, run_simulator,
+    FAULT_DIMS as DIMS, expect_refusal, folder_with_meshes, is_close, numbers, run, run_simulator,
+    run_validator, write_npy,
 };
 use atomesh::export::simulators::opm;
 use atomesh::model::flow::{Rock, Tensor};
@@ -18,7 +19,7 @@ use serde_json::Value;
 const VOLUME: f64 = 39.0 * 35.0 * 31.0;
 const ROCK: &str = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
 
-/// The model that the verb makes of a mesh.
+/// Returns the model that `atomesh export` makes of a mesh.
 fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
     let file = read_any_vtu(&folder.join(mesh)).unwrap();
     let placement = MeshPlacement {
@@ -32,7 +33,7 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64]) -> Model {
     prepared.model
 }
 
-/// Runs OPM Flow on a deck, and says what it found.
+/// Runs OPM Flow on a deck and returns its results.
 fn flow(folder: &Path, case: &str) -> Value {
     let mut command = Command::new("flow");
     command
@@ -46,7 +47,7 @@ fn flow(folder: &Path, case: &str) -> Value {
 
 #[test]
 #[ignore = "needs OPM Flow and resfo: make test-all"]
-fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
+fn opm_flow_has_the_transmissibilities_pore_volumes_and_depths_of_the_model() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     for mesh in ["cells.vtu", "tets.vtu"] {
@@ -55,44 +56,47 @@ fn opm_flow_has_our_transmissibilities_pore_volumes_and_depths() {
         let deck = format!("export {mesh} --to opm -o CASE.DATA {rock} {wells}");
         run(folder, &format!("{deck} --depth-at-top 2000"));
         let model = model(folder, mesh, 2000.0, &[100.0, 100.0, 10.0]);
-        let found = flow(folder, "CASE");
-        let porv = numbers(&found["porv"]);
+        let result = flow(folder, "CASE");
+        let porv = numbers(&result["porv"]);
         assert_eq!(porv.len(), model.len());
         for (cell, &porv) in porv.iter().enumerate() {
-            assert!(is_close(porv, 0.2 * model.graph.volume[cell], 1e-6), "{porv}");
+            assert!(
+                is_close(porv, 0.2 * model.graph.volume[cell], 1e-6),
+                "{porv}"
+            );
         }
-        for (cell, &depth) in numbers(&found["depth"]).iter().enumerate() {
+        for (cell, &depth) in numbers(&result["depth"]).iter().enumerate() {
             assert!(is_close(depth, model.depth(cell), 1e-6), "{depth}");
         }
-        let mut known: Vec<([u32; 2], f64)> = Vec::new();
+        let mut expected: Vec<([u32; 2], f64)> = Vec::new();
         let t = &model.need_permeability("").unwrap().transmissibility;
         for (c, t) in model.graph.connections.iter().zip(t) {
             let t = t * opm::TRANSMISSIBILITY_UNIT;
             if t >= opm::MIN_TRANSMISSIBILITY {
-                known.push((c.cells, t));
+                expected.push((c.cells, t));
             }
         }
-        known.sort_by_key(|k| k.0);
+        expected.sort_by_key(|k| k.0);
         let mut read: Vec<([u32; 2], f64)> = Vec::new();
-        for pair in found["t"].as_array().unwrap() {
+        for pair in result["t"].as_array().unwrap() {
             let [a, b] = [0, 1].map(|k| pair[k].as_u64().unwrap() as u32);
             read.push(([a.min(b), a.max(b)], pair[2].as_f64().unwrap()));
         }
         read.sort_by_key(|k| k.0);
-        assert_eq!(read.len(), known.len());
-        for (read, known) in read.iter().zip(&known) {
-            assert_eq!(read.0, known.0);
-            assert!(is_close(read.1, known.1, 1e-6), "{read:?} {known:?}");
+        assert_eq!(read.len(), expected.len());
+        for (read, expected) in read.iter().zip(&expected) {
+            assert_eq!(read.0, expected.0);
+            assert!(is_close(read.1, expected.1, 1e-6), "{read:?} {expected:?}");
         }
     }
 }
 
 #[test]
 #[ignore = "needs OPM Flow and resfo: make test-all"]
-fn opm_flow_has_our_steady_pressure() {
+fn opm_flow_has_the_steady_pressure_of_atomesh() {
     let folder = folder_with_meshes();
     let folder = folder.path();
-    // 8.64 m^3 a day are 1e-4 m^3/s. Water is hardly compressible near its reference pressure.
+    // 8.64 m^3 a day are 1e-4 m^3/s. Water is almost incompressible near its reference pressure.
     let wells = "--injector 5,5,5:8.64 --producer 33,30,25:200 --pressure-at-top 200 --days 3650";
     let deck = format!("export cells.vtu --to opm -o CASE.DATA {ROCK} {wells}");
     for (faults, name) in [("open", "open"), ("0.01", "tight")] {
@@ -100,27 +104,27 @@ fn opm_flow_has_our_steady_pressure() {
             folder,
             &format!("{deck} --depth-at-top 2000 --no-gravity --faults {faults}"),
         );
-        let ours = "flow cells.vtu -o flow.vtu --permeability 9.86923266716013e-14 --quiet";
+        let command = "flow cells.vtu -o flow.vtu --permeability 9.86923266716013e-14 --quiet";
         let ends = "--source 5,5,5:1e-4 --sink 33,30,25:1e-4";
-        run(folder, &format!("{ours} {ends} --faults {faults}"));
-        let found = flow(folder, "CASE");
+        run(folder, &format!("{command} {ends} --faults {faults}"));
+        let result = flow(folder, "CASE");
         let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.join("flow.vtu")).unwrap() else {
             panic!("no polyhedra")
         };
         let arrays = &file.cell_data;
         let ours = arrays.iter().find(|a| a.name == "pressure").unwrap();
         let ours: Vec<f64> = ours.values.to_f64().iter().map(|p| p / 1e5).collect();
-        let theirs = numbers(&found["pressure"]);
+        let theirs = numbers(&result["pressure"]);
         let mean = |p: &[f64]| p.iter().sum::<f64>() / p.len() as f64;
         let range = |p: &[f64]| {
             p.iter().copied().fold(f64::NEG_INFINITY, f64::max)
                 - p.iter().copied().fold(f64::INFINITY, f64::min)
         };
-        let (a, b) = (mean(&ours), mean(&theirs));
+        let (our_mean, their_mean) = (mean(&ours), mean(&theirs));
         let differences: Vec<f64> = (ours.iter().zip(&theirs))
-            .map(|(p, q)| (p - a) - (q - b))
+            .map(|(p, q)| (p - our_mean) - (q - their_mean))
             .collect();
-        let worst = differences.iter().fold(0.0f64, |most, d| most.max(d.abs()));
+        let worst = differences.iter().fold(0.0f64, |max, d| max.max(d.abs()));
         let range = range(&ours);
         println!("{name}: {worst:.2e} bar of {range:.2e}");
         assert!(worst < 1e-3 * range, "{name}: {worst} of {range}");
@@ -129,19 +133,19 @@ fn opm_flow_has_our_steady_pressure() {
 
 #[test]
 #[ignore = "needs OPM Flow and resfo: make test-all"]
-fn oil_is_driven_out_by_water() {
+fn water_displaces_oil() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     let wells = "--injector INJ=5,5,5:50 --producer PROD=33,30,25:150";
     let deck = "export cells.vtu --to opm -o OIL.DATA --fluid oil-water --depth-at-top 1500";
     run(folder, &format!("{deck} {ROCK} {wells} --days 100"));
-    let found = flow(folder, "OIL");
-    let water = numbers(&found["swat"]);
+    let result = flow(folder, "OIL");
+    let water = numbers(&result["swat"]);
     assert!(water.iter().all(|s| (0.199..=1.001).contains(s)));
     assert!(water.iter().filter(|s| **s > 0.4).count() > 5);
 }
 
-/// Runs one of OpenFOAM's programs.
+/// Runs one of OpenFOAM's programs and returns its standard output.
 fn openfoam(program: &str, case: &Path, options: &[&str]) -> String {
     let mut command = Command::new(program);
     command
@@ -152,7 +156,7 @@ fn openfoam(program: &str, case: &Path, options: &[&str]) -> String {
     run_simulator(&mut command)
 }
 
-/// The values of a scalar field that OpenFOAM wrote.
+/// Returns the values of a scalar field that OpenFOAM wrote.
 fn field(path: &Path) -> Vec<f64> {
     let text = std::fs::read_to_string(path).unwrap();
     let (_, list) = text.split_once("internalField").unwrap();
@@ -163,14 +167,14 @@ fn field(path: &Path) -> Vec<f64> {
         .collect()
 }
 
-/// The points of a case, and whether each is in a point zone.
-fn on_points(case: &Path, zone: &str) -> Vec<([f64; 3], bool)> {
+/// Returns the points of a case, each with `true` if it is in the point zone.
+fn points_in_zone(case: &Path, zone: &str) -> Vec<([f64; 3], bool)> {
     let read = |name: &str| std::fs::read_to_string(case.join("constant/polyMesh").join(name));
     let zones = read("pointZones").unwrap();
     let (_, zone) = zones.split_once(&format!("\n{zone}\n{{")).unwrap();
     let (_, list) = zone.split_once("\n(").unwrap();
     let (list, _) = list.split_once("\n)").unwrap();
-    let within: Vec<usize> = list
+    let members: Vec<usize> = list
         .split_whitespace()
         .map(|n| n.parse().unwrap())
         .collect();
@@ -183,13 +187,13 @@ fn on_points(case: &Path, zone: &str) -> Vec<([f64; 3], bool)> {
         numbers.try_into().unwrap()
     };
     (lines.map(point).enumerate())
-        .map(|(i, p)| (p, within.binary_search(&i).is_ok()))
+        .map(|(i, p)| (p, members.binary_search(&i).is_ok()))
         .collect()
 }
 
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
-fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
+fn openfoam_accepts_the_mesh_and_solves_a_linear_field_exactly() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     for (mesh, tolerance) in [("cells", 1e-10), ("tets", 1e-5)] {
@@ -198,17 +202,19 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
             &format!("export {mesh}.vtu --to openfoam -o {mesh} {ROCK}"),
         );
         let case = folder.join(mesh);
-        let said = openfoam("checkMesh", &case, &[]);
-        assert!(said.contains("Mesh OK."), "{said}");
+        let stdout = openfoam("checkMesh", &case, &[]);
+        assert!(stdout.contains("Mesh OK."), "{stdout}");
         // The nodes of a side are those that lie on it.
-        let nodes = on_points(&case, "xmin");
-        let on = nodes.iter().filter(|(p, within)| (p[0] == 0.0) == *within);
-        assert_eq!(on.count(), nodes.len());
-        let nodes = on_points(&case, "fault1");
+        let nodes = points_in_zone(&case, "xmin");
+        let consistent = nodes
+            .iter()
+            .filter(|(p, in_zone)| (p[0] == 0.0) == *in_zone);
+        assert_eq!(consistent.count(), nodes.len());
+        let nodes = points_in_zone(&case, "fault1");
         assert!(nodes.iter().filter(|n| n.1).count() > 40, "{mesh}");
         let strict = match mesh {
             "cells" => {
-                // It judges cells by their tiniest faces, which welding takes away.
+                // checkMesh rates cells by their smallest faces, which welding removes.
                 let welded = "mesh sheet.npy --distance 6 --cells voronoi --weld 0.001 --quiet";
                 run(folder, &format!("{welded} -o welded.vtu"));
                 run(folder, "export welded.vtu --to openfoam -o welded --quiet");
@@ -217,14 +223,14 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
             _ => case.clone(),
         };
         let options = ["-allGeometry", "-allTopology"];
-        let said = openfoam("checkMesh", &strict, &options);
-        // A tetrahedron in a corner of the box has but one or two faces inside: nothing else is amiss.
-        let faults: Vec<&str> = said.lines().filter(|l| l.contains("***")).collect();
+        let stdout = openfoam("checkMesh", &strict, &options);
+        // A tetrahedron in a corner of the box has only one or two inner faces. No other warning
+        // may appear.
+        let faults: Vec<&str> = stdout.lines().filter(|l| l.contains("***")).collect();
         let corners = |l: &&str| mesh == "tets" && l.contains("small determinant");
-        assert!(faults.iter().all(corners), "{said}");
-        assert!(said.contains("fault1"), "{said}");
+        assert!(faults.iter().all(corners), "{stdout}");
+        assert!(stdout.contains("fault1"), "{stdout}");
 
-        // As it is.
         openfoam("laplacianFoam", &case, &[]);
         openfoam(
             "postProcess",
@@ -241,7 +247,7 @@ fn openfoam_accepts_the_mesh_and_is_exact_for_a_linear_field() {
 
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
-fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
+fn a_closed_fault_is_an_impermeable_patch_of_openfoam() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     run(
@@ -257,17 +263,17 @@ fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
     };
     let closed: usize = faces("fault1");
     assert!(closed > 40 && closed.is_multiple_of(2), "{closed}");
-    let said = openfoam("checkMesh", &case, &["-allTopology"]);
-    assert!(said.contains("Mesh OK."), "{said}");
+    let stdout = openfoam("checkMesh", &case, &["-allTopology"]);
+    assert!(stdout.contains("Mesh OK."), "{stdout}");
     let pairs = format!("(baffle faces): {}", closed / 2);
-    assert!(said.contains(&pairs), "{said}");
+    assert!(stdout.contains(&pairs), "{stdout}");
     openfoam("laplacianFoam", &case, &[]);
     let t = field(&case.join("1e+12/T"));
-    let near = |value: f64| t.iter().filter(|t| (*t - value).abs() < 1e-6).count();
-    assert!(near(1.0) > t.len() / 3 && near(0.0) > t.len() / 3);
-    assert_eq!(near(1.0) + near(0.0), t.len());
-    // What lets through a share of what rock does has no place there.
-    let said = expect_refusal(
+    let count_near = |value: f64| t.iter().filter(|t| (*t - value).abs() < 1e-6).count();
+    assert!(count_near(1.0) > t.len() / 3 && count_near(0.0) > t.len() / 3);
+    assert_eq!(count_near(1.0) + count_near(0.0), t.len());
+    // OpenFOAM cannot hold a fault multiplier between 0 and 1.
+    let error = expect_refusal(
         folder,
         &[
             "export",
@@ -281,16 +287,16 @@ fn a_closed_fault_is_a_patch_of_openfoam_that_nothing_crosses() {
         ],
     );
     assert!(
-        said.contains("fault multipliers") && said.contains("opm"),
-        "{said}"
+        error.contains("fault multipliers") && error.contains("opm"),
+        "{error}"
     );
 }
 
 #[test]
-fn faults_are_areas_where_a_format_has_no_multipliers() {
+fn fault_multipliers_scale_areas_if_a_format_has_no_multipliers() {
     let folder = folder_with_meshes();
     let folder = folder.path();
-    // Of each connection its cells and its area.
+    // Each connection has its cells and its area.
     let areas = |to: &str, faults: &str| -> Vec<(String, f64)> {
         let out = if to == "tough2" { "MESH" } else { "grid.uge" };
         let export = format!("export cells.vtu --to {to} -o {out} --depth-at-top 100 --quiet");
@@ -314,12 +320,12 @@ fn faults_are_areas_where_a_format_has_no_multipliers() {
         };
         lines.take_while(|line| !line.is_empty()).map(row).collect()
     };
-    let on = model(folder, "cells.vtu", 100.0, &[1.0]).graph.connections;
+    let connections = model(folder, "cells.vtu", 100.0, &[1.0]).graph.connections;
     for to in ["pflotran", "tough2"] {
         let open = areas(to, "open");
-        assert_eq!(open.len(), on.len());
+        assert_eq!(open.len(), connections.len());
         let tight = areas(to, "0.01");
-        for ((open, tight), c) in open.iter().zip(&tight).zip(&on) {
+        for ((open, tight), c) in open.iter().zip(&tight).zip(&connections) {
             let factor = if c.on_feature { 0.01 } else { 1.0 };
             assert_eq!(open.0, tight.0);
             assert!(
@@ -328,15 +334,15 @@ fn faults_are_areas_where_a_format_has_no_multipliers() {
             );
         }
         let closed = areas(to, "closed");
-        let left = open.iter().zip(&on).filter(|(_, c)| !c.on_feature);
-        assert!(left.map(|(row, _)| row).eq(&closed), "{to}");
+        let expected = open.iter().zip(&connections).filter(|(_, c)| !c.on_feature);
+        assert!(expected.map(|(row, _)| row).eq(&closed), "{to}");
         assert!(closed.len() < open.len() - 40);
     }
 }
 
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
-fn meshes_of_the_plane_become_a_layer_of_prisms() {
+fn meshes_of_the_plane_are_exported_as_a_layer_of_prisms() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     crate::common::write_npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
@@ -350,12 +356,12 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
         run(folder, &mesh);
         let export = format!("export {cells}.vtu --thickness 4 --down y --json --quiet");
         let rock = "--porosity phi.npy --permeability 100 --permeability-unit mD";
-        let said = run(
+        let stdout = run(
             folder,
             &format!("{export} --to opm -o A.DATA --depth-at-top 900 {rock}"),
         );
-        let said: Value = serde_json::from_str(&said).unwrap();
-        let checks = &said["checks"];
+        let report: Value = serde_json::from_str(&stdout).unwrap();
+        let checks = &report["checks"];
         assert!(is_close(
             checks["volume"].as_f64().unwrap(),
             59.0 * 49.0 * 4.0,
@@ -366,14 +372,14 @@ fn meshes_of_the_plane_become_a_layer_of_prisms() {
         let depth = numbers(&checks["depth"]);
         assert!(depth[0] > 900.0 && depth[1] < 949.0, "{depth:?}");
         run(folder, &format!("{export} --to openfoam -o {cells}"));
-        let said = openfoam("checkMesh", &folder.join(cells), &[]);
-        assert!(said.contains("Mesh OK."), "{said}");
+        let stdout = openfoam("checkMesh", &folder.join(cells), &[]);
+        assert!(stdout.contains("Mesh OK."), "{stdout}");
     }
 }
 
 #[test]
 #[ignore = "needs h5py: make test-all"]
-fn pflotran_has_rock_cell_by_cell() {
+fn pflotran_has_rock_for_each_cell() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     let rock = "--porosity sheet.npy --permeability 100,50,10 --permeability-unit mD --quiet";
@@ -382,19 +388,19 @@ fn pflotran_has_rock_cell_by_cell() {
         &format!("export cells.vtu --to pflotran -o a.uge --depth-at-top 0 {rock}"),
     );
     let path = folder.join("a-rock.h5");
-    let found = run_validator("h5py", "datasets.py", &[path.as_os_str()]);
-    let cells = numbers(&found["Cell Ids"]);
-    let all = 1..=cells.len();
-    assert!(cells.len() > 100 && cells.iter().copied().eq(all.map(|c| c as f64)));
+    let result = run_validator("h5py", "datasets.py", &[path.as_os_str()]);
+    let cells = numbers(&result["Cell Ids"]);
+    let ids = 1..=cells.len();
+    assert!(cells.len() > 100 && cells.iter().copied().eq(ids.map(|c| c as f64)));
     for (axis, k) in [("X", 100.0), ("Y", 50.0), ("Z", 10.0)] {
-        let values = numbers(&found[format!("Permeability{axis}")]);
+        let values = numbers(&result[format!("Permeability{axis}")]);
         assert_eq!(values.len(), cells.len());
         assert!(
             values.iter().all(|v| is_close(*v, k * MILLIDARCY, 1e-12)),
             "{axis}"
         );
     }
-    let porosity = numbers(&found["Porosity"]);
+    let porosity = numbers(&result["Porosity"]);
     assert_eq!(porosity.len(), cells.len());
     assert!(porosity.iter().any(|p| *p > 0.3) && porosity.iter().any(|p| *p < 0.01));
     // Without rock there is no such file.
@@ -406,7 +412,7 @@ fn pflotran_has_rock_cell_by_cell() {
 }
 
 #[test]
-fn pflotrans_grid_is_the_graph() {
+fn the_grid_of_pflotran_is_the_connection_graph() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     run(
@@ -437,16 +443,16 @@ fn pflotrans_grid_is_the_graph() {
         assert_eq!(cell[1..4], model.graph.site[i]);
         assert_eq!(cell[4], model.graph.volume[i]);
     }
-    // What PFLOTRAN makes of it is A / d.
+    // PFLOTRAN computes A / d from these rows.
     for (row, c) in connections.iter().zip(&model.graph.connections) {
         let [a, b] = [0, 1].map(|k| row[k] as usize - 1);
         assert_eq!([a as u32, b as u32], c.cells);
-        let off = |cell: usize| {
+        let distance_to_face = |cell: usize| {
             let square = (0..3).map(|k| (row[2 + k] - cells[cell][1 + k]).powi(2));
             square.sum::<f64>().sqrt()
         };
         assert!(is_close(
-            row[5] / (off(a) + off(b)),
+            row[5] / (distance_to_face(a) + distance_to_face(b)),
             c.unit_transmissibility(),
             1e-9
         ));
@@ -458,11 +464,11 @@ fn pflotrans_grid_is_the_graph() {
         .map(|line| line.rsplit_once(' ').unwrap().1.parse::<f64>().unwrap())
         .sum();
     assert!(is_close(area, 35.0 * 31.0, 1e-9), "{area}");
-    // The twin has the same cells in the same order.
-    let AnyMesh::Polyhedra(twin) = read_any_vtu(&folder.join("grid.vtu")).unwrap() else {
+    // The companion mesh has the same cells in the same order.
+    let AnyMesh::Polyhedra(companion) = read_any_vtu(&folder.join("grid.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
-    assert_eq!(twin.mesh.sites, model.graph.site);
+    assert_eq!(companion.mesh.sites, model.graph.site);
 }
 
 #[test]
@@ -478,20 +484,20 @@ fn toughio_reads_the_tough2_mesh() {
     let model = model(folder, "cells.vtu", 100.0, &[1.0]);
     let graph = &model.graph;
     let path = folder.join("MESH");
-    let found = run_validator("toughio", "tough.py", &[path.as_os_str()]);
-    for (volume, known) in numbers(&found["volume"]).iter().zip(&graph.volume) {
-        assert!(is_close(*volume, *known, 1e-5));
+    let result = run_validator("toughio", "tough.py", &[path.as_os_str()]);
+    for (volume, expected) in numbers(&result["volume"]).iter().zip(&graph.volume) {
+        assert!(is_close(*volume, *expected, 1e-5));
     }
-    for modifier in numbers(&found["modifier"]) {
+    for modifier in numbers(&result["modifier"]) {
         assert!(is_close(modifier, 100.0 * MILLIDARCY, 1e-4), "{modifier}");
     }
-    let centers = found["center"].as_array().unwrap();
+    let centers = result["center"].as_array().unwrap();
     assert_eq!(centers.len(), model.len());
-    for (center, known) in centers.iter().zip(&graph.site) {
+    for (center, expected) in centers.iter().zip(&graph.site) {
         let center = numbers(center);
-        assert!((0..3).all(|k| (center[k] - known[k]).abs() < 1e-5));
+        assert!((0..3).all(|k| (center[k] - expected[k]).abs() < 1e-5));
     }
-    let connections = found["connections"].as_array().unwrap();
+    let connections = result["connections"].as_array().unwrap();
     assert_eq!(connections.len(), graph.connections.len());
     for (row, c) in connections.iter().zip(&graph.connections) {
         assert_eq!(numbers(&row[0]), c.cells.map(f64::from));
@@ -503,14 +509,14 @@ fn toughio_reads_the_tough2_mesh() {
         assert!((0..2).all(|k| is_close(distances[k], c.distance[k], 1e-5)));
         let area = row[3].as_f64().unwrap();
         assert!((area - c.area).abs() < 1e-4 * c.area + 1e-8, "{area}");
-        // Down is -z, and the first cell is above where the line goes down.
+        // Down is -z. The sign is that of a first cell above the second one.
         let length = line.iter().map(|x| x * x).sum::<f64>().sqrt();
         assert!((row[4].as_f64().unwrap() + line[2] / length).abs() < 1e-5);
     }
 }
 
 #[test]
-fn images_fill_cells_and_refusals_name_what_is_wrong() {
+fn images_fill_cells_and_errors_name_the_cause() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     write_npy(&folder.join("phi.npy"), DIMS, |[x, _, _]| {
@@ -520,23 +526,29 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
     std::fs::write(folder.join("k.csv"), "region,K\n0,100\n").unwrap();
     std::fs::write(folder.join("wrong.csv"), "region,K\n7,100\n").unwrap();
     let export = "export cells.vtu --to opm -o A.DATA --json --quiet";
-    let said = run(
+    let stdout = run(
         folder,
         &format!(
             "{export} --porosity phi.npy --permeability k.csv --permeability-unit mD \
              --depth-at-top 1000 --property amplitude=sheet.npy:nearest"
         ),
     );
-    let said: Value = serde_json::from_str(&said).unwrap();
-    // The mean of a linear function over the box is that of its ends.
-    let pores = said["checks"]["pore_volume"].as_f64().unwrap();
-    assert!(is_close(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6), "{pores}");
-    assert!(said["checks"]["angle"][1].as_f64().unwrap() < 1e-3);
-    assert_eq!(said["checks"]["compartments"].as_array().unwrap().len(), 1);
+    let report: Value = serde_json::from_str(&stdout).unwrap();
+    // The mean of a linear function over the box is the mean of its values at the ends.
+    let pore_volume = report["checks"]["pore_volume"].as_f64().unwrap();
+    assert!(
+        is_close(pore_volume, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6),
+        "{pore_volume}"
+    );
+    assert!(report["checks"]["angle"][1].as_f64().unwrap() < 1e-3);
+    assert_eq!(
+        report["checks"]["compartments"].as_array().unwrap().len(),
+        1
+    );
 
-    let good = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
+    let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
     let unit = "--permeability-unit mD";
-    for (to, options, want) in [
+    for (to, options, expected) in [
         ("opm -o B.DATA", "", "above depth 0"),
         ("opm -o B.DATA", "--depth-at-top -5", "above depth 0"),
         ("opm -o B.DATA", "--depth-at-top 1000", "porosity"),
@@ -568,22 +580,22 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         ),
         (
             "opm -o B.DATA",
-            &format!("{good} --injector 500,5,5:1"),
+            &format!("{rock} --injector 500,5,5:1"),
             "outside",
         ),
         (
             "opm -o B.DATA",
-            &format!("{good} --injector a=5,5,5"),
+            &format!("{rock} --injector a=5,5,5"),
             "has no ':'",
         ),
         (
             "opm -o B.DATA",
-            &format!("{good} --injector 1a=5,5,5:1"),
+            &format!("{rock} --injector 1a=5,5,5:1"),
             "'1a'",
         ),
         (
             "opm -o B.DATA",
-            &format!("{good} --injector 5,5,5:1 --well-radius 90"),
+            &format!("{rock} --injector 5,5,5:1 --well-radius 90"),
             "radius",
         ),
         ("opm -o B.deck", "", "DATA"),
@@ -593,14 +605,14 @@ fn images_fill_cells_and_refusals_name_what_is_wrong() {
         ("pflotran -o cells.uge", "", "replace the mesh"),
     ] {
         let line = format!("export cells.vtu --to {to} {options}");
-        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-        assert!(said.contains(want), "{line}\n{said}");
+        let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(error.contains(expected), "{line}\n{error}");
     }
 }
 
 #[test]
 #[ignore = "needs OPM Flow: make test-all"]
-fn opm_flow_takes_decks_in_which_nothing_moves() {
+fn opm_flow_accepts_decks_without_flow() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     for (number, deck) in [
@@ -623,6 +635,6 @@ fn opm_flow_takes_decks_in_which_nothing_moves() {
     }
     let rock = ROCK.replace(" --quiet", "");
     let line = format!("export cells.vtu --to opm -o A.DATA {rock} --depth-at-top 9 --days 7");
-    let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-    assert!(said.contains("nothing moves"), "{said}");
+    let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(error.contains("nothing moves"), "{error}");
 }

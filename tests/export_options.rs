@@ -1,14 +1,14 @@
-//! `atomesh export`: no option is accepted and then ignored.
+//! Tests `atomesh export`: each option changes the files or is refused.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::common::{atomesh, files_below, write_npy, expect_refusal, planar_fault, run_args};
+use crate::common::{atomesh, expect_refusal, files_below, planar_fault, run_args, write_npy};
 use atomesh::export::{ExportContent, ExportFormat, formats};
 
 const DIMS: [usize; 3] = [28, 24, 20];
 
-/// Options by name, each once.
+/// Options with their values, each option once.
 type Options<'a> = BTreeMap<&'a str, &'a str>;
 
 fn arguments(
@@ -37,8 +37,9 @@ fn arguments(
     words.into_iter().map(str::to_string).collect()
 }
 
-/// What every format is given: the rock that it holds, and where depth is.
-fn usual(format: &ExportFormat) -> Options<'static> {
+/// Returns the options that every export of a format has: the rock that the format holds, and the
+/// position in depth.
+fn base_options(format: &ExportFormat) -> Options<'static> {
     let mut options = Options::from([("--down", "z"), ("--depth-at-top", "1000")]);
     if format.supported_content.contains(&ExportContent::Porosity) {
         options.insert("--porosity", "0.2");
@@ -52,23 +53,24 @@ fn usual(format: &ExportFormat) -> Options<'static> {
     options
 }
 
-/// The files of an export; unique names and dates in them would make every two differ.
+/// Runs an export and returns its files, or the error. Without names and dates that differ between
+/// runs.
 fn outputs(folder: &Path, words: &[String]) -> Result<Vec<(PathBuf, Vec<u8>)>, String> {
     let out = folder.join("out");
     std::fs::create_dir_all(&out).unwrap();
     let output = atomesh(folder).args(words).output().unwrap();
-    let made = files_below(&out).into_iter();
-    let made = made.map(|(path, bytes)| (path.strip_prefix(&out).unwrap().into(), bytes));
-    let made = made.collect();
+    let written = files_below(&out).into_iter();
+    let written = written.map(|(path, bytes)| (path.strip_prefix(&out).unwrap().into(), bytes));
+    let written = written.collect();
     std::fs::remove_dir_all(&out).unwrap();
     match output.status.code() {
-        Some(0) => Ok(made),
+        Some(0) => Ok(written),
         _ => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
     }
 }
 
-/// Every option of rock, space and case with every format but that for columns, which takes other
-/// meshes: files change, or the option is refused by name.
+/// Tries each option of rock, space and case with each format except that for columns, which needs
+/// other meshes: the files change, or the error names the option.
 #[test]
 fn every_option_changes_the_files_or_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -113,7 +115,7 @@ fn every_option_changes_the_files_or_is_refused() {
         &[("--grid", "3,3,3")],
         &[("--thickness", "2")],
     ];
-    let more: [&[(&str, &str)]; 4] = [
+    let placement_options: [&[(&str, &str)]; 4] = [
         &[("--velocity", "2000")],
         &[("--length-unit", "ft")],
         &[("--depth-at-top", "1500")],
@@ -121,34 +123,34 @@ fn every_option_changes_the_files_or_is_refused() {
     ];
     let mut ignored = Vec::new();
     for format in formats().filter(|format| format.name != "disv") {
-        let usual = usual(format);
-        let base = outputs(folder, &arguments(format, "tets.vtu", "out", &usual)).unwrap();
-        assert!(!base.is_empty());
-        for added in options.iter().chain(&more) {
-            // The last is tried; those before it are what it needs.
-            let ((option, _), needed) = added.split_last().unwrap();
-            let before = match needed {
-                [] => Ok(base.clone()),
+        let usual = base_options(format);
+        let reference = outputs(folder, &arguments(format, "tets.vtu", "out", &usual)).unwrap();
+        assert!(!reference.is_empty());
+        for added_options in options.iter().chain(&placement_options) {
+            // The last option is under test. It needs those before it.
+            let ((option, _), required) = added_options.split_last().unwrap();
+            let without = match required {
+                [] => Ok(reference.clone()),
                 _ => {
-                    let mut before = usual.clone();
-                    before.extend(needed.iter().copied());
-                    outputs(folder, &arguments(format, "tets.vtu", "out", &before))
+                    let mut without = usual.clone();
+                    without.extend(required.iter().copied());
+                    outputs(folder, &arguments(format, "tets.vtu", "out", &without))
                 }
             };
-            let mut all = usual.clone();
-            all.extend(added.iter().copied());
+            let mut combined = usual.clone();
+            combined.extend(added_options.iter().copied());
             match (
-                outputs(folder, &arguments(format, "tets.vtu", "out", &all)),
-                before,
+                outputs(folder, &arguments(format, "tets.vtu", "out", &combined)),
+                without,
             ) {
-                (Ok(made), Ok(before)) if made == before => {
-                    ignored.push(format!("{}: {added:?}", format.name));
+                (Ok(with), Ok(without)) if with == without => {
+                    ignored.push(format!("{}: {added_options:?}", format.name));
                 }
-                (Err(said), Ok(_)) => {
-                    let named = said.contains(option) || said.contains(&option[2..]);
+                (Err(error), Ok(_)) => {
+                    let named = error.contains(option) || error.contains(&option[2..]);
                     assert!(
-                        named || *option == "--length-unit" && said.contains("unit of length"),
-                        "{}: {added:?} is refused, but not by name: {said}",
+                        named || *option == "--length-unit" && error.contains("unit of length"),
+                        "{}: {added_options:?} is refused, but not by name: {error}",
                         format.name
                     );
                 }
@@ -160,7 +162,7 @@ fn every_option_changes_the_files_or_is_refused() {
 }
 
 #[test]
-fn what_a_format_cannot_hold_is_refused_with_those_that_can() {
+fn options_of_other_formats_are_refused_with_the_names_of_these_formats() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("sheet.npy"), DIMS, planar_fault(DIMS));
@@ -179,35 +181,38 @@ fn what_a_format_cannot_hold_is_refused_with_those_that_can() {
         expect_refusal(folder, &words.split_whitespace().collect::<Vec<_>>())
     };
     let rock = "--permeability 100 --permeability-unit mD";
-    let said = export(&format!("--to resqml -o a.epc --faults 0.1 {rock}"));
+    let error = export(&format!("--to resqml -o a.epc --faults 0.1 {rock}"));
     assert!(
-        said.contains("--faults") && said.contains("opm, pflotran, tough2, disv, mrst"),
-        "{said}"
+        error.contains("--faults") && error.contains("opm, pflotran, tough2, disv, mrst"),
+        "{error}"
     );
-    let said = export(&format!("--to resqml -o a.epc --injector 9,9,9:10 {rock}"));
+    let error = export(&format!("--to resqml -o a.epc --injector 9,9,9:10 {rock}"));
     assert!(
-        said.contains("--injector") && said.contains("opm, disv, mrst, darts, grdecl"),
-        "{said}"
+        error.contains("--injector") && error.contains("opm, disv, mrst, darts, grdecl"),
+        "{error}"
     );
-    let said = export(&format!(
+    let error = export(&format!(
         "--to grdecl -o a.GRDECL --injector 9,9,9:10 {rock}"
     ));
     assert!(
-        said.contains("--injector") && said.contains("--porosity"),
-        "{said}"
+        error.contains("--injector") && error.contains("--porosity"),
+        "{error}"
     );
-    let said = export(&format!("--to mrst -o a.mat --barriers all {rock}"));
+    let error = export(&format!("--to mrst -o a.mat --barriers all {rock}"));
     assert!(
-        said.contains("--barriers") && said.contains("open"),
-        "{said}"
+        error.contains("--barriers") && error.contains("open"),
+        "{error}"
     );
-    let said = export(&format!("--to mrst -o a.mat --grid 3,3,3 {rock}"));
-    assert!(said.contains("--grid") && said.contains("grdecl"), "{said}");
-    let said = export("--to msh -o a.msh --days 10");
-    assert!(said.contains("--days") && said.contains("msh"), "{said}");
-    let said = export("--to mrst -o a.mat --faults 0.1");
+    let error = export(&format!("--to mrst -o a.mat --grid 3,3,3 {rock}"));
     assert!(
-        said.contains("--faults") && said.contains("permeability"),
-        "{said}"
+        error.contains("--grid") && error.contains("grdecl"),
+        "{error}"
+    );
+    let error = export("--to msh -o a.msh --days 10");
+    assert!(error.contains("--days") && error.contains("msh"), "{error}");
+    let error = export("--to mrst -o a.mat --faults 0.1");
+    assert!(
+        error.contains("--faults") && error.contains("permeability"),
+        "{error}"
     );
 }

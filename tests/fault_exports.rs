@@ -1,4 +1,5 @@
-//! `atomesh export`: faults, horizons and sides as other programs see them: named, resisting, torn open.
+//! Tests how `atomesh export` passes faults, horizons and sides of the box on: by name, with
+//! multipliers, or split.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -6,7 +7,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{atomesh, run_validator, write_npy, run_python, expect_refusal, run, planar_fault, run_simulator, run_vtk_program};
+use crate::common::{
+    atomesh, expect_refusal, planar_fault, run, run_python, run_simulator, run_validator,
+    run_vtk_program, write_npy,
+};
 use atomesh::files::vtk::DataArray;
 use atomesh::mesh::{FACES, TetMesh};
 use atomesh::store::{MeshFile, write_vtu};
@@ -20,8 +24,9 @@ fn read(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name)).unwrap()
 }
 
-/// Writes a box of cubes, six tetrahedra each; `on` tells which faces are on features.
-fn write_box(path: &Path, n: [u32; 3], on: impl Fn([[f64; 3]; 3]) -> bool) {
+/// Writes a mesh of a box of cubes with six tetrahedra each. `on` is true for the faces on
+/// features.
+fn write_box(path: &Path, n: [u32; 3], is_on_feature: impl Fn([[f64; 3]; 3]) -> bool) {
     let node = |[i, j, k]: [u32; 3]| i + (n[0] + 1) * (j + (n[1] + 1) * k);
     let mut mesh = TetMesh {
         nodes: Vec::new(),
@@ -33,8 +38,8 @@ fn write_box(path: &Path, n: [u32; 3], on: impl Fn([[f64; 3]; 3]) -> bool) {
                 .extend((0..=n[0]).map(|i| [i, j, k].map(f64::from)));
         }
     }
-    for at in 0..n[0] * n[1] * n[2] {
-        let low = [at % n[0], at / n[0] % n[1], at / (n[0] * n[1])];
+    for index in 0..n[0] * n[1] * n[2] {
+        let low = [index % n[0], index / n[0] % n[1], index / (n[0] * n[1])];
         for order in [
             [0, 1, 2],
             [1, 2, 0],
@@ -49,7 +54,7 @@ fn write_box(path: &Path, n: [u32; 3], on: impl Fn([[f64; 3]; 3]) -> bool) {
                 corner[axis] += 1;
                 *slot = node(corner);
             }
-            // Odd permutations turn the other way.
+            // Odd permutations have the opposite orientation.
             if [[1, 0, 2], [0, 2, 1], [2, 1, 0]].contains(&order) {
                 tet.swap(2, 3);
             }
@@ -57,7 +62,7 @@ fn write_box(path: &Path, n: [u32; 3], on: impl Fn([[f64; 3]; 3]) -> bool) {
         }
     }
     let bits = |tet: &[u32; 4]| {
-        let marked = |k: &usize| on(FACES[*k].map(|c| mesh.nodes[tet[c] as usize]));
+        let marked = |k: &usize| is_on_feature(FACES[*k].map(|c| mesh.nodes[tet[c] as usize]));
         (0..4).filter(marked).fold(0u8, |bits, k| bits | 1 << k)
     };
     let bits: Vec<u8> = mesh.tets.iter().map(bits).collect();
@@ -69,8 +74,9 @@ fn write_box(path: &Path, n: [u32; 3], on: impl Fn([[f64; 3]; 3]) -> bool) {
     write_vtu(path, &file).unwrap();
 }
 
-/// Twin faces: surface, cells, nodes of either side, from 1 on.
-fn twins(text: &str) -> Vec<(String, [usize; 2], [[usize; 3]; 2])> {
+/// Returns the pairs of coincident faces of a file: the surface, the two cells, and the nodes of
+/// both sides. Numbers begin at 1.
+fn coincident_faces(text: &str) -> Vec<(String, [usize; 2], [[usize; 3]; 2])> {
     let mut lines = text.lines();
     assert_eq!(
         lines.next(),
@@ -89,7 +95,7 @@ fn twins(text: &str) -> Vec<(String, [usize; 2], [[usize; 3]; 2])> {
     lines.map(row).collect()
 }
 
-/// The blocks of an Abaqus file: keyword lines with what follows them.
+/// Returns the blocks of an Abaqus file: keyword lines, each with the rows that follow it.
 fn blocks(text: &str) -> Vec<(&str, Vec<Vec<&str>>)> {
     let mut blocks: Vec<(&str, Vec<Vec<&str>>)> = Vec::new();
     for line in text.lines() {
@@ -104,7 +110,7 @@ fn blocks(text: &str) -> Vec<(&str, Vec<Vec<&str>>)> {
     blocks
 }
 
-fn positions(text: &str) -> Vec<[f64; 3]> {
+fn node_positions(text: &str) -> Vec<[f64; 3]> {
     let blocks = blocks(text);
     let (_, rows) = blocks.iter().find(|b| b.0.starts_with("NODE,")).unwrap();
     rows.iter()
@@ -112,18 +118,18 @@ fn positions(text: &str) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// Two faults that cross, one of which ends inside.
-fn write_crossing(path: &Path) {
+/// Writes a mesh with two crossing faults, one of which ends inside.
+fn write_crossing_faults(path: &Path) {
     write_box(path, [6, 6, 3], |face| {
         face.iter().all(|p| p[0] == 3.0) || face.iter().all(|p| p[1] == 3.0 && p[0] <= 5.0)
     });
 }
 
 #[test]
-fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
+fn nodes_at_faults_have_a_copy_for_each_sector_except_at_tips() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    write_crossing(&folder.join("mesh.vtu"));
+    write_crossing_faults(&folder.join("mesh.vtu"));
     let surfaces = json(folder, "surface mesh.vtu -o s.vtp --json --quiet");
     let names: Vec<String> = (surfaces["surfaces"].as_array().unwrap().iter())
         .map(|s| format!("{}{}", s["kind"].as_str().unwrap(), s["surface"]))
@@ -134,23 +140,23 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
         "export mesh.vtu --to inp -o a.inp --split faults --quiet",
     );
     let text = read(folder, "a.inp");
-    let nodes = positions(&text);
+    let nodes = node_positions(&text);
     let mut copies: BTreeMap<[i64; 3], usize> = BTreeMap::new();
     for p in &nodes {
         *copies.entry(p.map(|x| x as i64)).or_default() += 1;
     }
-    for ([x, y, z], found) in copies {
-        let want = match (x == 3, y == 3 && x < 5) {
+    for ([x, y, z], count) in copies {
+        let expected = match (x == 3, y == 3 && x < 5) {
             (true, true) => 4,
             (true, false) | (false, true) => 2,
             (false, false) => 1,
         };
-        assert_eq!(found, want, "at {x} {y} {z}");
+        assert_eq!(count, expected, "at {x} {y} {z}");
     }
 
-    // Twins lie on each other, nodes in the same order; cohesive elements are those faces, the normal of the
-    // first one towards the second cell.
-    let twins = twins(&read(folder, "a-twins.csv"));
+    // Coincident faces have their nodes in the same order. Cohesive elements consist of these
+    // faces, and the normal of the first face points to the second cell.
+    let twins = coincident_faces(&read(folder, "a-twins.csv"));
     assert_eq!(twins.len(), 2 * 6 * 3 + 2 * 5 * 3);
     let tets: Vec<Vec<usize>> = (blocks(&text).iter())
         .find(|b| b.0.starts_with("ELEMENT"))
@@ -169,11 +175,11 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
         assert_eq!([a, b, c], pair[1].map(|n| nodes[n - 1]));
         let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
         let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2]];
-        let off = |cell: usize| -> f64 {
+        let height = |cell: usize| -> f64 {
             let mean = |k: usize| tets[cell - 1].iter().map(|n| nodes[n - 1][k]).sum::<f64>() / 4.0;
             (0..2).map(|k| normal[k] * (mean(k) - a[k])).sum()
         };
-        assert!(off(cells[0]) < 0.0 && off(cells[1]) > 0.0);
+        assert!(height(cells[0]) < 0.0 && height(cells[1]) > 0.0);
         sides
             .entry(name)
             .or_default()
@@ -193,32 +199,32 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
     let flat = twins.iter().flat_map(|t| t.2.as_flattened().to_vec());
     assert!(flat.eq(elements));
 
-    // Either side is a set of faces and of nodes.
+    // Each side is a set of faces and a set of nodes.
     for name in [
         "FAULT1_A", "FAULT1_B", "FAULT2_A", "FAULT2_B", "XMIN", "ZMAX",
     ] {
         assert!(text.contains(&format!("*NSET, NSET=N{name}\n")), "{name}");
         assert!(text.contains(&format!("*SURFACE, NAME=S{name}, TYPE=ELEMENT\n")));
     }
-    let said = expect_refusal(
+    let error = expect_refusal(
         folder,
         &[
             "export", "mesh.vtu", "--to", "inp", "-o", "b.inp", "--split", "horizons",
         ],
     );
     assert!(
-        said.contains("--split horizons: matches no surface"),
-        "{said}"
+        error.contains("--split horizons: matches no surface"),
+        "{error}"
     );
-    let said = expect_refusal(
+    let error = expect_refusal(
         folder,
         &[
             "export", "mesh.vtu", "--to", "medit", "-o", "b.mesh", "--split", "faults",
         ],
     );
     assert!(
-        said.contains("--split") && said.contains("msh, msh2, inp"),
-        "{said}"
+        error.contains("--split") && error.contains("msh, msh2, inp"),
+        "{error}"
     );
 }
 
@@ -227,20 +233,20 @@ fn nodes_are_doubled_at_faults_once_for_each_sector_and_not_at_tips() {
 fn gmsh_reads_split_meshes_with_prisms_between_their_sides() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    write_crossing(&folder.join("mesh.vtu"));
+    write_crossing_faults(&folder.join("mesh.vtu"));
     for version in ["msh", "msh2"] {
         run(
             folder,
             &format!("export mesh.vtu --to {version} -o a.msh --split 1 --quiet"),
         );
-        assert_eq!(twins(&read(folder, "a-twins.csv")).len(), 36);
-        let found = run_validator("Gmsh", "physical.py", &[folder.join("a.msh").as_os_str()]);
-        assert_eq!(found["tets"], 6 * 6 * 6 * 3);
-        assert!((found["volume"].as_f64().unwrap() - 108.0).abs() < 1e-9);
+        assert_eq!(coincident_faces(&read(folder, "a-twins.csv")).len(), 36);
+        let result = run_validator("Gmsh", "physical.py", &[folder.join("a.msh").as_os_str()]);
+        assert_eq!(result["tets"], 6 * 6 * 6 * 3);
+        assert!((result["volume"].as_f64().unwrap() - 108.0).abs() < 1e-9);
         let count = |dim: u64, name: &str| {
-            let groups = found["groups"].as_array().unwrap().iter();
-            let mut own = groups.filter(|g| g[0] == dim && g[1] == name);
-            own.next().map_or(0, |g| g[2].as_u64().unwrap())
+            let groups = result["groups"].as_array().unwrap().iter();
+            let mut matching = groups.filter(|g| g[0] == dim && g[1] == name);
+            matching.next().map_or(0, |g| g[2].as_u64().unwrap())
         };
         let counts = [
             (2, "fault1_a"),
@@ -262,7 +268,7 @@ fn gmsh_reads_split_meshes_with_prisms_between_their_sides() {
 fn geos_finds_the_collocated_nodes_of_each_fracture() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    write_crossing(&folder.join("mesh.vtu"));
+    write_crossing_faults(&folder.join("mesh.vtu"));
     run(
         folder,
         "export mesh.vtu --to geos -o a.vtu --split faults --quiet",
@@ -277,19 +283,19 @@ reader.SetFileName(sys.argv[1])
 reader.Update()
 blocks = reader.GetOutput()
 points = lambda block: vtk_to_numpy(block.GetPoints().GetData())
-main, found = blocks.GetBlock(0), []
+main, fractures = blocks.GetBlock(0), []
 for b in range(1, blocks.GetNumberOfBlocks()):
     block = blocks.GetBlock(b)
     collocated = vtk_to_numpy(block.GetPointData().GetArray('collocated_nodes'))
-    here = collocated >= 0
+    is_node = collocated >= 0
     off = np.abs(points(main)[collocated] - points(block)[:, None]).max(axis=2)
-    found.append({'cells': block.GetNumberOfCells(), 'off': float((off * here).max()),
-                  'copies': sorted(set(here.sum(axis=1).tolist())), 'most': collocated.shape[1],
+    fractures.append({'cells': block.GetNumberOfCells(), 'off': float((off * is_node).max()),
+                  'copies': sorted(set(is_node.sum(axis=1).tolist())), 'most': collocated.shape[1],
                   'integer': collocated.dtype.kind})
-print(json.dumps({'points': main.GetNumberOfPoints(), 'blocks': found}))";
-    let found = run_vtk_program(program, &[&folder.join("a.vtm")]);
-    assert_eq!(found["points"], 7 * 7 * 4 + 4 * (6 + 4 + 3));
-    let blocks = found["blocks"].as_array().unwrap();
+print(json.dumps({'points': main.GetNumberOfPoints(), 'blocks': fractures}))";
+    let report = run_vtk_program(program, &[&folder.join("a.vtm")]);
+    assert_eq!(report["points"], 7 * 7 * 4 + 4 * (6 + 4 + 3));
+    let blocks = report["blocks"].as_array().unwrap();
     let cells: Vec<u64> = blocks
         .iter()
         .map(|b| b["cells"].as_u64().unwrap())
@@ -303,12 +309,12 @@ print(json.dumps({'points': main.GetNumberOfPoints(), 'blocks': found}))";
         );
     }
     assert_eq!(blocks[0]["copies"], serde_json::json!([2, 4]));
-    // The second one ends at a tip.
+    // The second fault ends at a tip.
     assert_eq!(blocks[1]["copies"], serde_json::json!([1, 2, 4]));
 }
 
-/// Sheared across a fault that resists by a stiffness, a block jumps by stress over stiffness there, and
-/// strains alike on both sides.
+/// Shears a block across a fault that has a stiffness. The displacement jumps by stress over
+/// stiffness at the fault, and the strain is the same on both sides.
 #[test]
 #[ignore = "needs CalculiX: make test-all"]
 fn calculix_finds_the_analytic_jump_across_a_split_fault() {
@@ -321,21 +327,21 @@ fn calculix_finds_the_analytic_jump_across_a_split_fault() {
         folder,
         "export mesh.vtu --to inp -o mesh.inp --split 1 --quiet",
     );
-    let nodes = positions(&read(folder, "mesh.inp"));
-    // Each pair of nodes holds as much of the fault as is nearest to it.
-    let mut share: BTreeMap<[usize; 2], f64> = BTreeMap::new();
-    for (_, _, [a, b]) in twins(&read(folder, "mesh-twins.csv")) {
+    let nodes = node_positions(&read(folder, "mesh.inp"));
+    // Each pair of nodes represents its share of the fault's area.
+    let mut areas: BTreeMap<[usize; 2], f64> = BTreeMap::new();
+    for (_, _, [a, b]) in coincident_faces(&read(folder, "mesh-twins.csv")) {
         for pair in a.into_iter().zip(b) {
-            *share.entry([pair.0, pair.1]).or_default() += 0.5 / 3.0;
+            *areas.entry([pair.0, pair.1]).or_default() += 0.5 / 3.0;
         }
     }
-    let total: f64 = share.values().sum();
+    let total: f64 = areas.values().sum();
     assert!((total - 6.0).abs() < 1e-12, "{total}");
     let (modulus, stiffness, shift) = (1e4, 2.5e3, 0.05);
     let mut job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n2E4, 0.0\n\
                    *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n"
         .to_string();
-    for (i, ([a, b], area)) in share.iter().enumerate() {
+    for (i, ([a, b], area)) in areas.iter().enumerate() {
         let element = 1000 + i;
         let _ = writeln!(
             job,
@@ -354,8 +360,8 @@ fn calculix_finds_the_analytic_jump_across_a_split_fault() {
     run_simulator(&mut ccx);
     // shift = 4 stress / modulus + stress / stiffness.
     let stress = shift / (4.0 / modulus + 1.0 / stiffness);
-    let upper: Vec<usize> = share.keys().map(|pair| pair[1]).collect();
-    let lower: Vec<usize> = share.keys().map(|pair| pair[0]).collect();
+    let upper: Vec<usize> = areas.keys().map(|pair| pair[1]).collect();
+    let lower: Vec<usize> = areas.keys().map(|pair| pair[0]).collect();
     let mut compared = 0;
     for line in read(folder, "job.dat").lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -363,14 +369,14 @@ fn calculix_finds_the_analytic_jump_across_a_split_fault() {
             && let (Ok(node), Ok(y)) = (node.parse::<usize>(), y.parse::<f64>())
         {
             let x = nodes[node - 1][0];
-            // Which side is below, the numbers of cells say; not the test.
-            let beyond =
-                x > 2.0 || x == 2.0 && side_is_right(&nodes, &read(folder, "mesh.inp"), node);
-            let jump = if beyond { stress / stiffness } else { 0.0 };
-            let want = stress / modulus * x + jump;
+            // The numbers of the cells decide which side is the lower one, not this test.
+            let is_upper =
+                x > 2.0 || x == 2.0 && is_on_right_side(&nodes, &read(folder, "mesh.inp"), node);
+            let jump = if is_upper { stress / stiffness } else { 0.0 };
+            let expected = stress / modulus * x + jump;
             assert!(
-                (y - want).abs() < 1e-6 * shift,
-                "node {node} at {x}: {y}, not {want}"
+                (y - expected).abs() < 1e-6 * shift,
+                "node {node} at {x}: {y}, not {expected}"
             );
             compared += 1;
         }
@@ -379,26 +385,26 @@ fn calculix_finds_the_analytic_jump_across_a_split_fault() {
     assert_eq!(upper.len() + lower.len(), 2 * 4 * 3);
 }
 
-/// Whether the tetrahedra that have a node lie at larger x.
-fn side_is_right(nodes: &[[f64; 3]], text: &str, node: usize) -> bool {
+/// Returns `true` if the tetrahedra at a node lie on the side of larger x.
+fn is_on_right_side(nodes: &[[f64; 3]], text: &str, node: usize) -> bool {
     let blocks = blocks(text);
     let (_, tets) = blocks.iter().find(|b| b.0.starts_with("ELEMENT")).unwrap();
     let name = node.to_string();
-    let own = tets
+    let tet = tets
         .iter()
         .find(|row| row[1..].contains(&name.as_str()))
         .unwrap();
     let x = |n: &&str| nodes[n.parse::<usize>().unwrap() - 1][0];
-    own[1..].iter().map(x).sum::<f64>() / 4.0 > 2.0
+    tet[1..].iter().map(x).sum::<f64>() / 4.0 > 2.0
 }
 
 #[test]
-fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
+fn horizons_are_open_and_each_fault_can_have_a_multiplier() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("layers.npy"), [40, 36, 32], |[x, y, _]| {
-        let ricker = |off: f32| {
-            let t = (off / 2.5).powi(2);
+        let ricker = |distance: f32| {
+            let t = (distance / 2.5).powi(2);
             (1.0 - 2.0 * t) * (-t).exp()
         };
         ricker(x as f32 - 12.0 - 0.05 * y as f32) - ricker(x as f32 - 27.0)
@@ -409,39 +415,39 @@ fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
     );
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 100";
     let export = format!("export mesh.vtu --to darts -o a.conn {rock} --json --quiet");
-    let parts = |faults: &str| {
-        let said = json(folder, &format!("{export} {faults}"));
-        assert!(said["checks"]["feature_connections"].as_u64().unwrap() > 50);
-        said["checks"]["compartments"].as_array().unwrap().len()
+    let compartment_count = |faults: &str| {
+        let report = json(folder, &format!("{export} {faults}"));
+        assert!(report["checks"]["feature_connections"].as_u64().unwrap() > 50);
+        report["checks"]["compartments"].as_array().unwrap().len()
     };
-    assert_eq!(parts("--faults closed"), 1);
-    assert_eq!(parts("--faults closed --barriers horizons"), 3);
-    assert_eq!(parts("--fault-multiplier 1:0"), 2);
+    assert_eq!(compartment_count("--faults closed"), 1);
+    assert_eq!(compartment_count("--faults closed --barriers horizons"), 3);
+    assert_eq!(compartment_count("--fault-multiplier 1:0"), 2);
     run(folder, "export mesh.vtu --to inp -o a.inp --quiet");
     let text = read(folder, "a.inp");
     assert!(text.contains("NSET=NHORIZON1\n") && text.contains("NSET=NHORIZON2\n"));
 
-    write_crossing(&folder.join("mesh.vtu"));
+    write_crossing_faults(&folder.join("mesh.vtu"));
     let connections = |faults: &str| -> Vec<f64> {
         run(folder, &format!("{export} {faults}"));
         let text = read(folder, "a.conn");
-        let t = text
+        let transmissibilities = text
             .lines()
             .skip(1)
             .map(|line| line.split(' ').nth(2).unwrap().parse().unwrap());
-        t.collect()
+        transmissibilities.collect()
     };
     let open = connections("");
-    let own = connections("--faults 0.5 --fault-multiplier 2:0.01");
-    let with = |factor: f64| {
-        let pairs = open.iter().zip(&own);
+    let multiplied = connections("--faults 0.5 --fault-multiplier 2:0.01");
+    let count_scaled_by = |factor: f64| {
+        let pairs = open.iter().zip(&multiplied);
         pairs
             .filter(|(a, b)| (factor * *a - *b).abs() < 1e-9 * *a)
             .count()
     };
-    assert_eq!([with(0.5), with(0.01)], [36, 30]);
-    assert_eq!(with(1.0), open.len() - 66);
-    let said = expect_refusal(
+    assert_eq!([count_scaled_by(0.5), count_scaled_by(0.01)], [36, 30]);
+    assert_eq!(count_scaled_by(1.0), open.len() - 66);
+    let error = expect_refusal(
         folder,
         &format!(
             "{} --fault-multiplier 9:0.5",
@@ -451,16 +457,17 @@ fn horizons_are_no_barriers_and_faults_have_multipliers_of_their_own() {
         .collect::<Vec<_>>(),
     );
     assert!(
-        said.contains("--fault-multiplier 9: matches no surface: the mesh has "),
-        "{said}"
+        error.contains("--fault-multiplier 9: matches no surface: the mesh has "),
+        "{error}"
     );
 }
 
-/// A slit that leaves an opening of 15 in a channel 40 wide is 4 W / pi ln csc(pi d / 2 W) of channel more:
-/// see docs/reservoir.md for why cells are off, and by how much.
+/// Compares the flow around a slit with the analytic solution. A slit that leaves an opening of 15
+/// in a channel of width W = 40 acts as 4 W / pi ln csc(pi d / 2 W) of additional channel length.
+/// docs/reservoir.md explains the error of each kind of cell.
 #[test]
 #[ignore = "needs SciPy: make test-all"]
-fn flow_past_the_tip_of_a_closed_fault_is_what_it_should_be() {
+fn flow_around_the_tip_of_a_closed_fault_is_the_analytic_one() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(
@@ -471,17 +478,17 @@ fn flow_past_the_tip_of_a_closed_fault_is_what_it_should_be() {
             _ => 0.0,
         },
     );
-    let (length, width, height, open) = (80.0, 40.0, 30.0, 15.0f64);
-    let angle = std::f64::consts::FRAC_PI_2 * open / width;
-    let more = 4.0 * width / std::f64::consts::PI * angle.sin().recip().ln();
-    let exact = height * width / (length + more);
+    let (length, width, height, opening) = (80.0, 40.0, 30.0, 15.0f64);
+    let angle = std::f64::consts::FRAC_PI_2 * opening / width;
+    let extra_length = 4.0 * width / std::f64::consts::PI * angle.sin().recip().ln();
+    let exact = height * width / (length + extra_length);
     let mesh = "mesh slit.npy --distance 5 --feature ridges --quiet -o";
     let ends = "--pressure xmin=1 --pressure xmax=0 --permeability 1 --viscosity 1 --json --quiet";
-    // Tetrahedra end where the fault does, Voronoi cells and boxes a cell farther.
+    // Tetrahedra end where the fault does. Voronoi cells and boxes extend it by up to a cell.
     for (cells, tolerance) in [("tets", 0.02), ("voronoi", 0.15)] {
         run(folder, &format!("{mesh} {cells}.vtu --cells {cells}"));
-        let found = json(folder, &format!("flow {cells}.vtu -o f.vtu {ends}"));
-        let rate = found["exchange"][0]["rate"].as_f64().unwrap();
+        let report = json(folder, &format!("flow {cells}.vtu -o f.vtu {ends}"));
+        let rate = report["exchange"][0]["rate"].as_f64().unwrap();
         println!("{cells}: {:.3}", rate / exact);
         assert!(
             (rate / exact - 1.0).abs() < tolerance,
@@ -489,14 +496,17 @@ fn flow_past_the_tip_of_a_closed_fault_is_what_it_should_be() {
         );
     }
     let export = "export tets.vtu --to grdecl -o a.GRDECL --permeability 1 --permeability-unit m2";
-    for (faults, want, tolerance) in [("open", 15.0, 1e-9), ("closed", exact, 0.1)] {
+    for (faults, expected, tolerance) in [("open", 15.0, 1e-9), ("closed", exact, 0.1)] {
         let grid = "--grid 48,24,12 --depth-at-top 100 --quiet --down z";
         run(folder, &format!("{export} {grid} --faults {faults}"));
         let path = folder.join("a.GRDECL");
-        let found = run_validator("SciPy", "corner_rate.py", &[path.as_os_str()]);
-        let rate = found["rate"].as_f64().unwrap();
-        println!("corner points, {faults}: {:.3}", rate / want);
-        assert!((rate / want - 1.0).abs() < tolerance, "{rate}, not {want}");
+        let result = run_validator("SciPy", "corner_rate.py", &[path.as_os_str()]);
+        let rate = result["rate"].as_f64().unwrap();
+        println!("corner points, {faults}: {:.3}", rate / expected);
+        assert!(
+            (rate / expected - 1.0).abs() < tolerance,
+            "{rate}, not {expected}"
+        );
     }
 }
 
@@ -511,7 +521,7 @@ fn opm_flow_runs_the_corner_point_deck_with_its_wells() {
         folder,
         "mesh sheet.npy --distance 6 --quiet -o cells.vtu --cells voronoi",
     );
-    // Through the fault, askew.
+    // The wells cross the fault obliquely.
     std::fs::write(folder.join("INJ.csv"), "5,5,4,0.1\n5,5,28,0.1\n").unwrap();
     std::fs::write(
         folder.join("PROD.csv"),
@@ -530,20 +540,21 @@ fn opm_flow_runs_the_corner_point_deck_with_its_wells() {
         .take_while(|line| *line != "/")
         .map(|line| line.split_whitespace().collect())
         .collect();
-    let of = |name: &str| {
+    let completions_of = |name: &str| {
         completions
             .iter()
             .filter(|row| row[0] == name)
             .collect::<Vec<_>>()
     };
-    // The injector is upright, while pillars lean a little: the layers from 4 to 28 of 31, the row of y = 5.
-    let injector = of("INJ");
+    // The injector is vertical while pillars lean a little. It crosses the layers from 4 to 28 of
+    // 31, in the row of y = 5.
+    let injector = completions_of("INJ");
     assert!(injector.iter().all(|row| row[2] == "2"), "{injector:?}");
     let mut layers: Vec<&str> = injector.iter().map(|row| row[3]).collect();
     layers.dedup();
     assert_eq!(layers, ["2", "3", "4", "5", "6", "7", "8"]);
-    // The producer runs on along j in one layer.
-    let rows: Vec<&str> = of("PROD").iter().map(|row| row[2]).collect();
+    // The producer continues along j in one layer.
+    let rows: Vec<&str> = completions_of("PROD").iter().map(|row| row[2]).collect();
     assert!(rows.contains(&"8") && rows.contains(&"6"), "{rows:?}");
     let mut flow = Command::new("flow");
     flow.current_dir(folder)
@@ -558,23 +569,23 @@ fn opm_flow_runs_the_corner_point_deck_with_its_wells() {
         last = [v for k, v in resfo.read(sys.argv[1] + '.UNSMRY') if k.strip() == 'PARAMS'][-1]\n\
         print({n: float(v) for n, v in zip(names, last)})";
     let case = folder.join("out/A");
-    let said = run_python(
+    let rates = run_python(
         "resfo",
         &[OsStr::new("-c"), OsStr::new(program), case.as_os_str()],
     );
-    let said: Value = serde_json::from_str(&said.replace('\'', "\"")).unwrap();
-    let rate = |name: &str| said[name].as_f64().unwrap();
-    assert!((rate("WWIR:INJ") - 20.0).abs() < 1e-3, "{said}");
-    assert!((rate("WWPR:PROD") / 20.0 - 1.0).abs() < 0.01, "{said}");
+    let rates: Value = serde_json::from_str(&rates.replace('\'', "\"")).unwrap();
+    let rate = |name: &str| rates[name].as_f64().unwrap();
+    assert!((rate("WWIR:INJ") - 20.0).abs() < 1e-3, "{rates}");
+    assert!((rate("WWPR:PROD") / 20.0 - 1.0).abs() < 0.01, "{rates}");
 }
 
 #[test]
-fn a_producer_above_the_pressure_of_the_rock_gets_a_word() {
+fn a_producer_above_the_initial_pressure_gives_a_note() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_box(&folder.join("mesh.vtu"), [4, 3, 2], |_| false);
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 100";
-    let said = |bar: &str| {
+    let stderr_at = |bar: &str| {
         let line = format!(
             "export mesh.vtu --to opm -o A.DATA {rock} --pressure-at-top 150 --well-radius 0.01 --producer 1.4,1.2,1.1:{bar}"
         );
@@ -583,10 +594,10 @@ fn a_producer_above_the_pressure_of_the_rock_gets_a_word() {
         assert_eq!(output.status.code(), Some(0));
         String::from_utf8(output.stderr).unwrap()
     };
-    let high = said("180");
+    let high = stderr_at("180");
     assert!(
         high.contains("note: producer P1: its pressure of 180 bar is not below"),
         "{high}"
     );
-    assert!(!said("140").contains("producer"));
+    assert!(!stderr_at("140").contains("producer"));
 }

@@ -1,41 +1,43 @@
-//! `atomesh flow` as a user runs it.
+//! Tests `atomesh flow` on the command line.
 
 use std::path::Path;
 
-use crate::common::{SharedFiles, write_npy, write_npy_2d, expect_refusal, run, planar_fault, run_args};
+use crate::common::{
+    SharedFiles, expect_refusal, planar_fault, run, run_args, write_npy, write_npy_2d,
+};
 use atomesh::files::vtk::VtkFile;
 use atomesh::store::{AnyMesh, MeshFile, read_any_vtu, read_vtu};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [40, 36, 32];
 
-/// A folder with a mesh of a sheet across the box, `mesh.vtu`.
+/// Returns a folder with `mesh.vtu`, a mesh of a planar fault across the box.
 fn folder() -> tempfile::TempDir {
-    static MADE: SharedFiles = SharedFiles::new();
-    MADE.folder(|folder| {
+    static FILES: SharedFiles = SharedFiles::new();
+    FILES.folder(|folder| {
         write_npy(&folder.join("sheet.npy"), DIMS, planar_fault(DIMS));
         run(folder, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
     })
 }
 
 fn flow(folder: &Path, options: &[&str]) -> Value {
-    let all = [
+    let arguments = [
         &["flow", "mesh.vtu", "-o", "flow.vtu", "--quiet", "--json"],
         options,
     ]
     .concat();
-    serde_json::from_str(&run_args(folder, &all)).unwrap()
+    serde_json::from_str(&run_args(folder, &arguments)).unwrap()
 }
 
-fn through(folder: &Path, options: &[&str]) -> f64 {
+fn throughput(folder: &Path, options: &[&str]) -> f64 {
     let sides = ["--pressure", "xmin=2e5", "--pressure", "xmax=1e5"];
-    let said = flow(folder, &[&sides, options].concat());
-    assert!(said["solver"]["max_imbalance"].as_f64().unwrap() < 1e-10);
-    assert!(said["solver"]["total_imbalance"].as_f64().unwrap() < 1e-10);
-    said["solver"]["throughput"].as_f64().unwrap()
+    let report = flow(folder, &[&sides, options].concat());
+    assert!(report["solver"]["max_imbalance"].as_f64().unwrap() < 1e-10);
+    assert!(report["solver"]["total_imbalance"].as_f64().unwrap() < 1e-10);
+    report["solver"]["throughput"].as_f64().unwrap()
 }
 
-fn numbers(file: &MeshFile, name: &str) -> Vec<f64> {
+fn array_values(file: &MeshFile, name: &str) -> Vec<f64> {
     let arrays = file.point_data.iter().chain(&file.cell_data);
     arrays
         .into_iter()
@@ -48,7 +50,7 @@ fn numbers(file: &MeshFile, name: &str) -> Vec<f64> {
 #[test]
 fn linear_pressure_is_exact_on_an_optimised_mesh() {
     let folder = folder();
-    let rate = through(
+    let rate = throughput(
         folder.path(),
         &[
             "--faults",
@@ -59,56 +61,66 @@ fn linear_pressure_is_exact_on_an_optimised_mesh() {
             "5e-4",
         ],
     );
-    // k / viscosity * pressure difference * area / length.
-    let want = 2e-13 / 5e-4 * 1e5 * (35.0 * 31.0) / 39.0;
-    assert!((rate / want - 1.0).abs() < 1e-9, "{rate} {want}");
+    // Darcy: k / viscosity * pressure difference * area / length.
+    let expected = 2e-13 / 5e-4 * 1e5 * (35.0 * 31.0) / 39.0;
+    assert!((rate / expected - 1.0).abs() < 1e-9, "{rate} {expected}");
     let file = read_vtu(&folder.path().join("flow.vtu")).unwrap();
-    for (p, x) in numbers(&file, "pressure").iter().zip(&file.mesh.nodes) {
+    for (p, x) in array_values(&file, "pressure").iter().zip(&file.mesh.nodes) {
         let exact = 2e5 - 1e5 * x[0] / 39.0;
         assert!((p / exact - 1.0).abs() < 1e-10, "{p} {exact}");
     }
-    let u = want / (35.0 * 31.0);
-    for velocity in numbers(&file, "velocity").chunks(3) {
+    let u = expected / (35.0 * 31.0);
+    for velocity in array_values(&file, "velocity").chunks(3) {
         assert!((velocity[0] / u - 1.0).abs() < 1e-9);
         assert!(velocity[1].abs() + velocity[2].abs() < 1e-8 * u);
     }
 }
 
 #[test]
-fn the_more_a_fault_resists_the_less_flows() {
+fn flow_decreases_with_the_resistance_of_the_fault() {
     let folder = folder();
     let rates: Vec<f64> = ["open", "0.9", "0.1", "1e-3", "closed"]
-        .map(|faults| through(folder.path(), &["--faults", faults]))
+        .map(|faults| throughput(folder.path(), &["--faults", faults]))
         .into();
     assert!(rates.windows(2).all(|pair| pair[1] < pair[0]), "{rates:?}");
     assert!(rates[3] < 0.2 * rates[0], "{rates:?}");
-    // The sheet parts the box: closed, nothing gets across.
+    // The fault separates the box: if it is closed, there is no flow.
     assert!(rates[4] < 1e-9 * rates[0], "{rates:?}");
     let file = read_vtu(&folder.path().join("flow.vtu")).unwrap();
-    let nodes = numbers(&file, "node");
+    let nodes = array_values(&file, "node");
     let doubled = nodes
         .iter()
         .enumerate()
         .filter(|(i, node)| **node != *i as f64)
         .count();
     assert!(doubled > 20);
-    assert!(numbers(&file, "fault_rate").iter().all(|rate| *rate == 0.0));
-    assert_eq!(numbers(&file, "atom_kind").len(), file.mesh.nodes.len());
+    assert!(
+        array_values(&file, "fault_rate")
+            .iter()
+            .all(|rate| *rate == 0.0)
+    );
+    assert_eq!(
+        array_values(&file, "atom_kind").len(),
+        file.mesh.nodes.len()
+    );
 
-    // A layer twice as thick resists about twice as much as long as it is what resists most.
-    let thin = through(
+    // A layer of twice the thickness has about twice the resistance as long as the layer dominates.
+    let thin = throughput(
         folder.path(),
         &["--faults", "1e-4", "--fault-thickness", "0.1"],
     );
-    let thick = through(
+    let thick = throughput(
         folder.path(),
         &["--faults", "1e-4", "--fault-thickness", "0.2"],
     );
     assert!(thick < thin, "{thick} {thin}");
     let file = read_vtu(&folder.path().join("flow.vtu")).unwrap();
-    // What one side of a face loses the other one gains.
-    let across = numbers(&file, "fault_rate");
-    assert!(across.iter().sum::<f64>().abs() < 1e-12 * across.iter().map(|r| r.abs()).sum::<f64>());
+    // The two sides of a face have opposite rates.
+    let fault_rates = array_values(&file, "fault_rate");
+    assert!(
+        fault_rates.iter().sum::<f64>().abs()
+            < 1e-12 * fault_rates.iter().map(|r| r.abs()).sum::<f64>()
+    );
 }
 
 #[test]
@@ -118,11 +130,11 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
     let mesh = "mesh sheet.npy -o mesh.vtu --distance 6 --align alongside --cells voronoi --quiet";
     run_args(folder.path(), &mesh.split(' ').collect::<Vec<_>>());
     let lines = ["--streamlines", "lines.vtp", "--lines", "10"];
-    let rate = through(folder.path(), &[&["--faults", "open"], &lines[..]].concat());
-    // Straight along x, each as far as the box is long.
-    let read = VtkFile::read(&folder.path().join("lines.vtp"), "PolyData").unwrap();
-    let piece = read.piece().unwrap();
-    let points = read
+    let rate = throughput(folder.path(), &[&["--faults", "open"], &lines[..]].concat());
+    // Streamlines are straight along x, and as long as the box.
+    let file = VtkFile::read(&folder.path().join("lines.vtp"), "PolyData").unwrap();
+    let piece = file.piece().unwrap();
+    let points = file
         .array(&piece.child("Points").unwrap().children[0])
         .unwrap();
     let points = points.values.to_f64();
@@ -140,22 +152,22 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
         }
     }
     assert!(ends == 9 && steps > 100, "{ends} {steps}");
-    let want = 1e-13 / 1e-3 * 1e5 * (35.0 * 31.0) / 39.0;
-    assert!((rate / want - 1.0).abs() < 1e-6, "{rate} {want}");
+    let expected = 1e-13 / 1e-3 * 1e5 * (35.0 * 31.0) / 39.0;
+    assert!((rate / expected - 1.0).abs() < 1e-6, "{rate} {expected}");
     let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.path().join("flow.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
-    let found = file
+    let pressure = file
         .cell_data
         .iter()
         .find(|a| a.name == "pressure")
         .unwrap();
-    for (p, site) in found.values.to_f64().iter().zip(&file.mesh.sites) {
+    for (p, site) in pressure.values.to_f64().iter().zip(&file.mesh.sites) {
         let exact = 2e5 - 1e5 * site[0] / 39.0;
         assert!((p / exact - 1.0).abs() < 1e-6, "{p} {exact}");
     }
     assert!(file.mesh.on_feature.iter().any(|on| *on));
-    let closed = through(folder.path(), &["--faults", "closed"]);
+    let closed = throughput(folder.path(), &["--faults", "closed"]);
     assert!(closed < 0.9 * rate, "{closed} {rate}");
     // The third coordinate is missing.
     let sink = [
@@ -171,25 +183,28 @@ fn two_point_fluxes_are_exact_on_voronoi_cells() {
     assert!(expect_refusal(folder.path(), &sink).contains("2 coordinates, the mesh 3"));
 }
 
-/// Triangles and polygons of the plane by the same code: a line across, tilted as the sheet is.
+/// Tests triangles and polygons of the plane with a line across, tilted as the fault is.
 #[test]
-fn in_the_plane_as_in_space() {
+fn flow_in_the_plane() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     let line = planar_fault(DIMS);
-    write_npy_2d(&at.join("line.npy"), [40, 36], |[x, y]| line([x, y, 0]));
+    write_npy_2d(&dir.join("line.npy"), [40, 36], |[x, y]| line([x, y, 0]));
     for cells in ["triangles", "voronoi"] {
         let mesh = format!("mesh line.npy -o mesh.vtu --distance 4 --cells {cells} --quiet");
-        run_args(at, &mesh.split(' ').collect::<Vec<_>>());
-        let want = 2e-13 / 1e-3 * 1e5 * 35.0 / 39.0;
+        run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+        let expected = 2e-13 / 1e-3 * 1e5 * 35.0 / 39.0;
         if cells == "triangles" {
-            // Two-point fluxes are right for isotropic rock only.
+            // Two-point fluxes are exact for isotropic rock only.
             let options = ["--faults", "open", "--permeability", "2e-13,1e-12"];
-            let rate = through(at, &options);
-            assert!((rate / want - 1.0).abs() < 1e-10, "{rate} {want}");
+            let rate = throughput(dir, &options);
+            assert!((rate / expected - 1.0).abs() < 1e-10, "{rate} {expected}");
         }
-        let rate = through(at, &["--faults", "open", "--permeability", "2e-13"]);
-        assert!((rate / want - 1.0).abs() < 1e-6, "{cells} {rate} {want}");
+        let rate = throughput(dir, &["--faults", "open", "--permeability", "2e-13"]);
+        assert!(
+            (rate / expected - 1.0).abs() < 1e-6,
+            "{cells} {rate} {expected}"
+        );
         let layer = [
             "--faults",
             "0.01",
@@ -198,20 +213,20 @@ fn in_the_plane_as_in_space() {
             "--permeability",
             "2e-13",
         ];
-        let less = through(at, &layer);
-        // In series, the line being off square by 6 degrees.
-        let layered = want * 39.0 / (39.0 + 0.5 * 99.0);
+        let rate_with_layer = throughput(dir, &layer);
+        // The resistances are in series. The line is 6 degrees off the perpendicular.
+        let expected_with_layer = expected * 39.0 / (39.0 + 0.5 * 99.0);
         assert!(
-            (less / layered - 1.0).abs() < 0.05,
-            "{cells} {less} {layered}"
+            (rate_with_layer / expected_with_layer - 1.0).abs() < 0.05,
+            "{cells} {rate_with_layer} {expected_with_layer}"
         );
-        assert!(through(at, &["--faults", "closed"]) < 1e-9 * want);
+        assert!(throughput(dir, &["--faults", "closed"]) < 1e-9 * expected);
         let side = ["flow", "mesh.vtu", "-o", "x.vtu", "--pressure", "zmin=0"];
-        assert!(expect_refusal(at, &side).contains("zmin"));
+        assert!(expect_refusal(dir, &side).contains("zmin"));
         let well = [
             "flow", "mesh.vtu", "-o", "x.vtu", "--source", "1,2,3", "--sink", "5,5,5",
         ];
-        assert!(expect_refusal(at, &well).contains("3 coordinates, the mesh 2"));
+        assert!(expect_refusal(dir, &well).contains("3 coordinates, the mesh 2"));
         let k = [
             "flow",
             "mesh.vtu",
@@ -222,10 +237,10 @@ fn in_the_plane_as_in_space() {
             "--permeability",
             "1,1,2",
         ];
-        assert!(expect_refusal(at, &k).contains("KXX,KYY,KXY"));
+        assert!(expect_refusal(dir, &k).contains("KXX,KYY,KXY"));
     }
     let mesh = "mesh line.npy -o mesh.vtu --distance 4 --quiet";
-    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+    run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
     let wells = [
         "--source",
         "8,10",
@@ -236,9 +251,9 @@ fn in_the_plane_as_in_space() {
         "--lines",
         "20",
     ];
-    let said = flow(at, &wells);
-    assert_eq!(said["solver"]["compartments"], 2);
-    let lines = VtkFile::read(&at.join("lines.vtp"), "PolyData").unwrap();
+    let report = flow(dir, &wells);
+    assert_eq!(report["solver"]["compartments"], 2);
+    let lines = VtkFile::read(&dir.join("lines.vtp"), "PolyData").unwrap();
     let piece = lines.piece().unwrap();
     assert_eq!(
         lines
@@ -246,7 +261,7 @@ fn in_the_plane_as_in_space() {
             .unwrap(),
         [20]
     );
-    let AnyMesh::Triangles(file) = read_any_vtu(&at.join("flow.vtu")).unwrap() else {
+    let AnyMesh::Triangles(file) = read_any_vtu(&dir.join("flow.vtu")).unwrap() else {
         panic!("no triangles")
     };
     let velocity = file
@@ -257,54 +272,54 @@ fn in_the_plane_as_in_space() {
     assert_eq!(velocity.components, 3);
 }
 
-/// Two sheets across the box, the second smaller: each with its own multiplier, by number.
+/// Tests two faults across the box, the second one smaller, with a multiplier for each by number.
 #[test]
-fn faults_by_number() {
+fn multipliers_for_faults_by_number() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    write_npy(&at.join("two.npy"), DIMS, |[x, y, z]| {
-        let ridge = |off: f32| (-0.5 * (off / 1.5).powi(2)).exp();
-        let ends = if y < 26 { 1.0 } else { 0.0 };
-        ridge(x as f32 - 12.0 - 0.2 * z as f32).max(ends * ridge(x as f32 - 30.0))
+    let dir = folder.path();
+    write_npy(&dir.join("two.npy"), DIMS, |[x, y, z]| {
+        let ridge = |distance: f32| (-0.5 * (distance / 1.5).powi(2)).exp();
+        let amplitude = if y < 26 { 1.0 } else { 0.0 };
+        ridge(x as f32 - 12.0 - 0.2 * z as f32).max(amplitude * ridge(x as f32 - 30.0))
     });
     for cells in ["tets", "voronoi"] {
         let mesh = format!(
             "mesh two.npy -o mesh.vtu --distance 5 --feature ridges --cells {cells} --quiet"
         );
-        run_args(at, &mesh.split(' ').collect::<Vec<_>>());
-        let said = run_args(
-            at,
+        run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+        let stdout = run_args(
+            dir,
             &["surface", "mesh.vtu", "-o", "s.vtp", "--json", "--quiet"],
         );
-        let said: Value = serde_json::from_str(&said).unwrap();
-        let surfaces = said["surfaces"].as_array().unwrap();
-        assert_eq!(surfaces.len(), 2, "{cells} {said}");
-        // The first crosses the whole box, the second ends within it.
+        let report: Value = serde_json::from_str(&stdout).unwrap();
+        let surfaces = report["surfaces"].as_array().unwrap();
+        assert_eq!(surfaces.len(), 2, "{cells} {report}");
+        // The first fault crosses the whole box. The second one ends inside.
         assert!(surfaces[0]["area"].as_f64() > surfaces[1]["area"].as_f64());
         assert!(surfaces.iter().all(|s| s["kind"] == "fault"));
-        let open = through(at, &["--faults", "open"]);
-        let first = through(at, &["--faults", "open", "--fault-multiplier", "1:0"]);
+        let open = throughput(dir, &["--faults", "open"]);
+        let first = throughput(dir, &["--faults", "open", "--fault-multiplier", "1:0"]);
         assert!(first < 1e-9 * open, "{cells} {first} {open}");
-        let second = through(at, &["--faults", "open", "--fault-multiplier", "2:0"]);
+        let second = throughput(dir, &["--faults", "open", "--fault-multiplier", "2:0"]);
         assert!(
             second > 0.2 * open && second < 0.9 * open,
             "{cells} {second} {open}"
         );
-        // The same said in other ways.
-        let same = |options: &[&str]| {
-            let rate = through(at, options);
+        // Other options with the same meaning give the same rate.
+        let assert_same_rate = |options: &[&str]| {
+            let rate = throughput(dir, options);
             assert!((rate / second - 1.0).abs() < 1e-9, "{cells} {options:?}");
         };
-        same(&["--barriers", "2"]);
+        assert_same_rate(&["--barriers", "2"]);
         std::fs::write(
-            at.join("m.csv"),
+            dir.join("m.csv"),
             "surface,factor,thickness\n1,1,0.1\n2,0,0.1\n",
         )
         .unwrap();
-        same(&["--fault-multiplier", "m.csv"]);
-        same(&["--fault-multiplier", "1:1"]);
-        let both = flow(
-            at,
+        assert_same_rate(&["--fault-multiplier", "m.csv"]);
+        assert_same_rate(&["--fault-multiplier", "1:1"]);
+        let report = flow(
+            dir,
             &[
                 "--pressure",
                 "xmin=2e5",
@@ -316,8 +331,8 @@ fn faults_by_number() {
                 "2:0.25",
             ],
         );
-        let by_fault = both["by_fault"].as_array().unwrap();
-        let said: Vec<(u64, f64)> = by_fault
+        let by_fault = report["by_fault"].as_array().unwrap();
+        let multipliers: Vec<(u64, f64)> = by_fault
             .iter()
             .map(|f| {
                 (
@@ -326,52 +341,55 @@ fn faults_by_number() {
                 )
             })
             .collect();
-        assert_eq!(said, [(1, 0.5), (2, 0.25)]);
-        // All that flows crosses the first.
-        let (across, all) = (&by_fault[0]["total_rate_across"], &both["solver"]["throughput"]);
-        let share = across.as_f64().unwrap() / all.as_f64().unwrap();
-        assert!((share - 1.0).abs() < 1e-6, "{cells} {share}");
+        assert_eq!(multipliers, [(1, 0.5), (2, 0.25)]);
+        // The whole flow crosses the first fault.
+        let (through_first, total) = (
+            &by_fault[0]["total_rate_across"],
+            &report["solver"]["throughput"],
+        );
+        let ratio = through_first.as_f64().unwrap() / total.as_f64().unwrap();
+        assert!((ratio - 1.0).abs() < 1e-6, "{cells} {ratio}");
     }
 }
 
-/// Layers are no barriers unless they are asked for.
+/// Tests that horizons are no barriers by default.
 #[test]
-fn horizons_are_no_faults() {
+fn horizons_are_open_by_default() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    write_npy(&at.join("layers.npy"), DIMS, |[x, y, _]| {
-        let ricker = |off: f32| {
-            let t = (off / 2.5).powi(2);
+    let dir = folder.path();
+    write_npy(&dir.join("layers.npy"), DIMS, |[x, y, _]| {
+        let ricker = |distance: f32| {
+            let t = (distance / 2.5).powi(2);
             (1.0 - 2.0 * t) * (-t).exp()
         };
         ricker(x as f32 - 12.0 - 0.05 * y as f32) - ricker(x as f32 - 27.0)
     });
     let mesh = "mesh layers.npy -o mesh.vtu --distance 5 --feature horizons --quiet";
-    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
-    let said = run_args(
-        at,
+    run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+    let stdout = run_args(
+        dir,
         &[
             "surface", "mesh.vtu", "-o", "s.ts", "--up", "x", "--json", "--quiet",
         ],
     );
-    let said: Value = serde_json::from_str(&said).unwrap();
-    let surfaces = said["surfaces"].as_array().unwrap();
+    let report: Value = serde_json::from_str(&stdout).unwrap();
+    let surfaces = report["surfaces"].as_array().unwrap();
     assert!(
         !surfaces.is_empty() && surfaces.iter().all(|s| s["kind"] == "horizon"),
-        "{said}"
+        "{report}"
     );
-    let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+    let text = std::fs::read_to_string(dir.join("s.ts")).unwrap();
     assert!(text.contains("name:horizon1\n") && text.contains("AXIS_UNIT \"unitless\""));
-    let open = through(at, &["--faults", "open"]);
-    let closed = through(at, &["--faults", "closed"]);
+    let open = throughput(dir, &["--faults", "open"]);
+    let closed = throughput(dir, &["--faults", "closed"]);
     assert!((closed / open - 1.0).abs() < 1e-9, "{closed} {open}");
-    for which in ["all", "horizons"] {
-        assert!(through(at, &["--barriers", which]) < 1e-9 * open);
+    for barriers in ["all", "horizons"] {
+        assert!(throughput(dir, &["--barriers", barriers]) < 1e-9 * open);
     }
 }
 
 #[test]
-fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
+fn wells_and_streamlines_are_the_same_for_any_number_of_threads() {
     let folder = folder();
     let wells = [
         "--source",
@@ -382,7 +400,7 @@ fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
         "8,30,28:0.0005",
     ];
     let run = |threads: &str| {
-        let more = [
+        let options = [
             "--faults",
             "0.01",
             "--streamlines",
@@ -392,14 +410,14 @@ fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
             "--threads",
             threads,
         ];
-        let said = flow(folder.path(), &[&wells[..], &more].concat());
+        let report = flow(folder.path(), &[&wells[..], &options].concat());
         let files =
             ["flow.vtu", "lines.vtp"].map(|f| std::fs::read(folder.path().join(f)).unwrap());
-        (said, files)
+        (report, files)
     };
-    let (said, files) = run("1");
+    let (report, files) = run("1");
     assert!(run("3").1 == files);
-    let rates: Vec<f64> = said["exchange"]
+    let rates: Vec<f64> = report["exchange"]
         .as_array()
         .unwrap()
         .iter()
@@ -417,24 +435,24 @@ fn wells_streamlines_and_the_same_bytes_for_any_number_of_threads() {
 }
 
 #[test]
-fn permeability_by_region_and_by_cell() {
+fn permeability_by_region_and_by_cell_array() {
     let folder = folder();
-    let through =
-        |options: &[&str]| through(folder.path(), &[&["--faults", "0.1"], options].concat());
-    let plain = through(&["--permeability", "3e-13"]);
+    let throughput =
+        |options: &[&str]| throughput(folder.path(), &[&["--faults", "0.1"], options].concat());
+    let plain = throughput(&["--permeability", "3e-13"]);
     std::fs::write(
         folder.path().join("k.csv"),
         "region,k\n# all of it\n0,3e-13\n7,1\n",
     )
     .unwrap();
-    assert_eq!(plain, through(&["--permeability", "k.csv"]));
-    // Any cell array may be the permeability, here the cells' volumes.
-    let by_volume = through(&["--permeability", "volume"]);
+    assert_eq!(plain, throughput(&["--permeability", "k.csv"]));
+    // Any cell array may be the permeability, for example the volume of the cells.
+    let by_volume = throughput(&["--permeability", "volume"]);
     assert!(by_volume > 0.0 && by_volume.is_finite());
 }
 
 #[test]
-fn what_cannot_be_computed_is_refused_in_one_line() {
+fn impossible_flow_jobs_are_refused_in_one_line() {
     let folder = folder();
     let path = folder.path();
     std::fs::write(path.join("five.csv"), "5,1e-13\n").unwrap();
@@ -565,7 +583,7 @@ fn what_cannot_be_computed_is_refused_in_one_line() {
 }
 
 #[test]
-fn no_input_is_replaced_and_no_option_ignored() {
+fn no_input_is_overwritten_and_no_option_is_ignored() {
     let folder = folder();
     let path = folder.path();
     std::fs::write(path.join("factors.vtu"), "1,0.5\n").unwrap();
@@ -584,10 +602,10 @@ fn no_input_is_replaced_and_no_option_ignored() {
     ];
     for (options, words) in cases {
         let line = format!("{line} {options}");
-        let said = expect_refusal(path, &line.split_whitespace().collect::<Vec<_>>());
-        assert!(said.contains(words), "no '{words}' in: {said}");
+        let error = expect_refusal(path, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(error.contains(words), "no '{words}' in: {error}");
     }
-    // A raw sample type says nothing where no image is read.
+    // A raw sample type has no meaning if no image is read.
     let surface = ["surface", "mesh.vtu", "-o", "s.vtp", "--raw", "4x4x4:f32"];
     assert!(expect_refusal(path, &surface).contains("no image"));
 }

@@ -1,5 +1,5 @@
-//! Images in the formats of others: every file made by others is read right, or refused in one clear
-//! line, and so is every damaged one.
+//! Tests images in the formats of other programs: their files are read correctly or refused in one
+//! clear line, and so are damaged files.
 
 use std::path::{Path, PathBuf};
 
@@ -14,9 +14,10 @@ fn read(path: &Path) -> Result<Image<3>, String> {
     }
 }
 
-/// Mean of the samples, and of each times the remainder of its number by 97: sees any change of order.
-/// What is no number counts as 0, as SimpleITK reads it.
-fn sums(image: &Image<3>) -> [f64; 2] {
+/// Returns the mean of the samples, and the mean of each sample times the remainder of its index by
+/// 97, which detects any change of order. Samples that are not finite count as 0, as SimpleITK
+/// reads them.
+fn checksums(image: &Image<3>) -> [f64; 2] {
     let value = |&v: &f32| if v.is_finite() { v } else { 0.0 };
     let samples: Vec<f32> = image.as_slice().iter().map(value).collect();
     let n = samples.len() as f64;
@@ -28,25 +29,26 @@ fn sums(image: &Image<3>) -> [f64; 2] {
     [mean, mixed.sum::<f64>() / n]
 }
 
-fn close(a: &[f64], b: &[f64], slack: f64) -> bool {
-    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= slack * (1.0 + b.abs());
+fn all_close(a: &[f64], b: &[f64], tolerance: f64) -> bool {
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= tolerance * (1.0 + b.abs());
     a.len() == b.len() && a.iter().zip(b).all(near)
 }
 
-/// Some 300 files that segyio, nibabel, pynrrd, SimpleITK and tifffile write, and some that atomesh writes.
+/// Compares some 300 files that segyio, nibabel, pynrrd, SimpleITK and tifffile write, and some
+/// that atomesh writes.
 #[test]
 #[ignore = "needs segyio, SimpleITK and others: make test-all"]
-fn values_and_places_are_those_of_the_libraries_of_the_field() {
+fn values_and_geometry_are_those_of_other_libraries() {
     let folder = tempfile::tempdir().unwrap();
-    let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/others.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/others.py");
     let arguments = [
-        judge.as_os_str(),
+        script.as_os_str(),
         crate::PROGRAM.as_ref(),
         folder.path().as_os_str(),
     ];
-    let said = crate::common::run_python("segyio and SimpleITK", &arguments);
-    println!("{said}");
-    let read = said.lines().filter_map(|line| {
+    let stdout = crate::common::run_python("segyio and SimpleITK", &arguments);
+    println!("{stdout}");
+    let read = stdout.lines().filter_map(|line| {
         line.split_once(": ")?
             .1
             .split(' ')
@@ -54,14 +56,14 @@ fn values_and_places_are_those_of_the_libraries_of_the_field() {
             .parse::<u32>()
             .ok()
     });
-    assert!(read.sum::<u32>() >= 280, "{said}");
+    assert!(read.sum::<u32>() >= 280, "{stdout}");
 }
 
 #[test]
-fn what_a_header_says_twice_is_refused_and_wide_integers_are_noted() {
+fn contradictory_headers_are_refused_and_rounded_integers_are_noted() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mha");
-    let written = |sizes: &str| {
+    let read_header = |sizes: &str| {
         let head = format!(
             "ObjectType = Image\nNDims = 3\n{sizes}\nElementType = MET_INT\nElementDataFile = LOCAL\n"
         );
@@ -69,20 +71,20 @@ fn what_a_header_says_twice_is_refused_and_wide_integers_are_noted() {
         std::fs::write(&path, head.bytes().chain(samples).collect::<Vec<u8>>()).unwrap();
         formats::read(&path, &ReadOptions::default())
     };
-    let error = written("DimSize = 5 4 3\nDimSize = 5 3 4")
+    let error = read_header("DimSize = 5 4 3\nDimSize = 5 3 4")
         .unwrap_err()
         .to_string();
     assert!(
         error.contains("gives DimSize twice: 5 4 3 and 5 3 4"),
         "{error}"
     );
-    let read = written("DimSize = 5 4 3\nDimSize = 5 4 3").unwrap();
+    let read = read_header("DimSize = 5 4 3\nDimSize = 5 4 3").unwrap();
     assert!(
         read.notes.iter().any(|note| note.contains("rounded")),
         "{:?}",
         read.notes
     );
-    // As VTK has them.
+    // VTK writes such a file.
     let path = folder.path().join("a.vti");
     let extent = "WholeExtent=\"0 1 0 1 0 1\" Origin=\"0 0 0\" Spacing=\"1 1 1\"";
     let text = format!(
@@ -99,13 +101,13 @@ fn what_a_header_says_twice_is_refused_and_wide_integers_are_noted() {
     );
 }
 
-/// An image with a turned, sheared grid and values of every sign.
+/// Returns an image with a rotated, sheared grid and values of both signs.
 fn oblique<const D: usize>(dims: [usize; D]) -> Image<D> {
-    let all = [[0.5, 0.25, 0.0], [-1.0, 2.0, 0.125], [0.25, 0.0, -4.0]];
+    let axes = [[0.5, 0.25, 0.0], [-1.0, 2.0, 0.125], [0.25, 0.0, -4.0]];
     let count = dims.iter().product();
     let geometry = Geometry {
         origin: std::array::from_fn(|k| [-12.5, 1000.0, 3.0][k]),
-        axes: std::array::from_fn(|k| std::array::from_fn(|c| all[k][c])),
+        axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[k][c])),
         names: std::array::from_fn(|k| ["sample", "crossline", "inline"][k].into()),
         units: std::array::from_fn(|_| "mm".into()),
     };
@@ -119,18 +121,18 @@ fn round_trip<const D: usize>(dims: [usize; D]) {
     for name in ["a.nrrd", "a.mha", "a.nii", "a.nii.gz"] {
         let path = folder.path().join(name);
         formats::write(&path, &image).unwrap();
-        let back = formats::read_any(&path, &ReadOptions::default()).unwrap();
-        let back: Image<D> = back.into_image().unwrap();
-        assert_eq!(back.samples, image.samples, "{name}");
-        // NIfTI's header is of single precision; these numbers suit it.
-        let (found, wanted) = (&back.geometry, &image.geometry);
-        assert!(close(&found.origin, &wanted.origin, 1e-12), "{name}");
-        let axes = [found, wanted].map(|g| g.axes.as_flattened().to_vec());
-        assert!(close(&axes[0], &axes[1], 1e-12), "{name}: {axes:?}");
+        let reread = formats::read_any(&path, &ReadOptions::default()).unwrap();
+        let reread: Image<D> = reread.into_image().unwrap();
+        assert_eq!(reread.samples, image.samples, "{name}");
+        // NIfTI's header has single precision, which represents these numbers exactly.
+        let (actual, expected) = (&reread.geometry, &image.geometry);
+        assert!(all_close(&actual.origin, &expected.origin, 1e-12), "{name}");
+        let axes = [actual, expected].map(|g| g.axes.as_flattened().to_vec());
+        assert!(all_close(&axes[0], &axes[1], 1e-12), "{name}: {axes:?}");
         match name {
-            "a.nrrd" => assert_eq!(found, wanted),
-            "a.mha" => assert_eq!(found.units, Geometry::<D>::default().units),
-            _ => assert_eq!(found.units, wanted.units),
+            "a.nrrd" => assert_eq!(actual, expected),
+            "a.mha" => assert_eq!(actual.units, Geometry::<D>::default().units),
+            _ => assert_eq!(actual.units, expected.units),
         }
     }
     let error = formats::write(&folder.path().join("a.npy.gz"), &image).unwrap_err();
@@ -138,12 +140,13 @@ fn round_trip<const D: usize>(dims: [usize; D]) {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn images_survive_a_round_trip_through_each_format() {
     round_trip([5, 4, 3]);
     round_trip([7, 6]);
 }
 
-/// Small good files of every format that is written here or by hand.
+/// Writes small valid files of every format that atomesh writes, and some by hand, and returns
+/// their paths.
 fn good_files(folder: &Path) -> Vec<PathBuf> {
     let image = oblique([6, 5, 4]);
     let mut paths: Vec<PathBuf> = ["a.nrrd", "a.mha", "a.nii", "a.nii.gz"]
@@ -153,38 +156,38 @@ fn good_files(folder: &Path) -> Vec<PathBuf> {
     paths
         .iter()
         .for_each(|path| formats::write(path, &image).unwrap());
-    let mut put = |name: &str, head: &str, data: &[u8]| {
+    let mut write_file = |name: &str, head: &str, data: &[u8]| {
         paths.push(folder.join(name));
         std::fs::write(folder.join(name), [head.as_bytes(), data].concat()).unwrap();
     };
     let bytes: Vec<u8> = (0..120).collect();
     let inr = "#INRIMAGE-4#{\nXDIM=6\nYDIM=5\nZDIM=4\nVDIM=1\nTYPE=unsigned fixed\n\
                PIXSIZE=8 bits\nSCALE=2**0\nCPU=decm\nVX=0.5\nVY=1\nVZ=2\n";
-    put(
+    write_file(
         "a.inr",
         &format!("{inr}{}##}}\n", "\n".repeat(252 - inr.len())),
         &bytes,
     );
     let text: String = bytes.iter().map(|b| format!("{b} ")).collect();
-    put(
+    write_file(
         "b.nrrd",
         "NRRD0001\ntype: int16\ndimension: 3\nsizes: 6 5 4\nspacings: 1 nan 3\nencoding: ascii\n\n",
         text.as_bytes(),
     );
-    put(
+    write_file(
         "b.mha",
         "NDims = 3\nDimSize = 6 5 4\nBinaryData = False\nElementType = MET_SHORT\n\
          ElementDataFile = LOCAL\n",
         text.as_bytes(),
     );
-    put(
+    write_file(
         "b.mhd",
         "NDims = 3\nDimSize = 6 5 4\nHeaderSize = -1\nElementType = MET_UCHAR\n\
          ElementDataFile = a.inr\n",
         b"",
     );
-    put("a.tif", "", &tiff([6, 5], 4));
-    put(
+    write_file("a.tif", "", &tiff([6, 5], 4));
+    write_file(
         "b.nii",
         "",
         &[nifti_2(), bytes.iter().rev().copied().collect()].concat(),
@@ -192,34 +195,35 @@ fn good_files(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// A big-endian NIfTI-2 header of 6 x 5 x 4 unsigned bytes v that mean 119 - v, turned by its qform
-/// by 90 degrees about z.
+/// Returns a big-endian NIfTI-2 header of 6 x 5 x 4 unsigned bytes. A byte v stands for 119 - v,
+/// and the qform rotates the image by 90 degrees about z.
 fn nifti_2() -> Vec<u8> {
     let mut head = vec![0u8; 544];
-    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
-    put(0, &540i32.to_be_bytes());
-    put(4, b"n+2\0\r\n\x1a\n");
-    put(12, &2i16.to_be_bytes());
-    put(14, &8i16.to_be_bytes());
+    let mut write_at =
+        |offset: usize, bytes: &[u8]| head[offset..offset + bytes.len()].copy_from_slice(bytes);
+    write_at(0, &540i32.to_be_bytes());
+    write_at(4, b"n+2\0\r\n\x1a\n");
+    write_at(12, &2i16.to_be_bytes());
+    write_at(14, &8i16.to_be_bytes());
     for (k, n) in [3i64, 6, 5, 4, 1, 1, 1, 1].iter().enumerate() {
-        put(16 + 8 * k, &n.to_be_bytes());
+        write_at(16 + 8 * k, &n.to_be_bytes());
     }
     for (k, size) in [-1.0f64, 0.5, 1.0, 2.0].iter().enumerate() {
-        put(104 + 8 * k, &size.to_be_bytes());
+        write_at(104 + 8 * k, &size.to_be_bytes());
     }
-    put(168, &544i64.to_be_bytes());
-    put(176, &(-1.0f64).to_be_bytes());
-    put(184, &119.0f64.to_be_bytes());
-    put(344, &1i32.to_be_bytes());
-    put(368, &0.5f64.sqrt().to_be_bytes());
+    write_at(168, &544i64.to_be_bytes());
+    write_at(176, &(-1.0f64).to_be_bytes());
+    write_at(184, &119.0f64.to_be_bytes());
+    write_at(344, &1i32.to_be_bytes());
+    write_at(368, &0.5f64.sqrt().to_be_bytes());
     for (k, x) in [10.0f64, 20.0, 30.0].iter().enumerate() {
-        put(376 + 8 * k, &x.to_be_bytes());
+        write_at(376 + 8 * k, &x.to_be_bytes());
     }
-    put(500, &2i32.to_be_bytes());
+    write_at(500, &2i32.to_be_bytes());
     head
 }
 
-/// A little-endian stack of uncompressed grey pages, samples 0, 1, 2 ...
+/// Returns a little-endian TIFF stack of uncompressed grey pages with the samples 0, 1, 2 ...
 fn tiff([nx, ny]: [u16; 2], pages: u16) -> Vec<u8> {
     let mut file = b"II*\0\x08\0\0\0".to_vec();
     let page = u32::from(nx) * u32::from(ny);
@@ -251,7 +255,7 @@ fn tiff([nx, ny]: [u16; 2], pages: u16) -> Vec<u8> {
 }
 
 #[test]
-fn small_files_of_every_format_hold_what_they_say() {
+fn small_files_of_every_format_have_the_expected_samples() {
     let folder = tempfile::tempdir().unwrap();
     for path in good_files(folder.path()).iter().skip(4) {
         let image = read(path).unwrap();
@@ -268,16 +272,17 @@ fn small_files_of_every_format_hold_what_they_say() {
         .geometry
         .spacing();
     assert_eq!(spacing, [0.5, 1.0, 2.0]);
-    // RAS (0, 0.5, 0), (-1, 0, 0) and, turned round, (0, 0, -2).
-    let turned = read(&folder.path().join("b.nii")).unwrap().geometry;
+    // The axes are (0, 0.5, 0), (-1, 0, 0) and (0, 0, -2) in RAS coordinates. The last one is
+    // reversed.
+    let geometry = read(&folder.path().join("b.nii")).unwrap().geometry;
     let axes = [0.0, -0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -2.0];
     assert!(
-        close(turned.axes.as_flattened(), &axes, 1e-12),
+        all_close(geometry.axes.as_flattened(), &axes, 1e-12),
         "{:?}",
-        turned.axes
+        geometry.axes
     );
     assert_eq!(
-        (turned.origin, turned.units[0].as_str()),
+        (geometry.origin, geometry.units[0].as_str()),
         ([-10.0, -20.0, 30.0], "mm")
     );
     let spacing = read(&folder.path().join("b.nrrd"))
@@ -289,7 +294,7 @@ fn small_files_of_every_format_hold_what_they_say() {
 
 #[test]
 #[ignore = "slow: make test-all"]
-fn damaged_files_are_refused_or_read_but_never_break_anything() {
+fn damaged_files_are_refused_or_read_without_a_crash() {
     let folder = tempfile::tempdir().unwrap();
     let files = good_files(folder.path());
     let mut state = 1u32;
@@ -301,7 +306,8 @@ fn damaged_files_are_refused_or_read_but_never_break_anything() {
         let good = std::fs::read(&path).unwrap();
         let name = path.file_name().unwrap().to_str().unwrap().to_string();
         let broken = folder.path().join(format!("broken-{name}"));
-        // Cut off: never read, but where only the end of compressed data or of a text is missing.
+        // A truncated file is refused unless only the end of compressed data or of a text is
+        // missing.
         for end in (0..good.len()).step_by(1 + good.len() / 60) {
             std::fs::write(&broken, &good[..end]).unwrap();
             if let Ok(image) = read(&broken) {
@@ -312,12 +318,13 @@ fn damaged_files_are_refused_or_read_but_never_break_anything() {
                 assert_eq!(image.dims(), [6, 5, 4]);
             }
         }
-        // Bytes changed: whatever comes out, it comes soon and is no larger than the file allows.
+        // A file with changed bytes gives an image of limited size or a clear error, and does so
+        // quickly.
         for _ in 0..300 {
             let mut bytes = good.clone();
             for _ in 0..1 + random(3) {
-                let at = random(bytes.len().min(700));
-                bytes[at] = random(256) as u8;
+                let position = random(bytes.len().min(700));
+                bytes[position] = random(256) as u8;
             }
             std::fs::write(&broken, &bytes).unwrap();
             match read(&broken) {
@@ -326,9 +333,9 @@ fn damaged_files_are_refused_or_read_but_never_break_anything() {
             }
         }
     }
-    // Claims that no file of this size can keep.
+    // These files declare more samples than they can hold.
     let huge = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 100000 100000 100000\nencoding: ";
-    for (encoding, says) in [
+    for (encoding, expected) in [
         ("raw", "cut off"),
         ("gzip", "cannot hold"),
         ("ascii", "cut off"),
@@ -337,39 +344,46 @@ fn damaged_files_are_refused_or_read_but_never_break_anything() {
         std::fs::write(&path, format!("{huge}{encoding}\n\n1 2 3")).unwrap();
         let error = read(&path).unwrap_err();
         assert!(
-            error.contains(says) && error.contains("huge.nrrd"),
+            error.contains(expected) && error.contains("huge.nrrd"),
             "{error}"
         );
     }
 }
 
-/// Files made by others.
+/// Files of other programs.
 mod real_data {
     use super::*;
     use crate::common::data_path;
 
-    /// File, dims, the two sums, origin, steps along the axes: as SimpleITK and nibabel have them.
+    /// File, dimensions, two checksums, origin and steps along the axes, as SimpleITK and nibabel
+    /// read them.
     type Known = (&'static str, [usize; 3], [f64; 2], [f64; 3], [[f64; 3]; 3]);
 
     include!("data/image_formats.rs");
 
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
-    fn files_of_others_are_read_as_others_read_them() {
+    fn files_of_other_programs_have_the_values_that_those_programs_read() {
         let folder = data_path("");
-        for (name, dims, known, origin, axes) in KNOWN {
+        for (name, dims, expected, origin, axes) in KNOWN {
             let image = read(&folder.join(name)).unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(image.dims(), *dims, "{name}");
-            let found = sums(&image);
-            assert!(close(&found, known, 1e-6), "{name}: {found:?} {known:?}");
+            let actual = checksums(&image);
+            assert!(
+                all_close(&actual, expected, 1e-6),
+                "{name}: {actual:?} {expected:?}"
+            );
             let g = &image.geometry;
             assert!(
-                close(&g.origin, origin, 1e-6),
+                all_close(&g.origin, origin, 1e-6),
                 "{name}: {:?} {origin:?}",
                 g.origin
             );
-            let (found, axes) = (g.axes.concat(), axes.concat());
-            assert!(close(&found, &axes, 1e-6), "{name}: {found:?} {axes:?}");
+            let (actual, axes) = (g.axes.concat(), axes.concat());
+            assert!(
+                all_close(&actual, &axes, 1e-6),
+                "{name}: {actual:?} {axes:?}"
+            );
         }
     }
 
@@ -377,7 +391,7 @@ mod real_data {
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn files_that_are_no_images_are_refused_in_one_line() {
         let folder = data_path("");
-        for (name, says) in [
+        for (name, expected) in [
             (
                 "formats_metaimage/itk/BayesianClassifierInitializerMemberships.mhd",
                 "4 values",
@@ -413,11 +427,11 @@ mod real_data {
             let error = read(&folder.join(name)).unwrap_err();
             let file = Path::new(name).file_name().unwrap().to_str().unwrap();
             assert!(
-                error.contains(file) && error.contains(says),
-                "{error} ({says})"
+                error.contains(file) && error.contains(expected),
+                "{error} ({expected})"
             );
         }
-        // Whatever else lies there is no image that is read; none of it may do harm.
+        // The other files there may be refused, but each in one line.
         for set in [
             "formats_metaimage/itk",
             "formats_nrrd",

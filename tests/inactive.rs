@@ -1,17 +1,20 @@
-//! `atomesh export`: wells that closed faults part, cells that take no part, and decks that stay as they are.
+//! Tests `atomesh export`: wells that closed faults separate, inactive cells, and decks that are
+//! not overwritten.
 
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{atomesh, run_validator, write_npy, numbers, expect_refusal, run, run_simulator};
+use crate::common::{
+    atomesh, expect_refusal, numbers, run, run_simulator, run_validator, write_npy,
+};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [40, 20, 20];
 const ROCK: &str =
     "--porosity 0.2 --permeability 100 --permeability-unit mD --down z --depth-at-top 2000";
 
-/// A plane across the whole box at x = 20.3.
+/// Returns a folder with `cells.vtu`, the mesh of a plane across the whole box at x = 20.3.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     write_npy(&folder.path().join("sheet.npy"), DIMS, |[x, ..]| {
@@ -24,17 +27,17 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// What an export says on standard error.
-fn said(folder: &Path, line: &str) -> String {
+/// Runs an export and returns its standard error.
+fn export_stderr(folder: &Path, line: &str) -> String {
     let words: Vec<&str> = line.split_whitespace().collect();
     let output = atomesh(folder).args(words).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{line}\n{said}");
-    said
+    let export_stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{line}\n{export_stderr}");
+    export_stderr
 }
 
 #[test]
-fn wells_that_closed_faults_part_and_that_run_through_one_get_a_line_each() {
+fn wells_separated_by_or_crossing_closed_faults_get_a_note_each() {
     let folder = folder();
     let folder = folder.path();
     std::fs::write(
@@ -45,40 +48,43 @@ fn wells_that_closed_faults_part_and_that_run_through_one_get_a_line_each() {
     std::fs::write(folder.join("V.csv"), "20.3,10,2,0.1\n20.3,10,18,0.1\n").unwrap();
     let notes = |wells: &str, faults: &str| -> Vec<String> {
         let line = format!("export cells.vtu --to opm -o Y.DATA {ROCK} --faults {faults} {wells}");
-        let said = said(folder, &line);
-        let notes = said.lines().filter_map(|line| line.strip_prefix("note: "));
+        let stderr = export_stderr(folder, &line);
+        let notes = stderr
+            .lines()
+            .filter_map(|line| line.strip_prefix("note: "));
         let notes = notes.filter(|note| !note.contains("of the well's"));
         notes.map(str::to_string).collect()
     };
-    let apart = "--injector 10,10,10:20 --producer 30,10,10:190";
-    let found = notes(apart, "closed");
-    assert_eq!(found.len(), 1, "{found:?}");
+    let separate_wells = "--injector 10,10,10:20 --producer 30,10,10:190";
+    let result = notes(separate_wells, "closed");
+    assert_eq!(result.len(), 1, "{result:?}");
     assert!(
-        found[0].starts_with("injector I1: closed faults separate its compartment"),
-        "{found:?}"
+        result[0].starts_with("injector I1: closed faults separate its compartment"),
+        "{result:?}"
     );
-    assert!(notes(apart, "0.01").is_empty());
-    let with = format!("{apart} --producer 5,5,5:190");
-    let found = notes(&with, "closed");
-    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(notes(separate_wells, "0.01").is_empty());
+    let three_wells = format!("{separate_wells} --producer 5,5,5:190");
+    let result = notes(&three_wells, "closed");
+    assert_eq!(result.len(), 1, "{result:?}");
     assert!(
-        found[0].starts_with("producer P2: closed faults part its"),
-        "{found:?}"
+        result[0].starts_with("producer P2: closed faults part its"),
+        "{result:?}"
     );
 
-    let found = notes("--producer H.csv:190", "closed");
-    assert_eq!(found.len(), 1, "{found:?}");
+    let result = notes("--producer H.csv:190", "closed");
+    assert_eq!(result.len(), 1, "{result:?}");
     assert!(
-        found[0].starts_with("well H: crosses the closed fault1 between cells "),
-        "{found:?}"
+        result[0].starts_with("well H: crosses the closed fault1 between cells "),
+        "{result:?}"
     );
     assert!(notes("--producer H.csv:190", "open").is_empty());
 
-    let on = notes("--producer V.csv:190", "closed");
+    let result = notes("--producer V.csv:190", "closed");
     assert!(
-        on.iter()
+        result
+            .iter()
             .any(|note| note.starts_with("well V: ") && note.contains("closed fault1")),
-        "{on:?}"
+        "{result:?}"
     );
     assert!(notes("--producer V.csv:190", "0.5").is_empty());
 }
@@ -87,7 +93,7 @@ fn wells_that_closed_faults_part_and_that_run_through_one_get_a_line_each() {
 fn rock_without_pores_or_permeability_is_inactive() {
     let folder = folder();
     let folder = folder.path();
-    // Rock in the upper half only.
+    // Only the upper half has rock.
     write_npy(&folder.join("half.npy"), DIMS, |[_, _, z]| {
         f32::from(u8::from(z >= 10))
     });
@@ -107,7 +113,7 @@ fn rock_without_pores_or_permeability_is_inactive() {
             let line = format!(
                 "export cells.vtu --to {to} -o {name} --down z --depth-at-top 900 --permeability-unit mD --region half.npy {rock}"
             );
-            let notes = said(folder, &line);
+            let notes = export_stderr(folder, &line);
             assert!(
                 notes.contains("cells are inactive: their porosity or permeability is 0"),
                 "{line}\n{notes}"
@@ -137,9 +143,9 @@ fn rock_without_pores_or_permeability_is_inactive() {
         let nnc = deck.split_once("\nNNC\n").unwrap().1;
         for line in nnc.lines().take_while(|line| *line != "/") {
             let words: Vec<&str> = line.split_whitespace().collect();
-            for at in [0, 3] {
+            for column in [0, 3] {
                 assert_eq!(
-                    active[words[at].parse::<usize>().unwrap() - 1],
+                    active[words[column].parse::<usize>().unwrap() - 1],
                     "1",
                     "{line}"
                 );
@@ -147,15 +153,15 @@ fn rock_without_pores_or_permeability_is_inactive() {
         }
     }
     let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --porosity 0 --permeability 1";
-    let found = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-    assert!(found.contains("is zero in every cell"), "{found}");
+    let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(error.contains("is zero in every cell"), "{error}");
     let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --region half.npy --porosity phi.csv --permeability 1 --producer 10,10,3:90";
-    let found = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-    assert!(found.contains("lies in inactive rock only"), "{found}");
+    let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+    assert!(error.contains("lies in inactive rock only"), "{error}");
 }
 
 #[test]
-fn a_deck_of_connections_and_a_corner_point_deck_do_not_replace_each_other() {
+fn a_deck_of_connections_and_a_corner_point_deck_do_not_overwrite_each_other() {
     let folder = folder();
     let folder = folder.path();
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
@@ -165,11 +171,11 @@ fn a_deck_of_connections_and_a_corner_point_deck_do_not_replace_each_other() {
     );
     let deck = read("A.DATA");
     let grid = format!("export cells.vtu --to grdecl -o A.GRDECL {ROCK}");
-    let notes = said(folder, &grid);
+    let notes = export_stderr(folder, &grid);
     assert!(notes.contains("A.DATA is there already"), "{notes}");
     assert_eq!(read("A.DATA"), deck);
     assert!(read("A-grid.DATA").contains("'A.GRDECL'"));
-    // Its own deck is replaced.
+    // An export replaces a deck of its own.
     run(
         folder,
         &format!("export cells.vtu --to grdecl -o B.GRDECL {ROCK} --quiet"),
@@ -181,10 +187,10 @@ fn a_deck_of_connections_and_a_corner_point_deck_do_not_replace_each_other() {
     );
     assert_ne!(read("B.DATA"), grid);
     let line = format!("export cells.vtu --to opm -o B.DATA {ROCK}");
-    let found = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+    let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(
-        found.contains("B.DATA: is the deck of a corner-point grid"),
-        "{found}"
+        error.contains("B.DATA: is the deck of a corner-point grid"),
+        "{error}"
     );
 }
 
@@ -214,12 +220,12 @@ fn opm_flow_runs_decks_with_inactive_cells() {
         ]);
         run_simulator(&mut flow);
         let out = folder.join(case);
-        let found = run_validator(
+        let result = run_validator(
             "resfo and SciPy",
             "compartments.py",
             &[out.as_os_str(), OsStr::new(case)],
         );
-        let porv = numbers(&found["porv"]);
+        let porv = numbers(&result["porv"]);
         assert_eq!(porv.len(), 1, "{porv:?}");
         let half = 0.2 * 39.0 * 19.0 * 9.5;
         assert!((porv[0] / half - 1.0).abs() < 0.1, "{porv:?} {half}");

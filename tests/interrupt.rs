@@ -1,70 +1,73 @@
-//! Ctrl-C at any moment, and observers that say stop in any stage.
+//! Tests interrupts: Ctrl-C at any moment, and progress trackers that stop a job in any stage.
 
 use atomesh::ErrorKind;
 use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
 use atomesh::job::spec::{MeshSpec, NominalDistance};
-use atomesh::job::{
-    self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params,
-};
+use atomesh::job::{self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params};
 use atomesh::lattice::optimize::StopReason;
 use atomesh::mesh::check::{CheckHints, check, check_with_hints};
 use atomesh::progress::{Progress, Stage};
 
-/// Says stop from a stage on.
+/// A progress tracker that stops the job when a stage begins.
 struct Stopper {
-    from: Stage,
-    over: bool,
+    stop_stage: Stage,
+    stopped: bool,
     seen: Vec<Stage>,
 }
 
 impl Progress for Stopper {
     fn stage(&mut self, stage: Stage) {
-        self.over |= stage == self.from;
+        self.stopped |= stage == self.stop_stage;
         self.seen.push(stage);
     }
 
     fn keep_going(&mut self) -> bool {
-        !self.over
+        !self.stopped
     }
 }
 
-/// Stops a job in one stage after the other.
-fn stopped_everywhere<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[Stage])
-where
+/// Stops a job in each of its stages in turn.
+fn assert_stops_in_each_stage<const D: usize>(
+    image: &Image<D>,
+    params: &Params<D>,
+    stages: &[Stage],
+) where
     MeshSpace<D>: Meshing<D>,
 {
-    for &from in stages {
+    for &stage in stages {
         let mut stopper = Stopper {
-            from,
-            over: false,
+            stop_stage: stage,
+            stopped: false,
             seen: Vec::new(),
         };
         let outcome = job::run(image, params, &mut stopper);
-        assert!(stopper.over, "{from} never began: {:?}", stopper.seen);
+        assert!(stopper.stopped, "{stage} never began: {:?}", stopper.seen);
         match outcome {
             Err(error) => {
-                assert_eq!(error.kind(), ErrorKind::Interrupted, "{from}: {error}");
-                assert!(!from.has_lattice(), "{from}: {error}");
+                assert_eq!(error.kind(), ErrorKind::Interrupted, "{stage}: {error}");
+                assert!(!stage.has_lattice(), "{stage}: {error}");
             }
             Ok(outcome) => {
-                assert!(from.has_lattice(), "{from} gave a mesh");
-                assert_eq!(outcome.stop, StopReason::Interrupted, "{from}");
+                assert!(stage.has_lattice(), "{stage} gave a mesh");
+                assert_eq!(outcome.stop, StopReason::Interrupted, "{stage}");
                 let (low, high) = ([0.0; D], outcome.extent);
                 let check = match &outcome.mesh {
-                    MeshResult::Simplices(made) => check(&made.mesh, low, high, BOX_TOLERANCE),
+                    MeshResult::Simplices(simplices) => {
+                        check(&simplices.mesh, low, high, BOX_TOLERANCE)
+                    }
                     MeshResult::Voronoi { mesh, weld } => {
-                        let known = CheckHints {
+                        let hints = CheckHints {
                             weld: *weld,
                             ..CheckHints::default()
                         };
-                        check_with_hints(mesh, known, low, high, BOX_TOLERANCE)
+                        check_with_hints(mesh, hints, low, high, BOX_TOLERANCE)
                     }
                 };
-                assert!(check.passed(), "{from}: {check:?}");
-                // It says no to the end: what measuring would find is missing.
-                assert_eq!(outcome.report.fidelity, None, "{from}");
+                assert!(check.passed(), "{stage}: {check:?}");
+                // The tracker also stops the measuring, so that its figures are missing.
+                assert_eq!(outcome.report.fidelity, None, "{stage}");
             }
         }
     }
@@ -79,9 +82,9 @@ fn sphere() -> Image<3> {
 }
 
 fn disc() -> Image<2> {
-    let at = |i: usize| [(i % 60) as f64 - 30.0, (i / 60) as f64 - 25.0];
+    let offset = |i: usize| [(i % 60) as f64 - 30.0, (i / 60) as f64 - 25.0];
     let value = |i| {
-        if at(i)[0].hypot(at(i)[1]) < 15.0 {
+        if offset(i)[0].hypot(offset(i)[1]) < 15.0 {
             100.0
         } else {
             0.0
@@ -91,7 +94,7 @@ fn disc() -> Image<2> {
     Image::new([60, 50], samples, Geometry::default())
 }
 
-fn spaced<const D: usize>(d: f64) -> Params<D> {
+fn params_with_distance<const D: usize>(d: f64) -> Params<D> {
     Params::new(MeshSpec {
         distance: NominalDistance::Constant(d),
         ..MeshSpec::default()
@@ -111,7 +114,7 @@ fn tetrahedra_are_stopped_in_every_stage() {
         Improving,
         Measuring,
     ];
-    stopped_everywhere(&sphere(), &spaced(6.0), &stages);
+    assert_stops_in_each_stage(&sphere(), &params_with_distance(6.0), &stages);
 }
 
 #[test]
@@ -120,7 +123,7 @@ fn voronoi_cells_are_stopped_in_every_stage() {
     let params = Params::new(MeshSpec {
         cells: Some(CellKind::Voronoi),
         align: None,
-        ..spaced::<3>(6.0).spec
+        ..params_with_distance::<3>(6.0).spec
     })
     .unwrap();
     let stages = [
@@ -133,15 +136,15 @@ fn voronoi_cells_are_stopped_in_every_stage() {
         Cutting,
         Measuring,
     ];
-    stopped_everywhere(&disc(), &params, &stages);
+    assert_stops_in_each_stage(&disc(), &params, &stages);
     if cfg!(feature = "tetgen") {
         let params = Params::new(MeshSpec {
             cells: Some(CellKind::Voronoi),
             align: None,
-            ..spaced::<3>(6.0).spec
+            ..params_with_distance::<3>(6.0).spec
         })
         .unwrap();
-        stopped_everywhere(&sphere(), &params, &stages);
+        assert_stops_in_each_stage(&sphere(), &params, &stages);
     }
 }
 
@@ -150,7 +153,7 @@ fn triangles_are_stopped_in_every_stage() {
     use Stage::*;
     let params = Params::new(MeshSpec {
         smooth: Some(Scheme::Odt),
-        ..spaced::<2>(6.0).spec
+        ..params_with_distance::<2>(6.0).spec
     })
     .unwrap();
     let stages = [
@@ -162,50 +165,53 @@ fn triangles_are_stopped_in_every_stage() {
         Improving,
         Measuring,
     ];
-    stopped_everywhere(&disc(), &params, &stages);
+    assert_stops_in_each_stage(&disc(), &params, &stages);
 }
 
 #[test]
-fn the_files_of_a_job_appear_together_or_not_at_all() {
+fn the_files_of_a_job_appear_all_together_or_not_at_all() {
     use atomesh::files::{Batch, atomic_write, transaction};
     use std::io::Write;
 
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let in_folder = |name: &str| folder.path().join(name);
     let names = || {
         let entries = std::fs::read_dir(folder.path()).unwrap();
         let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
         names.sort();
         names
     };
-    std::fs::write(at("a"), "before").unwrap();
+    std::fs::write(in_folder("a"), "before").unwrap();
     let write = |fails: bool| {
         transaction(|| {
-            atomic_write(&at("a"), |out| out.write_all(b"first"))?;
-            atomic_write(&at("a"), |out| out.write_all(b"last"))?;
+            atomic_write(&in_folder("a"), |out| out.write_all(b"first"))?;
+            atomic_write(&in_folder("a"), |out| out.write_all(b"last"))?;
             let mut batch = Batch::default();
-            batch.create_folder(&at("case/inner"))?;
-            batch.write(&at("case/inner/b"), |out| out.write_all(b"b"))?;
+            batch.create_folder(&in_folder("case/inner"))?;
+            batch.write(&in_folder("case/inner/b"), |out| out.write_all(b"b"))?;
             batch.commit()?;
-            // As long as the job lasts, nothing has changed.
-            assert_eq!(std::fs::read(at("a")).unwrap(), b"before");
-            assert!(!at("case/inner/b").exists());
-            atomic_write(&at("c"), |out| match fails {
-                true => Err(std::io::Error::other("disk full")),
-                false => out.write_all(b"c"),
+            // Nothing changes on disk before the job ends.
+            assert_eq!(std::fs::read(in_folder("a")).unwrap(), b"before");
+            assert!(!in_folder("case/inner/b").exists());
+            atomic_write(&in_folder("c"), |out| {
+                if fails {
+                    Err(std::io::Error::other("disk full"))
+                } else {
+                    out.write_all(b"c")
+                }
             })
         })
     };
     assert!(write(true).unwrap_err().to_string().contains("disk full"));
     assert_eq!(names(), ["a"]);
-    assert_eq!(std::fs::read(at("a")).unwrap(), b"before");
+    assert_eq!(std::fs::read(in_folder("a")).unwrap(), b"before");
     write(false).unwrap();
     assert_eq!(names(), ["a", "c", "case"]);
-    assert_eq!(std::fs::read(at("a")).unwrap(), b"last");
-    assert_eq!(std::fs::read(at("case/inner/b")).unwrap(), b"b");
-    // After it, each file appears at once again.
-    atomic_write(&at("a"), |out| out.write_all(b"alone")).unwrap();
-    assert_eq!(std::fs::read(at("a")).unwrap(), b"alone");
+    assert_eq!(std::fs::read(in_folder("a")).unwrap(), b"last");
+    assert_eq!(std::fs::read(in_folder("case/inner/b")).unwrap(), b"b");
+    // Outside a transaction, each file appears at once.
+    atomic_write(&in_folder("a"), |out| out.write_all(b"alone")).unwrap();
+    assert_eq!(std::fs::read(in_folder("a")).unwrap(), b"alone");
 }
 
 #[cfg(all(unix, feature = "tetgen"))]
@@ -218,8 +224,8 @@ mod signals {
 
     use crate::common::{atomesh, files_below, run_args};
 
-    /// Two seconds, and as much again for a machine that has other work to do.
-    const AT_MOST: Duration = Duration::from_secs(4);
+    /// Two seconds, doubled for a machine with other load.
+    const MAX_DELAY: Duration = Duration::from_secs(4);
 
     fn interrupt(child: &Child) {
         signal(child, "-INT");
@@ -239,17 +245,20 @@ mod signals {
             .unwrap()
     }
 
-    /// The exit code, and how long the process went on.
-    fn end(mut child: Child) -> (Option<i32>, Duration) {
+    /// Returns the exit code, and how long the process continued.
+    fn wait_for_end(mut child: Child) -> (Option<i32>, Duration) {
         let start = Instant::now();
         let code = child.wait().unwrap().code();
         (code, start.elapsed())
     }
 
-    /// The names of all files but the image; none may be a temporary one.
-    fn made(folder: &Path) -> Vec<String> {
+    /// Returns the names of all files except the image. Temporary files are among them.
+    fn output_names(folder: &Path) -> Vec<String> {
         let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-        let mut names: Vec<_> = files_below(folder).iter().map(|(path, _)| name(path)).collect();
+        let mut names: Vec<_> = files_below(folder)
+            .iter()
+            .map(|(path, _)| name(path))
+            .collect();
         names.retain(|name| name != "faults.npy");
         names
     }
@@ -258,78 +267,78 @@ mod signals {
 
     #[test]
     #[ignore = "slow: make test-all"]
-    fn a_mesh_is_whole_or_not_there() {
+    fn an_interrupted_mesh_is_complete_or_absent() {
         let folder = tempfile::tempdir().unwrap();
-        let here = folder.path();
+        let dir = folder.path();
         run_args(
-            here,
+            dir,
             &["synth", "faults", "-o", "faults.npy", "--dims", "96,90,84"],
         );
         for moment in [0.05, 0.2, 0.5, 1.0, 2.0, 4.0] {
-            let child = start(here, MESH);
+            let child = start(dir, MESH);
             sleep(Duration::from_secs_f64(moment));
             interrupt(&child);
-            let (code, took) = end(child);
-            let names = made(here);
-            assert!(took < AT_MOST, "went on for {took:?} after {moment} s");
-            println!("{moment} s: {code:?} after {took:?}, {names:?}");
+            let (code, delay) = wait_for_end(child);
+            let names = output_names(dir);
+            assert!(delay < MAX_DELAY, "went on for {delay:?} after {moment} s");
+            println!("{moment} s: {code:?} after {delay:?}, {names:?}");
             match names.as_slice() {
                 [] => assert_eq!(code, Some(130), "after {moment} s"),
                 [name] if name == "mesh.vtu" => {
                     assert!(matches!(code, Some(0 | 130)), "{code:?} after {moment} s");
-                    run_args(here, &["quality", "mesh.vtu"]);
-                    std::fs::remove_file(here.join("mesh.vtu")).unwrap();
+                    run_args(dir, &["quality", "mesh.vtu"]);
+                    std::fs::remove_file(dir.join("mesh.vtu")).unwrap();
                 }
                 other => panic!("{other:?} left after {moment} s"),
             }
         }
-        // Once more ends it at once, whatever it is at.
-        let child = start(here, MESH);
+        // A second interrupt ends the program at once, in any state.
+        let child = start(dir, MESH);
         sleep(Duration::from_secs(2));
         interrupt(&child);
         sleep(Duration::from_millis(50));
         interrupt(&child);
-        let (code, took) = end(child);
-        assert!(took < AT_MOST, "{took:?}");
+        let (code, delay) = wait_for_end(child);
+        assert!(delay < MAX_DELAY, "{delay:?}");
         assert!(matches!(code, Some(0 | 130)), "{code:?}");
     }
 
     #[test]
-    fn many_atoms_that_move_end_as_soon() {
+    fn a_job_that_moves_many_atoms_stops_as_soon() {
         let folder = tempfile::tempdir().unwrap();
-        let here = folder.path();
+        let dir = folder.path();
         run_args(
-            here,
+            dir,
             &["synth", "faults", "-o", "faults.npy", "--dims", "96,96,96"],
         );
-        let mut child = atomesh(here)
+        let mut child = atomesh(dir)
             .args("mesh faults.npy -o mesh.vtu --distance 1.5 --optimizer genetic".split(' '))
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // To join these many atoms takes longer.
-        let said = BufReader::new(child.stderr.take().unwrap()).lines();
-        let mut said = said.map(|line| line.unwrap());
-        assert!(said.any(|line| line.starts_with("moving atoms")));
+        // Triangulating these many atoms would take longer than the allowed delay.
+        let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let mut lines = lines.map(|line| line.unwrap());
+        assert!(lines.any(|line| line.starts_with("moving atoms")));
         sleep(Duration::from_secs(1));
         interrupt(&child);
-        let (code, took) = end(child);
-        assert!(took < AT_MOST, "went on for {took:?}");
-        assert_eq!((code, made(here)), (Some(130), Vec::new()));
+        let (code, delay) = wait_for_end(child);
+        assert!(delay < MAX_DELAY, "went on for {delay:?}");
+        assert_eq!((code, output_names(dir)), (Some(130), Vec::new()));
     }
 
     #[test]
-    fn other_verbs_leave_nothing_behind() {
+    fn other_verbs_leave_no_files() {
         let folder = tempfile::tempdir().unwrap();
         for moment in [0.1, 0.4, 0.8, 1.2, 1.6] {
             let child = start(folder.path(), "synth faults -o big.npy --dims 200,200,200");
             sleep(Duration::from_secs_f64(moment));
-            // As a user and as a batch system do.
+            // A user sends the first signal, a batch system the second one.
             signal(&child, if moment < 1.0 { "-INT" } else { "-TERM" });
-            let (code, took) = end(child);
-            assert!(took < AT_MOST, "went on for {took:?} after {moment} s");
-            match (code, made(folder.path()).as_slice()) {
+            let (code, delay) = wait_for_end(child);
+            assert!(delay < MAX_DELAY, "went on for {delay:?} after {moment} s");
+            match (code, output_names(folder.path()).as_slice()) {
                 (Some(130), []) => (),
                 (Some(0 | 130), [name]) if name == "big.npy" => {
                     std::fs::remove_file(folder.path().join(name)).unwrap();
@@ -339,15 +348,15 @@ mod signals {
         }
     }
 
-    /// What a killed process leaves has a temporary name and no owner; what another is just writing is
-    /// locked by it.
+    /// A killed process leaves files with temporary names without an owner. A file that another
+    /// process is writing is locked by it.
     #[test]
-    fn what_a_killed_process_left_is_removed_by_the_next() {
+    fn temporary_files_of_killed_processes_are_removed_by_the_next_run() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        let [dead, alive] =
-            ["dead", "alive"].map(|name| at(&format!(".{name}.vtu.aBc123.atomesh-unfinished")));
-        for path in [&dead, &alive, &at(".mine"), &at("dead.vtu")] {
+        let in_folder = |name: &str| folder.path().join(name);
+        let [dead, alive] = ["dead", "alive"]
+            .map(|name| in_folder(&format!(".{name}.vtu.aBc123.atomesh-unfinished")));
+        for path in [&dead, &alive, &in_folder(".mine"), &in_folder("dead.vtu")] {
             std::fs::write(path, "x").unwrap();
         }
         let owner = std::fs::File::open(&alive).unwrap();
@@ -357,7 +366,10 @@ mod signals {
             &["synth", "sphere", "-o", "a.npy", "--dims", "9,9,9"],
         );
         assert!(
-            !dead.exists() && alive.exists() && at(".mine").exists() && at("dead.vtu").exists()
+            !dead.exists()
+                && alive.exists()
+                && in_folder(".mine").exists()
+                && in_folder("dead.vtu").exists()
         );
         drop(owner);
         run_args(

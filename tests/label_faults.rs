@@ -1,18 +1,19 @@
-//! Faults in images of labels, blocks by layers: what parts two labels is closed by its name or by the pair of its
-//! regions, in `flow` and in exports alike.
+//! Tests faults in label images with blocks and layers: interfaces between labels are closed by
+//! name or by the pair of regions, in `flow` and in exports.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::{write_npy, expect_refusal, run};
+use crate::common::{expect_refusal, run, write_npy};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [30, 16, 20];
 
-/// Two blocks of three layers, parted by a steep fault: labels 1 to 3 and 11 to 13.
+/// Returns the label of a sample: two blocks of three layers, separated by a steep fault, with
+/// labels 1 to 3 and 11 to 13.
 fn label([x, y, z]: [usize; 3]) -> f32 {
-    let beyond = x as f32 > 15.0 + 0.3 * (z as f32 - 10.0) + 0.1 * y as f32;
-    let depth = z as f32 - if beyond { 4.0 } else { 0.0 };
+    let is_beyond_fault = x as f32 > 15.0 + 0.3 * (z as f32 - 10.0) + 0.1 * y as f32;
+    let depth = z as f32 - if is_beyond_fault { 4.0 } else { 0.0 };
     let layer = if depth < 5.0 {
         1.0
     } else if depth < 11.0 {
@@ -20,7 +21,7 @@ fn label([x, y, z]: [usize; 3]) -> f32 {
     } else {
         3.0
     };
-    layer + if beyond { 10.0 } else { 0.0 }
+    layer + if is_beyond_fault { 10.0 } else { 0.0 }
 }
 
 fn folder() -> tempfile::TempDir {
@@ -36,7 +37,7 @@ fn json(folder: &Path, line: &str) -> Value {
     serde_json::from_str(&run(folder, &format!("{line} --json --quiet"))).unwrap()
 }
 
-/// The faults of a report, by name.
+/// Returns the names and multipliers of the faults of a report.
 fn faults(report: &Value) -> Vec<(String, f64)> {
     let faults = report["by_fault"].as_array().unwrap().iter();
     let named = faults.map(|fault| {
@@ -46,30 +47,30 @@ fn faults(report: &Value) -> Vec<(String, f64)> {
     named.collect()
 }
 
-/// The rate that enters at the first side.
+/// Returns the absolute rate through the first side.
 fn rate(report: &Value) -> f64 {
     report["exchange"][0]["rate"].as_f64().unwrap().abs()
 }
 
-const THROUGH: &str = "-o out.vtu --pressure xmin=1e5 --pressure xmax=0";
+const FLOW_OPTIONS: &str = "-o out.vtu --pressure xmin=1e5 --pressure xmax=0";
 
 #[test]
 fn a_fault_between_blocks_of_labels_closes_by_pairs_and_patterns() {
     let folder = folder();
     let folder = folder.path();
     for mesh in ["cells.vtu", "tets.vtu"] {
-        let open = json(folder, &format!("flow {mesh} {THROUGH} --faults open"));
-        let usual = json(folder, &format!("flow {mesh} {THROUGH}"));
-        assert_eq!(usual["by_fault"], open["by_fault"], "nothing is a fault");
-        assert_eq!(rate(&usual), rate(&open));
-        for how in [
+        let open = json(folder, &format!("flow {mesh} {FLOW_OPTIONS} --faults open"));
+        let default = json(folder, &format!("flow {mesh} {FLOW_OPTIONS}"));
+        assert_eq!(default["by_fault"], open["by_fault"], "nothing is a fault");
+        assert_eq!(rate(&default), rate(&open));
+        for options in [
             "--faults closed --barriers ?/1?",
             "--faults closed --barriers interface_?_1?",
             "--faults open --fault-multiplier ?/1?:0",
         ] {
-            let closed = json(folder, &format!("flow {mesh} {THROUGH} {how}"));
-            let passed = rate(&closed) / rate(&open);
-            assert!(passed <= 1e-12, "{mesh} {how}: {passed}");
+            let closed = json(folder, &format!("flow {mesh} {FLOW_OPTIONS} {options}"));
+            let ratio = rate(&closed) / rate(&open);
+            assert!(ratio <= 1e-12, "{mesh} {options}: {ratio}");
             let named = faults(&closed);
             assert!(named.len() >= 4, "{named:?}");
             for (name, multiplier) in &named {
@@ -81,30 +82,30 @@ fn a_fault_between_blocks_of_labels_closes_by_pairs_and_patterns() {
                 );
             }
         }
-        // The last that picks a surface holds.
-        let some = format!("flow {mesh} {THROUGH} --faults open");
-        let some = json(
+        // If several options select a surface, the last one holds.
+        let command = format!("flow {mesh} {FLOW_OPTIONS} --faults open");
+        let report = json(
             folder,
             &format!(
-                "{some} --fault-multiplier *:0 --fault-multiplier *_1*:0.5 --fault-multiplier 11/1:0.25"
+                "{command} --fault-multiplier *:0 --fault-multiplier *_1*:0.5 --fault-multiplier 11/1:0.25"
             ),
         );
-        let of = |name: &str| {
-            faults(&some)
+        let multiplier_of = |name: &str| {
+            faults(&report)
                 .iter()
                 .find(|fault| fault.0 == name)
                 .unwrap()
                 .1
         };
         assert_eq!(
-            ["interface_1_11", "interface_1_2", "interface_2_3"].map(of),
+            ["interface_1_11", "interface_1_2", "interface_2_3"].map(multiplier_of),
             [0.25, 0.5, 0.0]
         );
     }
 }
 
 #[test]
-fn all_formats_have_the_names_of_the_table() {
+fn all_formats_use_the_names_of_the_surface_table() {
     let folder = folder();
     let folder = folder.path();
     let table = json(folder, "surface cells.vtu -o s.vtp");
@@ -125,39 +126,44 @@ fn all_formats_have_the_names_of_the_table() {
     names.sort_unstable();
     assert_eq!(groups, names);
 
-    // The faces between blocks, and no others, are closed: the model has two parts, whatever the format.
+    // Only the faces between blocks are closed: the model has two compartments in every format.
     let rock =
         "--porosity 0.2 --permeability 100 --permeability-unit mD --down z --depth-at-top 900";
     for (to, name) in [("opm", "A.DATA"), ("mrst", "a.mat"), ("grdecl", "B.GRDECL")] {
         let export = format!("export cells.vtu --to {to} -o {name} {rock}");
         let open = json(folder, &export);
         let closed = json(folder, &format!("{export} --faults closed --barriers ?/1?"));
-        // But for cells that the surfaces of blocks cut off one by one.
-        let large = |report: &Value| {
-            let parts = report["checks"]["compartments"].as_array().unwrap().iter();
-            parts.filter(|part| part[1].as_u64().unwrap() > 5).count()
+        // Ignore single cells that the surfaces of blocks cut off.
+        let count_large = |report: &Value| {
+            let compartments = report["checks"]["compartments"].as_array().unwrap().iter();
+            compartments
+                .filter(|compartment| compartment[1].as_u64().unwrap() > 5)
+                .count()
         };
-        assert_eq!([large(&open), large(&closed)], [1, 2]);
+        assert_eq!([count_large(&open), count_large(&closed)], [1, 2]);
         let low = closed["checks"]["transmissibility"][0].as_f64().unwrap();
         assert_eq!(low, 0.0);
     }
     let text = std::fs::read_to_string(folder.join("B.GRDECL")).unwrap();
-    let flt = text.split_once("MULTFLT\n").unwrap().1;
-    assert!(flt.contains(" 'I2_11' 0 /"), "{flt}");
-    assert!(!flt.contains("I1_2'") && text.contains(" 'I1_2' "), "{flt}");
+    let multipliers = text.split_once("MULTFLT\n").unwrap().1;
+    assert!(multipliers.contains(" 'I2_11' 0 /"), "{multipliers}");
+    assert!(
+        !multipliers.contains("I1_2'") && text.contains(" 'I1_2' "),
+        "{multipliers}"
+    );
     assert!(!text.contains("FAULT1"));
 }
 
 #[test]
-fn what_is_multiplied_is_what_lies_between_the_regions() {
+fn multipliers_apply_to_connections_between_the_regions() {
     let folder = folder();
     let folder = folder.path();
     let rock =
         "--porosity 0.2 --permeability 100 --permeability-unit mD --down z --depth-at-top 900";
-    let connections = |name: &str, more: &str| -> Vec<(Vec<String>, f64)> {
+    let connections = |name: &str, options: &str| -> Vec<(Vec<String>, f64)> {
         run(
             folder,
-            &format!("export cells.vtu --to opm -o {name}.DATA {rock} --quiet {more}"),
+            &format!("export cells.vtu --to opm -o {name}.DATA {rock} --quiet {options}"),
         );
         let text = std::fs::read_to_string(folder.join(format!("{name}.DATA"))).unwrap();
         let nnc = text.split_once("\nNNC\n").unwrap().1;
@@ -171,7 +177,7 @@ fn what_is_multiplied_is_what_lies_between_the_regions() {
     let open = connections("O", "");
     let half = connections("H", "--fault-multiplier ?/1?:0.5");
     let half: BTreeMap<Vec<String>, f64> = half.into_iter().collect();
-    let fip = |name: &str| -> Vec<i64> {
+    let region_numbers = |name: &str| -> Vec<i64> {
         let text = std::fs::read_to_string(folder.join(format!("{name}.DATA"))).unwrap();
         let block = text.split_once("\nFIPNUM\n").unwrap().1;
         let block = block.split_once('/').unwrap().0;
@@ -180,14 +186,14 @@ fn what_is_multiplied_is_what_lies_between_the_regions() {
             .map(|w| w.parse().unwrap())
             .collect()
     };
-    let regions = fip("H");
-    // Decks omit what is less than 1e-6.
+    let regions = region_numbers("H");
+    // Decks omit transmissibilities below 1e-6.
     for (cells, open) in open.iter().filter(|(_, t)| *t > 2.1e-6) {
         let half = half[cells];
-        let [a, b] = [0, 3].map(|at| regions[cells[at].parse::<usize>().unwrap() - 1] / 10);
-        let want = if a == b { 1.0 } else { 0.5 };
+        let [a, b] = [0, 3].map(|column| regions[cells[column].parse::<usize>().unwrap() - 1] / 10);
+        let expected = if a == b { 1.0 } else { 0.5 };
         assert!(
-            (half / open - want).abs() < 1e-9,
+            (half / open - expected).abs() < 1e-9,
             "{cells:?}: {}",
             half / open
         );
@@ -195,30 +201,34 @@ fn what_is_multiplied_is_what_lies_between_the_regions() {
 }
 
 #[test]
-fn what_picks_nothing_is_refused_with_the_names() {
+fn selections_without_a_match_are_refused_with_the_names() {
     let folder = folder();
     let folder = folder.path();
     let rock =
         "--porosity 0.2 --permeability 100 --permeability-unit mD --down z --depth-at-top 900";
-    let none = "matches no surface";
+    let no_match = "matches no surface";
     for (option, place, problem) in [
-        ("--fault-multiplier 99:0", "--fault-multiplier 99", none),
+        ("--fault-multiplier 99:0", "--fault-multiplier 99", no_match),
         (
             "--fault-multiplier fault1:0",
             "--fault-multiplier fault1",
-            none,
+            no_match,
         ),
-        ("--fault-multiplier 1/13:0", "--fault-multiplier 1/13", none),
+        (
+            "--fault-multiplier 1/13:0",
+            "--fault-multiplier 1/13",
+            no_match,
+        ),
         (
             "--faults closed --barriers nothing*",
             "--barriers nothing*",
-            none,
+            no_match,
         ),
-        ("--faults closed --barriers 1,77", "--barriers 77", none),
+        ("--faults closed --barriers 1,77", "--barriers 77", no_match),
         (
             "--faults closed --barriers horizons",
             "--barriers horizons",
-            none,
+            no_match,
         ),
         (
             "--faults 0.01",
@@ -227,19 +237,19 @@ fn what_picks_nothing_is_refused_with_the_names() {
         ),
     ] {
         for line in [
-            format!("flow cells.vtu {THROUGH} {option}"),
+            format!("flow cells.vtu {FLOW_OPTIONS} {option}"),
             format!("export tets.vtu --to opm -o a.DATA {rock} {option}"),
             format!("export cells.vtu --to grdecl -o a.GRDECL {rock} {option}"),
         ] {
-            let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-            let want = format!("error: {place}: {problem}: the mesh has interface_1_2, ");
-            assert!(said.starts_with(&want), "{line}\n{said}");
+            let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+            let expected = format!("error: {place}: {problem}: the mesh has interface_1_2, ");
+            assert!(error.starts_with(&expected), "{line}\n{error}");
         }
     }
 }
 
 #[test]
-fn regions_of_an_image_part_faults_by_pairs_too() {
+fn regions_of_an_image_divide_faults_by_pairs() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("sheet.npy"), DIMS, |[x, ..]| {
@@ -253,14 +263,14 @@ fn regions_of_an_image_part_faults_by_pairs_too() {
         "mesh sheet.npy --feature ridges --cells voronoi --distance 5 --quiet -o cells.vtu",
     );
     let export = "export cells.vtu --to mrst -o a.mat --down z --region layers.npy --permeability 1 --permeability-unit mD";
-    let parts = |more: &str| {
-        let said = json(folder, &format!("{export} {more}"));
-        said["checks"]["compartments"].as_array().unwrap().len()
+    let compartment_count = |options: &str| {
+        let report = json(folder, &format!("{export} {options}"));
+        report["checks"]["compartments"].as_array().unwrap().len()
     };
-    assert_eq!(parts(""), 1);
-    assert_eq!(parts("--fault-multiplier fault1:0"), 2);
+    assert_eq!(compartment_count(""), 1);
+    assert_eq!(compartment_count("--fault-multiplier fault1:0"), 2);
     assert_eq!(
-        parts("--fault-multiplier 0/1:0 --fault-multiplier fault1:0"),
+        compartment_count("--fault-multiplier 0/1:0 --fault-multiplier fault1:0"),
         4
     );
 }

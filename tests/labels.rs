@@ -1,17 +1,18 @@
-//! Images of labels: from the image to regions, surfaces and named sets.
+//! Tests label images: from the image to regions, surfaces and named sets.
 
 use std::collections::BTreeMap;
 
-use crate::common::{write_npy, expect_refusal, run};
+use crate::common::{expect_refusal, run, write_npy};
 
-/// Two layers, a ball in both, and a speck.
+/// Returns the label of a sample: two layers, a ball that intersects both, and a speck of one
+/// sample.
 fn label([x, y, z]: [usize; 3]) -> f32 {
-    let off = |c: [f32; 3]| {
+    let distance_from = |c: [f32; 3]| {
         let p = [x, y, z].map(|i| i as f32);
         (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f32>().sqrt()
     };
     match () {
-        () if off([20.0, 17.0, 15.0]) < 9.0 => 3.0,
+        () if distance_from([20.0, 17.0, 15.0]) < 9.0 => 3.0,
         () if [x, y, z] == [34, 30, 27] => 7.0,
         () => 1.0 + f32::from(u8::from(z as f32 > 14.0 + 0.1 * x as f32)),
     }
@@ -22,24 +23,27 @@ fn labels_become_regions_closed_surfaces_and_named_sets() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
-    let said = run(
+    let stdout = run(
         folder,
         "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core",
     );
-    let lost =
+    let expected =
         "LOST of label 7: a part of 1 samples at (34, 30, 27); --label 7:distance=0.55 keeps it";
-    assert!(said.contains(lost), "{said}");
-    assert!(said.contains("label 7") && said.contains("fair"), "{said}");
+    assert!(stdout.contains(expected), "{stdout}");
+    assert!(
+        stdout.contains("label 7") && stdout.contains("fair"),
+        "{stdout}"
+    );
 
-    let said = run(folder, "surface m.vtu --by regions -o s.obj");
-    assert!(said.contains("wrote s.obj: 5 surfaces"), "{said}");
+    let stdout = run(folder, "surface m.vtu --by regions -o s.obj");
+    assert!(stdout.contains("wrote s.obj: 5 surfaces"), "{stdout}");
     let text = std::fs::read_to_string(folder.join("s.obj")).unwrap();
     let mut surfaces: BTreeMap<&str, Vec<[usize; 3]>> = BTreeMap::new();
     let mut name = "";
     for line in text.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
-            ["o" | "g", now] => name = now,
+            ["o" | "g", new_name] => name = new_name,
             ["f", a, b, c] => {
                 let face = [a, b, c].map(|n| n.split('/').next().unwrap().parse().unwrap());
                 surfaces.entry(name).or_default().push(face);
@@ -85,11 +89,11 @@ fn labels_become_regions_closed_surfaces_and_named_sets() {
 }
 
 #[test]
-fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
+fn absent_labels_and_impossible_label_options_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
-    for (wish, word) in [
+    for (option, expected) in [
         (
             "--label 5:distance=2",
             "label 5: is not in the image, whose labels are 1, 2, 3, 7",
@@ -99,24 +103,24 @@ fn labels_that_are_not_there_and_wishes_that_cannot_be_met_are_refused() {
         ("--label 3:distance=40", "40"),
         ("--label 3:name=x --feature edges", "--label"),
     ] {
-        let line = format!("mesh labels.npy -o m.vtu {wish}");
-        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-        assert!(said.contains(word), "{wish}: {said}");
+        let line = format!("mesh labels.npy -o m.vtu {option}");
+        let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(error.contains(expected), "{option}: {error}");
     }
     run(folder, "synth sphere -o s.npy --dims 30,30,30 --quiet");
     run(
         folder,
         "mesh s.npy -o s.vtu --distance 6 --feature edges --quiet",
     );
-    let said = expect_refusal(
+    let error = expect_refusal(
         folder,
         &["surface", "s.vtu", "--by", "regions", "-o", "a.vtp"],
     );
-    assert!(said.contains("only one region"), "{said}");
+    assert!(error.contains("only one region"), "{error}");
 }
 
 #[test]
-fn meshes_of_others_are_good_for_every_verb() {
+fn exported_label_meshes_suit_every_verb() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
@@ -124,32 +128,32 @@ fn meshes_of_others_are_good_for_every_verb() {
         folder,
         "mesh labels.npy -o m.vtu --distance 6 --label 3:name=core --quiet",
     );
-    let own: serde_json::Value =
+    let original: serde_json::Value =
         serde_json::from_str(&run(folder, "quality m.vtu --json --quiet")).unwrap();
     for (format, file) in [("msh", "a.msh"), ("msh2", "b.msh"), ("exodus", "c.exo")] {
         run(
             folder,
             &format!("export m.vtu --to {format} -o {file} --quiet"),
         );
-        let said = run(folder, &format!("quality {file} --json --quiet"));
-        let other: serde_json::Value = serde_json::from_str(&said).unwrap();
+        let stdout = run(folder, &format!("quality {file} --json --quiet"));
+        let reread: serde_json::Value = serde_json::from_str(&stdout).unwrap();
         for figure in ["nodes", "cells", "below_20"] {
             assert_eq!(
-                own["quality"][figure], other["quality"][figure],
+                original["quality"][figure], reread["quality"][figure],
                 "{file} {figure}"
             );
         }
         assert_eq!(
-            other["box"]["problems"].as_array().map(Vec::len),
+            reread["box"]["problems"].as_array().map(Vec::len),
             Some(0),
             "{file}"
         );
-        let said = run(
+        let stdout = run(
             folder,
             &format!("surface {file} --by regions -o {format}.obj"),
         );
         for name in ["core", "1 ", "2 "] {
-            assert!(said.contains(name), "{file}: {said}");
+            assert!(stdout.contains(name), "{file}: {stdout}");
         }
         run(
             folder,
@@ -164,12 +168,12 @@ fn meshes_of_others_are_good_for_every_verb() {
     }
     let cut = std::fs::read(folder.join("c.exo")).unwrap();
     std::fs::write(folder.join("cut.exo"), &cut[..cut.len() / 2]).unwrap();
-    let said = expect_refusal(folder, &["quality", "cut.exo"]);
-    assert!(said.contains("cut.exo: is cut off"), "{said}");
+    let error = expect_refusal(folder, &["quality", "cut.exo"]);
+    assert!(error.contains("cut.exo: is cut off"), "{error}");
     std::fs::write(folder.join("hdf.exo"), b"\x89HDF\r\n\x1a\n and more bytes").unwrap();
-    let said = expect_refusal(folder, &["quality", "hdf.exo"]);
+    let error = expect_refusal(folder, &["quality", "hdf.exo"]);
     assert!(
-        said.contains("NetCDF-4") && said.contains("nccopy"),
-        "{said}"
+        error.contains("NetCDF-4") && error.contains("nccopy"),
+        "{error}"
     );
 }

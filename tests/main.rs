@@ -1,7 +1,7 @@
-//! The integration tests, in one program: what is tested as its users have it, most of it by running the
-//! command-line program on small files made on the spot.
+//! Integration tests, in one program. Most of them run the command-line program on small files that they
+//! write.
 //!
-//! `cargo test --test main columns::` runs one file of tests.
+//! `cargo test --test main columns::` runs the tests of one file.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

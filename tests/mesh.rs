@@ -1,13 +1,16 @@
-//! The main job as a user runs it: image in, mesh out.
+//! Tests `atomesh mesh` on the command line: image in, mesh out.
 
 use std::path::Path;
 
-use crate::common::{Survey, atomesh, files_below, write_npy, run, write_segy, planar_fault, run_args, run_vtk_program};
+use crate::common::{
+    Survey, atomesh, files_below, planar_fault, run, run_args, run_vtk_program, write_npy,
+    write_segy,
+};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [44, 36, 32];
 
-/// A folder with `image.npy`, one tilted bright sheet.
+/// Returns a folder with `image.npy`, the image of one tilted planar fault.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     write_npy(&folder.path().join("image.npy"), DIMS, planar_fault(DIMS));
@@ -18,7 +21,8 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
 }
 
-/// What VTK finds in a mesh file: counts, bounds, volume, array names, cells it holds invalid.
+/// Python program that prints what VTK reads in a mesh file: counts, bounds, volume, array names
+/// and invalid cells.
 const INSPECT: &str = r#"
 import json, sys
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
@@ -64,7 +68,7 @@ print(json.dumps({
 "#;
 
 #[test]
-fn an_image_becomes_a_valid_mesh_that_is_aligned() {
+fn an_image_gives_a_valid_mesh() {
     let folder = folder();
     let table = run_args(
         folder.path(),
@@ -93,24 +97,27 @@ fn an_image_becomes_a_valid_mesh_that_is_aligned() {
     ));
     assert_eq!(verdict["valid"], true, "{verdict}");
     run_args(folder.path(), &["quality", "image.vtu"]);
-    json(&run_args(folder.path(), &["quality", "image.vtu", "--json"]));
+    json(&run_args(
+        folder.path(),
+        &["quality", "image.vtu", "--json"],
+    ));
 }
 
 #[test]
 #[ignore = "needs VTK: make test-all"]
-fn vtk_sees_the_whole_box_and_every_array() {
+fn vtk_reads_the_box_and_every_array() {
     let folder = folder();
     run_args(folder.path(), &["mesh", "image.npy", "--distance", "6"]);
-    let seen = run_vtk_program(INSPECT, &[&folder.path().join("image.vtu")]);
-    assert_eq!(seen["errors"], serde_json::json!([]));
-    assert_eq!(seen["invalid"], 0);
-    assert_eq!(seen["corners"], 8);
+    let result = run_vtk_program(INSPECT, &[&folder.path().join("image.vtu")]);
+    assert_eq!(result["errors"], serde_json::json!([]));
+    assert_eq!(result["invalid"], 0);
+    assert_eq!(result["corners"], 8);
     assert_eq!(
-        seen["point_data"],
+        result["point_data"],
         serde_json::json!(["atom_kind", "feature", "distance", "image"])
     );
     assert_eq!(
-        seen["cell_data"],
+        result["cell_data"],
         serde_json::json!([
             "region",
             "min_dihedral",
@@ -120,13 +127,13 @@ fn vtk_sees_the_whole_box_and_every_array() {
             "image"
         ])
     );
-    // Units as VTK has them.
+    // VTK reads the units, too.
     let units = serde_json::json!({ "min_dihedral": "degrees", "distance": "samples" });
-    assert_eq!(seen["units"], units);
-    let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
+    assert_eq!(result["units"], units);
+    let bounds: Vec<f64> = serde_json::from_value(result["bounds"].clone()).unwrap();
     assert_eq!(bounds, [0.0, 43.0, 0.0, 35.0, 0.0, 31.0]);
     for key in ["volume", "geometric_volume"] {
-        let volume = seen[key].as_f64().unwrap();
+        let volume = result[key].as_f64().unwrap();
         assert!(
             (volume / (43.0 * 35.0 * 31.0) - 1.0).abs() < 1e-6,
             "{key} {volume}"
@@ -135,7 +142,7 @@ fn vtk_sees_the_whole_box_and_every_array() {
 }
 
 #[test]
-fn the_same_bytes_for_any_number_of_threads_and_every_time() {
+fn meshes_have_the_same_bytes_for_any_number_of_threads_and_in_each_run() {
     let folder = folder();
     for (output, threads) in [("a.vtu", "1"), ("b.vtu", "2"), ("c.vtu", "2")] {
         run_args(
@@ -169,22 +176,22 @@ fn the_same_bytes_for_any_number_of_threads_and_every_time() {
     assert!(bytes("a.vtu") != bytes("d.vtu"), "the seed changes nothing");
 }
 
-/// With one thread one process makes all tetrahedra, with more there are workers.
+/// One process triangulates with one thread, and several worker processes with more threads.
 #[test]
-fn large_meshes_are_the_same_from_any_number_of_workers() {
+fn large_meshes_are_the_same_for_any_number_of_workers() {
     let folder = folder();
-    let at = folder.path();
-    run(at, "synth faults -o large.npy --dims 112,104,104 --quiet");
+    let dir = folder.path();
+    run(dir, "synth faults -o large.npy --dims 112,104,104 --quiet");
     for threads in [1, 2, 3] {
         let line = "mesh large.npy --distance 3.5 --feature edges --slivers none --quiet";
-        let said = run(
-            at,
+        let stdout = run(
+            dir,
             &format!("{line} -o {threads}.vtu --threads {threads} --json"),
         );
-        let atoms = json(&said)["lattice"]["atoms"].as_u64().unwrap();
+        let atoms = json(&stdout)["lattice"]["atoms"].as_u64().unwrap();
         assert!(atoms > 40_000, "{atoms} are not many");
     }
-    let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
+    let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert!(
         bytes("1.vtu") == bytes("2.vtu"),
         "one process and two workers differ"
@@ -196,7 +203,7 @@ fn large_meshes_are_the_same_from_any_number_of_workers() {
 }
 
 #[test]
-fn json_is_all_that_json_prints() {
+fn the_json_option_prints_nothing_but_json() {
     let folder = folder();
     write_npy(&folder.path().join("other.npy"), DIMS, planar_fault(DIMS));
     let report = json(&run_args(
@@ -211,15 +218,15 @@ fn json_is_all_that_json_prints() {
         &["feature", "image.npy", "-o", "b.vti"],
         &["synth", "sphere", "-o", "s.npy", "--dims", "24,24,24"],
     ] {
-        let said = json(&run_args(folder.path(), &[arguments, &["--json"]].concat()));
-        assert!(said.is_object(), "{arguments:?}");
+        let report = json(&run_args(folder.path(), &[arguments, &["--json"]].concat()));
+        assert!(report.is_object(), "{arguments:?}");
     }
     let quiet = run_args(folder.path(), &["mesh", "other.npy", "--quiet"]);
     assert_eq!(quiet, "");
 }
 
 #[test]
-fn a_configuration_survives_being_printed() {
+fn a_printed_configuration_reads_back() {
     let folder = folder();
     let typed = [
         "mesh",
@@ -245,8 +252,8 @@ fn a_configuration_survives_being_printed() {
     );
     assert_eq!(first, again);
 
-    // What was typed wins over the file.
-    let over = [
+    // Options on the command line have priority over the file.
+    let overridden = [
         "mesh",
         "--config",
         "job.toml",
@@ -254,13 +261,13 @@ fn a_configuration_survives_being_printed() {
         "0.25",
         "--print-config",
     ];
-    let over = run_args(folder.path(), &over);
+    let overridden = run_args(folder.path(), &overridden);
     assert!(
-        over.contains("beta = \"0.25\"") && over.contains("distance = \"5:9\""),
-        "{over}"
+        overridden.contains("beta = \"0.25\"") && overridden.contains("distance = \"5:9\""),
+        "{overridden}"
     );
 
-    // A job from the file makes the same mesh as the same job typed.
+    // A job from the file makes the same mesh as the job on the command line.
     let plain = [
         "mesh",
         "image.npy",
@@ -298,11 +305,11 @@ fn a_survey_is_meshed_in_its_own_coordinates() {
     };
     let image = planar_fault([32, 24, 20]);
     write_segy(&folder.path().join("survey.sgy"), &survey, image);
-    let told = json(&run_args(folder.path(), &["info", "survey.sgy", "--json"]));
+    let info = json(&run_args(folder.path(), &["info", "survey.sgy", "--json"]));
     assert_eq!(
-        told["image"]["numpy_shape"],
+        info["image"]["numpy_shape"],
         serde_json::json!([20, 24, 32]),
-        "{told}"
+        "{info}"
     );
     run_args(
         folder.path(),
@@ -321,28 +328,25 @@ fn a_survey_is_meshed_in_its_own_coordinates() {
     ));
     assert_eq!(verdict["valid"], true, "{verdict}");
 
-    let seen = run_vtk_program(INSPECT, &[&folder.path().join("survey.vtu")]);
-    assert_eq!(seen["errors"], serde_json::json!([]));
-    let bounds: Vec<f64> = serde_json::from_value(seen["bounds"].clone()).unwrap();
+    let result = run_vtk_program(INSPECT, &[&folder.path().join("survey.vtu")]);
+    assert_eq!(result["errors"], serde_json::json!([]));
+    let bounds: Vec<f64> = serde_json::from_value(result["bounds"].clone()).unwrap();
     let corners = [(0, 0), (19, 0), (0, 23), (19, 23)].map(|(i, c)| survey.position(i, c));
     for axis in 0..2 {
-        let along = corners.map(|corner| corner[axis]);
-        let (least, most) = (
-            along.into_iter().reduce(f64::min),
-            along.into_iter().reduce(f64::max),
+        let coordinates = corners.map(|corner| corner[axis]);
+        let (min, max) = (
+            coordinates.into_iter().reduce(f64::min),
+            coordinates.into_iter().reduce(f64::max),
         );
+        assert!((bounds[2 * axis] - min.unwrap()).abs() < 0.02, "{bounds:?}");
         assert!(
-            (bounds[2 * axis] - least.unwrap()).abs() < 0.02,
-            "{bounds:?}"
-        );
-        assert!(
-            (bounds[2 * axis + 1] - most.unwrap()).abs() < 0.02,
+            (bounds[2 * axis + 1] - max.unwrap()).abs() < 0.02,
             "{bounds:?}"
         );
     }
-    // 31 intervals of 4 ms.
+    // The depth is 31 intervals of 4 ms.
     assert!(((bounds[5] - bounds[4]) - 124.0).abs() < 1e-6, "{bounds:?}");
-    let volume = seen["volume"].as_f64().unwrap();
+    let volume = result["volume"].as_f64().unwrap();
     assert!(
         (volume / (19.0 * 25.0 * 23.0 * 12.5 * 124.0) - 1.0).abs() < 1e-4,
         "{volume}"
@@ -351,7 +355,7 @@ fn a_survey_is_meshed_in_its_own_coordinates() {
 
 #[test]
 #[ignore = "needs VTK: make test-all"]
-fn wells_keep_their_atoms() {
+fn fixed_atoms_stay_in_place() {
     let folder = folder();
     std::fs::write(
         folder.path().join("wells.csv"),
@@ -382,16 +386,16 @@ print(json.dumps(sorted(fixed)))
 "#;
     let fixed = run_vtk_program(inspect, &[&folder.path().join("image.vtu")]);
     let fixed: Vec<[f64; 3]> = serde_json::from_value(fixed).unwrap();
-    for (found, wanted) in fixed.iter().zip([[10.25, 12.5, 9.75], [30.0, 20.0, 20.0]]) {
+    for (actual, expected) in fixed.iter().zip([[10.25, 12.5, 9.75], [30.0, 20.0, 20.0]]) {
         for k in 0..3 {
-            assert!((found[k] - wanted[k]).abs() < 1e-5, "{fixed:?}");
+            assert!((actual[k] - expected[k]).abs() < 1e-5, "{fixed:?}");
         }
     }
     assert_eq!(fixed.len(), 2, "{fixed:?}");
 }
 
 #[test]
-fn every_option_of_mesh_runs() {
+fn options_of_mesh_give_valid_meshes() {
     let folder = folder();
     write_npy(&folder.path().join("beta.npy"), DIMS, |[x, _, _]| {
         if x < 20 { 0.3 } else { 0.6 }
@@ -452,7 +456,7 @@ fn a_potential_written_by_feature_can_be_meshed() {
 }
 
 #[test]
-fn images_survive_conversion() {
+fn images_survive_a_conversion() {
     let folder = folder();
     run_args(folder.path(), &["convert", "image.npy", "one.vti"]);
     run_args(folder.path(), &["convert", "one.vti", "two.npy"]);
@@ -463,11 +467,11 @@ fn images_survive_conversion() {
 }
 
 #[test]
-fn interrupted_it_writes_the_best_lattice_so_far() {
+fn an_interrupted_job_writes_the_best_lattice_so_far() {
     let folder = tempfile::tempdir().unwrap();
     let dims = [120, 110, 100];
     write_npy(&folder.path().join("image.npy"), dims, planar_fault(dims));
-    // The slow evaluator, so that there is time to interrupt.
+    // The sampled evaluator is slow, so that there is time to interrupt.
     let mut child = atomesh(folder.path())
         .args([
             "mesh",
@@ -494,8 +498,8 @@ fn interrupted_it_writes_the_best_lattice_so_far() {
         .args(["-INT", &child.id().to_string()])
         .status();
     assert!(signal.unwrap().success());
-    let rest: Vec<String> = stages.map(|line| line.unwrap()).collect();
-    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
+    let remaining: Vec<String> = stages.map(|line| line.unwrap()).collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{remaining:?}");
     let verdict = json(&run_args(
         folder.path(),
         &["validate", "image.vtu", "--json"],
@@ -505,7 +509,7 @@ fn interrupted_it_writes_the_best_lattice_so_far() {
 }
 
 #[test]
-fn the_sample_volume_is_what_its_readme_says() {
+fn the_sample_volume_follows_from_the_command_in_its_readme() {
     let folder = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let readme = std::fs::read_to_string(data.join("README.md")).unwrap();
@@ -525,27 +529,27 @@ fn the_sample_volume_is_what_its_readme_says() {
         })
         .collect();
     run_args(folder.path(), &arguments);
-    let made = std::fs::read(folder.path().join("made.vti")).unwrap();
+    let synthetic = std::fs::read(folder.path().join("made.vti")).unwrap();
     assert!(
-        made == std::fs::read(data.join("faults.vti")).unwrap(),
+        synthetic == std::fs::read(data.join("faults.vti")).unwrap(),
         "{command}"
     );
 }
 
 #[test]
-fn help_shows_examples_and_version_says_the_licence() {
-    let here = Path::new(".");
+fn help_shows_examples_and_version_shows_the_licence() {
+    let dir = Path::new(".");
     for verb in [
         "mesh", "feature", "info", "convert", "quality", "validate", "synth",
     ] {
-        let help = run_args(here, &[verb, "--help"]);
+        let help = run_args(dir, &[verb, "--help"]);
         assert!(help.contains("Example:\n  atomesh "), "{help}");
     }
-    assert!(run_args(here, &["--version"]).contains("AGPL-3.0"));
+    assert!(run_args(dir, &["--version"]).contains("AGPL-3.0"));
 }
 
-/// What VTK finds in a file of lines.
-const LINES: &str = r#"
+/// Python program that prints what VTK reads in a file of acute lines.
+const INSPECT_LINES: &str = r#"
 import json, sys
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 reader = vtkXMLPolyDataReader()
@@ -562,33 +566,34 @@ print(json.dumps({
 }))
 "#;
 
-/// A sheet that meets the side x = 0 at y = 60, at 25 degrees.
-fn acute_sheet(path: &Path) {
+/// Writes the image of a plane that meets the side x = 0 at y = 60, at an angle of 25 degrees.
+fn write_acute_plane(path: &Path) {
     let (sine, cosine) = 25f32.to_radians().sin_cos();
     write_npy(path, [96, 96, 40], |[x, y, _]| {
-        let off = x as f32 * cosine + (y as f32 - 60.0) * sine;
-        (-0.5 * (off / 1.5).powi(2)).exp()
+        let distance = x as f32 * cosine + (y as f32 - 60.0) * sine;
+        (-0.5 * (distance / 1.5).powi(2)).exp()
     });
 }
 
 #[test]
-fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
+fn small_angles_at_an_acute_line_on_a_side_are_explained() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    acute_sheet(&at.join("image.npy"));
+    let dir = folder.path();
+    write_acute_plane(&dir.join("image.npy"));
     let mesh = "mesh image.npy --distance 6 --feature ridges --sigma 0.7 --lines a.vtp --json";
     let words: Vec<&str> = mesh.split(' ').collect();
-    // Nodes may stray so far that all angles are 30 degrees even there.
-    let report = json(&run_args(at, &words));
+    // Nodes may deviate from the feature so far that all angles reach 30 degrees even at the acute
+    // line.
+    let report = json(&run_args(dir, &words));
     assert_eq!(
         report["quality"]["angles"]["ok"],
         report["quality"]["cells"]
     );
     let covered = report["fidelity"]["tagged_faces"]["coverage_one"].as_f64();
     assert!(covered.unwrap() > 0.99, "{covered:?}");
-    // Where less is asked for, the line stays as acute as it is.
+    // With a lower target angle the line keeps its angle.
     let report = json(&run_args(
-        at,
+        dir,
         &[&words[..], &["--min-dihedral", "25"]].concat(),
     ));
     let angles = &report["quality"]["angles"];
@@ -596,9 +601,9 @@ fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
     assert!(count("near_acute_line") > 5, "{angles}");
     let worst = angles["worst_unexplained"]["min_angle"].as_f64();
     assert!(worst.is_none_or(|angle| angle >= 25.0), "{angles}");
-    let all = report["quality"]["cells"].as_u64().unwrap();
+    let total = report["quality"]["cells"].as_u64().unwrap();
     let kinds = ["ok", "near_acute_line", "unexplained"];
-    assert_eq!(kinds.map(count).iter().sum::<u64>(), all);
+    assert_eq!(kinds.map(count).iter().sum::<u64>(), total);
     let [line] = &angles["acute_lines"].as_array().unwrap()[..] else {
         panic!("{angles}");
     };
@@ -606,13 +611,13 @@ fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
     assert!((line["mean_angle"].as_f64().unwrap() - 25.0).abs() < 1.0);
     assert!((line["length"].as_f64().unwrap() - 39.0).abs() < 0.5);
 
-    // The file of the mesh is enough to know it all again.
+    // The mesh file alone gives the same figures.
     let again = ["quality", "image.vtu", "--lines", "b.vtp", "--json"];
-    let again = json(&run_args(at, &again));
+    let again = json(&run_args(dir, &again));
     let counts = ["ok", "near_acute_line", "unexplained"];
-    let of = |angles: &Value| counts.map(|name| angles[name].clone());
-    assert_eq!(of(&again["quality"]["angles"]), of(angles));
-    let table = run_args(at, &["quality", "image.vtu"]);
+    let counts_of = |angles: &Value| counts.map(|name| angles[name].clone());
+    assert_eq!(counts_of(&again["quality"]["angles"]), counts_of(angles));
+    let table = run_args(dir, &["quality", "image.vtu"]);
     let unexplained = format!("unexplained: {}", count("unexplained"));
     assert!(table.contains(&unexplained), "{table}");
     assert!(table.contains("acute lines: 1, 39 long in all"), "{table}");
@@ -622,17 +627,17 @@ fn angles_at_a_line_where_a_sheet_meets_a_side_are_explained() {
 #[ignore = "needs VTK: make test-all"]
 fn vtk_reads_acute_lines() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    acute_sheet(&at.join("image.npy"));
+    let dir = folder.path();
+    write_acute_plane(&dir.join("image.npy"));
     let mesh = "mesh image.npy --distance 6 --feature ridges --sigma 0.7 --lines a.vtp";
-    run(at, &format!("{mesh} --min-dihedral 25 --quiet"));
-    run(at, "quality image.vtu --lines b.vtp --quiet");
+    run(dir, &format!("{mesh} --min-dihedral 25 --quiet"));
+    run(dir, "quality image.vtu --lines b.vtp --quiet");
     for name in ["a.vtp", "b.vtp"] {
-        let seen = run_vtk_program(LINES, &[&at.join(name)]);
-        assert_eq!((&seen["lines"], &seen["verts"]), (&1.into(), &0.into()));
-        assert_eq!(seen["pair"], serde_json::json!([1.0]));
-        let points = seen["points"].as_array().unwrap();
-        assert_eq!(points.len(), seen["angle"].as_array().unwrap().len());
+        let result = run_vtk_program(INSPECT_LINES, &[&dir.join(name)]);
+        assert_eq!((&result["lines"], &result["verts"]), (&1.into(), &0.into()));
+        assert_eq!(result["pair"], serde_json::json!([1.0]));
+        let points = result["points"].as_array().unwrap();
+        assert_eq!(points.len(), result["angle"].as_array().unwrap().len());
         for point in points {
             let [x, y] = [0, 1].map(|k| point[k].as_f64().unwrap());
             assert!(x.abs() < 1e-9 && (y - 60.0).abs() < 1.0, "{point}");

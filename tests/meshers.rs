@@ -1,9 +1,12 @@
-//! `atomesh export` for programs that take meshes: what it writes is read by them.
+//! Tests `atomesh export` for programs that take meshes: they read the files.
 
 use std::ffi::OsStr;
 use std::process::Command;
 
-use crate::common::{FAULT_DIMS as DIMS, run_validator, is_close, write_npy, numbers, run, folder_with_meshes, run_simulator};
+use crate::common::{
+    FAULT_DIMS as DIMS, folder_with_meshes, is_close, numbers, run, run_simulator, run_validator,
+    write_npy,
+};
 use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
 
 /// Volume of the box.
@@ -14,7 +17,7 @@ const VOLUME: f64 = 39.0 * 35.0 * 31.0;
 fn gmsh_reads_volumes_regions_and_surfaces() {
     let folder = folder_with_meshes();
     let folder = folder.path();
-    // Two regions by labels.
+    // Labels define two regions.
     write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
         if z < 16 { 1.0 } else { 2.0 }
     });
@@ -34,16 +37,16 @@ fn gmsh_reads_volumes_regions_and_surfaces() {
         let line = format!("export tets.vtu --to {version} -o a.msh --region labels.npy --quiet");
         run(folder, &line);
         let path = folder.join("a.msh");
-        let found = run_validator("Gmsh", "physical.py", &[path.as_os_str()]);
-        assert_eq!(found["tets"], tets);
-        assert!(is_close(found["volume"].as_f64().unwrap(), VOLUME, 1e-12));
-        let groups = found["groups"].as_array().unwrap();
+        let result = run_validator("Gmsh", "physical.py", &[path.as_os_str()]);
+        assert_eq!(result["tets"], tets);
+        assert!(is_close(result["volume"].as_f64().unwrap(), VOLUME, 1e-12));
+        let groups = result["groups"].as_array().unwrap();
         let count = |dim: u64, name: &str| {
             let group = groups.iter().find(|g| g[0] == dim && g[1] == name).unwrap();
             group[2].as_u64().unwrap()
         };
-        let all = count(3, "region1") + count(3, "region2");
-        assert_eq!(all as usize, tets, "{groups:?}");
+        let total = count(3, "region1") + count(3, "region2");
+        assert_eq!(total as usize, tets, "{groups:?}");
         for side in ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax", "fault1"] {
             assert!(count(2, side) > 10, "{groups:?}");
         }
@@ -69,9 +72,9 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
         );
         let path = folder.join(file);
         let arguments = [path.as_os_str(), OsStr::new(format)];
-        let found = run_validator("meshio", "simplices.py", &arguments);
+        let result = run_validator("meshio", "simplices.py", &arguments);
         let rows = |name: &str| -> Vec<Vec<f64>> {
-            found[name]
+            result[name]
                 .as_array()
                 .unwrap()
                 .iter()
@@ -89,18 +92,19 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
             .collect();
         assert_eq!(tets, mesh.tets, "{to}");
         if to == "medit" {
-            assert!(found["triangles"].as_u64().unwrap() > 100);
+            assert!(result["triangles"].as_u64().unwrap() > 100);
         }
     }
 }
 
 #[test]
 #[ignore = "needs CalculiX: make test-all"]
-fn calculix_bends_the_mesh_and_conserves_its_weight() {
+fn calculix_solves_a_linear_displacement_exactly_and_conserves_the_volume() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     run(folder, "export tets.vtu --to inp -o mesh.inp --quiet");
-    // Pulled by one side: linear displacement, which linear tetrahedra have exactly.
+    // The displacement of one side gives a linear displacement, which linear tetrahedra represent
+    // exactly.
     let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n1E9, 0.0\n\
                *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
                NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\nNXMAX, 1, 1, 0.39\n\
@@ -110,9 +114,9 @@ fn calculix_bends_the_mesh_and_conserves_its_weight() {
     ccx.current_dir(folder).arg("job");
     run_simulator(&mut ccx);
     let nodes = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes;
-    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let displacements = std::fs::read_to_string(folder.join("job.dat")).unwrap();
     let mut displaced = 0;
-    for line in said.lines() {
+    for line in displacements.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         if let [node, x, _, _] = words[..]
             && let (Ok(node), Ok(x)) = (node.parse::<usize>(), x.parse::<f64>())
@@ -122,7 +126,13 @@ fn calculix_bends_the_mesh_and_conserves_its_weight() {
         }
     }
     assert_eq!(displaced, nodes.len());
-    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
+    let volume = displacements
+        .lines()
+        .last()
+        .unwrap()
+        .trim()
+        .parse::<f64>()
+        .unwrap();
     assert!(is_close(volume, VOLUME, 1e-5), "{volume}");
 }
 
@@ -140,14 +150,20 @@ fn calculix_reads_coordinates_of_any_length() {
     let mut ccx = Command::new("ccx");
     ccx.current_dir(folder).arg("job");
     run_simulator(&mut ccx);
-    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
-    let volume = said.lines().last().unwrap().trim().parse::<f64>().unwrap();
+    let displacements = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let volume = displacements
+        .lines()
+        .last()
+        .unwrap()
+        .trim()
+        .parse::<f64>()
+        .unwrap();
     assert!(is_close(volume, 1e-18 * VOLUME, 1e-5), "{volume}");
 }
 
 #[test]
 #[ignore = "needs Gmsh and CalculiX: make test-all"]
-fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
+fn quadratic_elements_are_valid_in_gmsh_and_exact_in_calculix() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     for version in ["msh", "msh2"] {
@@ -156,18 +172,20 @@ fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
             &format!("export tets.vtu --to {version} -o a.msh --quadratic --quiet"),
         );
         let path = folder.join("a.msh");
-        let found = run_validator("Gmsh", "quadratic.py", &[path.as_os_str()]);
-        // Of straight elements, Jacobians at all of Gauss' points are those of the corners: only right if
-        // every middle is where its place among the nodes says.
-        assert!(is_close(found["volume"].as_f64().unwrap(), VOLUME, 1e-9));
-        assert!(found["spread"].as_f64().unwrap() < 1e-9, "{found}");
-        assert!(found["triangles"].as_u64().unwrap() > 100);
+        let result = run_validator("Gmsh", "quadratic.py", &[path.as_os_str()]);
+        // In straight elements the Jacobians at all Gauss points equal those at the corners, but
+        // only if every mid-edge node is at the position that its place in the list of nodes
+        // requires.
+        assert!(is_close(result["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+        assert!(result["spread"].as_f64().unwrap() < 1e-9, "{result}");
+        assert!(result["triangles"].as_u64().unwrap() > 100);
     }
     run(
         folder,
         "export tets.vtu --to inp -o mesh.inp --quadratic --quiet",
     );
-    // Bent by its own weight's like: a body force of 2 along x, held at x = 0, has u = x (39 - x / 2) 2 / E.
+    // A body force of 2 along x with the side x = 0 fixed has the solution u = x (39 - x / 2) 2 /
+    // E.
     let job = "*INCLUDE, INPUT=mesh.inp\n*MATERIAL, NAME=ROCK\n*ELASTIC\n2.0, 0.0\n*DENSITY\n1.0\n\
                *SOLID SECTION, ELSET=EALL, MATERIAL=ROCK\n*STEP\n*STATIC\n*BOUNDARY\n\
                NXMIN, 1, 1, 0.0\nNYMIN, 2, 2, 0.0\nNZMIN, 3, 3, 0.0\n*DLOAD\nEALL, GRAV, 2.0, 1., 0., 0.\n\
@@ -184,16 +202,16 @@ fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
     let x: Vec<f64> = nodes
         .map(|line| line.split(", ").nth(1).unwrap().parse().unwrap())
         .collect();
-    let said = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+    let displacements = std::fs::read_to_string(folder.join("job.dat")).unwrap();
     let mut displaced = 0;
-    for line in said.lines() {
+    for line in displacements.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         if let [node, u, _, _] = words[..]
             && let (Ok(node), Ok(u)) = (node.parse::<usize>(), u.parse::<f64>())
         {
             let x = x[node - 1];
-            let want = x * (39.0 - 0.5 * x);
-            assert!((u - want).abs() < 1e-3, "{line}: {want}");
+            let expected = x * (39.0 - 0.5 * x);
+            assert!((u - expected).abs() < 1e-3, "{line}: {expected}");
             displaced += 1;
         }
     }
@@ -201,7 +219,7 @@ fn gmsh_and_calculix_have_quadratic_fields_exact_on_quadratic_elements() {
 }
 
 #[test]
-fn surfaces_of_any_cells_close_the_box() {
+fn exported_surfaces_of_any_cells_enclose_the_box() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     for mesh in ["cells", "tets"] {
@@ -214,7 +232,8 @@ fn surfaces_of_any_cells_close_the_box() {
         for line in text.lines() {
             let words: Vec<&str> = line.split_whitespace().collect();
             match words[..] {
-                // Outwards, so that pyramids on the sides add up.
+                // Faces on the sides point outwards, so that the volumes of their pyramids add up
+                // to that of the box.
                 ["solid", name] => inside = ["fault1", "scraps"].contains(&name),
                 ["vertex", x, y, z] => corners.push([x, y, z].map(|c| c.parse::<f64>().unwrap())),
                 ["endfacet"] => {
@@ -222,7 +241,7 @@ fn surfaces_of_any_cells_close_the_box() {
                         let [a, b, c] = corners[..] else {
                             panic!("{line}")
                         };
-                        volume += tripod(a, b, c);
+                        volume += origin_tet_volume(a, b, c);
                     }
                     corners.clear();
                 }
@@ -240,13 +259,13 @@ fn surfaces_of_any_cells_close_the_box() {
     }
 }
 
-/// The volume of a tetrahedron with its first corner in the origin.
-fn tripod(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
-    let across = |k: usize| {
+/// Returns the volume of a tetrahedron whose first corner is the origin.
+fn origin_tet_volume(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
+    let cross = |k: usize| {
         let (l, m) = ((k + 1) % 3, (k + 2) % 3);
         b[l] * c[m] - b[m] * c[l]
     };
-    (0..3).map(|k| a[k] * across(k)).sum::<f64>() / 6.0
+    (0..3).map(|k| a[k] * cross(k)).sum::<f64>() / 6.0
 }
 
 #[test]
@@ -258,7 +277,8 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         if z < 16 { 1.0 } else { 2.0 }
     });
     let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
-    // What each reader calls the whole, the two regions, and the lower side along x.
+    // The columns are the format, the mesh, and the names that the reader gives to the cells and to
+    // the sets of faces.
     for (to, mesh, cells, side) in [
         (
             "exodus:exo",
@@ -266,7 +286,7 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
             "/Element Blocks/region",
             "/Side Sets/",
         ),
-        // VTK reads no side sets of polyhedra.
+        // VTK does not read side sets of polyhedra.
         (
             "exodus:exo",
             "cells",
@@ -301,40 +321,51 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         } else {
             &file
         });
-        let found = run_validator("VTK", "sets.py", &[path.as_os_str()]);
-        let found = found.as_array().unwrap();
+        let result = run_validator("VTK", "sets.py", &[path.as_os_str()]);
+        let result = result.as_array().unwrap();
         let named = |start: &str| -> Vec<&serde_json::Value> {
-            let is = |part: &&serde_json::Value| part["name"].as_str().unwrap().starts_with(start);
-            found.iter().filter(is).collect()
+            let matches =
+                |part: &&serde_json::Value| part["name"].as_str().unwrap().starts_with(start);
+            result.iter().filter(matches).collect()
         };
-        let sum = |parts: &[&serde_json::Value], of: &str| -> f64 {
-            parts.iter().map(|part| part[of].as_f64().unwrap()).sum()
+        let sum = |parts: &[&serde_json::Value], key: &str| -> f64 {
+            parts.iter().map(|part| part[key].as_f64().unwrap()).sum()
         };
-        let whole = named(cells);
-        assert_eq!(whole.len(), if format == "exodus" { 2 } else { 1 }, "{to}");
-        // VTK measures polyhedra with faces that are not quite flat.
-        let exact = if mesh == "tets" { 1e-12 } else { 1e-7 };
-        assert!(is_close(sum(&whole, "volume"), VOLUME, exact), "{to} {mesh}");
+        let cell_blocks = named(cells);
+        assert_eq!(
+            cell_blocks.len(),
+            if format == "exodus" { 2 } else { 1 },
+            "{to}"
+        );
+        // VTK's volumes of polyhedra with slightly warped faces are less accurate.
+        let tolerance = if mesh == "tets" { 1e-12 } else { 1e-7 };
+        assert!(
+            is_close(sum(&cell_blocks, "volume"), VOLUME, tolerance),
+            "{to} {mesh}"
+        );
         if mesh == "tets" {
-            assert_eq!(sum(&whole, "cells") as usize, count, "{to}");
+            assert_eq!(sum(&cell_blocks, "cells") as usize, count, "{to}");
         }
-        let regions: f64 = whole
+        let regions: f64 = cell_blocks
             .iter()
             .map(|part| part["values"]["region"].as_f64().unwrap())
             .sum();
-        let mean = regions / sum(&whole, "cells");
+        let mean = regions / sum(&cell_blocks, "cells");
         assert!(mean > 1.3 && mean < 1.7, "{to} {mesh}: {mean}");
         let names = ["xmin", "ymax", "fault1", "interface_1_2"];
         for name in names {
             if format == "vtkhdf" {
-                let members = whole[0]["sets"][name].as_u64().unwrap_or(0);
+                let members = cell_blocks[0]["sets"][name].as_u64().unwrap_or(0);
                 assert!(members > 10, "{to} {mesh} {name}");
                 continue;
             }
             let part = named(&format!("{side}{name}"));
             assert_eq!(part.len(), 1, "{to} {mesh} {name}");
             if name == "xmin" && !side.contains("Node") {
-                assert!(is_close(sum(&part, "area"), 35.0 * 31.0, 1e-9), "{to} {mesh}");
+                assert!(
+                    is_close(sum(&part, "area"), 35.0 * 31.0, 1e-9),
+                    "{to} {mesh}"
+                );
             }
             assert!(
                 part[0]["cells"].as_u64().unwrap() > 10,
@@ -347,19 +378,19 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         folder,
         "export cells.vtu --to exodus -o a.exo --region labels.npy --quiet",
     );
-    let found = run_validator("SciPy", "exodus.py", &[path.as_os_str()]);
+    let result = run_validator("SciPy", "exodus.py", &[path.as_os_str()]);
     let AnyMesh::Polyhedra(cells) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
     let mesh = cells.mesh;
-    assert_eq!(found["blocks"], serde_json::json!(["region1", "region2"]));
-    assert_eq!(found["numbers"], serde_json::json!([1, 2]));
-    assert_eq!(found["cells"], mesh.sites.len());
-    assert_eq!(found["faces"], mesh.face_cells.len());
-    assert_eq!(found["owners"], serde_json::json!([1, 2]));
-    assert_eq!(found["map"], true);
-    let sets = found["sets"].as_object().unwrap();
-    assert!(sets.values().all(|set| set["same"] == true), "{found}");
+    assert_eq!(result["blocks"], serde_json::json!(["region1", "region2"]));
+    assert_eq!(result["numbers"], serde_json::json!([1, 2]));
+    assert_eq!(result["cells"], mesh.sites.len());
+    assert_eq!(result["faces"], mesh.face_cells.len());
+    assert_eq!(result["owners"], serde_json::json!([1, 2]));
+    assert_eq!(result["map"], true);
+    let sets = result["sets"].as_object().unwrap();
+    assert!(sets.values().all(|set| set["same"] == true), "{result}");
     for (name, area) in [
         ("xmin", 35.0 * 31.0),
         ("ymax", 39.0 * 31.0),
@@ -370,17 +401,22 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
             "{name}"
         );
     }
-    let on = mesh.on_feature.iter().filter(|on| **on).count() as u64;
+    let feature_faces = mesh
+        .on_feature
+        .iter()
+        .filter(|feature_faces| **feature_faces)
+        .count() as u64;
     let named = |name: &str| {
         sets.get(name)
             .map_or(0, |set| set["faces"].as_u64().unwrap())
     };
-    assert_eq!(named("fault1") + named("scraps"), on);
+    assert_eq!(named("fault1") + named("scraps"), feature_faces);
     assert!(
         named("fault1") > 50 && named("interface_1_2") > 10,
-        "{found}"
+        "{result}"
     );
-    // Torn meshes have wedges between the two sides, and quadratic ones nodes in the middle of edges.
+    // Split meshes have wedges between the two sides, and quadratic ones have nodes in the middle
+    // of edges.
     run(
         folder,
         "export tets.vtu --to exodus -o b.exo --split 1 --quiet",
@@ -390,9 +426,10 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         "export tets.vtu --to vtkhdf -o c.vtkhdf --quadratic --quiet",
     );
     let read = |file: &str| run_validator("VTK", "sets.py", &[folder.join(file).as_os_str()]);
-    let torn = read("b.exo");
+    let split = read("b.exo");
     let part = |name: &str| {
-        torn.as_array()
+        split
+            .as_array()
             .unwrap()
             .iter()
             .find(|part| part["name"] == name)
@@ -404,6 +441,10 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         assert_eq!(part(side)["cells"], wedges["cells"]);
     }
     let quadratic = &read("c.vtkhdf")[0];
-    assert!(is_close(quadratic["volume"].as_f64().unwrap(), VOLUME, 1e-9));
+    assert!(is_close(
+        quadratic["volume"].as_f64().unwrap(),
+        VOLUME,
+        1e-9
+    ));
     assert!(quadratic["nodes"].as_u64().unwrap() as usize > count);
 }

@@ -1,121 +1,127 @@
-//! No option of `mesh` is accepted and then ignored: alone and with every other it changes what comes
-//! out, or is refused. And a job survives `--print-config` and `--config`.
+//! Tests that each option of `mesh` has an effect or is refused, alone and together with each other
+//! option, and that a job survives `--print-config` and `--config`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::common::{atomesh, files_below, expect_refusal, run_args};
+use crate::common::{atomesh, expect_refusal, files_below, run_args};
 use atomesh::store::{AnyMesh, read_any_vtu};
 use serde_json::Value;
 
-/// An option with a value that is none by default.
+/// An option with a value that differs from its default.
 struct OptionCase {
-    /// The image that it needs; `layers.mha` does for the others.
+    /// The image that the option needs, if not `layers.mha`.
     image: Option<&'static str>,
-    /// Options without which it would be refused.
+    /// Other options without which it would be refused.
     needs: &'static str,
     /// The option and its value.
-    says: &'static str,
+    option: &'static str,
 }
 
-const fn any(says: &'static str) -> OptionCase {
-    with("", says)
+const fn option(option: &'static str) -> OptionCase {
+    option_with("", option)
 }
 
-const fn with(needs: &'static str, says: &'static str) -> OptionCase {
+const fn option_with(needs: &'static str, option: &'static str) -> OptionCase {
     OptionCase {
         image: None,
         needs,
-        says,
+        option,
     }
 }
 
-const fn of(image: &'static str, needs: &'static str, says: &'static str) -> OptionCase {
+const fn option_on_image(
+    image: &'static str,
+    needs: &'static str,
+    option: &'static str,
+) -> OptionCase {
     OptionCase {
         image: Some(image),
         needs,
-        says,
+        option,
     }
 }
 
-/// Every option of `mesh`, some with more than one value.
-const CHOICES: &[OptionCase] = &[
-    any("--distance 6"),
-    with("--distance 5:9", "--distance-from image"),
-    with("--distance 5:9", "--distance-from features"),
-    with("--distance 5:9", "--distance-from laplacian"),
-    with("--distance 5:9", "--distance-from ../in/distances.mha"),
-    any("--feature edges"),
-    of("labels.mha", "", "--feature labels"),
-    any("--sigma 2.5"),
-    any("--threshold 0.08"),
-    of("labels.mha", "", "--threshold 0.9"),
-    of("labels.mha", "", "--label 1:distance=6,name=disc"),
-    of("labels.mha", "", "--label 2:into=1"),
-    of(
+/// All options of `mesh`, some with more than one value.
+const CASES: &[OptionCase] = &[
+    option("--distance 6"),
+    option_with("--distance 5:9", "--distance-from image"),
+    option_with("--distance 5:9", "--distance-from features"),
+    option_with("--distance 5:9", "--distance-from laplacian"),
+    option_with("--distance 5:9", "--distance-from ../in/distances.mha"),
+    option("--feature edges"),
+    option_on_image("labels.mha", "", "--feature labels"),
+    option("--sigma 2.5"),
+    option("--threshold 0.08"),
+    option_on_image("labels.mha", "", "--threshold 0.9"),
+    option_on_image("labels.mha", "", "--label 1:distance=6,name=disc"),
+    option_on_image("labels.mha", "", "--label 2:into=1"),
+    option_on_image(
         "faulted.mha",
         "--feature faults+horizons",
         "--feature-weights 1,0.3",
     ),
-    of("rings.mha", "--feature paths", "--object 72,96"),
-    of(
+    option_on_image("rings.mha", "--feature paths", "--object 72,96"),
+    option_on_image(
         "rings.mha",
         "--feature paths --object 72,96",
         "--background 40,96",
     ),
-    any("--potential-out b.vti"),
-    any("--lines l.vtp"),
-    any("--checkpoint kept"),
-    any("--align alongside"),
-    any("--cells voronoi"),
-    any("--beta 0.1"),
-    any("--beta ../in/weights.mha"),
-    with("--distance 8", "--seeding grown"),
-    any("--seeding refine"),
-    any("--seeding guide"),
-    any("--seeding projection"),
-    any("--seeding canny"),
-    with("--seeding guide", "--max-atoms 30"),
-    any("--atoms-from ../in/atoms.csv"),
-    any("--well ../in/well.csv"),
-    with("--well ../in/well.csv", "--well-distance 4"),
-    any("--evaluator sampled"),
-    any("--kappa 0.7"),
-    any("--optimizer descent"),
-    any("--optimizer genetic"),
-    any("--rounds 2"),
-    any("--coarse-to-fine 1"),
-    any("--min-dihedral 12"),
-    any("--slivers none"),
-    any("--slivers exude"),
-    with("--cells voronoi", "--weld 0.1"),
-    any("--smooth odt"),
-    any("--metric physical"),
-    any("--metric 1,1.4"),
-    any("--metric shape"),
-    any("--velocity 2400"),
-    any("--rng-seed 7"),
-    any("--report r.json"),
-    any("--trace t.pvd"),
-    of("layers.raw", "", "--raw 72x64:f32le"),
-    of("layers.raw", "--raw 72x64:f32le", "--spacing 2,3"),
-    of("nulls.mha", "", "--null 7"),
-    any("--inline-byte 9"),
-    any("--crossline-byte 21"),
-    any("--x-byte 73"),
-    any("--y-byte 77"),
-    any("--scalar-byte 69"),
-    any("--delay-byte 105"),
-    any("--interval-byte 119"),
-    any("-o other.vtu"),
+    option("--potential-out b.vti"),
+    option("--lines l.vtp"),
+    option("--checkpoint kept"),
+    option("--align alongside"),
+    option("--cells voronoi"),
+    option("--beta 0.1"),
+    option("--beta ../in/weights.mha"),
+    option_with("--distance 8", "--seeding grown"),
+    option("--seeding refine"),
+    option("--seeding guide"),
+    option("--seeding projection"),
+    option("--seeding canny"),
+    option_with("--seeding guide", "--max-atoms 30"),
+    option("--atoms-from ../in/atoms.csv"),
+    option("--well ../in/well.csv"),
+    option_with("--well ../in/well.csv", "--well-distance 4"),
+    option("--evaluator sampled"),
+    option("--kappa 0.7"),
+    option("--optimizer descent"),
+    option("--optimizer genetic"),
+    option("--rounds 2"),
+    option("--coarse-to-fine 1"),
+    option("--min-dihedral 12"),
+    option("--slivers none"),
+    option("--slivers exude"),
+    option_with("--cells voronoi", "--weld 0.1"),
+    option("--smooth odt"),
+    option("--metric physical"),
+    option("--metric 1,1.4"),
+    option("--metric shape"),
+    option("--velocity 2400"),
+    option("--rng-seed 7"),
+    option("--report r.json"),
+    option("--trace t.pvd"),
+    option_on_image("layers.raw", "", "--raw 72x64:f32le"),
+    option_on_image("layers.raw", "--raw 72x64:f32le", "--spacing 2,3"),
+    option_on_image("nulls.mha", "", "--null 7"),
+    option("--inline-byte 9"),
+    option("--crossline-byte 21"),
+    option("--x-byte 73"),
+    option("--y-byte 77"),
+    option("--scalar-byte 69"),
+    option("--delay-byte 105"),
+    option("--interval-byte 119"),
+    option("-o other.vtu"),
 ];
 
-/// Options of which, one given, the other says what is so anyhow: alongside is where atoms of Voronoi
-/// cells stand; a lattice whose distance varies, be it for wells, is always grown, as the help says of
-/// fcc; bare samples are 1 apart, in metres as in samples; labels for which something is wanted are followed.
-const TWINS: [[&str; 2]; 7] = [
+/// Pairs of options of which the second has no effect beside the first.
+///
+/// Atoms of Voronoi cells lie alongside features. A lattice with a varying distance, also for
+/// wells, is always grown. Bare samples are 1 apart in metres as in samples. Options for a label
+/// imply that labels are the features.
+const REDUNDANT_PAIRS: [[&str; 2]; 7] = [
     ["--feature labels", "--label 1:distance"],
     ["--seeding grown", "--label 1:distance"],
     ["--align alongside", "--cells voronoi"],
@@ -125,11 +131,11 @@ const TWINS: [[&str; 2]; 7] = [
     ["--metric shape", "--raw"],
 ];
 
-/// What came of a run: exit code, what was said, figures, and the files with what is in them.
+/// Result of a run: exit code, messages with figures, and files with their contents.
 #[derive(Debug, Clone, PartialEq)]
 struct RunResult {
     code: Option<i32>,
-    said: String,
+    messages: String,
     files: BTreeMap<String, Vec<u8>>,
 }
 
@@ -137,7 +143,7 @@ fn words(text: &str) -> Vec<&str> {
     text.split_whitespace().collect()
 }
 
-/// The names of options among words.
+/// Returns the names of the options among words.
 fn names(text: &str) -> BTreeSet<&str> {
     words(text)
         .into_iter()
@@ -145,28 +151,28 @@ fn names(text: &str) -> BTreeSet<&str> {
         .collect()
 }
 
-/// The words of several choices, each option once.
-fn joined(parts: &[&str]) -> String {
-    let mut all: Vec<String> = Vec::new();
+/// Returns the words of several options, each option once.
+fn merge_options(parts: &[&str]) -> String {
+    let mut options: Vec<String> = Vec::new();
     for part in parts {
         let mut option = Vec::new();
         for word in words(part).into_iter().chain(["-"]) {
             if word.starts_with('-') && !option.is_empty() {
                 let text = option.join(" ");
-                if !all.contains(&text) {
-                    all.push(text);
+                if !options.contains(&text) {
+                    options.push(text);
                 }
                 option.clear();
             }
             option.push(word);
         }
     }
-    all.sort();
-    all.join(" ")
+    options.sort();
+    options.join(" ")
 }
 
-/// Whether options occur twice with different values.
-fn contradict(text: &str) -> bool {
+/// Returns `true` if an option occurs twice with different values.
+fn is_contradictory(text: &str) -> bool {
     let options = words(text).into_iter().filter(|w| w.starts_with('-'));
     options.count() > names(text).len()
 }
@@ -182,35 +188,36 @@ fn run(folder: &Path, (image, options): &RunInput) -> RunResult {
         .args(words(options))
         .output()
         .unwrap();
-    let mut said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let mut messages = String::from_utf8_lossy(&output.stderr).into_owned();
     if let Ok(mut report) = serde_json::from_slice::<Value>(&output.stdout) {
-        // What was asked for, and how long it took, are no results.
+        // Parameters and run times are no results.
         for key in ["parameters", "verdict", "stages"] {
             report.as_object_mut().unwrap().remove(key);
         }
-        said += &report.to_string();
+        messages += &report.to_string();
     }
-    let content = |path: &Path, bytes: Vec<u8>| match path.extension().and_then(|e| e.to_str()) {
-        Some("vtu") => mesh(path).into_bytes(),
-        Some("json") => Vec::new(),
-        _ => bytes,
-    };
+    let comparable_content =
+        |path: &Path, bytes: Vec<u8>| match path.extension().and_then(|e| e.to_str()) {
+            Some("vtu") => mesh_content(path).into_bytes(),
+            Some("json") => Vec::new(),
+            _ => bytes,
+        };
     let named = |(path, bytes): (std::path::PathBuf, Vec<u8>)| {
         let name = path.strip_prefix(folder).unwrap().display().to_string();
-        (name, content(&path, bytes))
+        (name, comparable_content(&path, bytes))
     };
     let files = files_below(folder).into_iter().map(named).collect();
     std::fs::remove_dir_all(folder).unwrap();
     RunResult {
         code: output.status.code(),
-        said,
+        messages,
         files,
     }
 }
 
-/// All that a mesh's file holds but how it was made.
-fn mesh(path: &Path) -> String {
-    // The points of a lattice's rounds are no mesh.
+/// Returns the contents of a mesh file without the record of how it was made.
+fn mesh_content(path: &Path) -> String {
+    // Files with the points of a lattice's rounds are no meshes.
     let Ok(mut mesh) = read_any_vtu(path) else {
         return String::from_utf8_lossy(&std::fs::read(path).unwrap()).into_owned();
     };
@@ -225,8 +232,8 @@ fn mesh(path: &Path) -> String {
 
 const DIMS: [usize; 2] = [72, 64];
 
-/// Writes a MetaImage of float32 whose samples are 2 and 3 apart.
-fn mha(path: &Path, value: impl Fn(f64, f64) -> f64) {
+/// Writes a MetaImage of float32 with a spacing of 2 and 3.
+fn write_mha(path: &Path, value: impl Fn(f64, f64) -> f64) {
     let [nx, ny] = DIMS;
     let mut bytes = format!(
         "ObjectType = Image\nNDims = 2\nDimSize = {nx} {ny}\nElementSpacing = 2 3\n\
@@ -240,123 +247,129 @@ fn mha(path: &Path, value: impl Fn(f64, f64) -> f64) {
 
 fn samples(value: impl Fn(f64, f64) -> f64) -> Vec<u8> {
     let [nx, ny] = DIMS;
-    let at = |i: usize| value((i % nx) as f64, (i / nx) as f64) as f32;
-    (0..nx * ny).flat_map(|i| at(i).to_le_bytes()).collect()
+    let value_at = |i: usize| value((i % nx) as f64, (i / nx) as f64) as f32;
+    (0..nx * ny)
+        .flat_map(|i| value_at(i).to_le_bytes())
+        .collect()
 }
 
-/// Something between -1 and 1 for each sample.
+/// Returns a pseudo-random number between -1 and 1 for each sample.
 fn noise(x: f64, y: f64) -> f64 {
     (12.9898 * x + 78.233 * y).sin() * 43758.547 % 1.0
 }
 
-/// Layers that a fault breaks.
+/// Returns the value of layers that a fault displaces.
 fn layers(x: f64, y: f64) -> f64 {
     let throw = if x > 36.0 + 0.2 * y { 5.0 } else { 0.0 };
     let depth = y + throw + 2.0 * (x / 20.0).sin();
     (depth / 4.0).sin() * (1.0 + 0.3 * (x / 9.0).cos()) + 0.1 * noise(x, y)
 }
 
-fn inputs(folder: &Path) {
+fn write_inputs(folder: &Path) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
-    mha(&folder.join("layers.mha"), layers);
+    write_mha(&folder.join("layers.mha"), layers);
     std::fs::write(folder.join("layers.raw"), samples(layers)).unwrap();
-    mha(&folder.join("faulted.mha"), layers);
-    mha(&folder.join("nulls.mha"), |x, y| {
+    write_mha(&folder.join("faulted.mha"), layers);
+    write_mha(&folder.join("nulls.mha"), |x, y| {
         if x > 66.0 { 7.0 } else { layers(x, y) }
     });
-    // Background between the rings, or beyond both.
+    // The background is the area between the rings, or that beyond both.
     let disc = |x: f64, y: f64, r| f64::from((x - 36.0).hypot(y - 32.0) < r);
-    mha(&folder.join("rings.mha"), |x, y| {
+    write_mha(&folder.join("rings.mha"), |x, y| {
         3.0 * (disc(x, y, 11.0) + disc(x, y, 23.0)) + 0.1 * noise(x, y)
     });
-    mha(&folder.join("labels.mha"), |x, y| {
+    write_mha(&folder.join("labels.mha"), |x, y| {
         disc(x, y, 15.0) + f64::from(x + y > 90.0)
     });
-    mha(&folder.join("distances.mha"), |x, _| 5.0 + x / 20.0);
-    mha(&folder.join("weights.mha"), |x, _| 0.2 + x / 200.0);
+    write_mha(&folder.join("distances.mha"), |x, _| 5.0 + x / 20.0);
+    write_mha(&folder.join("weights.mha"), |x, _| 0.2 + x / 200.0);
     write("atoms.csv", "x,y\n61.5,80\n");
     write("well.csv", "x,y,radius\n40,60,0.1\n70,110,0.1\n");
 }
 
-/// The results of all runs, by what was asked.
-fn all(folder: &Path, asked: BTreeSet<RunInput>) -> BTreeMap<RunInput, RunResult> {
-    let asked: Vec<RunInput> = asked.into_iter().collect();
-    let (next, came) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+/// Runs all inputs in parallel, and returns their results.
+fn run_all(folder: &Path, inputs: BTreeSet<RunInput>) -> BTreeMap<RunInput, RunResult> {
+    let inputs: Vec<RunInput> = inputs.into_iter().collect();
+    let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     let workers = std::thread::available_parallelism().map_or(2, usize::from);
     std::thread::scope(|scope| {
         for _ in 0..workers {
             scope.spawn(|| {
                 loop {
                     let number = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(one) = asked.get(number) else { break };
-                    let result = run(&folder.join(number.to_string()), one);
-                    came.lock().unwrap().insert(one.clone(), result);
+                    let Some(input) = inputs.get(number) else {
+                        break;
+                    };
+                    let result = run(&folder.join(number.to_string()), input);
+                    results.lock().unwrap().insert(input.clone(), result);
                 }
             });
         }
     });
-    came.into_inner().unwrap()
+    results.into_inner().unwrap()
 }
 
-/// Choices that are tried together: with all of them, and without each of them in turn.
+/// Options that are tried together: all of them, and all without each of them in turn.
 type Row = Vec<usize>;
 
-/// The image, if one has it, on which these choices can be tried together, unless they contradict or
-/// presuppose one another.
-fn image(row: &[usize]) -> Option<&'static str> {
-    let mut images = row.iter().filter_map(|&i| CHOICES[i].image);
+/// Returns the image on which the options of a row can be tried together, unless the options
+/// contradict or imply one another.
+fn common_image(row: &[usize]) -> Option<&'static str> {
+    let mut images = row.iter().filter_map(|&i| CASES[i].image);
     let image = images.next().unwrap_or("layers.mha");
-    let all = options(row);
-    let twins = |twins: &[&str; 2]| twins.iter().all(|twin| all.contains(twin));
-    // Where another choice needs an option, nothing is to be learned of it.
-    let each_matters = || row.iter().all(|&i| without(row, i) != all);
+    let all_options = row_options(row);
+    let redundant = |pair: &[&str; 2]| pair.iter().all(|option| all_options.contains(option));
+    // If another option requires this one, leaving it out has no effect.
+    let each_matters = || row.iter().all(|&i| without(row, i) != all_options);
     (images.all(|other| other == image)
-        && !contradict(&all)
-        && !TWINS.iter().any(twins)
+        && !is_contradictory(&all_options)
+        && !REDUNDANT_PAIRS.iter().any(redundant)
         && each_matters())
     .then_some(image)
 }
 
-/// What the choices of a row say, and what they need.
-fn options(row: &[usize]) -> String {
+/// Returns the options of a row and those that they require.
+fn row_options(row: &[usize]) -> String {
     let parts: Vec<&str> = row
         .iter()
-        .flat_map(|&i| [CHOICES[i].needs, CHOICES[i].says])
+        .flat_map(|&i| [CASES[i].needs, CASES[i].option])
         .collect();
-    joined(&parts)
+    merge_options(&parts)
 }
 
-/// The options of a row without what one of its choices says.
+/// Returns the options of a row without one of them.
 fn without(row: &[usize], left_out: usize) -> String {
-    let says = |i: usize| if i == left_out { "" } else { CHOICES[i].says };
+    let option_of = |i: usize| if i == left_out { "" } else { CASES[i].option };
     let parts: Vec<&str> = row
         .iter()
-        .flat_map(|&i| [CHOICES[i].needs, says(i)])
+        .flat_map(|&i| [CASES[i].needs, option_of(i)])
         .collect();
-    joined(&parts)
+    merge_options(&parts)
 }
 
-/// Rows of at most `LONGEST` choices, so that each of the pairs is in one (a covering array of strength two):
-/// whichever choice makes most new pairs is added, as long as it can stand beside all others of its row.
+/// Returns rows of at most `LONGEST` options such that each pair is in one row (a covering array of
+/// strength two). In each step the option that covers most new pairs is added, if it is compatible
+/// with all others of the row.
 fn covering_rows(pairs: &BTreeSet<[usize; 2]>) -> Vec<Row> {
     const LONGEST: usize = 12;
     let pair = |a: usize, b: usize| [a.min(b), a.max(b)];
-    let (mut open, mut rows) = (pairs.clone(), Vec::new());
-    while let Some(&first) = open.iter().next() {
+    let (mut uncovered, mut rows) = (pairs.clone(), Vec::new());
+    while let Some(&first) = uncovered.iter().next() {
         let mut row = first.to_vec();
         while row.len() < LONGEST {
             let gain = |&next: &usize| {
                 row.iter()
-                    .filter(|&&i| open.contains(&pair(i, next)))
+                    .filter(|&&i| uncovered.contains(&pair(i, next)))
                     .count()
             };
             let fits = |&next: &usize| {
-                let beside = |&i: &usize| i != next && pairs.contains(&pair(i, next));
-                row.iter().all(beside) && image(&[&row[..], &[next]].concat()).is_some()
+                let is_compatible = |&i: &usize| i != next && pairs.contains(&pair(i, next));
+                row.iter().all(is_compatible)
+                    && common_image(&[&row[..], &[next]].concat()).is_some()
             };
-            let next = (0..CHOICES.len())
+            let next = (0..CASES.len())
                 .filter(fits)
-                .max_by_key(|next| (gain(next), CHOICES.len() - next));
+                .max_by_key(|next| (gain(next), CASES.len() - next));
             match next.filter(|next| gain(next) > 0) {
                 Some(next) => row.push(next),
                 None => break,
@@ -364,7 +377,7 @@ fn covering_rows(pairs: &BTreeSet<[usize; 2]>) -> Vec<Row> {
         }
         for (k, &a) in row.iter().enumerate() {
             for &b in &row[..k] {
-                open.remove(&pair(a, b));
+                uncovered.remove(&pair(a, b));
             }
         }
         rows.push(row);
@@ -372,121 +385,132 @@ fn covering_rows(pairs: &BTreeSet<[usize; 2]>) -> Vec<Row> {
     rows
 }
 
-/// Runs of rows, with all of their choices and without each.
+/// Returns the runs of rows: with all options and without each of them.
 fn runs(rows: &[Row]) -> BTreeSet<RunInput> {
-    let of_row = |row: &Row| {
-        let image = image(row).unwrap().to_string();
-        let fewer = row.iter().map(|&i| without(row, i));
-        let all = fewer.chain([options(row)]);
-        all.map(|options| (image.clone(), options))
+    let runs_of_row = |row: &Row| {
+        let image = common_image(row).unwrap().to_string();
+        let reduced = row.iter().map(|&i| without(row, i));
+        let all_runs = reduced.chain([row_options(row)]);
+        all_runs
+            .map(|options| (image.clone(), options))
             .collect::<Vec<_>>()
     };
-    rows.iter().flat_map(of_row).collect()
+    rows.iter().flat_map(runs_of_row).collect()
 }
 
-/// Whether each choice of a row changes anything beside the others; `None` where it cannot be told, because
-/// the row is refused without the choice, too.
-fn changes(row: &Row, came: &BTreeMap<RunInput, RunResult>) -> Vec<(usize, Option<bool>)> {
-    let image = image(row).unwrap().to_string();
-    let with = &came[&(image.clone(), options(row))];
+/// Returns for each option of a row whether it changes the result beside the others. The value is
+/// `None` if the row is refused also without the option, so that nothing can be said.
+fn changes(row: &Row, results: &BTreeMap<RunInput, RunResult>) -> Vec<(usize, Option<bool>)> {
+    let image = common_image(row).unwrap().to_string();
+    let full = &results[&(image.clone(), row_options(row))];
     let change = |&i: &usize| {
-        let without = &came[&(image.clone(), without(row, i))];
-        (i, (without.code == Some(0)).then_some(with != without))
+        let reduced = &results[&(image.clone(), without(row, i))];
+        (i, (reduced.code == Some(0)).then_some(full != reduced))
     };
     row.iter().map(change).collect()
 }
 
-/// A folder in which rows of choices can be run.
+/// Returns a folder in which rows of options can be run.
 fn folder_with_inputs() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let put = folder.path().join("in");
-    std::fs::create_dir(&put).unwrap();
-    inputs(&put);
+    let input_folder = folder.path().join("in");
+    std::fs::create_dir(&input_folder).unwrap();
+    write_inputs(&input_folder);
     folder
 }
 
 #[test]
-fn no_option_is_ignored_alone() {
+fn no_single_option_is_ignored() {
     let folder = folder_with_inputs();
-    let rows: Vec<Row> = (0..CHOICES.len()).map(|i| vec![i]).collect();
-    let came = all(folder.path(), runs(&rows));
+    let rows: Vec<Row> = (0..CASES.len()).map(|i| vec![i]).collect();
+    let results = run_all(folder.path(), runs(&rows));
     for row in &rows {
-        let [(i, change)] = changes(row, &came)[..] else {
+        let [(i, change)] = changes(row, &results)[..] else {
             panic!("{row:?}");
         };
-        assert_ne!(change, Some(false), "{} is ignored", CHOICES[i].says);
+        assert_ne!(change, Some(false), "{} is ignored", CASES[i].option);
     }
 }
 
 #[test]
 #[ignore = "slow: make test-all"]
-fn no_option_is_accepted_and_then_ignored() {
+fn no_pair_of_options_is_accepted_and_then_ignored() {
     let folder = folder_with_inputs();
-    let says = |row: &[usize]| {
+    let describe = |row: &[usize]| {
         row.iter()
-            .map(|&i| CHOICES[i].says)
+            .map(|&i| CASES[i].option)
             .collect::<Vec<_>>()
             .join("' beside '")
     };
 
-    // What is refused alone, or as a pair without running the job, is refused as a pair when it is run; unless the
-    // other choice is what it needs.
-    let asked = |row: &Row, more: &str| (image(row).unwrap().to_string(), options(row) + more);
-    let alone: Vec<Row> = (0..CHOICES.len()).map(|i| vec![i]).collect();
-    let pairs = (0..CHOICES.len()).flat_map(|b| (0..b).map(move |a| vec![a, b]));
-    let pairs: Vec<Row> = pairs.filter(|pair| image(pair).is_some()).collect();
-    let run_alone = alone.iter().map(|row| asked(row, ""));
-    let printing = pairs.iter().map(|pair| asked(pair, " --print-config"));
-    let tried = all(folder.path(), run_alone.chain(printing).collect());
-    let is_taken = |pair: &Row| {
-        let is_refused = |&i: &usize| tried[&asked(&alone[i], "")].code != Some(0);
-        !pair.iter().any(is_refused) && tried[&asked(pair, " --print-config")].code == Some(0)
+    // A pair that is refused, because one option alone is refused or by `--print-config`, must be
+    // refused also when it is run, unless one option is what the other one needs.
+    let input = |row: &Row, more_options: &str| {
+        (
+            common_image(row).unwrap().to_string(),
+            row_options(row) + more_options,
+        )
     };
-    let (taken, refused): (Vec<Row>, Vec<Row>) = pairs.into_iter().partition(is_taken);
-    let came = all(
+    let alone: Vec<Row> = (0..CASES.len()).map(|i| vec![i]).collect();
+    let pairs = (0..CASES.len()).flat_map(|b| (0..b).map(move |a| vec![a, b]));
+    let pairs: Vec<Row> = pairs.filter(|pair| common_image(pair).is_some()).collect();
+    let run_alone = alone.iter().map(|row| input(row, ""));
+    let printing = pairs.iter().map(|pair| input(pair, " --print-config"));
+    let trials = run_all(folder.path(), run_alone.chain(printing).collect());
+    let is_accepted = |pair: &Row| {
+        let is_refused = |&i: &usize| trials[&input(&alone[i], "")].code != Some(0);
+        !pair.iter().any(is_refused) && trials[&input(pair, " --print-config")].code == Some(0)
+    };
+    let (accepted, refused): (Vec<Row>, Vec<Row>) = pairs.into_iter().partition(is_accepted);
+    let results = run_all(
         folder.path(),
-        refused.iter().map(|pair| asked(pair, "")).collect(),
+        refused.iter().map(|pair| input(pair, "")).collect(),
     );
-    let (refused, helped): (Vec<Row>, Vec<Row>) =
-        (refused.into_iter()).partition(|pair| came[&asked(pair, "")].code == Some(1));
+    let (refused, completed): (Vec<Row>, Vec<Row>) =
+        (refused.into_iter()).partition(|pair| results[&input(pair, "")].code == Some(1));
 
-    // Of the others, each choice changes something beside each other and alone.
-    let rows = covering_rows(&taken.iter().map(|pair| [pair[0], pair[1]]).collect());
+    // In the accepted pairs each option changes something beside each other option and alone.
+    let rows = covering_rows(&accepted.iter().map(|pair| [pair[0], pair[1]]).collect());
     let rows: Vec<Row> = rows.into_iter().chain(alone).collect();
-    let mut came = all(folder.path(), runs(&rows));
-    let mut shown = BTreeSet::new();
+    let mut results = run_all(folder.path(), runs(&rows));
+    let mut proven = BTreeSet::new();
     for row in &rows {
-        for (i, change) in changes(row, &came) {
+        for (i, change) in changes(row, &results) {
             if change == Some(true) {
-                shown.extend(row.iter().map(|&other| (i, other)));
+                proven.extend(row.iter().map(|&other| (i, other)));
             }
         }
     }
-    // Where a third choice hides what one does, or the whole row is refused, the pair is tried by itself.
+    // If a third option hides an effect, or the whole row is refused, the pair is tried by itself.
     let doubtful =
-        |pair: &Row| !shown.contains(&(pair[0], pair[1])) || !shown.contains(&(pair[1], pair[0]));
-    let again = taken.iter().filter(|pair| doubtful(pair)).chain(&helped);
+        |pair: &Row| !proven.contains(&(pair[0], pair[1])) || !proven.contains(&(pair[1], pair[0]));
+    let again = accepted
+        .iter()
+        .filter(|pair| doubtful(pair))
+        .chain(&completed);
     let again: Vec<Row> = again.cloned().collect();
-    let more: BTreeSet<RunInput> = runs(&again)
+    let remaining_runs: BTreeSet<RunInput> = runs(&again)
         .into_iter()
-        .filter(|asked| !came.contains_key(asked))
+        .filter(|input| !results.contains_key(input))
         .collect();
     println!(
         "{} pairs are refused, {} are in {} rows, {} are tried by themselves; {} runs",
         refused.len(),
-        taken.len(),
+        accepted.len(),
         rows.len(),
         again.len(),
-        came.len() + more.len()
+        results.len() + remaining_runs.len()
     );
-    came.extend(all(folder.path(), more));
+    results.extend(run_all(folder.path(), remaining_runs));
     let mut ignored = Vec::new();
-    let mut learned: BTreeSet<usize> = shown.iter().map(|&(i, _)| i).collect();
+    let mut tested: BTreeSet<usize> = proven.iter().map(|&(i, _)| i).collect();
     for row in rows.iter().filter(|row| row.len() == 1).chain(&again) {
-        for (i, change) in changes(row, &came) {
+        for (i, change) in changes(row, &results) {
             match change {
-                Some(true) => drop(learned.insert(i)),
-                Some(false) => ignored.push(format!("'{}' in '{}'", CHOICES[i].says, says(row))),
+                Some(true) => drop(tested.insert(i)),
+                Some(false) => {
+                    ignored.push(format!("'{}' in '{}'", CASES[i].option, describe(row)))
+                }
                 None => (),
             }
         }
@@ -497,17 +521,18 @@ fn no_option_is_accepted_and_then_ignored() {
         "{} are ignored:\n{listed}",
         ignored.len()
     );
-    // These, and what a range of distances follows, are refused, and so tested, where they are absent.
+    // These options, and `--distance-from` with a range of distances, are tested by the refusal of
+    // jobs without them.
     let needed = ["--object 72,96", "--raw 72x64:f32le"];
-    for (i, choice) in CHOICES.iter().enumerate() {
-        let tried = learned.contains(&i)
-            || needed.contains(&choice.says)
-            || choice.says.starts_with("--distance-from");
-        assert!(tried, "{} was never tried", choice.says);
+    for (i, case) in CASES.iter().enumerate() {
+        let is_tested = tested.contains(&i)
+            || needed.contains(&case.option)
+            || case.option.starts_with("--distance-from");
+        assert!(is_tested, "{} was never tried", case.option);
     }
 }
 
-/// The commands of each page of the documentation, in their order.
+/// Returns the commands of each page of the documentation, in their order.
 fn pages() -> Vec<Vec<String>> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let entries = std::fs::read_dir(root.join("docs")).unwrap();
@@ -518,7 +543,7 @@ fn pages() -> Vec<Vec<String>> {
     let command = |line: &str| {
         let line = line.trim().trim_start_matches("$ ");
         let line = line.split(" #").next().unwrap_or_default().trim();
-        // The text beside them is no part of examples within a sentence.
+        // Examples within a sentence have other text beside them.
         let command = line.strip_prefix("atomesh ");
         command.filter(|c| !c.contains('`')).map(str::to_string)
     };
@@ -530,7 +555,7 @@ fn pages() -> Vec<Vec<String>> {
     paths.iter().map(commands).collect()
 }
 
-/// The commands of the documentation that mesh an image, without `mesh` itself.
+/// Returns the commands of the documentation that mesh an image, without `mesh` itself.
 fn examples() -> BTreeSet<String> {
     let commands = pages().into_iter().flatten();
     commands
@@ -539,19 +564,19 @@ fn examples() -> BTreeSet<String> {
 }
 
 #[test]
-fn every_example_survives_its_own_configuration() {
+fn the_configuration_of_every_example_reads_back() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    std::fs::create_dir(at.join("data")).unwrap();
+    let dir = folder.path();
+    std::fs::create_dir(dir.join("data")).unwrap();
     let examples = examples();
     assert!(examples.len() > 20, "{examples:#?}");
     for example in &examples {
         let printed = run_args(
-            at,
+            dir,
             &[&["mesh"], &words(example)[..], &["--print-config"]].concat(),
         );
-        std::fs::write(at.join("job.toml"), &printed).unwrap();
-        let again = run_args(at, &["mesh", "--config", "job.toml", "--print-config"]);
+        std::fs::write(dir.join("job.toml"), &printed).unwrap();
+        let again = run_args(dir, &["mesh", "--config", "job.toml", "--print-config"]);
         assert_eq!(again, printed, "{example}");
     }
 }
@@ -559,63 +584,64 @@ fn every_example_survives_its_own_configuration() {
 #[test]
 fn a_printed_configuration_gives_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    inputs(at);
+    let dir = folder.path();
+    write_inputs(dir);
     for options in [
         "--distance 5:9 --distance-from features --kappa 0.7 --feature edges",
         "--cells voronoi --weld 0.05 --well well.csv --well-distance 5",
         "--seeding canny --smooth odt",
     ] {
-        let mesh = [&["mesh", "layers.mha", "-o", "m.vtu"], &words(options)[..]].concat();
-        run_args(at, &[&mesh[..], &["--quiet"]].concat());
-        let bytes = std::fs::read(at.join("m.vtu")).unwrap();
-        let printed = run_args(at, &[&mesh[..], &["--print-config"]].concat());
-        std::fs::write(at.join("job.toml"), printed).unwrap();
+        let mesh_content = [&["mesh", "layers.mha", "-o", "m.vtu"], &words(options)[..]].concat();
+        run_args(dir, &[&mesh_content[..], &["--quiet"]].concat());
+        let bytes = std::fs::read(dir.join("m.vtu")).unwrap();
+        let printed = run_args(dir, &[&mesh_content[..], &["--print-config"]].concat());
+        std::fs::write(dir.join("job.toml"), printed).unwrap();
         run_args(
-            at,
+            dir,
             &["mesh", "layers.mha", "--config", "job.toml", "--quiet"],
         );
         assert!(
-            std::fs::read(at.join("m.vtu")).unwrap() == bytes,
+            std::fs::read(dir.join("m.vtu")).unwrap() == bytes,
             "{options}"
         );
     }
 }
 
-/// Every example whose image is in the repository or made by a command above it.
+/// Compares the meshes of every example whose image is in the repository or made by an earlier
+/// command of its page.
 #[test]
 #[ignore = "slow: make test-all"]
 #[cfg(feature = "tetgen")]
-fn examples_give_the_same_bytes_from_their_configurations() {
+fn examples_have_the_same_bytes_from_their_configurations() {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/faults.vti");
     let (mut seen, mut without_image) = (BTreeSet::new(), Vec::new());
     for commands in pages() {
         let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
-        std::fs::create_dir(at.join("data")).unwrap();
-        std::fs::copy(&sample, at.join("data/faults.vti")).unwrap();
+        let dir = folder.path();
+        std::fs::create_dir(dir.join("data")).unwrap();
+        std::fs::copy(&sample, dir.join("data/faults.vti")).unwrap();
         for command in commands {
             let command = words(&command);
-            let there = |word: &&str| at.join(word).exists();
+            let exists = |word: &&str| dir.join(word).exists();
             match command[..] {
-                ["synth", ..] => drop(run_args(at, &[&command[..], &["--quiet"]].concat())),
-                ["mesh", image, ..] if there(&image) => {
+                ["synth", ..] => drop(run_args(dir, &[&command[..], &["--quiet"]].concat())),
+                ["mesh", image, ..] if exists(&image) => {
                     let mut typed = command.clone();
                     if let Some(o) = typed.iter().position(|word| *word == "-o") {
                         typed.drain(o..o + 2);
                     }
-                    // Pages repeat one another.
-                    let samples = std::fs::read(at.join(image)).unwrap();
+                    // Pages repeat some commands.
+                    let samples = std::fs::read(dir.join(image)).unwrap();
                     if !seen.insert((samples, typed[2..].join(" "))) {
                         continue;
                     }
-                    let mesh = |more: &[&str]| {
-                        run_args(at, &[more, &["-o", "m.vtu", "--quiet"]].concat());
-                        std::fs::read(at.join("m.vtu")).unwrap()
+                    let mesh = |arguments: &[&str]| {
+                        run_args(dir, &[arguments, &["-o", "m.vtu", "--quiet"]].concat());
+                        std::fs::read(dir.join("m.vtu")).unwrap()
                     };
                     let bytes = mesh(&typed);
-                    let printed = run_args(at, &[&typed[..], &["--print-config"]].concat());
-                    std::fs::write(at.join("job.toml"), printed).unwrap();
+                    let printed = run_args(dir, &[&typed[..], &["--print-config"]].concat());
+                    std::fs::write(dir.join("job.toml"), printed).unwrap();
                     let again = mesh(&["mesh", image, "--config", "job.toml"]);
                     assert!(again == bytes, "{}", command.join(" "));
                 }
@@ -631,25 +657,25 @@ fn examples_give_the_same_bytes_from_their_configurations() {
 }
 
 #[test]
-fn an_installation_says_what_it_is_and_how_it_is_used() {
+fn an_installation_has_completions_manual_pages_and_a_self_test() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     for (shell, word) in [
         ("bash", "complete"),
         ("zsh", "#compdef"),
         ("fish", "complete -c"),
     ] {
-        let text = run_args(at, &["completions", shell]);
+        let text = run_args(dir, &["completions", shell]);
         assert!(text.contains(word) && text.contains("columns"), "{shell}");
     }
-    run_args(at, &["man", "-o", "."]);
-    let page = std::fs::read_to_string(at.join("atomesh-mesh.1")).unwrap();
+    run_args(dir, &["man", "-o", "."]);
+    let page = std::fs::read_to_string(dir.join("atomesh-mesh.1")).unwrap();
     assert!(page.contains(".TH") && page.contains("distance"));
-    assert!(at.join("atomesh.1").exists());
-    let said: serde_json::Value =
-        serde_json::from_str(&run_args(at, &["doctor", "--json"])).unwrap();
-    assert_eq!(said["atomesh"], env!("CARGO_PKG_VERSION"));
-    assert_eq!(said["TetGen"], "built in (AGPL-3.0)");
-    let error = expect_refusal(at, &["man", "-o", "absent"]);
-    assert!(error.contains("is no folder"), "{error}");
+    assert!(dir.join("atomesh.1").exists());
+    let messages: serde_json::Value =
+        serde_json::from_str(&run_args(dir, &["doctor", "--json"])).unwrap();
+    assert_eq!(messages["atomesh"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(messages["TetGen"], "built in (AGPL-3.0)");
+    let error = expect_refusal(dir, &["man", "-o", "absent"]);
+    assert!(error.contains("is not a folder"), "{error}");
 }

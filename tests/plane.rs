@@ -1,9 +1,9 @@
-//! 2-D images through every verb, as a user would.
+//! Tests 2-D images with every verb on the command line.
 
 use atomesh::job::spec::{MeshSpec, NominalDistance};
 use std::path::Path;
 
-use crate::common::{write_npy_2d, expect_refusal, run_args};
+use crate::common::{expect_refusal, run_args, write_npy_2d};
 use serde_json::Value;
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {
@@ -11,7 +11,8 @@ fn json(folder: &Path, arguments: &[&str]) -> Value {
     serde_json::from_str(&run_args(folder, &arguments)).unwrap()
 }
 
-/// A folder with a synthetic time slice of faults, `slice.png`, and its truth.
+/// Returns a folder with a synthetic time slice of faults, `slice.png`, and its true faults,
+/// `truth.npy`.
 fn folder(dims: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "synth faults -o slice.png --truth truth.npy --signal-to-noise 10 --dims";
@@ -22,13 +23,13 @@ fn folder(dims: &str) -> tempfile::TempDir {
 }
 
 #[test]
-fn a_time_slice_from_image_to_picture() {
+fn a_time_slice_suits_every_verb() {
     let folder = folder("256,256");
-    let at = folder.path();
-    let info = json(at, &["info", "slice.png"]);
+    let dir = folder.path();
+    let info = json(dir, &["info", "slice.png"]);
     assert_eq!(info["image"]["numpy_shape"], serde_json::json!([256, 256]));
 
-    let report = json(at, &["mesh", "slice.png", "-o", "mesh.vtu"]);
+    let report = json(dir, &["mesh", "slice.png", "-o", "mesh.vtu"]);
     assert_eq!(report["quality"]["kind"], "triangles");
     assert!(
         report["quality"]["smallest_angle"]["worst"]
@@ -40,28 +41,28 @@ fn a_time_slice_from_image_to_picture() {
     assert!(report["box"]["problems"].as_array().unwrap().is_empty());
     assert!(report["box"]["volume_error"].as_f64().unwrap() < 1e-9);
 
-    let quality = json(at, &["quality", "mesh.vtu", "--truth", "truth.npy"]);
-    let claimed = &quality["fidelity"]["tagged_faces"];
-    assert!(
-        claimed["coverage_one"].as_f64().unwrap() > 0.95,
-        "{claimed}"
-    );
-    assert!(claimed["precision"].as_f64().unwrap() > 0.95, "{claimed}");
+    let quality = json(dir, &["quality", "mesh.vtu", "--truth", "truth.npy"]);
+    let tagged = &quality["fidelity"]["tagged_faces"];
+    assert!(tagged["coverage_one"].as_f64().unwrap() > 0.95, "{tagged}");
+    assert!(tagged["precision"].as_f64().unwrap() > 0.95, "{tagged}");
     assert_eq!(quality["quality"]["cells"], report["quality"]["cells"]);
 
-    assert_eq!(json(at, &["validate", "mesh.vtu"])["valid"], true);
+    assert_eq!(json(dir, &["validate", "mesh.vtu"])["valid"], true);
     assert_eq!(
-        json(at, &["info", "mesh.vtu"])["triangles"],
+        json(dir, &["info", "mesh.vtu"])["triangles"],
         report["quality"]["cells"]
     );
 
-    json(at, &["slice", "slice.png", "mesh.vtu", "-o", "picture.png"]);
-    let picture = json(at, &["info", "picture.png"]);
+    json(
+        dir,
+        &["slice", "slice.png", "mesh.vtu", "-o", "picture.png"],
+    );
+    let picture = json(dir, &["info", "picture.png"]);
     assert!(picture["image"]["axes"][0]["count"].as_u64().unwrap() > 1000);
 
-    json(at, &["feature", "slice.png", "-o", "potential.npy"]);
+    json(dir, &["feature", "slice.png", "-o", "potential.npy"]);
     json(
-        at,
+        dir,
         &[
             "mesh",
             "potential.npy",
@@ -74,52 +75,52 @@ fn a_time_slice_from_image_to_picture() {
 }
 
 #[test]
-fn the_same_mesh_from_every_format_and_number_of_threads() {
+fn meshes_are_the_same_for_every_format_and_number_of_threads() {
     let folder = folder("96,80");
-    let at = folder.path();
+    let dir = folder.path();
     for to in ["slice.npy", "slice.vti"] {
-        run_args(at, &["convert", "slice.png", to]);
+        run_args(dir, &["convert", "slice.png", to]);
     }
     let mesh = |image: &str, more: &[&str]| {
         let arguments = [&["mesh", image, "-o", "mesh.vtu", "--quiet"], more].concat();
-        run_args(at, &arguments);
-        std::fs::read(at.join("mesh.vtu")).unwrap()
+        run_args(dir, &arguments);
+        std::fs::read(dir.join("mesh.vtu")).unwrap()
     };
-    let one = mesh("slice.npy", &["--threads", "1"]);
-    assert!(one == mesh("slice.npy", &["--threads", "3"]));
-    let nodes = |image: &str| {
+    let reference = mesh("slice.npy", &["--threads", "1"]);
+    assert!(reference == mesh("slice.npy", &["--threads", "3"]));
+    let quality_of = |image: &str| {
         mesh(image, &[]);
-        json(at, &["quality", "mesh.vtu"])["quality"].clone()
+        json(dir, &["quality", "mesh.vtu"])["quality"].clone()
     };
-    assert_eq!(nodes("slice.npy"), nodes("slice.vti"));
-    assert_eq!(nodes("slice.npy"), nodes("slice.png"));
+    assert_eq!(quality_of("slice.npy"), quality_of("slice.vti"));
+    assert_eq!(quality_of("slice.npy"), quality_of("slice.png"));
 }
 
 #[test]
-fn variable_distance_fixed_atoms_and_a_metric() {
+fn options_of_space_have_their_meaning_in_the_plane() {
     let folder = folder("128,96");
-    let at = folder.path();
-    std::fs::write(at.join("wells.csv"), "x,y\n30.5,40.25\n100,20\n").unwrap();
+    let dir = folder.path();
+    std::fs::write(dir.join("wells.csv"), "x,y\n30.5,40.25\n100,20\n").unwrap();
     let arguments = "mesh slice.png -o mesh.vtu --distance 4:10 --distance-from features \
                      --atoms-from wells.csv --metric 1,2 --trace trace.pvd --potential-out b.vti";
-    let report = json(at, &arguments.split_whitespace().collect::<Vec<_>>());
+    let report = json(dir, &arguments.split_whitespace().collect::<Vec<_>>());
     assert!(report["box"]["problems"].as_array().unwrap().is_empty());
     assert!(report["quality_physical"]["cells"].is_u64());
-    assert!(at.join("trace.pvd").exists());
-    assert_eq!(json(at, &["validate", "mesh.vtu"])["valid"], true);
+    assert!(dir.join("trace.pvd").exists());
+    assert_eq!(json(dir, &["validate", "mesh.vtu"])["valid"], true);
 }
 
 #[test]
-fn what_makes_no_sense_in_the_plane_is_refused() {
+fn impossible_jobs_in_the_plane_are_refused() {
     let folder = folder("64,48");
-    let at = folder.path();
-    let png = std::fs::read(at.join("slice.png")).unwrap();
-    std::fs::write(at.join("cut.png"), &png[..png.len() / 2]).unwrap();
-    std::fs::write(at.join("dot.raw"), [7]).unwrap();
-    std::fs::write(at.join("wells.csv"), "1,2,3\n").unwrap();
-    run_args(at, &["mesh", "slice.png", "-o", "mesh.vtu", "--quiet"]);
+    let dir = folder.path();
+    let png = std::fs::read(dir.join("slice.png")).unwrap();
+    std::fs::write(dir.join("cut.png"), &png[..png.len() / 2]).unwrap();
+    std::fs::write(dir.join("dot.raw"), [7]).unwrap();
+    std::fs::write(dir.join("wells.csv"), "1,2,3\n").unwrap();
+    run_args(dir, &["mesh", "slice.png", "-o", "mesh.vtu", "--quiet"]);
     run_args(
-        at,
+        dir,
         &["synth", "sphere", "-o", "ball.npy", "--dims", "16,16,16"],
     );
     let cases: &[(&str, &[&str])] = &[
@@ -145,17 +146,17 @@ fn what_makes_no_sense_in_the_plane_is_refused() {
         ),
         ("synth faults -o a.npy --dims 64", &["--dims"]),
     ];
-    for (arguments, says) in cases {
-        let line = expect_refusal(at, &arguments.split(' ').collect::<Vec<_>>());
-        for word in *says {
+    for (arguments, expected) in cases {
+        let line = expect_refusal(dir, &arguments.split(' ').collect::<Vec<_>>());
+        for word in *expected {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
     }
 }
 
-/// Coverage within one sample and energy of a mesh of a potential at distance 12, with as many passes on
-/// smoother potentials first.
-fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
+/// Returns the coverage within one sample and the energy of a mesh of a potential at distance 12,
+/// after a number of passes on smoother potentials.
+fn coverage_and_energy(width: f64, coarse_passes: usize) -> [f64; 2] {
     use atomesh::feature::FeatureKind;
     use atomesh::image::{Geometry, Image};
     use atomesh::job::{self, Params};
@@ -168,9 +169,9 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
         let s = ring.abs().min(line.abs());
         -(-0.5 * (s / width).powi(2)).exp()
     };
-    let at = |i: usize| [(i % dims[0]) as f64, (i / dims[0]) as f64];
+    let position = |i: usize| [(i % dims[0]) as f64, (i / dims[0]) as f64];
     let samples = (0..dims[0] * dims[1])
-        .map(|i| valley(at(i)) as f32)
+        .map(|i| valley(position(i)) as f32)
         .collect();
     let image = Image::new(dims, samples, Geometry::default());
     let params = Params::new(MeshSpec {
@@ -188,19 +189,26 @@ fn on_valleys(width: f64, coarse_passes: usize) -> [f64; 2] {
 }
 
 #[test]
-fn passes_on_smoother_potentials_lower_the_energy_and_lose_nothing() {
-    // Valleys of a twelfth of the distance, which most atoms start too far away to feel, and of the
-    // usual quarter.
+fn passes_on_smoother_potentials_lower_the_energy_and_keep_the_coverage() {
+    // The valleys have a width of a twelfth of the distance, where most atoms start too far away to
+    // feel them, and of the usual quarter.
     for width in [1.0, 3.0] {
-        let [fine, helped] = [0, 1].map(|passes| on_valleys(width, passes));
-        assert!(helped[0] > fine[0] - 0.01, "{width} {fine:?} {helped:?}");
+        let [fine, coarse_to_fine] = [0, 1].map(|passes| coverage_and_energy(width, passes));
+        assert!(
+            coarse_to_fine[0] > fine[0] - 0.01,
+            "{width} {fine:?} {coarse_to_fine:?}"
+        );
         // Energies are negative.
-        assert!(helped[1] < 1.01 * fine[1], "{width} {fine:?} {helped:?}");
+        assert!(
+            coarse_to_fine[1] < 1.01 * fine[1],
+            "{width} {fine:?} {coarse_to_fine:?}"
+        );
     }
 }
 
-/// Small pictures of sharp things: rings, squares, bars, waves with a step.
-fn sharp(kind: usize, seed: usize) -> impl Fn([usize; 2]) -> f32 {
+/// Returns the values of small images with sharp edges: squares, rings, a disc with a step, and
+/// waves with a step.
+fn sharp_image(kind: usize, seed: usize) -> impl Fn([usize; 2]) -> f32 {
     let (a, b) = (4 + seed % 5, 4 + seed / 5 % 7);
     move |[x, y]| {
         let [u, v] = [x as f32, y as f32];
@@ -214,21 +222,20 @@ fn sharp(kind: usize, seed: usize) -> impl Fn([usize; 2]) -> f32 {
 }
 
 #[test]
-fn of_twelve_pictures_with_dots_of_canny_two_triangles_are_outside_20_to_160_and_one_in_200_unexplained()
- {
+fn canny_points_of_sharp_images_give_few_angles_outside_20_to_160_degrees() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     let (mut cells, mut outside, mut unexplained) = (0, 0, 0);
     for (kind, seed) in (0..4).flat_map(|kind| (0..3).map(move |seed| (kind, seed))) {
         write_npy_2d(
-            &at.join("sharp.npy"),
+            &dir.join("sharp.npy"),
             [40 + seed, 36],
-            sharp(kind, 5 * seed),
+            sharp_image(kind, 5 * seed),
         );
         let mesh = "mesh sharp.npy -o mesh.vtu --seeding canny --feature canny";
         let arguments: Vec<&str> = mesh.split(' ').collect();
-        let quality = &json(at, &arguments)["quality"];
-        let count = |of: &Value| of.as_u64().unwrap();
+        let quality = &json(dir, &arguments)["quality"];
+        let count = |figure: &Value| figure.as_u64().unwrap();
         outside += count(&quality["below_20"]) + count(&quality["above_160"]);
         cells += count(&quality["cells"]);
         unexplained += count(&quality["angles"]["unexplained"]);

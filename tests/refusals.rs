@@ -1,19 +1,21 @@
-//! Bad input: one clear line, exit code 1, nothing left behind.
+//! Tests bad input: each gives one clear error line and exit code 1, and leaves no files.
 
 use std::path::Path;
 
-use crate::common::{Survey, atomesh, write_npy, expect_refusal, write_segy, planar_fault, run_args};
+use crate::common::{
+    Survey, atomesh, expect_refusal, planar_fault, run_args, write_npy, write_segy,
+};
 
 const DIMS: [usize; 3] = [40, 36, 32];
 
-/// A folder with a good image in it, `good.npy`.
+/// Returns a folder with a valid image, `good.npy`.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     write_npy(&folder.path().join("good.npy"), DIMS, planar_fault(DIMS));
     folder
 }
 
-fn assert_says(line: &str, words: &[&str]) {
+fn assert_contains(line: &str, words: &[&str]) {
     for word in words {
         assert!(
             line.to_lowercase().contains(&word.to_lowercase()),
@@ -23,27 +25,27 @@ fn assert_says(line: &str, words: &[&str]) {
 }
 
 #[test]
-fn samples_that_are_no_numbers() {
+fn samples_that_are_not_finite() {
     let folder = folder();
     for (name, value) in [("nan.npy", f32::NAN), ("infinite.npy", f32::NEG_INFINITY)] {
         let good = planar_fault(DIMS);
-        // One is a gap; there must be others.
+        // A single such sample is a gap, so the other samples must differ from it.
         write_npy(&folder.path().join(name), DIMS, |_| value);
-        assert_says(&expect_refusal(folder.path(), &["mesh", name]), &[name]);
-        write_npy(&folder.path().join(name), DIMS, |at| {
-            if at == [3, 4, 5] {
+        assert_contains(&expect_refusal(folder.path(), &["mesh", name]), &[name]);
+        write_npy(&folder.path().join(name), DIMS, |index| {
+            if index == [3, 4, 5] {
                 value
             } else {
-                good(at).round()
+                good(index).round()
             }
         });
         let labels = ["mesh", name, "--feature", "labels"];
-        assert_says(&expect_refusal(folder.path(), &labels), &["[3, 4, 5]"]);
+        assert_contains(&expect_refusal(folder.path(), &labels), &["[3, 4, 5]"]);
     }
 }
 
 #[test]
-fn slivers_where_there_are_none() {
+fn sliver_options_without_tetrahedra() {
     let folder = folder();
     let cells = [
         "mesh",
@@ -53,18 +55,24 @@ fn slivers_where_there_are_none() {
         "--slivers",
         "exude",
     ];
-    assert_says(&expect_refusal(folder.path(), &cells), &["--slivers", "voronoi"]);
+    assert_contains(
+        &expect_refusal(folder.path(), &cells),
+        &["--slivers", "voronoi"],
+    );
     let plane = ["synth", "planes", "--dims", "64,64", "-o", "plane.npy"];
     run_args(folder.path(), &plane);
     let plane = ["mesh", "plane.npy", "--slivers", "exude"];
-    assert_says(&expect_refusal(folder.path(), &plane), &["--slivers", "2-D"]);
+    assert_contains(
+        &expect_refusal(folder.path(), &plane),
+        &["--slivers", "2-D"],
+    );
 }
 
 #[test]
 fn a_constant_image() {
     let folder = folder();
     write_npy(&folder.path().join("flat.npy"), DIMS, |_| 7.0);
-    assert_says(
+    assert_contains(
         &expect_refusal(folder.path(), &["mesh", "flat.npy"]),
         &["flat.npy", "7"],
     );
@@ -73,7 +81,7 @@ fn a_constant_image() {
 #[test]
 fn a_side_shorter_than_two_distances() {
     let folder = folder();
-    assert_says(
+    assert_contains(
         &expect_refusal(folder.path(), &["mesh", "good.npy", "--distance", "20"]),
         &["20", "31"],
     );
@@ -99,7 +107,7 @@ fn impossible_distances() {
                 "features",
             ],
         );
-        assert_says(&line, &["distance"]);
+        assert_contains(&line, &["distance"]);
     }
 }
 
@@ -133,15 +141,15 @@ fn files_that_are_no_images() {
         "absent.npy",
     ] {
         for verb in ["mesh", "info"] {
-            assert_says(&expect_refusal(folder.path(), &[verb, name]), &[name]);
+            assert_contains(&expect_refusal(folder.path(), &[verb, name]), &[name]);
         }
     }
     std::fs::write(folder.path().join("l.vtp"), "not a mesh").unwrap();
-    assert_says(
+    assert_contains(
         &expect_refusal(folder.path(), &["quality", "l.vtp", "--lines", "./l.vtp"]),
         &["--lines", "overwrite"],
     );
-    assert_says(
+    assert_contains(
         &expect_refusal(
             folder.path(),
             &["mesh", "good.npy", "--raw", "40x36x32:f99"],
@@ -179,39 +187,42 @@ fn seg_y_without_a_volume_in_it() {
         ("cut.sgy", 3600 + 5 * trace / 2),
     ] {
         std::fs::write(folder.path().join(name), &bytes[..length]).unwrap();
-        assert_says(&expect_refusal(folder.path(), &["mesh", name]), &[name]);
+        assert_contains(&expect_refusal(folder.path(), &["mesh", name]), &[name]);
     }
-    // What the library calls the bytes of the line numbers, the command line calls --inline-byte.
+    // The command line calls the option --inline-byte, not by the name of the library.
     let bytes = ["--inline-byte", "13", "--crossline-byte", "17"];
     let line = expect_refusal(
         folder.path(),
         &[&["mesh", "survey.sgy"][..], &bytes].concat(),
     );
-    assert_says(&line, &["inline and crossline numbers", "--inline-byte"]);
+    assert_contains(&line, &["inline and crossline numbers", "--inline-byte"]);
     assert!(!line.contains("--segy-bytes"), "{line}");
-    // Header bytes of a file that has none.
+    // The file has no trace headers.
     for byte in ["--inline-byte", "--delay-byte"] {
         let line = expect_refusal(folder.path(), &["mesh", "good.npy", byte, "9"]);
-        assert_says(&line, &[byte, "SEG-Y", "good.npy"]);
+        assert_contains(&line, &[byte, "SEG-Y", "good.npy"]);
     }
 }
 
 #[test]
-fn outputs_over_inputs_that_other_options_name() {
+fn outputs_that_overwrite_inputs_of_other_options() {
     let folder = folder();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     write("job.vtu", "sigma = 2\n");
     let config = ["mesh", "good.npy", "--config", "job.vtu", "-o", "./job.vtu"];
-    assert_says(&expect_refusal(folder.path(), &config), &["job.vtu", "overwrite"]);
+    assert_contains(
+        &expect_refusal(folder.path(), &config),
+        &["job.vtu", "overwrite"],
+    );
     write_npy(&folder.path().join("d.vtu"), DIMS, |_| 6.0);
     let mesh = ["mesh", "good.npy", "--distance", "4:8"];
     let from = ["--distance-from", "d.vtu", "-o", "./d.vtu"];
     let line = expect_refusal(folder.path(), &[&mesh[..], &from].concat());
-    assert_says(&line, &["d.vtu", "overwrite"]);
+    assert_contains(&line, &["d.vtu", "overwrite"]);
 }
 
 #[test]
-fn options_that_nothing_would_come_of() {
+fn options_without_an_effect() {
     let folder = folder();
     let mesh = |extra: &str| {
         let extra: Vec<&str> = extra.split_whitespace().collect();
@@ -225,13 +236,13 @@ fn options_that_nothing_would_come_of() {
         ("--feature-weights 1,0.5", "--feature-weights 1,0.5"),
         ("--min-dihedral 20 --slivers none", "--min-dihedral 20"),
     ] {
-        assert_says(&mesh(extra), &[name]);
+        assert_contains(&mesh(extra), &[name]);
     }
-    // In a configuration file as on the command line; its name says where.
+    // A configuration file is checked as the command line is, and the error names the file.
     std::fs::write(folder.path().join("job.toml"), "kappa = 0.7\n").unwrap();
     let line = mesh("--config job.toml --seeding canny");
-    assert_says(&line, &["job.toml: kappa 0.7"]);
-    assert_says(
+    assert_contains(&line, &["job.toml: kappa 0.7"]);
+    assert_contains(
         &mesh("--config job.toml --seeding canny --kappa 0.6"),
         &["--kappa 0.6"],
     );
@@ -240,34 +251,35 @@ fn options_that_nothing_would_come_of() {
 #[test]
 fn impossible_outputs() {
     let folder = folder();
-    let mesh = |extra: &[&str]| expect_refusal(folder.path(), &[&["mesh", "good.npy"], extra].concat());
-    assert_says(&mesh(&["-o", "absent/m.vtu"]), &["absent"]);
-    assert_says(&mesh(&["--report", "absent/r.json"]), &["absent"]);
-    assert_says(&mesh(&["--potential-out", "absent/b.vti"]), &["absent"]);
-    assert_says(&mesh(&["--trace", "absent/t.pvd"]), &["absent"]);
-    assert_says(&mesh(&["--lines", "absent/l.vtp"]), &["absent"]);
-    assert_says(&mesh(&["--lines", "l.vtu"]), &["--lines", ".vtp"]);
-    assert_says(
+    let mesh =
+        |extra: &[&str]| expect_refusal(folder.path(), &[&["mesh", "good.npy"], extra].concat());
+    assert_contains(&mesh(&["-o", "absent/m.vtu"]), &["absent"]);
+    assert_contains(&mesh(&["--report", "absent/r.json"]), &["absent"]);
+    assert_contains(&mesh(&["--potential-out", "absent/b.vti"]), &["absent"]);
+    assert_contains(&mesh(&["--trace", "absent/t.pvd"]), &["absent"]);
+    assert_contains(&mesh(&["--lines", "absent/l.vtp"]), &["absent"]);
+    assert_contains(&mesh(&["--lines", "l.vtu"]), &["--lines", ".vtp"]);
+    assert_contains(
         &mesh(&["--lines", "l.vtp", "--cells", "voronoi"]),
         &["--lines", "Voronoi cells"],
     );
-    assert_says(&mesh(&["-o", "m.stl"]), &["m.stl", ".vtu"]);
-    assert_says(&mesh(&["-o", "."]), &["."]);
-    assert_says(
+    assert_contains(&mesh(&["-o", "m.stl"]), &["m.stl", ".vtu"]);
+    assert_contains(&mesh(&["-o", "."]), &["."]);
+    assert_contains(
         &mesh(&["--report", "same.vtu", "-o", "same.vtu"]),
         &["same.vtu"],
     );
-    // Over its own input, whatever it is called.
+    // The output is the input file under another path.
     std::fs::rename(
         folder.path().join("good.npy"),
         folder.path().join("good.vtu"),
     )
     .unwrap();
-    assert_says(
+    assert_contains(
         &expect_refusal(folder.path(), &["mesh", "good.vtu"]),
         &["good.vtu"],
     );
-    assert_says(
+    assert_contains(
         &expect_refusal(folder.path(), &["mesh", "good.vtu", "-o", "./good.vtu"]),
         &["good.vtu"],
     );
@@ -298,7 +310,7 @@ fn impossible_parameters() {
             folder.path(),
             &["mesh", "good.npy", &format!("{option}={value}")],
         );
-        assert_says(&line, &[value]);
+        assert_contains(&line, &[value]);
     }
 }
 
@@ -318,13 +330,13 @@ fn impossible_weights_of_features() {
                 folder.path(),
                 &[job, &["--feature", "faults+horizons", &option]].concat(),
             );
-            assert_says(&line, &["--feature-weights", weights, "1,0.5"]);
+            assert_contains(&line, &["--feature-weights", weights, "1,0.5"]);
         }
     }
 }
 
 #[test]
-fn distances_from_nowhere() {
+fn unusable_distance_files() {
     let folder = folder();
     std::fs::write(folder.path().join("text.npy"), "no distances").unwrap();
     write_npy(&folder.path().join("nan.npy"), DIMS, |_| f32::NAN);
@@ -350,7 +362,7 @@ fn distances_from_nowhere() {
             folder.path(),
             &[&["mesh", "good.npy"][..], &options].concat(),
         );
-        assert_says(&line, &words);
+        assert_contains(&line, &words);
     }
 }
 
@@ -365,7 +377,7 @@ fn faulty_configuration_files() {
     ] {
         std::fs::write(folder.path().join("job.toml"), text).unwrap();
         let line = expect_refusal(folder.path(), &["mesh", "good.npy", "--config", "job.toml"]);
-        assert_says(&line, &["job.toml", word]);
+        assert_contains(&line, &["job.toml", word]);
     }
 }
 
@@ -383,29 +395,30 @@ fn impossible_fixed_atoms() {
             folder.path(),
             &["mesh", "good.npy", "--atoms-from", "wells.csv"],
         );
-        assert_says(&line, &["wells.csv", word]);
+        assert_contains(&line, &["wells.csv", word]);
     }
 }
 
 #[test]
-fn meshes_that_are_none() {
+fn files_that_are_no_meshes() {
     let folder = folder();
     std::fs::write(folder.path().join("text.vtu"), "not a mesh").unwrap();
     std::fs::write(folder.path().join("empty.vtu"), "").unwrap();
     for name in ["text.vtu", "empty.vtu", "absent.vtu", "good.npy"] {
         for verb in ["quality", "validate"] {
-            assert_says(&expect_refusal(folder.path(), &[verb, name]), &[name]);
+            assert_contains(&expect_refusal(folder.path(), &[verb, name]), &[name]);
         }
     }
 }
 
-/// A cube of six tetrahedra about its diagonal, or any others on its nodes, in a file.
+/// Writes a cube of six tetrahedra around its diagonal, or several copies of it, after `spoil` has
+/// changed its points and tetrahedra.
 fn cube(path: &Path, size: f64, copies: u32, spoil: impl Fn(&mut Vec<f64>, &mut Vec<[u32; 4]>)) {
     let corner = |i: u32| (0..3).map(move |k| size * f64::from(i >> k & 1));
     let mut points: Vec<f64> = (0..8 * copies).flat_map(|i| corner(i % 8)).collect();
-    let round = [1, 3, 2, 6, 4, 5, 1];
+    let cycle = [1, 3, 2, 6, 4, 5, 1];
     let tets =
-        |copy: u32| (round.windows(2)).map(move |w| [0, w[0], w[1], 7].map(|n| n + 8 * copy));
+        |copy: u32| (cycle.windows(2)).map(move |w| [0, w[0], w[1], 7].map(|n| n + 8 * copy));
     let mut tets: Vec<[u32; 4]> = (0..copies).flat_map(tets).collect();
     spoil(&mut points, &mut tets);
     let array = |kind: &str, name: &str, parts: usize, values: Vec<String>| {
@@ -445,21 +458,26 @@ fn cube(path: &Path, size: f64, copies: u32, spoil: impl Fn(&mut Vec<f64>, &mut 
 }
 
 #[test]
-fn meshes_that_make_no_sense() {
+fn invalid_meshes() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    cube(&at.join("good.vtu"), 4.0, 1, |_, _| {});
-    run_args(at, &["validate", "good.vtu"]);
-    run_args(at, &["export", "good.vtu", "--to", "msh", "-o", "good.msh"]);
-    cube(&at.join("nan.vtu"), 4.0, 1, |points, _| {
+    let dir = folder.path();
+    cube(&dir.join("good.vtu"), 4.0, 1, |_, _| {});
+    run_args(dir, &["validate", "good.vtu"]);
+    run_args(
+        dir,
+        &["export", "good.vtu", "--to", "msh", "-o", "good.msh"],
+    );
+    cube(&dir.join("nan.vtu"), 4.0, 1, |points, _| {
         points[4] = f64::NAN
     });
-    cube(&at.join("turned.vtu"), 4.0, 1, |_, tets| tets[2].swap(0, 1));
-    cube(&at.join("twice.vtu"), 4.0, 2, |_, _| {});
-    cube(&at.join("holed.vtu"), 4.0, 1, |_, tets| tets.truncate(5));
-    // Volumes are beyond all numbers.
-    cube(&at.join("huge.vtu"), 1e150, 1, |_, _| {});
-    cube(&at.join("flat.vtu"), 4.0, 1, |points, _| {
+    cube(&dir.join("turned.vtu"), 4.0, 1, |_, tets| {
+        tets[2].swap(0, 1)
+    });
+    cube(&dir.join("twice.vtu"), 4.0, 2, |_, _| {});
+    cube(&dir.join("holed.vtu"), 4.0, 1, |_, tets| tets.truncate(5));
+    // The volumes exceed the range of floating-point numbers.
+    cube(&dir.join("huge.vtu"), 1e150, 1, |_, _| {});
+    cube(&dir.join("flat.vtu"), 4.0, 1, |points, _| {
         points.iter_mut().skip(2).step_by(3).for_each(|z| *z = 1.0);
     });
     for (name, checked, exported) in [
@@ -474,18 +492,18 @@ fn meshes_that_make_no_sense() {
         ("huge.vtu", "fill inf", "has the volume"),
         ("flat.vtu", "flat or inverted", "flat or inverted"),
     ] {
-        assert_says(&expect_refusal(at, &["validate", name]), &[name, checked]);
+        assert_contains(&expect_refusal(dir, &["validate", name]), &[name, checked]);
         let export = ["export", name, "--to", "msh", "-o", "x.msh"];
-        assert_says(&expect_refusal(at, &export), &[name, exported]);
+        assert_contains(&expect_refusal(dir, &export), &[name, exported]);
     }
-    // Where a simulator would notice nothing, flow does not go on either.
+    // Flow is refused also for meshes that a simulator would accept.
     let flow = |name| {
         let pressures = ["--pressure", "xmin=1e5", "--pressure", "xmax=0"];
         [&["flow", name, "-o", "flow.vtu"][..], &pressures].concat()
     };
-    run_args(at, &flow("good.vtu"));
+    run_args(dir, &flow("good.vtu"));
     for (name, problem) in [("twice.vtu", "overlap"), ("holed.vtu", "cells are missing")] {
-        assert_says(&expect_refusal(at, &flow(name)), &[name, problem]);
+        assert_contains(&expect_refusal(dir, &flow(name)), &[name, problem]);
     }
 }
 
@@ -493,7 +511,7 @@ fn meshes_that_make_no_sense() {
 fn impossible_synthetic_volumes() {
     let folder = folder();
     for dims in ["0,5,5", "9", "99999999999,99999999999,99999999999", "a,b,c"] {
-        assert_says(
+        assert_contains(
             &expect_refusal(
                 folder.path(),
                 &["synth", "faults", "-o", "s.npy", "--dims", dims],
@@ -523,12 +541,13 @@ fn wrong_usage_is_exit_code_2() {
     }
 }
 
-/// Also memory that hardly loads the program, and where its stack cannot grow.
+/// Tests small memory limits, also those that hardly suffice to load the program, or with which its
+/// stack cannot grow.
 #[test]
 #[cfg(target_os = "linux")]
-fn any_little_memory() {
+fn small_memory_limits() {
     let folder = folder();
-    let under = |kilobytes: usize| {
+    let run_with_limit = |kilobytes: usize| {
         let line = format!(
             "ulimit -v {kilobytes}; exec \"$0\" synth planes -o p.npy --dims 99,99 --quiet"
         );
@@ -536,37 +555,39 @@ fn any_little_memory() {
         shell.args(["-c", &line, crate::PROGRAM]);
         shell.current_dir(&folder).output().unwrap()
     };
-    // Without a code the system itself, and with 127 the loader found no room for the program.
-    let loads = |kilobytes: &usize| !matches!(under(*kilobytes).status.code(), None | Some(127));
+    // There is no exit code if the system has no memory for the program, and the code is 127 if the
+    // loader has none.
+    let loads =
+        |kilobytes: &usize| !matches!(run_with_limit(*kilobytes).status.code(), None | Some(127));
     let first = (10_000..).step_by(250).find(loads).unwrap();
-    let mut told = 0;
+    let mut error_count = 0;
     for kilobytes in (first..first + 6_000).step_by(60) {
-        let done = under(kilobytes);
-        let said = String::from_utf8(done.stderr).unwrap();
-        match done.status.code() {
+        let output = run_with_limit(kilobytes);
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        match output.status.code() {
             Some(0 | 127) => (),
             Some(1) => {
-                told += 1;
-                assert_eq!(said.lines().count(), 1, "{kilobytes}: {said}");
-                assert!(said.starts_with("error: "), "{kilobytes}: {said}");
+                error_count += 1;
+                assert_eq!(stderr.lines().count(), 1, "{kilobytes}: {stderr}");
+                assert!(stderr.starts_with("error: "), "{kilobytes}: {stderr}");
             }
-            // Before the program's first line its runtime finds no room for a stack.
-            _ if said.contains("failed to allocate an alternative stack") => (),
-            other => panic!("{kilobytes} kB: {other:?}, {said}"),
+            // Before `main` the runtime may find no memory for its signal stack.
+            _ if stderr.contains("failed to allocate an alternative stack") => (),
+            other => panic!("{kilobytes} kB: {other:?}, {stderr}"),
         }
     }
-    assert!(told > 10, "{told}");
+    assert!(error_count > 10, "{error_count}");
 }
 
-/// Surveys made by others.
+/// Surveys of other projects.
 mod real_data {
     use super::*;
 
-    /// The broken and odd SEG-Y files of other projects, where they are at hand: each is read or refused
-    /// with one line; none crashes or hangs.
+    /// Reads the broken and unusual SEG-Y files of other projects: each is read or refused in one
+    /// line.
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
-    fn seg_y_files_of_others() {
+    fn seg_y_files_of_other_projects() {
         let formats = crate::common::data_path("formats_segy");
         let folder = tempfile::tempdir().unwrap();
         let mut tried = 0;
@@ -577,17 +598,17 @@ mod real_data {
                 .arg("--quiet")
                 .output()
                 .unwrap();
-            let said = String::from_utf8_lossy(&output.stderr);
+            let stderr = String::from_utf8_lossy(&output.stderr);
             let code = output.status.code();
             assert!(
                 code == Some(0) || code == Some(1),
-                "{}: {code:?} {said}",
+                "{}: {code:?} {stderr}",
                 path.display()
             );
             assert_eq!(
-                said.lines().count(),
+                stderr.lines().count(),
                 usize::from(code == Some(1)),
-                "{}: {said}",
+                "{}: {stderr}",
                 path.display()
             );
             tried += 1;

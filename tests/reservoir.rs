@@ -1,5 +1,5 @@
-//! A reservoir from a seismic volume to its simulation: `scripts/reservoir.py`, as `make reservoir` runs it, with
-//! larger cells.
+//! Tests `scripts/reservoir.py`, the workflow from a seismic volume to a simulation, with larger
+//! cells than `make reservoir`.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 #[test]
 #[ignore = "needs OPM Flow, resfo and open-DARTS: make test-all"]
-fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
+fn all_solvers_agree_on_the_reservoir_of_a_seismic_volume() {
     let folder = tempfile::tempdir().unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let python = root.join(".venv/bin/python");
@@ -17,12 +17,12 @@ fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
     script.arg(root.join("scripts/reservoir.py"));
     script.arg(crate::PROGRAM).arg(folder.path());
     let output = script.args(["--distance", "10"]).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}");
     let figures = std::fs::read_to_string(folder.path().join("figures.json")).unwrap();
     let figures: Value = serde_json::from_str(&figures).unwrap();
 
-    // One fault, and horizons on both sides of it; what is painted are the layers of the whole box.
+    // There is one fault with horizons on both sides. The layers fill the whole box.
     let surfaces = figures["surfaces"].as_array().unwrap();
     let steep = |s: &&Value| s["dip"].as_f64().unwrap() > 75.0;
     assert_eq!(surfaces[0]["kind"], "fault");
@@ -37,14 +37,17 @@ fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
 
     let iterations = figures["iterations"].as_object().unwrap();
     assert_eq!(iterations.len(), 3);
-    let all = iterations.values().map(|n| n.as_u64().unwrap());
-    assert!(all.max().unwrap() < 2000, "{iterations:?}");
-    // What is no longer in place was produced.
+    let counts = iterations.values().map(|n| n.as_u64().unwrap());
+    assert!(counts.max().unwrap() < 2000, "{iterations:?}");
+    // The oil that is no longer in place was produced.
     let years = &figures["ten years"];
     let number = |name: &str| years[name].as_f64().unwrap();
-    let gone = number("oil in place, sm3") - number("oil left, sm3");
-    assert!(gone > 0.01 * number("oil in place, sm3"));
-    assert!(is_close(gone, number("oil produced, sm3"), 1e-3), "{years}");
+    let produced = number("oil in place, sm3") - number("oil left, sm3");
+    assert!(produced > 0.01 * number("oil in place, sm3"));
+    assert!(
+        is_close(produced, number("oil produced, sm3"), 1e-3),
+        "{years}"
+    );
     assert!(is_close(
         number("pore volume, m3"),
         model["pore_volume"].as_f64().unwrap(),
@@ -57,9 +60,12 @@ fn a_seismic_volume_becomes_a_reservoir_that_every_solver_agrees_on() {
         assert!(bytes.len() > 10_000, "{name}");
     }
 
-    let apart = figures["apart"].as_object().unwrap();
-    assert_eq!(apart.len(), 3);
-    for (solver, off) in apart {
-        assert!(off.as_f64().unwrap() < 1e-3, "{solver}: {off}");
+    let differences = figures["apart"].as_object().unwrap();
+    assert_eq!(differences.len(), 3);
+    for (solver, difference) in differences {
+        assert!(
+            difference.as_f64().unwrap() < 1e-3,
+            "{solver}: {difference}"
+        );
     }
 }

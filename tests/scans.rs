@@ -1,11 +1,12 @@
-//! Scans and labels: what `auto` makes of images by their format, their geometry and their values.
+//! Tests which features `auto` chooses for scans and labels from the format, the geometry and the
+//! values.
 
 use std::path::Path;
 
-use crate::common::{Survey, write_npy, run, write_segy};
+use crate::common::{Survey, run, write_npy, write_segy};
 
-/// The distance from a point.
-fn from([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
+/// Returns the distance of a sample from a point.
+fn distance([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
     let p = [x, y, z].map(|i| i as f64);
     (0..3)
         .map(|k| (p[k] - centre[k]).powi(2))
@@ -13,24 +14,25 @@ fn from([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
         .sqrt()
 }
 
-/// A number in [0, 1) that a sample's place decides.
+/// Returns a pseudo-random number in [0, 1) that depends on the position only.
 fn noise([x, y, z]: [usize; 3]) -> f64 {
     let mut h = (x * 73_856_093) ^ (y * 19_349_663) ^ (z * 83_492_791);
     h = (h ^ (h >> 13)).wrapping_mul(1_274_126_177);
     ((h ^ (h >> 16)) & 0xffff) as f64 / 65_536.0
 }
 
-/// A tube of diameter 5 along one axis, that winds.
+/// Returns the values of a winding tube of diameter 5 along an axis.
 fn tube(axis: usize) -> impl Fn([usize; 3]) -> f32 {
-    move |at| {
-        let along = at[axis] as f64;
-        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(|k| at[k] as f64);
-        let off = (u - 16.0 - 3.0 * (along / 7.0).sin()).hypot(v - 15.0);
-        f32::from(u8::from(off < 2.5))
+    move |index| {
+        let along = index[axis] as f64;
+        let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(|k| index[k] as f64);
+        let distance = (u - 16.0 - 3.0 * (along / 7.0).sin()).hypot(v - 15.0);
+        f32::from(u8::from(distance < 2.5))
     }
 }
 
-/// What the report says of regions: the label and the percentage that its volume is off, of each.
+/// Meshes an image and returns the report with the label and the volume error in percent of each
+/// region.
 fn regions(folder: &Path, options: &str) -> (serde_json::Value, Vec<(f64, f64)>) {
     run(
         folder,
@@ -39,38 +41,40 @@ fn regions(folder: &Path, options: &str) -> (serde_json::Value, Vec<(f64, f64)>)
     let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&text).unwrap();
     let regions = report["regions"]["regions"].as_array();
-    let of = |region: &serde_json::Value| {
+    let label_and_error = |region: &serde_json::Value| {
         let number = |key: &str| region[key].as_f64().unwrap();
-        (number("label"), number("off_percent"))
+        (number("label"), number("volume_error_percent"))
     };
-    let regions = regions.map_or(Vec::new(), |regions| regions.iter().map(of).collect());
+    let regions = regions.map_or(Vec::new(), |regions| {
+        regions.iter().map(label_and_error).collect()
+    });
     (report, regions)
 }
 
 #[test]
-fn an_object_in_a_mask_is_a_region_and_paint_on_faults_only_in_a_survey() {
+fn a_mask_is_a_region_unless_it_is_a_fault_mask_of_a_survey() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for axis in 0..3 {
         write_npy(&folder.join("tube.npy"), [32, 32, 32], tube(axis));
-        // Neither format nor geometry tells: the verdict asks.
-        let (report, found) = regions(folder, "tube.npy");
-        assert_eq!(found.len(), 2, "{report}");
+        // The format and the geometry are ambiguous, so the verdict mentions the doubt.
+        let (report, regions_found) = regions(folder, "tube.npy");
+        assert_eq!(regions_found.len(), 2, "{report}");
         let verdict = &report["verdict"];
         let [issue, option, suggestion] =
             ["issue", "option", "suggestion"].map(|key| verdict[key].as_str().unwrap_or_default());
         assert!(issue.contains("doubtful"), "{verdict}");
         assert_eq!(option, "--feature mask");
         assert!(suggestion.contains("--feature labels"), "{verdict}");
-        // Asked for labels there is no doubt.
-        let (report, found) = regions(folder, "tube.npy --feature labels");
-        assert_eq!(found.len(), 2);
+        // With an explicit option there is no doubt.
+        let (report, regions_found) = regions(folder, "tube.npy --feature labels");
+        assert_eq!(regions_found.len(), 2);
         assert_eq!(report["doubt"], serde_json::Value::Null);
-        assert!(found[1].1.abs() < 2.0, "{found:?}");
+        assert!(regions_found[1].1.abs() < 2.0, "{regions_found:?}");
         for name in ["tube.nii", "tube.mha", "tube.nrrd"] {
             run(folder, &format!("convert tube.npy {name} --quiet"));
-            let (report, found) = regions(folder, name);
-            assert_eq!(found.len(), 2, "{name}");
+            let (report, regions_found) = regions(folder, name);
+            assert_eq!(regions_found.len(), 2, "{name}");
             assert_eq!(report["doubt"], serde_json::Value::Null, "{name}");
         }
     }
@@ -79,81 +83,85 @@ fn an_object_in_a_mask_is_a_region_and_paint_on_faults_only_in_a_survey() {
         crosslines: 28,
         samples: 32,
     };
-    write_segy(&folder.join("paint.sgy"), &survey, |[sample, cross, _]| {
-        f32::from(u8::from(
-            (cross as f32 - 14.0 - 0.2 * sample as f32).abs() < 1.5,
-        ))
-    });
-    let (report, found) = regions(folder, "paint.sgy --distance 5");
-    assert!(found.is_empty(), "{report}");
+    write_segy(
+        &folder.join("paint.sgy"),
+        &survey,
+        |[sample, crossline, _]| {
+            f32::from(u8::from(
+                (crossline as f32 - 14.0 - 0.2 * sample as f32).abs() < 1.5,
+            ))
+        },
+    );
+    let (report, regions_found) = regions(folder, "paint.sgy --distance 5");
+    assert!(regions_found.is_empty(), "{report}");
     let notes = report["notes"].to_string();
     assert!(notes.contains("its middle is the feature"), "{notes}");
-    // Elsewhere it can be had by its name.
+    // In other formats the user can select this by name.
     write_npy(&folder.join("paint.npy"), [32, 28, 30], |[x, y, _]| {
         f32::from(u8::from((y as f32 - 14.0 - 0.2 * x as f32).abs() < 1.5))
     });
-    let (_, found) = regions(folder, "paint.npy --distance 5 --feature mask");
-    assert!(found.is_empty());
+    let (_, regions_found) = regions(folder, "paint.npy --distance 5 --feature mask");
+    assert!(regions_found.is_empty());
 }
 
 #[test]
-fn polycrystals_and_atlases_are_labels_and_grey_values_are_not() {
+fn polycrystals_are_labels_and_grey_values_are_not() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for (side, grains) in [(30, 70), (40, 180)] {
         let sites: Vec<[f64; 3]> = (0..grains)
-            .map(|i| [0, 1, 2].map(|k| side as f64 * noise([i * 7 + 1, k + 3, i + k])))
+            .map(|site| [0, 1, 2].map(|k| side as f64 * noise([site * 7 + 1, k + 3, site + k])))
             .collect();
-        let nearest = |at: [usize; 3]| {
-            let off = |i: &usize| from(at, sites[*i]);
-            let best = (0..grains).min_by(|a, b| off(a).total_cmp(&off(b)));
+        let nearest = |index: [usize; 3]| {
+            let distance_to = |site: &usize| distance(index, sites[*site]);
+            let best = (0..grains).min_by(|a, b| distance_to(a).total_cmp(&distance_to(b)));
             best.unwrap() as f32
         };
         write_npy(&folder.join("grains.npy"), [side; 3], nearest);
-        let said = run(folder, "feature grains.npy -o b.vti --distance 4");
-        assert!(said.contains("features: labels"), "{said}");
+        let stdout = run(folder, "feature grains.npy -o b.vti --distance 4");
+        assert!(stdout.contains("features: labels"), "{stdout}");
     }
-    // 256 grey values with noise, and without.
+    // The images have 256 grey values with and without noise.
     for amount in [0.0, 20.0] {
-        write_npy(&folder.join("grey.npy"), [40, 36, 32], |at| {
-            let inside = 200.0 / (1.0 + (from(at, [20.0, 18.0, 16.0]) - 11.0).exp());
-            (inside + amount * noise(at)).round() as f32
+        write_npy(&folder.join("grey.npy"), [40, 36, 32], |index| {
+            let inside = 200.0 / (1.0 + (distance(index, [20.0, 18.0, 16.0]) - 11.0).exp());
+            (inside + amount * noise(index)).round() as f32
         });
-        let said = run(folder, "feature grey.npy -o b.vti --distance 4");
-        assert!(!said.contains("features: labels"), "{said}");
+        let stdout = run(folder, "feature grey.npy -o b.vti --distance 4");
+        assert!(!stdout.contains("features: labels"), "{stdout}");
     }
 }
 
 #[test]
-fn hounsfield_numbers_are_no_amplitudes() {
+fn hounsfield_units_are_no_amplitudes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // Air, tissue and bone, with noise; of the values half are below zero.
-    write_npy(&folder.join("ct.npy"), [40, 40, 40], |at| {
-        let [x, y, _] = at.map(|i| i as f64);
-        let off = (x - 20.0).hypot(y - 20.0);
+    // The values are those of air, tissue and bone with noise. Half of them are negative.
+    write_npy(&folder.join("ct.npy"), [40, 40, 40], |index| {
+        let [x, y, _] = index.map(|i| i as f64);
+        let distance = (x - 20.0).hypot(y - 20.0);
         let tissue = match () {
-            () if off < 4.0 => 1200.0,
-            () if off < 15.0 => 40.0,
+            () if distance < 4.0 => 1200.0,
+            () if distance < 15.0 => 40.0,
             () => -1000.0,
         };
-        (tissue + 160.0 * (noise(at) - 0.5)).round() as f32
+        (tissue + 160.0 * (noise(index) - 0.5)).round() as f32
     });
-    let said = run(folder, "feature ct.npy -o b.vti --distance 4");
-    assert!(!said.contains("features: horizons"), "{said}");
+    let stdout = run(folder, "feature ct.npy -o b.vti --distance 4");
+    assert!(!stdout.contains("features: horizons"), "{stdout}");
     run(folder, "convert ct.npy ct.nii.gz --quiet");
-    let said = run(folder, "feature ct.nii.gz -o b.vti --distance 4");
-    assert!(said.contains("features: edges"), "{said}");
-    // Amplitudes of layers are, where the format does not tell.
-    write_npy(&folder.join("layers.npy"), [40, 40, 40], |at| {
-        let [x, y, z] = at.map(|i| i as f64);
+    let stdout = run(folder, "feature ct.nii.gz -o b.vti --distance 4");
+    assert!(stdout.contains("features: edges"), "{stdout}");
+    // Amplitudes of layers are recognised if the format gives no hint.
+    write_npy(&folder.join("layers.npy"), [40, 40, 40], |index| {
+        let [x, y, z] = index.map(|i| i as f64);
         let depth = z + 0.2 * x + 1.5 * (y / 9.0).sin();
-        (1000.0 * (depth / 1.9).sin() * (0.5 + 0.5 * (depth / 11.0).sin()) + 50.0 * noise(at))
+        (1000.0 * (depth / 1.9).sin() * (0.5 + 0.5 * (depth / 11.0).sin()) + 50.0 * noise(index))
             as f32
     });
-    let said = run(folder, "feature layers.npy -o b.vti --distance 4");
-    assert!(said.contains("features: horizons"), "{said}");
+    let stdout = run(folder, "feature layers.npy -o b.vti --distance 4");
+    assert!(stdout.contains("features: horizons"), "{stdout}");
     run(folder, "convert layers.npy layers.nii.gz --quiet");
-    let said = run(folder, "feature layers.nii.gz -o b.vti --distance 4");
-    assert!(!said.contains("features: horizons"), "{said}");
+    let stdout = run(folder, "feature layers.nii.gz -o b.vti --distance 4");
+    assert!(!stdout.contains("features: horizons"), "{stdout}");
 }

@@ -1,17 +1,18 @@
-//! Files of scans: units, spacing, values on cells, palettes, and what is said of files that are not read.
+//! Tests files of scans: units, spacing, values on cells, palettes, and errors for formats that are
+//! not supported.
 
 use std::fs::File;
 use std::path::Path;
 
-use crate::common::{run_validator, write_npy, expect_refusal, run, folder_with_meshes};
+use crate::common::{expect_refusal, folder_with_meshes, run, run_validator, write_npy};
 
-/// Two halves, the boundary tilted.
+/// Returns the label of one of two halves with a tilted boundary.
 fn halves([x, y, z]: [usize; 3]) -> f32 {
     1.0 + f32::from(u8::from(x as f32 + 0.3 * y as f32 - 0.2 * z as f32 > 11.0))
 }
 
-/// The largest coordinate of the nodes of a CalculiX deck.
-fn largest(path: &Path) -> f64 {
+/// Returns the largest coordinate of the nodes of a CalculiX deck.
+fn largest_coordinate(path: &Path) -> f64 {
     let text = std::fs::read_to_string(path).unwrap();
     let nodes = text.lines().skip_while(|line| !line.starts_with("*NODE"));
     let nodes = nodes.skip(1).take_while(|line| !line.starts_with('*'));
@@ -28,51 +29,54 @@ fn an_image_in_millimetres_is_exported_in_millimetres() {
     let folder = folder.path();
     write_npy(&folder.join("a.npy"), [24, 22, 20], halves);
     for (unit, metres) in [("mm", 1e-3), ("um", 1e-6)] {
-        let place = format!("--spacing 2,2,2 --unit {unit},{unit},{unit}");
+        let geometry = format!("--spacing 2,2,2 --unit {unit},{unit},{unit}");
         run(
             folder,
-            &format!("mesh a.npy -o m.vtu --distance 5 {place} --quiet"),
+            &format!("mesh a.npy -o m.vtu --distance 5 {geometry} --quiet"),
         );
-        let said = crate::common::atomesh(folder)
+        let output = crate::common::atomesh(folder)
             .args("export m.vtu --to inp -o m.inp".split(' '))
             .output()
             .unwrap();
-        let said = [said.stdout, said.stderr].concat();
-        let said = String::from_utf8_lossy(&said).into_owned();
+        let text = [output.stdout, output.stderr].concat();
+        let text = String::from_utf8_lossy(&text).into_owned();
         assert!(
-            (largest(&folder.join("m.inp")) - 46.0).abs() < 1e-6,
-            "{said}"
+            (largest_coordinate(&folder.join("m.inp")) - 46.0).abs() < 1e-6,
+            "{text}"
         );
-        assert!(said.contains(&format!("{unit}^3")), "{said}");
+        assert!(text.contains(&format!("{unit}^3")), "{text}");
         for word in ["two-point", "flux", "depth"] {
-            assert!(!said.contains(word), "{word}: {said}");
+            assert!(!text.contains(word), "{word}: {text}");
         }
-        // The unit that is given wins.
-        for (given, scale) in [(unit, metres), ("m", 1.0), ("km", 1e3)] {
+        // An explicit unit has priority.
+        for (target, scale) in [(unit, metres), ("m", 1.0), ("km", 1e3)] {
             run(
                 folder,
-                &format!("export m.vtu --to inp -o n.inp --length-unit {given} --quiet"),
+                &format!("export m.vtu --to inp -o n.inp --length-unit {target} --quiet"),
             );
-            let found = largest(&folder.join("n.inp"));
+            let coordinate = largest_coordinate(&folder.join("n.inp"));
             assert!(
-                (found / (46.0 * scale) - 1.0).abs() < 1e-6,
-                "{given} {found}"
+                (coordinate / (46.0 * scale) - 1.0).abs() < 1e-6,
+                "{target} {coordinate}"
             );
         }
-        // A simulator of flow works in metres.
-        let said = run(folder, "export m.vtu --to mrst -o m.mat --down z");
-        assert!(said.contains("depth") && said.contains("m^3"), "{said}");
+        // Exports to flow simulators are in metres.
+        let stdout = run(folder, "export m.vtu --to mrst -o m.mat --down z");
+        assert!(
+            stdout.contains("depth") && stdout.contains("m^3"),
+            "{stdout}"
+        );
     }
 }
 
 #[test]
-fn values_on_cells_are_samples_in_their_middle() {
+fn values_on_cells_are_samples_at_the_cell_centres() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let values: Vec<String> = (0..4 * 3 * 2).map(|i| i.to_string()).collect();
-    let data = |place: &str, name: &str| {
+    let data = |element: &str, name: &str| {
         format!(
-            "<{place}><DataArray type=\"Float32\" Name=\"{name}\" format=\"ascii\">{}</DataArray></{place}>",
+            "<{element}><DataArray type=\"Float32\" Name=\"{name}\" format=\"ascii\">{}</DataArray></{element}>",
             values.join(" ")
         )
     };
@@ -85,33 +89,34 @@ fn values_on_cells_are_samples_in_their_middle() {
         std::fs::write(folder.join("a.vti"), text).unwrap();
         run(folder, "info a.vti")
     };
-    let said = write("0 4 0 3 0 2", &data("CellData", "rock"));
+    let stdout = write("0 4 0 3 0 2", &data("CellData", "rock"));
     for part in [
         "4 x 3 x 2",
         "(101.000, 200.500, -49.750)",
         "(107.000, 202.500, -49.250)",
         "0 to 23",
     ] {
-        assert!(said.contains(part), "no {part}: {said}");
+        assert!(stdout.contains(part), "no {part}: {stdout}");
     }
-    // An empty element for points changes nothing, and an extent that begins elsewhere moves it.
+    // An empty element for points has no effect. An extent that does not begin at 0 moves the
+    // image.
     let cells = format!("<PointData/>{}", data("CellData", "rock"));
-    let said = write("10 14 0 3 0 2", &cells);
-    assert!(said.contains("(121.000, 200.500, -49.750)"), "{said}");
-    let said = write("0 3 0 2 0 1", &data("PointData", "rock"));
-    assert!(said.contains("(100.000, 200.000, -50.000)"), "{said}");
+    let stdout = write("10 14 0 3 0 2", &cells);
+    assert!(stdout.contains("(121.000, 200.500, -49.750)"), "{stdout}");
+    let stdout = write("0 3 0 2 0 1", &data("PointData", "rock"));
+    assert!(stdout.contains("(100.000, 200.000, -50.000)"), "{stdout}");
     std::fs::write(
         folder.join("a.vti"),
         "<VTKFile type=\"ImageData\" version=\"0.1\"><ImageData WholeExtent=\"0 1 0 1 0 1\">\
          <Piece Extent=\"0 1 0 1 0 1\"/></ImageData></VTKFile>",
     )
     .unwrap();
-    let said = expect_refusal(folder, &["info", "a.vti"]);
-    assert!(said.contains("no data on its points or cells"), "{said}");
+    let error = expect_refusal(folder, &["info", "a.vti"]);
+    assert!(error.contains("no data on its points or cells"), "{error}");
 }
 
 #[test]
-fn a_palette_of_colours_gives_the_numbers_of_colours_and_one_of_greys_their_grey() {
+fn colour_palettes_give_indices_and_grey_palettes_give_grey_values() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for (depth, bits) in [
@@ -147,19 +152,19 @@ fn a_palette_of_colours_gives_the_numbers_of_colours_and_one_of_greys_their_grey
             let samples: Vec<f32> = samples
                 .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
                 .collect();
-            let of = if grey {
+            let values = if grey {
                 [0.0, 90.0, 200.0]
             } else {
                 [0.0, 1.0, 2.0]
             };
-            let right: Vec<f32> = (0..24).map(|i| of[(i % 6 + i / 6) % 3]).collect();
-            assert_eq!(samples, right, "{bits} {grey}");
+            let expected: Vec<f32> = (0..24).map(|i| values[(i % 6 + i / 6) % 3]).collect();
+            assert_eq!(samples, expected, "{bits} {grey}");
         }
     }
 }
 
 #[test]
-fn spacing_of_imagej_ome_tiff_and_ome_zarr_is_taken() {
+fn spacing_is_read_from_imagej_ome_tiff_and_ome_zarr() {
     use tiff::encoder::{Rational, TiffEncoder, colortype::Gray8};
     use tiff::tags::Tag;
     let folder = tempfile::tempdir().unwrap();
@@ -185,34 +190,34 @@ fn spacing_of_imagej_ome_tiff_and_ome_zarr_is_taken() {
     let imagej = |unit: &str| format!("ImageJ=1.53\nimages=3\nslices=3\n{unit}spacing=2.0\n");
     let steps = ["(0.2500, 0.0000, 0.0000)", "(0.0000, 0.0000, 2.0000)"];
     for unit in ["unit=micron\n", "unit=\\u00B5m\n", "unit=um\n"] {
-        let said = write(&imagej(unit), Some([4, 1]));
+        let stdout = write(&imagej(unit), Some([4, 1]));
         for part in [steps[0], steps[1], "um, um, um", "as ImageJ says"] {
-            assert!(said.contains(part), "no {part}: {said}");
+            assert!(stdout.contains(part), "no {part}: {stdout}");
         }
     }
-    // A resolution of 1 is ImageJ's own default, and this writer's.
-    let said = write(&imagej("unit=micron\n"), None);
+    // A resolution of 1 is the default of ImageJ and of this writer, and stands for no resolution.
+    let stdout = write(&imagej("unit=micron\n"), None);
     assert!(
-        said.contains("(1.0000, 0.0000, 0.0000)") && said.contains("um, um, um"),
-        "{said}"
+        stdout.contains("(1.0000, 0.0000, 0.0000)") && stdout.contains("um, um, um"),
+        "{stdout}"
     );
-    // Without a unit of length there is no spacing, and a note.
+    // Without a unit of length the image has no spacing, and a note says so.
     for (unit, per_unit) in [("", Some([72, 1])), ("unit=pixel\n", Some([1, 1]))] {
-        let said = write(&imagej(unit), per_unit);
-        assert!(said.contains("no geometry"), "{unit}: {said}");
+        let stdout = write(&imagej(unit), per_unit);
+        assert!(stdout.contains("no geometry"), "{unit}: {stdout}");
     }
     let ome = "<?xml version=\"1.0\"?><OME xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\">\
                <Image><Pixels SizeC=\"1\" SizeT=\"1\" SizeZ=\"3\" PhysicalSizeX=\"0.25\" PhysicalSizeY=\"0.25\" \
                PhysicalSizeZ=\"2\"/></Image></OME>";
-    let said = write(ome, None);
+    let stdout = write(ome, None);
     assert!(
-        said.contains(steps[0]) && said.contains("um, um, um"),
-        "{said}"
+        stdout.contains(steps[0]) && stdout.contains("um, um, um"),
+        "{stdout}"
     );
 
     write_npy(&folder.join("a.npy"), [5, 4, 3], |[x, ..]| x as f32);
     run(folder, "convert a.npy a.zarr --quiet");
-    // The array that was written, in a group of OME's.
+    // Move the written array into a group with OME metadata.
     let written = folder.join("a.zarr");
     let arrays = std::fs::read_dir(&written).unwrap().flatten();
     let is_volume = |path: &Path| {
@@ -229,10 +234,10 @@ fn spacing_of_imagej_ome_tiff_and_ome_zarr_is_taken() {
     std::fs::create_dir(&group).unwrap();
     std::fs::rename(array.unwrap(), group.join("0")).unwrap();
     let node = group.join("0/zarr.json");
-    let mut about: serde_json::Value =
+    let mut metadata: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(&node).unwrap()).unwrap();
-    about["attributes"] = serde_json::json!({});
-    std::fs::write(&node, about.to_string()).unwrap();
+    metadata["attributes"] = serde_json::json!({});
+    std::fs::write(&node, metadata.to_string()).unwrap();
     let axes = ["z", "y", "x"]
         .map(|name| serde_json::json!({ "name": name, "type": "space", "unit": "micrometer" }));
     let ome = serde_json::json!({
@@ -245,15 +250,15 @@ fn spacing_of_imagej_ome_tiff_and_ome_zarr_is_taken() {
     });
     std::fs::write(group.join("zarr.json"), ome.to_string()).unwrap();
     for path in ["ome.zarr", "ome.zarr/0"] {
-        let said = run(folder, &format!("info {path}"));
+        let stdout = run(folder, &format!("info {path}"));
         for part in [steps[0], steps[1], "(0.000, 0.000, 7.000)", "um, um, um"] {
-            assert!(said.contains(part), "{path}, no {part}: {said}");
+            assert!(stdout.contains(part), "{path}, no {part}: {stdout}");
         }
     }
 }
 
 #[test]
-fn files_that_are_not_read_name_the_tool_that_reads_them() {
+fn unsupported_files_are_refused_with_the_name_of_a_tool_that_reads_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let dicom = [&[0u8; 128][..], b"DICM\x02\0\0\0"].concat();
@@ -266,17 +271,17 @@ fn files_that_are_not_read_name_the_tool_that_reads_them() {
     ];
     for (name, bytes, tool) in files {
         std::fs::write(folder.join(name), bytes).unwrap();
-        let said = expect_refusal(folder, &["info", name]);
-        assert!(said.contains(tool), "{name}: {said}");
+        let error = expect_refusal(folder, &["info", name]);
+        assert!(error.contains(tool), "{name}: {error}");
     }
     std::fs::create_dir(folder.join("series")).unwrap();
     std::fs::write(folder.join("series/1"), &dicom).unwrap();
-    let said = expect_refusal(folder, &["info", "series"]);
-    assert!(said.contains("dcm2niix"), "{said}");
+    let error = expect_refusal(folder, &["info", "series"]);
+    assert!(error.contains("dcm2niix"), "{error}");
 }
 
 #[test]
-fn cells_of_xdmf_are_one_grid_and_names_are_in_a_file_of_their_own() {
+fn xdmf_has_one_grid_of_cells_and_a_separate_file_of_names() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     run(folder, "export tets.vtu --to xdmf -o a.xdmf --quiet");
@@ -295,12 +300,12 @@ fn meshio_reads_xdmf_and_vtu() {
     run(folder, "export tets.vtu --to xdmf -o a.xdmf --quiet");
     let paths = ["a.xdmf", "tets.vtu"].map(|name| folder.join(name));
     let [xdmf, vtu] = &paths;
-    let found = run_validator(
+    let result = run_validator(
         "meshio",
         "meshio_read.py",
         &[xdmf.as_os_str(), vtu.as_os_str()],
     );
-    let found = found.as_array().unwrap();
-    assert_eq!(found[0]["points"], found[1]["points"]);
-    assert_eq!(found[0]["tetra"], found[1]["tetra"]);
+    let result = result.as_array().unwrap();
+    assert_eq!(result[0]["points"], result[1]["points"]);
+    assert_eq!(result[0]["tetra"], result[1]["tetra"]);
 }

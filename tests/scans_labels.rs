@@ -1,4 +1,5 @@
-//! Labels exactly: any integers of 64 bits, any number of them, thin parts, and what is said of losses.
+//! Tests that labels are exact: 64-bit integers, any number of labels, thin parts, and reported
+//! losses.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,10 +7,10 @@ use std::path::Path;
 use atomesh::store::read_vtu;
 use serde_json::Value;
 
-use crate::common::{write_npy, expect_refusal, run};
+use crate::common::{expect_refusal, run, write_npy};
 
-/// Writes a NumPy file of 64-bit integers, shape `(nz, ny, nx)`; `unsigned` or not.
-fn npy_of_integers(
+/// Writes a NumPy file of 64-bit integers, signed or unsigned, shape `(nz, ny, nx)`.
+fn write_npy_integers(
     path: &Path,
     [nx, ny, nz]: [usize; 3],
     unsigned: bool,
@@ -29,14 +30,14 @@ fn npy_of_integers(
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Samples as 64-bit little-endian integers.
+/// Returns samples as 64-bit little-endian integers.
 fn samples([nx, ny, nz]: [usize; 3], value: impl Fn([usize; 3]) -> i128) -> Vec<u8> {
     (0..nx * ny * nz)
         .flat_map(|i| (value([i % nx, i / nx % ny, i / (nx * ny)]) as u64).to_le_bytes())
         .collect()
 }
 
-/// Meshes and returns the report.
+/// Meshes an image and returns the report.
 fn report(folder: &Path, options: &str) -> Value {
     run(
         folder,
@@ -46,7 +47,7 @@ fn report(folder: &Path, options: &str) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-fn off([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
+fn distance([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
     let p = [x, y, z].map(|i| i as f64);
     (0..3)
         .map(|k| (p[k] - centre[k]).powi(2))
@@ -55,7 +56,7 @@ fn off([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn integers_that_floats_round_stay_apart_in_every_format() {
+fn labels_that_differ_only_as_integers_stay_distinct_in_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let dims = [20, 18, 16];
@@ -70,7 +71,7 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
             () if x + y < 18 => values[0],
             () => values[1],
         };
-        npy_of_integers(&folder.join("a.npy"), dims, unsigned, value);
+        write_npy_integers(&folder.join("a.npy"), dims, unsigned, value);
         let [kind, word] = if unsigned {
             ["uint64", "MET_ULONG_LONG"]
         } else {
@@ -90,34 +91,34 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
         let mut ascending = values;
         ascending.sort_unstable();
         for name in ["a.npy", "a.nrrd", "a.mha"] {
-            let said = run(folder, &format!("info {name}"));
+            let stdout = run(folder, &format!("info {name}"));
             let listed = ascending.map(|value| value.to_string()).join(", ");
-            assert!(said.contains(&listed), "{name}: {said}");
+            assert!(stdout.contains(&listed), "{name}: {stdout}");
             let label = values[1];
             let report = report(
                 folder,
                 &format!("{name} --distance 4 --label {label}:name=core"),
             );
             let regions = report["regions"]["regions"].as_array().unwrap();
-            let found: Vec<String> = regions.iter().map(|r| r["label"].to_string()).collect();
-            assert_eq!(found, ascending.map(|value| value.to_string()), "{name}");
+            let labels: Vec<String> = regions.iter().map(|r| r["label"].to_string()).collect();
+            assert_eq!(labels, ascending.map(|value| value.to_string()), "{name}");
             for region in regions {
-                let off = region["volume_error_percent"].as_f64().unwrap();
-                assert!(off.abs() < 2.0, "{name}: {region}");
+                let error = region["volume_error_percent"].as_f64().unwrap();
+                assert!(error.abs() < 2.0, "{name}: {region}");
             }
             let core = regions.iter().find(|region| region["name"] == "core");
             assert_eq!(core.unwrap()["label"].to_string(), label.to_string());
-            // Merged exactly, too.
+            // Labels are merged exactly, too.
             let merged = self::report(
                 folder,
                 &format!("{name} --distance 4 --label {label}:into={}", values[0]),
             );
             assert_eq!(merged["regions"]["regions"].as_array().unwrap().len(), 2);
         }
-        // Names and files have the number, whatever cells can have.
+        // The export works for every label, also for those that a cell array cannot hold.
         run(folder, "export m.vtu --to msh2 -o m.msh --quiet");
     }
-    npy_of_integers(&folder.join("a.npy"), dims, true, |[x, ..]| {
+    write_npy_integers(&folder.join("a.npy"), dims, true, |[x, ..]| {
         i128::from(u64::MAX) - i128::from(x < 9)
     });
     report(folder, "a.npy --distance 4");
@@ -126,7 +127,7 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
     for name in ["label_18446744073709551614", "label_18446744073709551615"] {
         assert!(text.contains(&format!("\"{name}\"")), "no {name}");
     }
-    let said = expect_refusal(
+    let error = expect_refusal(
         folder,
         &[
             "mesh",
@@ -137,16 +138,16 @@ fn integers_that_floats_round_stay_apart_in_every_format() {
             "18446744073709551616:name=x",
         ],
     );
-    assert!(said.contains("not the value of a label"), "{said}");
+    assert!(error.contains("not the value of a label"), "{error}");
 }
 
 #[test]
 fn hundreds_of_labels_have_a_region_each() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // Bricks that are numbered without order.
-    write_npy(&folder.join("bricks.npy"), [42, 42, 42], |at| {
-        let [i, j, k] = at.map(|x| x / 6);
+    // Bricks have labels in no order.
+    write_npy(&folder.join("bricks.npy"), [42, 42, 42], |index| {
+        let [i, j, k] = index.map(|x| x / 6);
         (((i * 7 + j) * 7 + k) * 131 % 343) as f32
     });
     let report = report(folder, "bricks.npy --distance 3");
@@ -154,31 +155,35 @@ fn hundreds_of_labels_have_a_region_each() {
     assert_eq!(regions.len(), 343);
     for region in regions {
         assert!(region["cells"].as_u64().unwrap() > 0, "{region}");
-        let off = region["volume_error_percent"].as_f64().unwrap();
-        assert!(off.abs() < 12.0, "{region}");
+        let error = region["volume_error_percent"].as_f64().unwrap();
+        assert!(error.abs() < 12.0, "{region}");
     }
     assert!(report["regions"]["lost"].as_array().unwrap().is_empty());
-    let said = run(folder, "info bricks.npy");
-    assert!(said.contains("343 labels"), "{said}");
-    // Tens of thousands are found, too.
+    let stdout = run(folder, "info bricks.npy");
+    assert!(stdout.contains("343 labels"), "{stdout}");
+    // Tens of thousands of labels are found, too.
     write_npy(&folder.join("many.npy"), [450, 450, 1], |[x, y, _]| {
         ((x / 3 * 150 + y / 3) * 7919 % 22_500) as f32
     });
-    let said = run(folder, "feature many.npy -o b.vti --distance 3");
-    assert!(said.contains("interfaces between 22500 labels"), "{said}");
-    // Grey values are none, also if that is said.
+    let stdout = run(folder, "feature many.npy -o b.vti --distance 3");
+    assert!(
+        stdout.contains("interfaces between 22500 labels"),
+        "{stdout}"
+    );
+    // Grey values are no labels, even if an option requires it.
     write_npy(&folder.join("grey.npy"), [20, 20, 20], |[x, y, z]| {
         ((x * 7919 + y * 104_729 + z * 1_299_709) % 4001) as f32
     });
-    let said = expect_refusal(
+    let error = expect_refusal(
         folder,
         &["mesh", "grey.npy", "-o", "n.vtu", "--feature", "labels"],
     );
-    assert!(said.contains("too many different values"), "{said}");
+    assert!(error.contains("too many different values"), "{error}");
 }
 
-/// How far the nodes between regions are off a sphere, and the faces between regions 1 and 3.
-fn spikes(path: &Path, centre: [f64; 3], radius: f64) -> (f64, usize) {
+/// Returns the largest distance of nodes between regions 2 and 3 from a sphere, and the number of
+/// faces between regions 1 and 3.
+fn deviation_and_holes(path: &Path, centre: [f64; 3], radius: f64) -> (f64, usize) {
     let file = read_vtu(path).unwrap();
     let region = file.cell_data.iter().find(|array| array.name == "region");
     let region = region.unwrap().values.to_i64();
@@ -213,29 +218,31 @@ fn spikes(path: &Path, centre: [f64; 3], radius: f64) -> (f64, usize) {
 }
 
 #[test]
-fn a_shell_of_three_samples_has_its_volume_and_no_spikes_of_more_than_1_1_samples() {
+fn a_shell_of_three_samples_has_its_volume_and_no_spikes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for centre in [[20.0, 19.5, 18.2], [19.3, 20.1, 19.6]] {
-        write_npy(&folder.join("shell.npy"), [40, 40, 40], |at| {
-            match off(at, centre) {
+        write_npy(
+            &folder.join("shell.npy"),
+            [40, 40, 40],
+            |index| match distance(index, centre) {
                 r if r < 11.0 => 1.0,
                 r if r < 14.0 => 2.0,
                 _ => 3.0,
-            }
-        });
+            },
+        );
         let report = report(folder, "shell.npy");
         for region in report["regions"]["regions"].as_array().unwrap() {
-            let off = region["volume_error_percent"].as_f64().unwrap();
-            assert!(off.abs() < 1.0, "{region}");
+            let error = region["volume_error_percent"].as_f64().unwrap();
+            assert!(error.abs() < 1.0, "{region}");
         }
-        let (worst, holes) = spikes(&folder.join("m.vtu"), centre, 14.0);
+        let (worst, holes) = deviation_and_holes(&folder.join("m.vtu"), centre, 14.0);
         assert!(worst < 1.1 && holes == 0, "{worst} {holes}");
     }
 }
 
 #[test]
-fn a_wall_of_one_sample_is_kept_if_need_be_by_the_options_that_the_verdict_names() {
+fn a_wall_of_one_sample_is_kept_with_the_options_that_the_verdict_suggests() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(
@@ -248,13 +255,13 @@ fn a_wall_of_one_sample_is_kept_if_need_be_by_the_options_that_the_verdict_names
         },
     );
     let mut options = String::from("wall.npy");
-    let mut given: Vec<String> = Vec::new();
+    let mut tried: Vec<String> = Vec::new();
     for _ in 0..4 {
         let report = report(folder, &options);
         let regions = report["regions"]["regions"].as_array().unwrap();
-        let off = regions[1]["volume_error_percent"].as_f64().unwrap();
-        if off.abs() < 15.0 {
-            let (_, holes) = spikes(&folder.join("m.vtu"), [0.0; 3], 1.0);
+        let error = regions[1]["volume_error_percent"].as_f64().unwrap();
+        if error.abs() < 15.0 {
+            let (_, holes) = deviation_and_holes(&folder.join("m.vtu"), [0.0; 3], 1.0);
             assert_eq!(holes, 0, "{options}");
             return;
         }
@@ -265,9 +272,9 @@ fn a_wall_of_one_sample_is_kept_if_need_be_by_the_options_that_the_verdict_names
             "{verdict}"
         );
         let option = verdict["option"].as_str().unwrap().to_string();
-        assert!(!given.contains(&option), "{option} again");
+        assert!(!tried.contains(&option), "{option} again");
         options = format!("wall.npy {option}");
-        given.push(option);
+        tried.push(option);
     }
-    panic!("not kept by {given:?}");
+    panic!("not kept with {tried:?}");
 }

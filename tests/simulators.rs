@@ -1,11 +1,14 @@
-//! `atomesh export` to MRST, GEOS, corner-point grids, DARTS and RESQML: what it writes is read, and run,
-//! by programs that know nothing of atomesh.
+//! Tests `atomesh export` to MRST, GEOS, corner-point grids, DARTS and RESQML: independent programs
+//! read and run the exported files.
 
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{run_validator, is_close, write_npy, numbers, expect_refusal, run, planar_fault, run_simulator, run_vtk_program};
+use crate::common::{
+    expect_refusal, is_close, numbers, planar_fault, run, run_simulator, run_validator,
+    run_vtk_program, write_npy,
+};
 use atomesh::model::flow::{FaultLaw, Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};
 use atomesh::model::reservoir::{MeshPlacement, PreparedModel};
@@ -18,8 +21,9 @@ const VOLUME: f64 = 39.0 * 35.0 * 31.0;
 const TIGHT: f64 = 0.01;
 const ROCK: &str = "--porosity phi.npy --permeability 100,100,10 --permeability-unit mD --quiet";
 
-/// A folder with meshes of a fault across the box: `cells.vtu` of Voronoi cells, `tets.vtu`; `phi.npy`,
-/// porosity that grows with x, and `labels.npy`: two layers, the fault's throw 8.
+/// Returns a folder with meshes of a fault across the box: `cells.vtu` of Voronoi cells and
+/// `tets.vtu`. The folder has also `phi.npy`, a porosity that grows with x, and `labels.npy`, two
+/// layers with a throw of 8 at the fault.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
@@ -41,7 +45,7 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// The model that the verb makes of a mesh.
+/// Returns the model that `atomesh export` makes of a mesh.
 fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: FaultLaw) -> Model {
     let file = read_any_vtu(&folder.join(mesh)).unwrap();
     let placement = MeshPlacement {
@@ -56,18 +60,21 @@ fn model(folder: &Path, mesh: &str, top: f64, k: &[f64], faults: FaultLaw) -> Mo
     prepared.model
 }
 
-/// The cell whose site is nearest to a point.
-fn nearest(model: &Model, point: [f64; 3]) -> usize {
-    let off = |cell: &usize| -> f64 {
+/// Returns the cell whose site is nearest to a point.
+fn nearest_cell(model: &Model, point: [f64; 3]) -> usize {
+    let squared_distance = |cell: &usize| -> f64 {
         let site = model.graph.site[*cell];
         (0..3).map(|k| (site[k] - point[k]).powi(2)).sum()
     };
     let cells = 0..model.len();
-    cells.min_by(|a, b| off(a).total_cmp(&off(b))).unwrap()
+    cells
+        .min_by(|a, b| squared_distance(a).total_cmp(&squared_distance(b)))
+        .unwrap()
 }
 
-/// Checks steady pressures between two cells against those of `atomesh flow`, both from 0 to 1.
-fn has_our_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance: f64) {
+/// Compares steady pressures between two cells with those of `atomesh flow`, both scaled to the
+/// range from 0 to 1.
+fn assert_steady_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance: f64) {
     let AnyMesh::Polyhedra(file) = read_any_vtu(&folder.join("cells.vtu")).unwrap() else {
         panic!("no polyhedra")
     };
@@ -88,9 +95,9 @@ fn has_our_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance:
     let ours = ours.values.to_f64();
     assert_eq!(ours.len(), theirs.len());
     let [high, low] = cells;
-    let share = |p: &[f64], cell: usize| (p[cell] - p[low]) / (p[high] - p[low]);
-    let worst = (0..ours.len()).fold(0.0f64, |most, cell| {
-        most.max((share(&ours, cell) - share(theirs, cell)).abs())
+    let scaled = |p: &[f64], cell: usize| (p[cell] - p[low]) / (p[high] - p[low]);
+    let worst = (0..ours.len()).fold(0.0f64, |max, cell| {
+        max.max((scaled(&ours, cell) - scaled(theirs, cell)).abs())
     });
     println!("pressures differ by {worst:.1e} of their range");
     assert!(worst < tolerance, "{worst}");
@@ -98,7 +105,7 @@ fn has_our_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tolerance:
 
 #[test]
 #[ignore = "needs SciPy: make test-all"]
-fn mrsts_grid_has_our_totals_and_fluxes() {
+fn the_grid_of_mrst_has_the_volumes_and_fluxes_of_the_model() {
     let folder = folder();
     let folder = folder.path();
     for (mesh, k) in [("cells", "100"), ("tets", "100,100,10")] {
@@ -112,78 +119,88 @@ fn mrsts_grid_has_our_totals_and_fluxes() {
         let faults = FaultLaw::new(TIGHT, None).unwrap();
         let model = model(folder, &format!("{mesh}.vtu"), 1000.0, &k, faults);
         let graph = &model.graph;
-        let ends = [[5.0, 5.0, -1026.0], [33.0, 30.0, -1006.0]].map(|p| nearest(&model, p));
+        let ends = [[5.0, 5.0, -1026.0], [33.0, 30.0, -1006.0]].map(|p| nearest_cell(&model, p));
         let [source, sink] = ends.map(|cell| (cell + 1).to_string());
         let path = folder.join(format!("{mesh}.mat"));
         let arguments = [path.as_os_str(), OsStr::new(&source), OsStr::new(&sink)];
-        let found = run_validator("SciPy", "mrst.py", &arguments);
-        let inner = graph.connections.len();
-        assert_eq!(found["cells"], model.len());
+        let result = run_validator("SciPy", "mrst.py", &arguments);
+        let inner_count = graph.connections.len();
+        assert_eq!(result["cells"], model.len());
         assert_eq!(
-            numbers(&found["faces"]),
-            [(inner + graph.boundary.len()) as f64, inner as f64]
+            numbers(&result["faces"]),
+            [
+                (inner_count + graph.boundary.len()) as f64,
+                inner_count as f64
+            ]
         );
-        assert_eq!(found["listed"], true);
+        assert_eq!(result["listed"], true);
         for name in ["volumes", "own_volumes"] {
-            let volumes = numbers(&found[name]);
+            let volumes = numbers(&result[name]);
             assert!(is_close(volumes.iter().sum(), VOLUME, 1e-12), "{name}");
             let pairs = volumes.iter().zip(&graph.volume);
-            assert!(pairs.into_iter().all(|(a, b)| is_close(*a, *b, 1e-9)), "{name}");
+            assert!(
+                pairs.into_iter().all(|(a, b)| is_close(*a, *b, 1e-9)),
+                "{name}"
+            );
         }
-        assert!(found["normals_off"].as_f64().unwrap() < 1e-9, "{found}");
-        let t = numbers(&found["t"]);
-        let known = &model.permeability.as_ref().unwrap().transmissibility;
+        assert!(result["normals_off"].as_f64().unwrap() < 1e-9, "{result}");
+        let t = numbers(&result["t"]);
+        let expected = &model.permeability.as_ref().unwrap().transmissibility;
         assert!(
             t.iter()
-                .zip(known)
-                .all(|(t, known)| is_close(*t, *known, 1e-14))
+                .zip(expected)
+                .all(|(t, expected)| is_close(*t, *expected, 1e-14))
         );
-        for (t, face) in t[inner..].iter().zip(&graph.boundary) {
-            let along = model
+        for (t, face) in t[inner_count..].iter().zip(&graph.boundary) {
+            let conductivity = model
                 .permeability
                 .as_ref()
                 .unwrap()
                 .rock
                 .mobility(0)
                 .normal_component(face.normal);
-            assert!(is_close(*t, face.area * along / face.distance, 1e-12));
+            assert!(is_close(
+                *t,
+                face.area * conductivity / face.distance,
+                1e-12
+            ));
         }
-        let pairs = found["pairs"].as_array().unwrap();
+        let pairs = result["pairs"].as_array().unwrap();
         for (pair, c) in pairs.iter().zip(&graph.connections) {
             assert_eq!(numbers(pair), c.cells.map(f64::from));
         }
-        for (cell, depth) in numbers(&found["depth"]).into_iter().enumerate() {
+        for (cell, depth) in numbers(&result["depth"]).into_iter().enumerate() {
             assert!(is_close(depth, model.depth(cell), 1e-14));
         }
-        let perm = found["perm"].as_array().unwrap();
+        let perm = result["perm"].as_array().unwrap();
         let first = numbers(&perm[0]);
         assert!(
             first.len() == k.len()
                 && (0..k.len()).all(|i| is_close(first[i], k[i] * MILLIDARCY, 1e-14))
         );
         assert!(
-            numbers(&found["region"])
+            numbers(&result["region"])
                 .iter()
                 .all(|r| [1.0, 2.0].contains(r))
         );
         assert!(
-            numbers(&found["poro"])
+            numbers(&result["poro"])
                 .iter()
                 .all(|p| (0.1..0.3).contains(p))
         );
-        assert_eq!(numbers(&found["tags"]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
-        let on = graph.connections.iter().filter(|c| c.on_feature).count();
-        let tagged = |name: &str| found["tagged"][name].as_u64().unwrap_or(0) as usize;
+        assert_eq!(numbers(&result["tags"]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let feature_count = graph.connections.iter().filter(|c| c.on_feature).count();
+        let tagged = |name: &str| result["tagged"][name].as_u64().unwrap_or(0) as usize;
         assert!(tagged("fault1") > 40 && tagged("interface_1_2") > 40);
         let surfaces = model.surfaces.kinds.len();
         let surfaces = (1..=surfaces).map(|n| tagged(&format!("fault{n}")));
-        assert_eq!(surfaces.sum::<usize>() + tagged("scraps"), on);
+        assert_eq!(surfaces.sum::<usize>() + tagged("scraps"), feature_count);
         for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
-            let nodes = found["sets"][name].as_u64().unwrap();
+            let nodes = result["sets"][name].as_u64().unwrap();
             assert!(nodes > 40 && tagged(name) > 0, "{name}");
         }
         if mesh == "cells" {
-            has_our_pressure(folder, &numbers(&found["pressure"]), ends, 1e-7);
+            assert_steady_pressure(folder, &numbers(&result["pressure"]), ends, 1e-7);
         }
     }
     // Without rock there is no T.
@@ -214,20 +231,23 @@ fn octave_loads_the_grid_for_mrst() {
     octave
         .current_dir(folder)
         .args(["--norc", "--eval", program]);
-    let said = run_simulator(&mut octave);
-    let found: Vec<usize> = said
+    let stdout = run_simulator(&mut octave);
+    let result: Vec<usize> = stdout
         .split_whitespace()
         .map(|n| n.parse().unwrap())
         .collect();
     let connections = &model.graph.connections;
-    let on = connections.iter().filter(|c| c.on_feature).count();
+    let feature_count = connections.iter().filter(|c| c.on_feature).count();
     assert_eq!(
-        found[..2],
+        result[..2],
         [model.len(), connections.len() + model.graph.boundary.len()]
     );
-    assert!(found[2] > 40 && found[2] <= on && found[3] > 40, "{said}");
-    assert_eq!(found[4], model.len());
-    assert_eq!(found[5], 2 * 90 * 100_000);
+    assert!(
+        result[2] > 40 && result[2] <= feature_count && result[3] > 40,
+        "{stdout}"
+    );
+    assert_eq!(result[4], model.len());
+    assert_eq!(result[5], 2 * 90 * 100_000);
 }
 
 #[test]
@@ -235,7 +255,7 @@ fn octave_loads_the_grid_for_mrst() {
 fn vtk_reads_the_mesh_for_geos() {
     let folder = folder();
     let folder = folder.path();
-    // VTK cuts polyhedra into tetrahedra in its own way.
+    // VTK divides polyhedra into tetrahedra in another way.
     for (mesh, kind, tolerance) in [("cells", 42, 1e-6), ("tets", 10, 1e-12)] {
         let export = format!("export {mesh}.vtu --to geos -o geos.vtu --region labels.npy");
         run(folder, &format!("{export} {ROCK}"));
@@ -266,33 +286,37 @@ for c, number in zip(np.flatnonzero(surface), numbers.tolist()):
 print(json.dumps({
     'kinds': sorted(set(kinds.tolist())), 'faces': numbers.tolist(),
     'area': {n: float(area[numbers == n].sum()) for n in numbered},
-    'sets': {name: len(own) for name, own in sets.items()},
-    'numbered': [[n for n in numbered if numbered[n] == own] for own in sets.values()],
+    'sets': {name: len(members) for name, members in sets.items()},
+    'numbered': [[n for n in numbered if numbered[n] == members] for members in sets.values()],
     'attribute': array('attribute').tolist(), 'integer': array('attribute').dtype.kind,
     'perm': array('rockPerm_permeability')[0].tolist(),
     'pores': float((array('rockPorosity_referencePorosity') * array('Volume')).sum()),
     'volume': float(array('Volume').sum())}))";
-        let found = run_vtk_program(program, &[&folder.join("geos.vtu")]);
-        let kinds = numbers(&found["kinds"]);
+        let result = run_vtk_program(program, &[&folder.join("geos.vtu")]);
+        let kinds = numbers(&result["kinds"]);
         assert_eq!(kinds.last(), Some(&f64::from(kind)));
         for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
             assert!(
-                found["sets"][name].as_u64().unwrap() > 40,
-                "{name}: {found}"
+                result["sets"][name].as_u64().unwrap() > 40,
+                "{name}: {result}"
             );
         }
-        // The sides have the numbers 1 to 6, the first surface 9; each is a set of nodes, too.
-        let faces = numbers(&found["faces"]);
-        let has = |number: f64| faces.iter().filter(|f| **f == number).count() > 40;
-        assert!((1..=6).all(|n| has(f64::from(n))) && has(9.0));
+        // The sides have the numbers 1 to 6, and the first surface has 9. Each is a set of nodes,
+        // too.
+        let faces = numbers(&result["faces"]);
+        let has_faces = |number: f64| faces.iter().filter(|f| **f == number).count() > 40;
+        assert!((1..=6).all(|n| has_faces(f64::from(n))) && has_faces(9.0));
         for (number, area) in [("1", 35.0 * 31.0), ("4", 39.0 * 31.0), ("6", 39.0 * 35.0)] {
-            let found = found["area"][number].as_f64().unwrap();
-            assert!(is_close(found, area, 1e-9), "{mesh}: {found} of {area}");
+            let found_area = result["area"][number].as_f64().unwrap();
+            assert!(
+                is_close(found_area, area, 1e-9),
+                "{mesh}: {found_area} of {area}"
+            );
         }
-        let sets = found["numbered"].as_array().unwrap();
+        let sets = result["numbered"].as_array().unwrap();
         assert!(
             sets.len() >= 8 && sets.iter().all(|numbers| numbers[0].is_u64()),
-            "{found}"
+            "{result}"
         );
         assert!(
             kinds
@@ -301,26 +325,26 @@ print(json.dumps({
                 .skip(1)
                 .all(|kind| [5.0, 7.0].contains(kind))
         );
-        assert_eq!(found["integer"], "i");
-        let regions = numbers(&found["attribute"]);
+        assert_eq!(result["integer"], "i");
+        let regions = numbers(&result["attribute"]);
         assert!(regions.contains(&1.0) && regions.contains(&2.0));
         assert!(regions.iter().all(|r| [1.0, 2.0].contains(r)));
         let k = [100.0, 100.0, 10.0].map(|k| k * MILLIDARCY);
-        let perm = numbers(&found["perm"]);
+        let perm = numbers(&result["perm"]);
         assert!((0..3).all(|i| is_close(perm[i], k[i], 1e-14)), "{perm:?}");
         assert!(
-            is_close(found["volume"].as_f64().unwrap(), VOLUME, tolerance),
+            is_close(result["volume"].as_f64().unwrap(), VOLUME, tolerance),
             "{mesh}"
         );
-        let pores = (0.1 + 0.005 * 19.5) * VOLUME;
+        let pore_volume = (0.1 + 0.005 * 19.5) * VOLUME;
         assert!(
-            is_close(found["pores"].as_f64().unwrap(), pores, 1e-6),
+            is_close(result["pores"].as_f64().unwrap(), pore_volume, 1e-6),
             "{mesh}"
         );
     }
 }
 
-/// A deck that includes a corner-point grid and nothing else of atomesh.
+/// Returns a deck that includes a corner-point grid and nothing else of atomesh.
 fn deck(dims: &[f64]) -> String {
     let [n, m, k] = dims else { panic!("{dims:?}") };
     format!(
@@ -338,7 +362,7 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
     let folder = folder.path();
     let model = model(folder, "cells.vtu", 1000.0, &[1.0], FaultLaw::OPEN);
     let export = "export cells.vtu --to grdecl -o GRID.GRDECL --depth-at-top 1000";
-    let pores = (0.1 + 0.005 * 19.5) * VOLUME;
+    let pore_volume = (0.1 + 0.005 * 19.5) * VOLUME;
     for (grid, region) in [("", "--region labels.npy"), ("--grid 13,9,7", "")] {
         run(
             folder,
@@ -346,11 +370,12 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         );
         let files = ["GRID.GRDECL", "GRID-regions.GRDECL"].map(|f| folder.join(f));
         let arguments = [files[0].as_os_str(), files[1].as_os_str()];
-        let found = run_validator("xtgeo", "corners.py", &arguments);
-        println!("{}", found["dims"]);
-        let number = |name: &str| found[name].as_f64().unwrap();
-        let dims = numbers(&found["dims"]);
-        // Layers that follow regions are bent, and it takes their faces for triangles.
+        let result = run_validator("xtgeo", "corners.py", &arguments);
+        println!("{}", result["dims"]);
+        let number = |name: &str| result[name].as_f64().unwrap();
+        let dims = numbers(&result["dims"]);
+        // Layers that follow regions are bent. xtgeo triangulates their faces, which is less
+        // accurate.
         let tolerance = if region.is_empty() { 1e-9 } else { 1e-5 };
         assert!(
             is_close(number("volume"), VOLUME, tolerance),
@@ -358,31 +383,34 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             number("volume")
         );
         assert!(number("least") > 0.0);
-        let property = |name: &str| numbers(&found["properties"][name]);
+        let property = |name: &str| numbers(&result["properties"][name]);
         assert!(
-            is_close(property("PORO")[1], pores, 0.01),
+            is_close(property("PORO")[1], pore_volume, 0.01),
             "{:?}",
             property("PORO")
         );
         for (name, k) in [("PERMX", 100.0), ("PERMY", 100.0), ("PERMZ", 10.0)] {
-            let [least, _, most] = property(name)[..] else {
+            let [min, _, max] = property(name)[..] else {
                 panic!()
             };
-            assert!(is_close(least, k, 1e-5) && is_close(most, k, 1e-5), "{name}");
+            assert!(is_close(min, k, 1e-5) && is_close(max, k, 1e-5), "{name}");
         }
-        // The fault is steep and goes 0.1 sideways a unit of z: its pillars do too.
-        let mut lean = numbers(&found["lean"]);
+        // The fault moves 0.1 sideways per unit of z, and so do its pillars.
+        let mut lean = numbers(&result["lean"]);
         lean.sort_by(f64::total_cmp);
-        let (middle, most) = (lean[lean.len() / 2], lean[lean.len() - 1]);
+        let (median, max) = (lean[lean.len() / 2], lean[lean.len() - 1]);
         println!(
-            "pillars lean {middle:.2} to {most:.2}, {} split",
-            found["split"]
+            "pillars lean {median:.2} to {max:.2}, {} split",
+            result["split"]
         );
-        assert!((middle - 3.1).abs() < 0.2 && most < 4.5, "{middle}, {most}");
+        assert!((median - 3.1).abs() < 0.2 && max < 4.5, "{median}, {max}");
         let text = std::fs::read_to_string(&files[0]).unwrap();
-        let said = format!("MULTFLT\n 'FAULT1' {TIGHT} /\n");
+        let expected = format!("MULTFLT\n 'FAULT1' {TIGHT} /\n");
         let faults = text.contains("FAULTS\n 'FAULT1' ");
-        assert!(faults && text.contains(&said), "{faults} {grid} {region}");
+        assert!(
+            faults && text.contains(&expected),
+            "{faults} {grid} {region}"
+        );
         assert!(!text.contains("MULTX"));
         if region.is_empty() {
             assert_eq!(dims, [13.0, 9.0, 7.0]);
@@ -393,15 +421,24 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
                 (0.7..1.5).contains(&(cells / model.len() as f64)),
                 "{dims:?}"
             );
-            // The throw of 8 splits the row of pillars on the fault, and none else.
+            // The throw of 8 splits only the row of pillars on the fault.
             let split = number("split");
             assert!((0.8..=1.3).contains(&(split / (dims[1] + 1.0))), "{split}");
-            let of = |r: &str| found["regions"][r].as_f64().unwrap();
-            // What the labels say: the fault cuts the box at x = 18.45 + 1.75 on average.
+            let region_volume = |r: &str| result["regions"][r].as_f64().unwrap();
+            // The fault cuts the box at x = 18.45 + 1.75 on average, which gives the volume of the
+            // lower label.
             let lower = 35.0 * (20.0 * 11.5 + 19.0 * 19.5);
-            println!("lower {:.4} of {lower}", of("2"));
-            assert!(is_close(of("2"), lower, 0.03), "{}", of("2"));
-            assert!(is_close(of("1") + of("2"), VOLUME, 1e-5));
+            println!("lower {:.4} of {lower}", region_volume("2"));
+            assert!(
+                is_close(region_volume("2"), lower, 0.03),
+                "{}",
+                region_volume("2")
+            );
+            assert!(is_close(
+                region_volume("1") + region_volume("2"),
+                VOLUME,
+                1e-5
+            ));
         }
         std::fs::write(folder.join("CASE.DATA"), deck(&dims)).unwrap();
         let mut flow = Command::new("flow");
@@ -411,19 +448,23 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         run_simulator(&mut flow);
         let out = folder.join("out");
         let arguments = [out.as_os_str(), OsStr::new("CASE")];
-        let found = run_validator("resfo", "opm.py", &arguments);
-        let porv = numbers(&found["porv"]).iter().sum::<f64>();
-        assert!(is_close(porv, pores, 0.01), "{porv}");
+        let result = run_validator("resfo", "opm.py", &arguments);
+        let porv = numbers(&result["porv"]).iter().sum::<f64>();
+        assert!(is_close(porv, pore_volume, 0.01), "{porv}");
         if region.is_empty() {
-            // One column along x in 13 is a fault's: 100 times tighter than its neighbours.
-            let along = found["tranx"].as_array().unwrap().iter();
-            let along: Vec<f64> = along
+            // One column along x in 13 is that of the fault, and 100 times less permeable than its
+            // neighbours.
+            let transmissibilities = result["tranx"].as_array().unwrap().iter();
+            let transmissibilities: Vec<f64> = transmissibilities
                 .filter_map(Value::as_f64)
                 .filter(|t| *t > 0.0)
                 .collect();
-            let most = along.iter().copied().fold(0.0, f64::max);
-            let tight = along.iter().filter(|t| **t < 2.0 * TIGHT * most).count();
-            assert_eq!(along.len(), 12 * 9 * 7);
+            let max = transmissibilities.iter().copied().fold(0.0, f64::max);
+            let tight = transmissibilities
+                .iter()
+                .filter(|t| **t < 2.0 * TIGHT * max)
+                .count();
+            assert_eq!(transmissibilities.len(), 12 * 9 * 7);
             assert_eq!(tight, 9 * 7);
         }
     }
@@ -431,13 +472,13 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
 
 #[test]
 #[ignore = "needs resqpy: make test-all"]
-fn resqpy_reads_volumes_handedness_and_rock() {
+fn resqpy_reads_volumes_orientation_and_rock() {
     let folder = folder();
     let folder = folder.path();
     for (mesh, shape) in [("cells", "polyhedral"), ("tets", "tetrahedral")] {
         let export = format!("export {mesh}.vtu --to resqml -o {mesh}.epc --depth-at-top 1000");
-        let more = "--region labels.npy --property amplitude=sheet.npy";
-        run(folder, &format!("{export} {ROCK} {more}"));
+        let options = "--region labels.npy --property amplitude=sheet.npy";
+        run(folder, &format!("{export} {ROCK} {options}"));
         let model = model(
             folder,
             &format!("{mesh}.vtu"),
@@ -446,27 +487,33 @@ fn resqpy_reads_volumes_handedness_and_rock() {
             FaultLaw::OPEN,
         );
         let path = folder.join(format!("{mesh}.epc"));
-        let found = run_validator("resqpy", "resqml.py", &[path.as_os_str()]);
-        assert_eq!(found["shape"], shape);
+        let result = run_validator("resqpy", "resqml.py", &[path.as_os_str()]);
+        assert_eq!(result["shape"], shape);
         assert_eq!(
-            (&found["up"], &found["units"]),
+            (&result["up"], &result["units"]),
             (&true.into(), &vec!["m", "m"].into())
         );
-        assert_eq!(found["cells"], model.len());
-        let handed = numbers(&found["handed"]);
+        assert_eq!(result["cells"], model.len());
+        let handed = numbers(&result["handed"]);
         assert!(is_close(handed.iter().sum(), VOLUME, 1e-12), "{mesh}");
-        let known = &model.graph.volume;
+        let expected = &model.graph.volume;
         assert!(
-            handed.iter().zip(known).all(|(a, b)| is_close(*a, *b, 1e-9)),
+            handed
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| is_close(*a, *b, 1e-9)),
             "{mesh}"
         );
-        let volumes = found["volume"].as_object().unwrap();
+        let volumes = result["volume"].as_object().unwrap();
         assert!(volumes.len() > 200);
         for (cell, volume) in volumes {
-            let known = known[cell.parse::<usize>().unwrap()];
-            assert!(is_close(volume.as_f64().unwrap(), known, 1e-9), "{mesh} {cell}");
+            let expected = expected[cell.parse::<usize>().unwrap()];
+            assert!(
+                is_close(volume.as_f64().unwrap(), expected, 1e-9),
+                "{mesh} {cell}"
+            );
         }
-        let properties = found["properties"].as_object().unwrap();
+        let properties = result["properties"].as_object().unwrap();
         let faces = &properties["names of faces"];
         assert_eq!(
             [&faces[0], &faces[4]],
@@ -476,15 +523,15 @@ fn resqpy_reads_volumes_handedness_and_rock() {
         let of_faces = faces[5].as_array().unwrap();
         assert_eq!(of_faces.len(), model.mesh.face_cells.len());
         let named = |name: &str| of_faces.iter().filter(|f| **f == name).count();
-        let on = connections.iter().filter(|c| c.on_feature).count();
-        assert!(named("fault1") > 40 && named("fault1") <= on);
+        let feature_count = connections.iter().filter(|c| c.on_feature).count();
+        assert!(named("fault1") > 40 && named("fault1") <= feature_count);
         assert!(named("xmin") > 20 && named("interface_1_2") > 40);
         for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
             let nodes = &properties[name];
             assert_eq!(nodes[4], "nodes");
-            let within = numbers(&nodes[3]);
-            assert_eq!(within.len(), model.mesh.nodes.len());
-            assert!(within.iter().sum::<f64>() > 40.0, "{name}");
+            let members = numbers(&nodes[3]);
+            assert_eq!(members.len(), model.mesh.nodes.len());
+            assert!(members.iter().sum::<f64>() > 40.0, "{name}");
         }
         for (title, kind, unit, facet, value) in [
             ("permeability x", "permeability rock", "mD", "I", 100.0),
@@ -496,38 +543,42 @@ fn resqpy_reads_volumes_handedness_and_rock() {
                 [&property[0], &property[1], &property[2]],
                 [kind, unit, facet]
             );
-            assert!(numbers(&property[3]).iter().all(|k| is_close(*k, value, 1e-12)));
+            assert!(
+                numbers(&property[3])
+                    .iter()
+                    .all(|k| is_close(*k, value, 1e-12))
+            );
         }
         let porosity = numbers(&properties["porosity"][3]);
-        let pores: f64 = porosity
+        let pore_volume: f64 = porosity
             .iter()
             .zip(&model.graph.volume)
             .map(|(p, v)| p * v)
             .sum();
-        assert!(is_close(pores, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6));
+        assert!(is_close(pore_volume, (0.1 + 0.005 * 19.5) * VOLUME, 1e-6));
         let regions = numbers(&properties["region"][3]);
         assert!(regions.contains(&1.0) && regions.contains(&2.0));
-        // The same model is the same bytes.
+        // The export of a model always has the same bytes.
         let bytes = |name: &str| std::fs::read(folder.join(name)).unwrap();
         let (epc, h5) = (bytes(&format!("{mesh}.epc")), bytes(&format!("{mesh}.h5")));
-        run(folder, &format!("{export} {ROCK} {more}"));
+        run(folder, &format!("{export} {ROCK} {options}"));
         assert!(bytes(&format!("{mesh}.epc")) == epc && bytes(&format!("{mesh}.h5")) == h5);
     }
 }
 
 #[test]
 #[ignore = "needs open-DARTS: make test-all"]
-fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
+fn darts_runs_on_exported_connections_and_on_the_gmsh_mesh() {
     let folder = folder();
     let folder = folder.path();
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --quiet";
     let export = "export cells.vtu --to darts -o blocks.conn --depth-at-top 1000";
     run(folder, &format!("{export} {rock} --faults {TIGHT}"));
     run(folder, "export tets.vtu --to msh2 -o tets.msh --quiet");
-    // The most distant blocks along x.
+    // The blocks are the most distant ones along x.
     let ends = |mesh: &str| {
         let model = model(folder, mesh, 1000.0, &[100.0], FaultLaw::OPEN);
-        [[2.0, 17.0, -1015.0], [37.0, 17.0, -1015.0]].map(|p| nearest(&model, p))
+        [[2.0, 17.0, -1015.0], [37.0, 17.0, -1015.0]].map(|p| nearest_cell(&model, p))
     };
     let darts = |files: &[&str], [high, low]: [usize; 2]| {
         let files: Vec<_> = files.iter().map(|f| folder.join(f)).collect();
@@ -537,13 +588,14 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
         run_validator("open-DARTS", "steady.py", &arguments)
     };
     let blocks = ends("cells.vtu");
-    let found = darts(&["blocks.conn", "blocks.cells"], blocks);
-    has_our_pressure(folder, &numbers(&found["pressure"]), blocks, 1e-3);
+    let result = darts(&["blocks.conn", "blocks.cells"], blocks);
+    assert_steady_pressure(folder, &numbers(&result["pressure"]), blocks, 1e-3);
 
-    // DARTS makes its own two-point fluxes of tetrahedra: nothing that is right, but flow.
+    // DARTS computes two-point fluxes between tetrahedra, which are inaccurate, so that only the
+    // direction of flow is checked.
     let blocks = ends("tets.vtu");
-    let found = darts(&["tets.msh"], blocks);
-    let (pressure, volume) = (numbers(&found["pressure"]), numbers(&found["volume"]));
+    let result = darts(&["tets.msh"], blocks);
+    let (pressure, volume) = (numbers(&result["pressure"]), numbers(&result["volume"]));
     let model = model(folder, "tets.vtu", 1000.0, &[100.0], FaultLaw::OPEN);
     assert_eq!(pressure.len(), model.len());
     for (cell, volume) in volume
@@ -559,9 +611,12 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
             .all(|p| (199.0 - 1e-3..=201.0 + 1e-3).contains(p))
     );
     let side = |left: bool| {
-        let of = |c: &usize| (model.graph.site[*c][0] < 19.5) == left;
-        let all: Vec<f64> = (0..model.len()).filter(of).map(|c| pressure[c]).collect();
-        all.iter().sum::<f64>() / all.len() as f64
+        let is_on_side = |c: &usize| (model.graph.site[*c][0] < 19.5) == left;
+        let pressures: Vec<f64> = (0..model.len())
+            .filter(is_on_side)
+            .map(|c| pressure[c])
+            .collect();
+        pressures.iter().sum::<f64>() / pressures.len() as f64
     };
     assert!(
         side(true) > side(false) + 0.05,
@@ -573,14 +628,14 @@ fn darts_runs_on_our_connections_and_on_gmshs_mesh() {
 
 #[test]
 #[ignore = "needs SciPy and open-DARTS: make test-all"]
-fn mrst_and_darts_have_our_wells() {
+fn mrst_and_darts_have_the_wells_of_the_model() {
     let folder = folder();
     let folder = folder.path();
-    // 20 m3/day of water of 1 cP, taken out at 90 bar.
+    // The rate is 20 m3/day of water of 1 cP, and the producer has a pressure of 90 bar.
     let (rate, bottom) = (20.0 / 86_400.0, 90e5);
     let wells = "--injector 2,17,15:20 --producer P=37,17,15:90";
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
-    for (to, judge, script, files, unit, tolerance) in [
+    for (to, needs, script, files, unit, tolerance) in [
         ("mrst", "SciPy", "mrst.py", &["blocks.mat"][..], 1.0, 1e-7),
         (
             "darts",
@@ -592,32 +647,32 @@ fn mrst_and_darts_have_our_wells() {
         ),
     ] {
         let export = format!("export cells.vtu --to {to} -o {} {rock} {wells}", files[0]);
-        let said = run(folder, &format!("{export} --faults {TIGHT} --json --quiet"));
-        let said: Value = serde_json::from_str(&said).unwrap();
-        let opening = |well: usize| numbers(&said["wells"][well]["cells"][0]);
-        let [injector, producer] = [0, 1].map(opening);
+        let stdout = run(folder, &format!("{export} --faults {TIGHT} --json --quiet"));
+        let report: Value = serde_json::from_str(&stdout).unwrap();
+        let first_completion = |well: usize| numbers(&report["wells"][well]["cells"][0]);
+        let [injector, producer] = [0, 1].map(first_completion);
         let files: Vec<_> = files.iter().map(|f| folder.join(f)).collect();
         let arguments: Vec<&OsStr> = files.iter().map(|f| f.as_os_str()).collect();
-        let found = run_validator(judge, script, &arguments);
-        let pressure: Vec<f64> = numbers(&found["pressure"])
+        let result = run_validator(needs, script, &arguments);
+        let pressure: Vec<f64> = numbers(&result["pressure"])
             .iter()
             .map(|p| unit * p)
             .collect();
         let cells = [injector[0], producer[0]].map(|cell| cell as usize);
-        has_our_pressure(folder, &pressure, cells, tolerance);
-        // What is injected leaves through the producer's index.
-        let above = rate * 1e-3 / producer[1];
-        let off = pressure[cells[1]] - bottom - above;
+        assert_steady_pressure(folder, &pressure, cells, tolerance);
+        // The injected rate leaves through the well index of the producer.
+        let drawdown = rate * 1e-3 / producer[1];
+        let error = pressure[cells[1]] - bottom - drawdown;
         assert!(
-            off.abs() < tolerance.max(1e-6) * above,
-            "{to}: {off} of {above}"
+            error.abs() < tolerance.max(1e-6) * drawdown,
+            "{to}: {error} of {drawdown}"
         );
     }
 }
 
 #[test]
 #[ignore = "needs meshio: make test-all"]
-fn triangles_of_the_plane_stay_triangles() {
+fn triangles_of_the_plane_are_exported_as_triangles() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     crate::common::write_npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
@@ -633,7 +688,7 @@ fn triangles_of_the_plane_stay_triangles() {
         ("medit", "a.mesh", "medit", true),
         ("inp", "a.inp", "abaqus", false),
     ] {
-        // meshio does not know the elements of plane strain.
+        // meshio does not support elements of plane strain.
         let downs = if to == "inp" {
             &["y"][..]
         } else {
@@ -644,28 +699,28 @@ fn triangles_of_the_plane_stay_triangles() {
             run(folder, &export);
             let path = folder.join(name);
             let arguments = [path.as_os_str(), OsStr::new(format)];
-            let found = run_validator("meshio", "simplices.py", &arguments);
-            assert_eq!(found["triangles"], file.mesh.triangles.len(), "{to}");
-            let points = found["points"].as_array().unwrap();
+            let result = run_validator("meshio", "simplices.py", &arguments);
+            assert_eq!(result["triangles"], file.mesh.triangles.len(), "{to}");
+            let points = result["points"].as_array().unwrap();
             assert_eq!(points.len(), file.mesh.nodes.len(), "{to}");
             assert!(
-                is_close(found["area"].as_f64().unwrap(), 59.0 * 49.0, 1e-9),
+                is_close(result["area"].as_f64().unwrap(), 59.0 * 49.0, 1e-9),
                 "{to}"
             );
-            // The four sides, and the line across.
-            assert!(!edges || found["edges"].as_u64().unwrap() > 40, "{to}");
+            // Edges are those of the four sides and of the line across.
+            assert!(!edges || result["edges"].as_u64().unwrap() > 40, "{to}");
         }
     }
     let line = "export plane.vtu --to tetgen -o a.node".split(' ');
-    let said = expect_refusal(folder, &line.collect::<Vec<_>>());
-    assert!(said.contains("tetrahedra only"), "{said}");
+    let error = expect_refusal(folder, &line.collect::<Vec<_>>());
+    assert!(error.contains("tetrahedra only"), "{error}");
 }
 
 #[test]
-fn what_cannot_be_written_is_refused() {
+fn impossible_exports_are_refused() {
     let folder = folder();
     let folder = folder.path();
-    for (to, options, want) in [
+    for (to, options, expected) in [
         ("mrst -o a.m", "--depth-at-top 0", "does not end in mat"),
         ("mrst -o a.mat", "", "above depth 0"),
         ("darts -o a.conn", "--depth-at-top 0", "porosity"),
@@ -682,7 +737,7 @@ fn what_cannot_be_written_is_refused() {
         ("geos -o cells.vtu", "", "replace the mesh"),
     ] {
         let line = format!("export cells.vtu --to {to} {options}");
-        let said = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-        assert!(said.contains(want), "{line}\n{said}");
+        let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(error.contains(expected), "{line}\n{error}");
     }
 }

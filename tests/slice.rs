@@ -1,13 +1,13 @@
-//! Pictures by `slice`: what is painted, cut and drawn beside the mesh is where it should be; and what cannot
-//! be drawn is refused in a line that says what there is.
+//! Tests images that `slice` draws: colours, cuts and overlays are where they should be, and
+//! impossible options are refused with the possible ones.
 
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use crate::common::{write_npy, write_npy_2d, expect_refusal, run, planar_fault};
+use crate::common::{expect_refusal, planar_fault, run, write_npy, write_npy_2d};
 
-/// A picture's pixels, row by row, without what stands round what is drawn.
+/// The pixels of a picture, row by row, without the margins around the drawing.
 struct Pixels {
     width: usize,
     colors: Vec<[u8; 3]>,
@@ -29,17 +29,17 @@ impl Pixels {
         }
     }
 
-    /// Of the pixels with such a colour: how many there are, and their mean column and row.
-    fn with(&self, wanted: impl Fn(&[u8; 3]) -> bool) -> (usize, [usize; 2]) {
+    /// Returns the number of pixels whose colour matches, and their mean column and row.
+    fn matching(&self, matches: impl Fn(&[u8; 3]) -> bool) -> (usize, [usize; 2]) {
         let colors = self.colors.iter().enumerate();
-        let found: Vec<usize> = (colors.filter(|(_, c)| wanted(c)))
+        let indices: Vec<usize> = (colors.filter(|(_, c)| matches(c)))
             .map(|(i, _)| i)
             .collect();
-        let mean = |of: fn(usize, usize) -> usize| {
-            let sum: usize = found.iter().map(|&i| of(i, self.width)).sum();
-            sum / found.len().max(1)
+        let mean = |coordinate: fn(usize, usize) -> usize| {
+            let sum: usize = indices.iter().map(|&i| coordinate(i, self.width)).sum();
+            sum / indices.len().max(1)
         };
-        (found.len(), [mean(|i, w| i % w), mean(|i, w| i / w)])
+        (indices.len(), [mean(|i, w| i % w), mean(|i, w| i / w)])
     }
 }
 
@@ -59,12 +59,17 @@ fn black(color: &[u8; 3]) -> bool {
     color.iter().all(|c| *c < 28)
 }
 
-/// A curved sheet nearly across x, its mesh, and the flow through it from small x to large x.
-fn flow_through_a_sheet(at: &Path) {
-    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
-    run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
+/// Writes a planar fault nearly across x, its mesh, and the flow through it from small x to large
+/// x.
+fn write_flow_through_fault(dir: &Path) {
+    write_npy(
+        &dir.join("sheet.npy"),
+        [40, 36, 32],
+        planar_fault([40, 36, 32]),
+    );
+    run(dir, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
     run(
-        at,
+        dir,
         "flow mesh.vtu --pressure xmin=2e5 --pressure xmax=1e5 --faults 0.01 -o flow.vtu --streamlines lines.vtp --lines 30 --quiet",
     );
 }
@@ -72,63 +77,67 @@ fn flow_through_a_sheet(at: &Path) {
 #[test]
 fn flow_is_drawn_with_its_faults_and_streamlines() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    flow_through_a_sheet(at);
-    let draw = |files: &str, more: &str| {
+    let dir = folder.path();
+    write_flow_through_fault(dir);
+    let draw = |files: &str, options: &str| {
         run(
-            at,
-            &format!("slice {files} -o a.png --view 3d --quiet {more}"),
+            dir,
+            &format!("slice {files} -o a.png --view 3d --quiet {options}"),
         );
-        Pixels::read(&at.join("a.png"))
+        Pixels::read(&dir.join("a.png"))
     };
     let painted = draw("flow.vtu", "--color pressure --cut z");
-    let ((high, [left, _]), (low, [right, _])) = (painted.with(red), painted.with(blue));
+    let ((high, [left, _]), (low, [right, _])) = (painted.matching(red), painted.matching(blue));
     assert!(high > 5_000 && low > 5_000, "{high} {low}");
     assert!(left < right, "{left} {right}");
-    let (dark, _) = painted.with(black);
+    let (dark, _) = painted.matching(black);
     assert!(dark > 500, "{dark}");
-    assert_eq!(painted.with(green).0, 0);
-    let (lines, _) = draw("flow.vtu lines.vtp", "--color pressure --cut z").with(green);
+    assert_eq!(painted.matching(green).0, 0);
+    let (lines, _) = draw("flow.vtu lines.vtp", "--color pressure --cut z").matching(green);
     assert!(lines > 300, "{lines}");
-    // With the image, and by themselves.
-    assert!(draw("sheet.npy lines.vtp", "").with(green).0 > 300);
+    // Streamlines are drawn with the image and by themselves.
+    assert!(draw("sheet.npy lines.vtp", "").matching(green).0 > 300);
     let alone = draw("lines.vtp", "");
-    assert!(alone.with(green).0 > 300 && alone.with(red).0 == 0);
+    assert!(alone.matching(green).0 > 300 && alone.matching(red).0 == 0);
 }
 
 #[test]
-fn surfaces_stand_by_themselves_and_upright() {
+fn surfaces_are_drawn_alone_and_with_the_given_direction_up() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    write_npy(&at.join("sheet.npy"), [40, 36, 32], planar_fault([40, 36, 32]));
-    run(at, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
-    run(at, "surface mesh.vtu -o sheet.vtp --quiet");
+    let dir = folder.path();
+    write_npy(
+        &dir.join("sheet.npy"),
+        [40, 36, 32],
+        planar_fault([40, 36, 32]),
+    );
+    run(dir, "mesh sheet.npy -o mesh.vtu --distance 6 --quiet");
+    run(dir, "surface mesh.vtu -o sheet.vtp --quiet");
     let mut sizes = Vec::new();
     for up in ["z", "x"] {
         run(
-            at,
+            dir,
             &format!("slice sheet.vtp -o {up}.png --view 3d --up {up} --quiet"),
         );
-        let pixels = Pixels::read(&at.join(format!("{up}.png")));
-        let (count, _) = pixels.with(red);
+        let pixels = Pixels::read(&dir.join(format!("{up}.png")));
+        let (count, _) = pixels.matching(red);
         assert!(count > 10_000, "{count}");
         sizes.push((pixels.width, pixels.colors.len()));
     }
     assert_ne!(sizes[0], sizes[1]);
-    // Its trace on sections.
-    run(at, "slice sheet.npy sheet.vtp -o s.png --quiet");
-    assert!(Pixels::read(&at.join("s.png")).with(red).0 > 300);
+    // Sections show the trace of the surface.
+    run(dir, "slice sheet.npy sheet.vtp -o s.png --quiet");
+    assert!(Pixels::read(&dir.join("s.png")).matching(red).0 > 300);
 }
 
 #[test]
-fn what_cannot_be_drawn_is_refused() {
+fn impossible_drawings_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    flow_through_a_sheet(at);
-    write_npy_2d(&at.join("line.npy"), [40, 36], |[x, _]| x as f32);
-    run(at, "surface mesh.vtu -o sheet.vtp --quiet");
-    std::fs::write(at.join("torn.vtp"), "<VTKFile type=\"PolyData\"").unwrap();
-    for (line, said) in [
+    let dir = folder.path();
+    write_flow_through_fault(dir);
+    write_npy_2d(&dir.join("line.npy"), [40, 36], |[x, _]| x as f32);
+    run(dir, "surface mesh.vtu -o sheet.vtp --quiet");
+    std::fs::write(dir.join("torn.vtp"), "<VTKFile type=\"PolyData\"").unwrap();
+    for (line, expected) in [
         ("slice flow.vtu", "give the image, or --view 3d"),
         ("slice sheet.npy mesh.vtu lines.vtp", "give --view 3d"),
         ("slice sheet.npy mesh.vtu --cut x", "give --view 3d"),
@@ -151,7 +160,7 @@ fn what_cannot_be_drawn_is_refused() {
         ("slice sheet.npy mesh.vtu flow.vtu", "one file too many"),
     ] {
         let line = format!("{line} -o p.png");
-        let error = expect_refusal(at, &line.split(' ').collect::<Vec<_>>());
-        assert!(error.contains(said), "{line}: {error}");
+        let error = expect_refusal(dir, &line.split(' ').collect::<Vec<_>>());
+        assert!(error.contains(expected), "{line}: {error}");
     }
 }

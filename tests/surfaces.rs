@@ -1,14 +1,17 @@
-//! `atomesh surface` and `atomesh paint` as a user runs them.
+//! Tests `atomesh surface` and `atomesh paint` on the command line.
 
-use crate::common::{SharedFiles, Survey, write_npy, write_npy_2d, expect_refusal, run, write_segy, planar_fault, run_args, run_vtk_program};
+use crate::common::{
+    SharedFiles, Survey, expect_refusal, planar_fault, run, run_args, run_vtk_program, write_npy,
+    write_npy_2d, write_segy,
+};
 use serde_json::Value;
 
 const DIMS: [usize; 3] = [44, 36, 32];
 
-/// A folder with the mesh of one tilted sheet across the box, `mesh.vtu`.
+/// Returns a folder with `mesh.vtu`, the mesh of one tilted planar fault across the box.
 fn folder() -> tempfile::TempDir {
-    static MADE: SharedFiles = SharedFiles::new();
-    MADE.folder(|folder| {
+    static FILES: SharedFiles = SharedFiles::new();
+    FILES.folder(|folder| {
         write_npy(&folder.join("image.npy"), DIMS, planar_fault(DIMS));
         let mesh = "mesh image.npy -o mesh.vtu --distance 6 --feature ridges --quiet";
         run(folder, mesh);
@@ -19,10 +22,11 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap()
 }
 
-/// What VTK reads: how many triangles a surface has, and their area, in all.
+/// Python program that prints what VTK reads in surface files: the number of triangles, the area
+/// and the enclosed volume.
 const INSPECT: &str = r#"
 import json, sys, vtk
-said = []
+files = []
 for path in sys.argv[1:]:
     reader = vtk.vtkXMLPolyDataReader() if path.endswith("vtp") else vtk.vtkOBJReader()
     reader.SetFileName(path)
@@ -31,47 +35,47 @@ for path in sys.argv[1:]:
     mass = vtk.vtkMassProperties()
     mass.SetInputData(data)
     mass.Update()
-    said.append({"cells": data.GetNumberOfPolys(), "area": mass.GetSurfaceArea(), "volume": mass.GetVolume()})
-print(json.dumps(said))
+    files.append({"cells": data.GetNumberOfPolys(), "area": mass.GetSurfaceArea(), "volume": mass.GetVolume()})
+print(json.dumps(files))
 "#;
 
 #[test]
-fn one_sheet_is_one_surface_in_every_format() {
+fn one_fault_is_one_surface_in_every_format() {
     let folder = folder();
-    let at = folder.path();
-    let said = json(&run_args(
-        at,
+    let dir = folder.path();
+    let report = json(&run_args(
+        dir,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--up", "x", "--json"],
     ));
-    let [surface] = &said["surfaces"].as_array().unwrap()[..] else {
-        panic!("{said}")
+    let [surface] = &report["surfaces"].as_array().unwrap()[..] else {
+        panic!("{report}")
     };
-    // x = 22 + 0.1 y - 0.1 z over 35 by 31.
+    // The fault is x = 22 + 0.1 y - 0.1 z over 35 by 31.
     let area = 35.0 * 31.0 * 1.02f64.sqrt();
-    let found = surface["area"].as_f64().unwrap();
-    assert!((found / area - 1.0).abs() < 0.02, "{found} {area}");
+    let actual = surface["area"].as_f64().unwrap();
+    assert!((actual / area - 1.0).abs() < 0.02, "{actual} {area}");
     let dip = (1.0 / 1.02f64.sqrt()).acos().to_degrees();
     assert!(
         (surface["dip"].as_f64().unwrap() - dip).abs() < 0.5,
-        "{said}"
+        "{report}"
     );
     assert_eq!(surface["components"], 1);
     assert_eq!(surface["surface"], 1, "numbered as in the file");
 
-    let table = run_args(at, &["surface", "mesh.vtu", "-o", "s.obj", "--up", "x"]);
+    let table = run_args(dir, &["surface", "mesh.vtu", "-o", "s.obj", "--up", "x"]);
     assert!(
         table.contains("strike") && table.contains("wrote s.obj: 1 surfaces"),
         "{table}"
     );
     run_args(
-        at,
+        dir,
         &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-z", "--quiet"],
     );
-    let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+    let text = std::fs::read_to_string(dir.join("s.ts")).unwrap();
     assert!(text.starts_with("GOCAD TSurf 1\n") && text.contains("ZPOSITIVE Depth"));
-    // On the image's own features there are as good as the same faces.
-    let said = json(&run_args(
-        at,
+    // The features of the image give nearly the same faces.
+    let report = json(&run_args(
+        dir,
         &[
             "surface",
             "mesh.vtu",
@@ -83,43 +87,43 @@ fn one_sheet_is_one_surface_in_every_format() {
             "--json",
         ],
     ));
-    let by_image = said["surfaces"][0]["area"].as_f64().unwrap();
-    assert!((by_image / area - 1.0).abs() < 0.04, "{said}");
+    let by_image = report["surfaces"][0]["area"].as_f64().unwrap();
+    assert!((by_image / area - 1.0).abs() < 0.04, "{report}");
 }
 
 #[test]
 #[ignore = "needs VTK: make test-all"]
 fn vtk_finds_the_same_facets_area_and_volume() {
     let folder = folder();
-    let at = folder.path();
-    let said = json(&run_args(
-        at,
+    let dir = folder.path();
+    let report = json(&run_args(
+        dir,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
     ));
-    let surface = &said["surfaces"][0];
-    run_args(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
+    let surface = &report["surfaces"][0];
+    run_args(dir, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
     let area = surface["area"].as_f64().unwrap();
-    let seen = run_vtk_program(INSPECT, &[&at.join("s.vtp"), &at.join("s.obj")]);
-    for file in seen.as_array().unwrap() {
+    let result = run_vtk_program(INSPECT, &[&dir.join("s.vtp"), &dir.join("s.obj")]);
+    for file in result.as_array().unwrap() {
         assert_eq!(file["cells"], surface["facets"]);
         assert!(
             (file["area"].as_f64().unwrap() / area - 1.0).abs() < 1e-6,
-            "{seen}"
+            "{result}"
         );
     }
 
     let paint = "paint mesh.vtu -o p.vtu --seed 5,10,10 --surface-out skin.vtp --json";
-    let said = json(&run(at, paint));
-    let volume = said["regions"][0]["volume"].as_f64().unwrap();
-    let seen = run_vtk_program(INSPECT, &[&at.join("skin.vtp")]);
-    let enclosed = seen[0]["volume"].as_f64().unwrap();
-    assert!((enclosed / volume - 1.0).abs() < 1e-6, "{seen} {volume}");
+    let report = json(&run(dir, paint));
+    let volume = report["regions"][0]["volume"].as_f64().unwrap();
+    let result = run_vtk_program(INSPECT, &[&dir.join("skin.vtp")]);
+    let enclosed = result[0]["volume"].as_f64().unwrap();
+    assert!((enclosed / volume - 1.0).abs() < 1e-6, "{result} {volume}");
 }
 
 #[test]
-fn paint_stays_on_its_side_and_has_a_closed_skin() {
+fn a_painted_region_ends_at_the_fault_and_has_a_closed_surface() {
     let folder = folder();
-    let at = folder.path();
+    let dir = folder.path();
     let job = [
         "paint",
         "mesh.vtu",
@@ -131,27 +135,30 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
         "skin.vtp",
         "--json",
     ];
-    let said = json(&run_args(at, &job));
-    let [region] = &said["regions"].as_array().unwrap()[..] else {
-        panic!("{said}")
+    let report = json(&run_args(dir, &job));
+    let [region] = &report["regions"].as_array().unwrap()[..] else {
+        panic!("{report}")
     };
     let volume = region["volume"].as_f64().unwrap();
-    // Below the sheet: the mean of 22 + 0.1 y - 0.1 z is 22.2.
-    let truth = 22.2 * 35.0 * 31.0;
-    assert!((volume / truth - 1.0).abs() < 0.01, "{volume} {truth}");
-    // Painted again, automatically: two blocks, and nothing is left over.
-    let said = json(&run_args(
-        at,
+    // The region is below the fault. The mean of 22 + 0.1 y - 0.1 z is 22.2.
+    let expected = 22.2 * 35.0 * 31.0;
+    assert!(
+        (volume / expected - 1.0).abs() < 0.01,
+        "{volume} {expected}"
+    );
+    // Automatic painting gives two blocks without a remainder.
+    let report = json(&run_args(
+        dir,
         &["paint", "p.vtu", "-o", "q.vtu", "--seed", "auto", "--json"],
     ));
-    let shares: Vec<f64> = (said["regions"].as_array().unwrap().iter())
+    let shares: Vec<f64> = (report["regions"].as_array().unwrap().iter())
         .map(|r| r["share"].as_f64().unwrap())
         .collect();
     assert!(
         shares.len() == 2 && (shares[0] + shares[1] - 1.0).abs() < 1e-9,
-        "{said}"
+        "{report}"
     );
-    // Two seeds of one unit, on both sides.
+    // Two seeds of one region lie on both sides.
     let job = [
         "paint",
         "mesh.vtu",
@@ -163,63 +170,63 @@ fn paint_stays_on_its_side_and_has_a_closed_skin() {
         "40,10,10=4",
         "--json",
     ];
-    let said = json(&run_args(at, &job));
-    assert_eq!(said["regions"][0]["region"], 4);
+    let report = json(&run_args(dir, &job));
+    assert_eq!(report["regions"][0]["region"], 4);
     assert!(
-        (said["regions"][0]["share"].as_f64().unwrap() - 1.0).abs() < 1e-9,
-        "{said}"
+        (report["regions"][0]["share"].as_f64().unwrap() - 1.0).abs() < 1e-9,
+        "{report}"
     );
 }
 
-/// In the plane, on triangles and polygons: two lines, which part the box into three.
+/// Tests triangles and polygons of the plane: two lines separate the box into three blocks.
 #[test]
-fn lines_of_the_plane_are_grouped_and_painted_between() {
+fn lines_of_the_plane_are_surfaces_and_separate_painted_regions() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    write_npy_2d(&at.join("lines.npy"), [60, 44], |[x, y]| {
-        let ridge = |off: f32| (-0.5 * (off / 1.5).powi(2)).exp();
+    let dir = folder.path();
+    write_npy_2d(&dir.join("lines.npy"), [60, 44], |[x, y]| {
+        let ridge = |distance: f32| (-0.5 * (distance / 1.5).powi(2)).exp();
         ridge(x as f32 - 18.0 - 0.2 * y as f32).max(ridge(x as f32 - 42.0 + 0.1 * y as f32))
     });
     for cells in ["triangles", "voronoi"] {
         let mesh = format!(
             "mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet"
         );
-        run_args(at, &mesh.split(' ').collect::<Vec<_>>());
-        let said = json(&run_args(
-            at,
+        run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+        let report = json(&run_args(
+            dir,
             &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
         ));
-        let lines = said["surfaces"].as_array().unwrap();
-        assert_eq!(lines.len(), 2, "{cells} {said}");
+        let lines = report["surfaces"].as_array().unwrap();
+        assert_eq!(lines.len(), 2, "{cells} {report}");
         for (line, slope) in lines.iter().zip([0.2f64, 0.1]) {
             let length = 43.0 * (1.0 + slope * slope).sqrt();
-            let found = line["area"].as_f64().unwrap();
+            let actual = line["area"].as_f64().unwrap();
             // Up is y.
             let dip = 90.0 - slope.atan().to_degrees();
-            let off = (line["dip"].as_f64().unwrap() - dip).abs();
+            let error = (line["dip"].as_f64().unwrap() - dip).abs();
             if cells == "triangles" {
-                assert!((found / length - 1.0).abs() < 0.02, "{found} {length}");
-                assert!(off < 0.5, "{line}");
+                assert!((actual / length - 1.0).abs() < 0.02, "{actual} {length}");
+                assert!(error < 0.5, "{line}");
             } else {
-                // Edges of polygons that lie askew to the line are no part of it.
-                // Measured: 0.885 and 0.611 of it, 1.7 and 0.1 degrees off.
+                // Edges of polygons that are oblique to the line do not belong to it. Measured:
+                // 0.885 and 0.611 of the length, 1.7 and 0.1 degrees of error.
                 assert!(
-                    found > 0.58 * length && off < 2.5,
-                    "{found} {length} {line}"
+                    actual > 0.58 * length && error < 2.5,
+                    "{actual} {length} {line}"
                 );
             }
         }
-        run_args(at, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
-        let text = std::fs::read_to_string(at.join("s.obj")).unwrap();
+        run_args(dir, &["surface", "mesh.vtu", "-o", "s.obj", "--quiet"]);
+        let text = std::fs::read_to_string(dir.join("s.obj")).unwrap();
         assert!(
             text.contains("g fault2\nl ") && !text.contains("\nf "),
             "{text}"
         );
         run_args(
-            at,
+            dir,
             &["surface", "mesh.vtu", "-o", "s.ts", "--up", "-y", "--quiet"],
         );
-        let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+        let text = std::fs::read_to_string(dir.join("s.ts")).unwrap();
         assert!(text.starts_with("GOCAD PLine 1\n") && text.contains("ZPOSITIVE Depth"));
         if cells == "triangles" {
             let job = [
@@ -233,7 +240,7 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
                 "--json",
             ];
             assert_eq!(
-                json(&run_args(at, &job))["surfaces"]
+                json(&run_args(dir, &job))["surfaces"]
                     .as_array()
                     .unwrap()
                     .len(),
@@ -254,52 +261,52 @@ fn lines_of_the_plane_are_grouped_and_painted_between() {
             "skin.vtp",
             "--json",
         ];
-        let said = json(&run_args(at, &job));
-        let regions = said["regions"].as_array().unwrap();
+        let report = json(&run_args(dir, &job));
+        let regions = report["regions"].as_array().unwrap();
         let areas: Vec<(u64, f64)> = regions
             .iter()
             .map(|r| (r["region"].as_u64().unwrap(), r["volume"].as_f64().unwrap()))
             .collect();
-        let want = [
+        let expected = [
             (1, 43.0 * (18.0 + 0.2 * 21.5)),
             (7, 43.0 * (59.0 - 42.0 + 0.1 * 21.5)),
         ];
-        for ((region, area), (number, exact)) in areas.iter().zip(want) {
+        for ((region, area), (number, exact)) in areas.iter().zip(expected) {
             assert_eq!(*region, number);
             assert!((area / exact - 1.0).abs() < 0.03, "{cells} {area} {exact}");
         }
         assert_eq!(regions.len(), 2);
-        let said = json(&run_args(
-            at,
+        let report = json(&run_args(
+            dir,
             &[
                 "paint", "mesh.vtu", "-o", "b.vtu", "--seed", "auto", "--json",
             ],
         ));
-        assert_eq!(said["blocks"], 3, "{cells}");
+        assert_eq!(report["blocks"], 3, "{cells}");
         let seed = ["paint", "mesh.vtu", "-o", "x.vtu", "--seed", "1,1,1"];
-        assert!(expect_refusal(at, &seed).contains("has 3 values, not 2"));
+        assert!(expect_refusal(dir, &seed).contains("has 3 values, not 2"));
         let up = ["surface", "mesh.vtu", "-o", "x.vtp", "--up", "z"];
-        assert!(expect_refusal(at, &up).contains("--up z"));
+        assert!(expect_refusal(dir, &up).contains("--up z"));
     }
 }
 
-/// Voronoi cells in space, alongside the sheet.
+/// Tests Voronoi cells in space, alongside the fault.
 #[test]
-fn voronoi_cells_are_painted_up_to_the_sheet() {
+fn voronoi_cells_are_painted_up_to_the_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    write_npy(&at.join("image.npy"), DIMS, planar_fault(DIMS));
+    let dir = folder.path();
+    write_npy(&dir.join("image.npy"), DIMS, planar_fault(DIMS));
     let mesh = "mesh image.npy -o mesh.vtu --distance 6 --feature ridges --cells voronoi --quiet";
-    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
-    let said = json(&run_args(
-        at,
+    run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+    let report = json(&run_args(
+        dir,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
     ));
-    let surfaces = said["surfaces"].as_array().unwrap();
-    assert_eq!(surfaces.len(), 1, "{said}");
+    let surfaces = report["surfaces"].as_array().unwrap();
+    assert_eq!(surfaces.len(), 1, "{report}");
     let area = 35.0 * 31.0 * 1.02f64.sqrt();
-    let found = surfaces[0]["area"].as_f64().unwrap();
-    assert!((found / area - 1.0).abs() < 0.05, "{found} {area}");
+    let actual = surfaces[0]["area"].as_f64().unwrap();
+    assert!((actual / area - 1.0).abs() < 0.05, "{actual} {area}");
     let job = [
         "paint",
         "mesh.vtu",
@@ -311,11 +318,11 @@ fn voronoi_cells_are_painted_up_to_the_sheet() {
         "skin.obj",
         "--json",
     ];
-    let said = json(&run_args(at, &job));
-    // x < 22 + 0.1 y - 0.1 z.
+    let report = json(&run_args(dir, &job));
+    // The region is x < 22 + 0.1 y - 0.1 z.
     let exact = 35.0 * 31.0 * (22.0 + 1.75 - 1.55);
-    let found = said["regions"][0]["volume"].as_f64().unwrap();
-    assert!((found / exact - 1.0).abs() < 0.02, "{found} {exact}");
+    let actual = report["regions"][0]["volume"].as_f64().unwrap();
+    assert!((actual / exact - 1.0).abs() < 0.02, "{actual} {exact}");
     let image = [
         "paint",
         "mesh.vtu",
@@ -327,55 +334,55 @@ fn voronoi_cells_are_painted_up_to_the_sheet() {
         "image.npy",
         "--json",
     ];
-    assert_eq!(json(&run_args(at, &image))["blocks"], 2);
+    assert_eq!(json(&run_args(dir, &image))["blocks"], 2);
 }
 
 #[test]
-fn gocad_is_told_the_units_of_a_survey() {
+fn gocad_files_have_the_units_of_a_survey() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     let survey = Survey {
         inlines: 30,
         crosslines: 32,
         samples: 36,
     };
     let value = planar_fault([36, 32, 30]);
-    write_segy(&at.join("survey.sgy"), &survey, value);
+    write_segy(&dir.join("survey.sgy"), &survey, value);
     let mesh = "mesh survey.sgy -o mesh.vtu --distance 6 --feature ridges --quiet";
-    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
-    run_args(at, &["surface", "mesh.vtu", "-o", "s.ts", "--quiet"]);
-    let text = std::fs::read_to_string(at.join("s.ts")).unwrap();
+    run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+    run_args(dir, &["surface", "mesh.vtu", "-o", "s.ts", "--quiet"]);
+    let text = std::fs::read_to_string(dir.join("s.ts")).unwrap();
     assert!(
         text.contains("AXIS_UNIT \"unitless\" \"unitless\" \"ms\"\n"),
         "{text}"
     );
-    // Lines against milliseconds have no angle.
-    let said = json(&run_args(
-        at,
+    // No angle is defined between line numbers and milliseconds.
+    let report = json(&run_args(
+        dir,
         &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
     ));
-    let surface = &said["surfaces"][0];
+    let surface = &report["surfaces"][0];
     assert!(
         surface["dip"].is_null() && surface["strike"].is_f64(),
-        "{said}"
+        "{report}"
     );
-    let heard = crate::common::atomesh(at)
+    let output = crate::common::atomesh(dir)
         .args(["surface", "mesh.vtu", "-o", "s.vtp"])
         .output()
         .unwrap();
-    let heard = String::from_utf8(heard.stderr).unwrap();
+    let output = String::from_utf8(output.stderr).unwrap();
     assert!(
-        heard.contains("axes of different units (no unit, no unit, ms): no dip"),
-        "{heard}"
+        output.contains("axes of different units (no unit, no unit, ms): no dip"),
+        "{output}"
     );
 }
 
 #[test]
-fn bad_requests_are_refused() {
+fn impossible_surfaces_and_paintings_are_refused() {
     let folder = folder();
-    let at = folder.path();
+    let dir = folder.path();
     run_args(
-        at,
+        dir,
         &[
             "mesh",
             "image.npy",
@@ -388,7 +395,11 @@ fn bad_requests_are_refused() {
             "--quiet",
         ],
     );
-    write_npy(&at.join("small.npy"), [20, 20, 20], planar_fault([20, 20, 20]));
+    write_npy(
+        &dir.join("small.npy"),
+        [20, 20, 20],
+        planar_fault([20, 20, 20]),
+    );
     for (job, words) in [
         (
             vec!["surface", "mesh.vtu", "-o", "s.stl"],
@@ -455,14 +466,14 @@ fn bad_requests_are_refused() {
             vec!["mesh.vtu", "overwrite"],
         ),
     ] {
-        let line = expect_refusal(at, &job);
+        let line = expect_refusal(dir, &job);
         for word in words {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
     }
 }
 
-/// What a .vtp holds of surfaces.
+/// Contents of a .vtp file of surfaces.
 struct SurfacesOfFile {
     points: Vec<f64>,
     corners: Vec<i64>,
@@ -474,9 +485,9 @@ impl SurfacesOfFile {
     fn read(path: &std::path::Path) -> Self {
         let file = atomesh::files::vtk::VtkFile::read(path, "PolyData").unwrap();
         let piece = file.piece().unwrap();
-        let arrays = |group: &str| {
-            let group = piece.child(group).unwrap();
-            let arrays = group
+        let arrays = |name: &str| {
+            let element = piece.child(name).unwrap();
+            let arrays = element
                 .children
                 .iter()
                 .map(|array| file.array(array).unwrap());
@@ -492,16 +503,17 @@ impl SurfacesOfFile {
         }
     }
 
-    /// The corners of each face of a surface, and whether that is a horizon.
+    /// Returns the corners of each face of a surface, with `true` if the surface is a horizon.
     fn faces_of(&self, surface: i64) -> impl Iterator<Item = ([[f64; 3]; 3], bool)> {
         let point = |n: i64| std::array::from_fn(|k| self.points[3 * n as usize + k]);
         let faces = self.corners.chunks(3).zip(&self.labels).zip(&self.horizon);
-        let own = faces.filter(move |((_, label), _)| **label == surface);
-        own.map(move |((face, _), horizon)| ([0, 1, 2].map(|k| point(face[k])), *horizon != 0))
+        let faces_of_surface = faces.filter(move |((_, label), _)| **label == surface);
+        faces_of_surface
+            .map(move |((face, _), horizon)| ([0, 1, 2].map(|k| point(face[k])), *horizon != 0))
     }
 }
 
-fn middle(corners: &[[f64; 3]; 3]) -> [f64; 3] {
+fn centroid(corners: &[[f64; 3]; 3]) -> [f64; 3] {
     std::array::from_fn(|k| corners.iter().map(|x| x[k]).sum::<f64>() / 3.0)
 }
 
@@ -514,58 +526,64 @@ fn area([a, b, c]: &[[f64; 3]; 3]) -> f64 {
     0.5 * normal.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
-/// Horizons of layers that two faults throw by 4 to 12 samples: of their area at most 3 % lies more than
-/// two samples off the reflector on which most of the horizon lies.
+/// Tests horizons of layers that two faults displace by 4 to 12 samples. At most 3 % of their area
+/// may lie more than two samples off the reflector on which most of the horizon lies.
 #[test]
 #[ignore = "slow: make test-all"]
-fn horizons_stay_on_their_reflector_beyond_faults() {
+fn horizons_stay_on_their_reflector_across_faults() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     let synth = "synth amplitude -o image.vti --layers depth.npy --dims 96,120,80 --count 2 \
                  --signal-to-noise 8 --quiet";
-    run_args(at, &synth.split_whitespace().collect::<Vec<_>>());
+    run_args(dir, &synth.split_whitespace().collect::<Vec<_>>());
     let mesh = "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons --quiet";
-    run_args(at, &mesh.split(' ').collect::<Vec<_>>());
+    run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
     let surface = "surface mesh.vtu -o s.vtp --up x --json";
-    let said = json(&run_args(at, &surface.split(' ').collect::<Vec<_>>()));
-    let file = SurfacesOfFile::read(&at.join("s.vtp"));
-    let read = atomesh::image::formats::read_any(&at.join("depth.npy"), &Default::default());
+    let report = json(&run_args(dir, &surface.split(' ').collect::<Vec<_>>()));
+    let file = SurfacesOfFile::read(&dir.join("s.vtp"));
+    let read = atomesh::image::formats::read_any(&dir.join("depth.npy"), &Default::default());
     let depth = read.unwrap().into_image::<3>().unwrap();
-    // Along x depth grows with x.
+    // Depth grows with x along x.
     let depth = |p: [f64; 3]| {
-        let near: [usize; 3] = std::array::from_fn(|k| p[k].round() as usize);
+        let nearest: [usize; 3] = std::array::from_fn(|k| p[k].round() as usize);
         let [nx, ny, _] = depth.dims();
-        let sample = depth.as_slice()[near[0] + nx * (near[1] + ny * near[2])];
-        f64::from(sample) + p[0] - near[0] as f64
+        let sample = depth.as_slice()[nearest[0] + nx * (nearest[1] + ny * nearest[2])];
+        f64::from(sample) + p[0] - nearest[0] as f64
     };
-    let (mut all, mut off) = (0.0, 0.0);
-    for surface in 1..=said["surfaces"].as_array().unwrap().len() as i64 {
+    let (mut total_area, mut stray_area) = (0.0, 0.0);
+    for surface in 1..=report["surfaces"].as_array().unwrap().len() as i64 {
         let faces = file.faces_of(surface).filter(|face| face.1);
-        let mut faces: Vec<[f64; 2]> = faces.map(|(x, _)| [depth(middle(&x)), area(&x)]).collect();
+        let mut faces: Vec<[f64; 2]> = faces
+            .map(|(x, _)| [depth(centroid(&x)), area(&x)])
+            .collect();
         faces.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        // The reflector with the most area within two samples on either side.
-        let within = |from: f64| -> f64 {
-            let faces = faces.iter().skip_while(|face| face[0] < from);
+        // Area within four samples of depth from a start on. The reflector is where this area is
+        // largest.
+        let within = |start: f64| -> f64 {
+            let faces = faces.iter().skip_while(|face| face[0] < start);
             faces
-                .take_while(|face| face[0] <= from + 4.0)
+                .take_while(|face| face[0] <= start + 4.0)
                 .map(|face| face[1])
                 .sum()
         };
-        let own: f64 = faces.iter().map(|face| face[1]).sum();
-        all += own;
-        off += own - faces.iter().map(|face| within(face[0])).fold(0.0, f64::max);
+        let area_of_surface: f64 = faces.iter().map(|face| face[1]).sum();
+        total_area += area_of_surface;
+        stray_area +=
+            area_of_surface - faces.iter().map(|face| within(face[0])).fold(0.0, f64::max);
     }
-    // Before horizons ended on faults: 0.29.
-    assert!(off <= 0.03 * all, "{off} of {all}");
-    assert!(all > 40_000.0, "{all}");
+    assert!(
+        stray_area <= 0.03 * total_area,
+        "{stray_area} of {total_area}"
+    );
+    assert!(total_area > 40_000.0, "{total_area}");
 }
 
-/// A volume in metres and two-way time, and one velocity: true dips, of a mesh made in depth and of the
-/// surfaces of one made in time.
+/// Tests a volume in metres and two-way time with one velocity: the dips are true, both for a mesh
+/// made in depth and for surfaces of a mesh made in time.
 #[test]
-fn a_velocity_makes_depth_of_time() {
+fn one_velocity_converts_time_to_depth() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     let mut image = b"NRRD0004\ntype: float\ndimension: 3\nspace dimension: 3\nsizes: 44 36 32\n\
         space directions: (25,0,0) (0,25,0) (0,0,12)\nspace origin: (0,0,1000)\n\
         space units: \"m\" \"m\" \"ms\"\nendian: little\nencoding: raw\n\n"
@@ -578,39 +596,42 @@ fn a_velocity_makes_depth_of_time() {
             }
         }
     }
-    std::fs::write(at.join("time.nrrd"), image).unwrap();
-    let run = |job: &str| run_args(at, &job.split_whitespace().collect::<Vec<_>>());
+    std::fs::write(dir.join("time.nrrd"), image).unwrap();
+    let run = |job: &str| run_args(dir, &job.split_whitespace().collect::<Vec<_>>());
     let mesh = "mesh time.nrrd --distance 6 --feature ridges --quiet -o";
     run(&format!("{mesh} time.vtu"));
     run(&format!("{mesh} depth.vtu --velocity 1500"));
-    // x = 22 + 0.1 y - 0.1 z in samples of 25 m by 25 m by 9 m.
+    // The fault is x = 22 + 0.1 y - 0.1 z in samples of 25 m by 25 m by 9 m.
     let normal = [1.0 / 25.0, -0.1 / 25.0, 0.1 / 9.0];
     let length = normal.iter().map(|c| c * c).sum::<f64>().sqrt();
     let dip = (normal[2] / length).acos().to_degrees();
-    // The height of the box, through which the sheet goes, and how far it is along y.
+    // The fault spans the height and the width along y of the box.
     let area = 35.0 * 25.0 * 31.0 * 9.0 * length / normal[0];
     for job in [
         "surface depth.vtu -o s.vtp --json",
         "surface time.vtu --velocity 1500 -o s.vtp --json",
     ] {
-        let said = json(&run(job));
-        let surface = &said["surfaces"][0];
-        let found = ["dip", "area"].map(|name| surface[name].as_f64().unwrap());
-        assert!((found[0] - dip).abs() < 0.6, "{job} {dip} {said}");
-        assert!((found[1] / area - 1.0).abs() < 0.03, "{job} {area} {said}");
-        // Samples lie 1000 to 1372 ms deep.
+        let report = json(&run(job));
+        let surface = &report["surfaces"][0];
+        let actual = ["dip", "area"].map(|name| surface[name].as_f64().unwrap());
+        assert!((actual[0] - dip).abs() < 0.6, "{job} {dip} {report}");
+        assert!(
+            (actual[1] / area - 1.0).abs() < 0.03,
+            "{job} {area} {report}"
+        );
+        // Samples have times from 1000 to 1372 ms.
         let depth = ["low", "high"].map(|end| surface[end][2].as_f64().unwrap());
-        assert!(depth[0] > 749.0 && depth[1] < 1030.0, "{said}");
+        assert!(depth[0] > 749.0 && depth[1] < 1030.0, "{report}");
     }
-    let said = json(&run("surface time.vtu -o s.vtp --json"));
-    assert!(said["surfaces"][0]["dip"].is_null(), "{said}");
-    let heard = crate::common::atomesh(at)
+    let report = json(&run("surface time.vtu -o s.vtp --json"));
+    assert!(report["surfaces"][0]["dip"].is_null(), "{report}");
+    let output = crate::common::atomesh(dir)
         .args(["mesh", "time.nrrd", "-o", "x.vtu", "--distance", "9"])
         .output()
         .unwrap();
-    let heard = String::from_utf8(heard.stderr).unwrap();
-    assert!(heard.contains("WARNING: z is time (ms)"), "{heard}");
-    for (job, words) in [
+    let output = String::from_utf8(output.stderr).unwrap();
+    assert!(output.contains("WARNING: z is time (ms)"), "{output}");
+    for (job, expected) in [
         (
             "surface depth.vtu -o s.vtp --velocity 1500",
             "no coordinate is in s",
@@ -621,28 +642,28 @@ fn a_velocity_makes_depth_of_time() {
             "--velocity 0: is not positive",
         ),
     ] {
-        let line = expect_refusal(at, &job.split_whitespace().collect::<Vec<_>>());
-        assert!(line.contains(words), "{words}: {line}");
+        let line = expect_refusal(dir, &job.split_whitespace().collect::<Vec<_>>());
+        assert!(line.contains(expected), "{expected}: {line}");
     }
 }
 
-/// How far a point is off the sheet, in samples.
-fn off_sheet([x, y, z]: [f64; 3]) -> f64 {
+/// Returns the distance of a point from the fault, in samples along x.
+fn distance_from_fault([x, y, z]: [f64; 3]) -> f64 {
     (x - 22.0 - 0.1 * y + 0.1 * z).abs()
 }
 
 #[test]
-fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
+fn a_surface_survives_conversions_to_sticks_and_grids() {
     let folder = folder();
-    let at = folder.path();
-    let convert = |from: &str, to: &str| json(&run_args(at, &["convert", from, to, "--json"]));
-    run_args(at, &["surface", "mesh.vtu", "-o", "a.vtp", "--quiet"]);
+    let dir = folder.path();
+    let convert = |from: &str, to: &str| json(&run_args(dir, &["convert", from, to, "--json"]));
+    run_args(dir, &["surface", "mesh.vtu", "-o", "a.vtp", "--quiet"]);
     assert_eq!(convert("a.vtp", "a.ts")["surfaces"], 1);
     assert_eq!(convert("a.ts", "b.vtp")["surfaces"], 1);
 
-    // Sticks lie on the surface, and so do triangles between them.
+    // Sticks lie on the surface, and so do the triangles between them.
     run_args(
-        at,
+        dir,
         &[
             "surface", "mesh.vtu", "-o", "a.csv", "--step", "3", "--quiet",
         ],
@@ -651,7 +672,7 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
         assert_eq!(convert("a.csv", to)["surfaces"], 1, "{to}");
     }
     convert("c.pl", "b.csv");
-    let sticks = |name: &str| std::fs::read_to_string(at.join(name)).unwrap();
+    let sticks = |name: &str| std::fs::read_to_string(dir.join(name)).unwrap();
     let points = |name: &str| -> Vec<[f64; 3]> {
         let line = |line: &str| {
             let fields: Vec<f64> = line
@@ -665,24 +686,24 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
     };
     assert_eq!(points("a.csv"), points("b.csv"));
 
-    // A grid of its heights, in three formats.
-    let said = expect_refusal(at, &["surface", "mesh.vtu", "-o", "a.irap"]);
-    assert!(said.contains("there are 0 horizons"), "{said}");
+    // A grid of its heights is written in three formats.
+    let error = expect_refusal(dir, &["surface", "mesh.vtu", "-o", "a.irap"]);
+    assert!(error.contains("there are 0 horizons"), "{error}");
     let grid = [
         "surface", "mesh.vtu", "-o", "a.zmap", "--number", "1", "--step", "2", "--quiet",
     ];
-    run_args(at, &grid);
+    run_args(dir, &grid);
     convert("a.zmap", "a.irap");
     convert("a.irap", "a.cps3");
     convert("a.cps3", "a.npy");
     let [first, last] = ["a.zmap", "a.cps3"].map(|name| {
-        let info = json(&run_args(at, &["info", name, "--json"]));
+        let info = json(&run_args(dir, &["info", name, "--json"]));
         assert_eq!(info["image"]["axes"][0]["spacing"], 2.0);
         (info["image"]["min"].clone(), info["image"]["max"].clone())
     });
     assert_eq!(first, last);
-    // Nodes of the grid and points of sticks lie on the sheet.
-    let text = std::fs::read_to_string(at.join("a.irap")).unwrap();
+    // Nodes of the grid and points of sticks lie on the fault.
+    let text = std::fs::read_to_string(dir.join("a.irap")).unwrap();
     let words: Vec<f64> = text
         .split_whitespace()
         .map(|w| w.parse().unwrap())
@@ -692,19 +713,19 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
         let (x, y) = (x0 + 2.0 * (i % nx) as f64, y0 + 2.0 * (i / nx) as f64);
         [x, y, words[19 + i]]
     });
-    let known: Vec<[f64; 3]> = nodes.filter(|node| node[2] < 1e6).collect();
+    let grid_nodes: Vec<[f64; 3]> = nodes.filter(|node| node[2] < 1e6).collect();
     let sticks = points("a.csv");
     assert!(
-        known.len() >= 16 && sticks.len() >= 60,
+        grid_nodes.len() >= 16 && sticks.len() >= 60,
         "{} {}",
-        known.len(),
+        grid_nodes.len(),
         sticks.len()
     );
-    for point in known.into_iter().chain(sticks) {
-        assert!(off_sheet(point) < 1.0, "{point:?}");
+    for point in grid_nodes.into_iter().chain(sticks) {
+        assert!(distance_from_fault(point) < 1.0, "{point:?}");
     }
 
-    for (arguments, says) in [
+    for (arguments, expected) in [
         (
             &["surface", "mesh.vtu", "-o", "b.vtp", "--step", "2"][..],
             "applies to sticks",
@@ -724,54 +745,58 @@ fn a_sheet_goes_through_sticks_and_grids_and_stays_where_it_is() {
             "surfaces are read",
         ),
     ] {
-        let said = expect_refusal(at, arguments);
-        assert!(said.contains(says), "{arguments:?}: {said}");
+        let error = expect_refusal(dir, arguments);
+        assert!(error.contains(expected), "{arguments:?}: {error}");
     }
 }
 
-/// Volumes made by others.
+/// Volumes of other projects.
 mod real_data {
     use super::*;
     use crate::common::data_path;
 
-    /// Three fractures that meet, 6.5 samples thick, in a volume made by others: their middles are two surfaces, as
-    /// two of them run into one another, and their walls one interface of the two labels, whatever its bends.
+    /// Tests a volume with three fractures that meet and are 6.5 samples thick. Their middles are
+    /// two surfaces, as two of them merge, and their walls are one interface between the two
+    /// labels.
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
-    fn fractures_of_a_public_volume_are_surfaces_and_their_walls_an_interface() {
+    fn fractures_of_a_public_volume_have_middle_surfaces_and_one_interface() {
         let image = data_path("planar3d/3_fractures_100x100x100_u8.raw");
         let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
+        let dir = folder.path();
         let surfaces = |kind: &str| {
             let image = image.to_str().unwrap();
             let job = format!(
                 "mesh {image} --raw 100x100x100:u8 --feature {kind} --distance 5 -o mesh.vtu --quiet"
             );
-            run_args(at, &job.split(" ").collect::<Vec<_>>());
-            let said = json(&run_args(
-                at,
+            run_args(dir, &job.split(" ").collect::<Vec<_>>());
+            let report = json(&run_args(
+                dir,
                 &["surface", "mesh.vtu", "-o", "walls.vtp", "--json"],
             ));
-            assert!(said["dropped_area"].as_f64().unwrap() < 100.0, "{said}");
-            said["surfaces"].as_array().unwrap().clone()
+            assert!(report["dropped_area"].as_f64().unwrap() < 100.0, "{report}");
+            report["surfaces"].as_array().unwrap().clone()
         };
         let middles = surfaces("mask");
         assert_eq!(middles.len(), 2, "{middles:?}");
-        for middle in &middles {
-            assert_eq!(middle["components"], 1, "{middle}");
-            assert!(middle["area"].as_f64().unwrap() > 4000.0, "{middle}");
+        for centroid in &middles {
+            assert_eq!(centroid["components"], 1, "{centroid}");
+            assert!(centroid["area"].as_f64().unwrap() > 4000.0, "{centroid}");
         }
         let walls = surfaces("labels");
         assert_eq!(walls.len(), 1, "{walls:?}");
         assert_eq!(walls[0]["name"], "interface_0_255");
-        // Two walls for each of the middles, less where they meet.
-        let area = |all: &[Value]| -> f64 { all.iter().map(|s| s["area"].as_f64().unwrap()).sum() };
+        // Each middle has two walls, except where fractures meet.
+        let area = |surfaces: &[Value]| -> f64 {
+            surfaces.iter().map(|s| s["area"].as_f64().unwrap()).sum()
+        };
         let ratio = area(&walls) / area(&middles);
         assert!((1.8..2.0).contains(&ratio), "{ratio}");
     }
 
-    /// A volume of seven faults that cross and throw one another, of which each sample's dip and strike are
-    /// known: the seven largest surfaces are the seven faults, one each, with seven tenths of its faces on it.
+    /// Tests a volume of seven faults that cross and displace one another, in which the dip and
+    /// strike of each sample are known. The seven largest surfaces are the seven faults, each with
+    /// seven tenths of its faces on its fault.
     #[test]
     #[ignore = "needs images made by others: make test-all DATA=folder"]
     fn the_seven_faults_of_a_public_volume_are_the_seven_largest_surfaces() {
@@ -783,13 +808,13 @@ mod real_data {
             numbers.iter().map(|&b| f32::from_le_bytes(b)).collect()
         };
         let [inside, dip, strike] = ["fsem", "fdip", "fstrike"].map(numbers);
-        // A fault by its orientation, which is the same all over it.
+        // The orientation is uniform over a fault, so that it identifies the fault.
         let fault = |i: usize| {
             let orientation = [dip[i], strike[i]].map(|a| (2000.0 * a).round() as i64);
             (inside[i] > 0.5).then_some(orientation)
         };
         let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
+        let dir = folder.path();
         let job = [
             "mesh",
             mask.to_str().unwrap(),
@@ -803,25 +828,28 @@ mod real_data {
             "mesh.vtu",
             "--quiet",
         ];
-        run_args(at, &job);
-        run_args(at, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
-        let file = SurfacesOfFile::read(&at.join("s.vtp"));
-        let mut found = Vec::new();
+        run_args(dir, &job);
+        run_args(dir, &["surface", "mesh.vtu", "-o", "s.vtp", "--quiet"]);
+        let file = SurfacesOfFile::read(&dir.join("s.vtp"));
+        let mut faults_found = Vec::new();
         for surface in 1..=7 {
             let mut faces: std::collections::BTreeMap<[i64; 2], usize> = Default::default();
             for (corners, _) in file.faces_of(surface) {
-                let [x, y, z] = middle(&corners).map(|c| c.round() as usize);
+                let [x, y, z] = centroid(&corners).map(|c| c.round() as usize);
                 if let Some(fault) = fault(x + 64 * (y + 64 * z)) {
                     *faces.entry(fault).or_default() += 1;
                 }
             }
-            let all: usize = faces.values().sum();
-            let (fault, most) = faces.into_iter().max_by_key(|(_, count)| *count).unwrap();
-            assert!(most * 10 >= all * 7, "surface {surface}: {most} of {all}");
-            found.push(fault);
+            let total: usize = faces.values().sum();
+            let (fault, max_count) = faces.into_iter().max_by_key(|(_, count)| *count).unwrap();
+            assert!(
+                max_count * 10 >= total * 7,
+                "surface {surface}: {max_count} of {total}"
+            );
+            faults_found.push(fault);
         }
-        found.sort_unstable();
-        found.dedup();
-        assert_eq!(found.len(), 7, "{found:?}");
+        faults_found.sort_unstable();
+        faults_found.dedup();
+        assert_eq!(faults_found.len(), 7, "{faults_found:?}");
     }
 }

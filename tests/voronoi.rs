@@ -1,16 +1,16 @@
-//! Voronoi cells from the command line: made, checked, measured, read back, refused.
+//! Tests Voronoi cells on the command line: meshes, checks, quality, reading and refusals.
 
 use std::path::Path;
 
 use crate::common::{expect_refusal, run_args};
 
 fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
-    let said = run_args(folder, &[arguments, &["--json", "--quiet"]].concat());
-    serde_json::from_str(&said).unwrap()
+    let stdout = run_args(folder, &[arguments, &["--json", "--quiet"]].concat());
+    serde_json::from_str(&stdout).unwrap()
 }
 
-/// A volume with faults, and its cells in `v.vtu`, 6 samples apart.
-fn faults(folder: &Path) -> serde_json::Value {
+/// Writes a volume with faults and its cells in `v.vtu` with distance 6, and returns the report.
+fn mesh_faults(folder: &Path) -> serde_json::Value {
     let dims = ["--dims", "64,56,48", "--quiet"];
     let synth = ["synth", "faults", "-o", "f.vti", "--truth", "t.npy"];
     run_args(folder, &[&synth[..], &dims].concat());
@@ -31,7 +31,7 @@ fn faults(folder: &Path) -> serde_json::Value {
 fn cells_fill_the_box_and_follow_the_faults() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let report = faults(folder);
+    let report = mesh_faults(folder);
     let written: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.join("r.json")).unwrap()).unwrap();
     assert_eq!(report["voronoi"], written["voronoi"]);
@@ -47,7 +47,7 @@ fn cells_fill_the_box_and_follow_the_faults() {
 
     let valid = json(folder, &["validate", "v.vtu"]);
     assert_eq!(valid["valid"], true, "{valid}");
-    // What is read back is what was written, but for rounding in physical coordinates.
+    // A mesh that is read back is the same, apart from rounding in physical coordinates.
     let again = json(folder, &["quality", "v.vtu", "--truth", "t.npy"]);
     for key in ["connections", "on_feature"] {
         assert_eq!(again["voronoi"][key], voronoi[key]);
@@ -57,10 +57,10 @@ fn cells_fill_the_box_and_follow_the_faults() {
         line.contains("--lines l.vtp: v.vtu holds Voronoi cells"),
         "{line}"
     );
-    let claimed = &again["fidelity"]["tagged_faces"];
+    let tagged = &again["fidelity"]["tagged_faces"];
     // Measured: 0.892.
-    assert!(number(&claimed["coverage_one"]) > 0.88, "{claimed}");
-    // Without the smallest faces: fewer connections, and still valid.
+    assert!(number(&tagged["coverage_one"]) > 0.88, "{tagged}");
+    // Without the smallest faces the mesh has fewer connections and is still valid.
     let weld = [
         "mesh",
         "f.vti",
@@ -89,14 +89,14 @@ fn cells_fill_the_box_and_follow_the_faults() {
 
 #[test]
 #[ignore = "needs VTK: make test-all"]
-fn vtk_finds_the_same_volumes() {
+fn vtk_computes_the_same_volumes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    faults(folder);
-    let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/cells.py");
+    mesh_faults(folder);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/cells.py");
     let mesh = folder.join("v.vtu");
-    let said = crate::common::run_python("VTK", &[judge.as_os_str(), mesh.as_os_str()]);
-    let worst: f64 = said.trim().parse().expect(&said);
+    let stdout = crate::common::run_python("VTK", &[script.as_os_str(), mesh.as_os_str()]);
+    let worst: f64 = stdout.trim().parse().expect(&stdout);
     assert!(
         worst < 1e-10,
         "a cell's volume is off by {worst} of the mean"
@@ -107,10 +107,10 @@ fn vtk_finds_the_same_volumes() {
 fn polygons_in_the_plane() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // A bright line across a dark picture.
+    // The image is a bright line on a dark background.
     crate::common::write_npy_2d(&folder.join("i.npy"), [96, 80], |[x, y]| {
-        let off = 0.6 * x as f32 - 0.8 * y as f32 + 3.0;
-        (-0.5 * (off / 1.5).powi(2)).exp()
+        let distance = 0.6 * x as f32 - 0.8 * y as f32 + 3.0;
+        (-0.5 * (distance / 1.5).powi(2)).exp()
     });
     let mesh = [
         "mesh",
@@ -126,26 +126,23 @@ fn polygons_in_the_plane() {
     let voronoi = &report["voronoi"];
     assert_eq!(voronoi["kind"], "polygons");
     assert!(voronoi["check"]["volume_error"].as_f64().unwrap() < 1e-12);
-    let claimed = &report["fidelity"]["tagged_faces"];
+    let tagged = &report["fidelity"]["tagged_faces"];
     // Measured: 0.966.
-    assert!(
-        claimed["coverage_one"].as_f64().unwrap() > 0.95,
-        "{claimed}"
-    );
+    assert!(tagged["coverage_one"].as_f64().unwrap() > 0.95, "{tagged}");
     assert_eq!(json(folder, &["validate", "v.vtu"])["valid"], true);
     let info = json(folder, &["info", "v.vtu"]);
     assert_eq!(info["polygons"], voronoi["check"]["cells"]);
 }
 
 #[test]
-fn cells_and_atoms_must_agree() {
+fn cell_options_that_contradict_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     crate::common::write_npy(&folder.join("i.npy"), [20, 20, 20], |[x, ..]| {
         (x as f32).sin()
     });
     let mesh = ["mesh", "i.npy", "-o", "v.vtu"];
-    for (options, want) in [
+    for (options, expected) in [
         (
             &["--align", "on", "--cells", "voronoi"][..],
             "sides of the box",
@@ -164,7 +161,7 @@ fn cells_and_atoms_must_agree() {
             "applies to Voronoi cells",
         ),
     ] {
-        let said = expect_refusal(folder, &[&mesh[..], options].concat());
-        assert!(said.contains(want), "{said}");
+        let error = expect_refusal(folder, &[&mesh[..], options].concat());
+        assert!(error.contains(expected), "{error}");
     }
 }

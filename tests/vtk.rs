@@ -1,4 +1,4 @@
-//! VTK itself reads what we write.
+//! Tests that VTK reads the files that atomesh writes.
 
 use std::path::Path;
 
@@ -8,15 +8,16 @@ use atomesh::image::{Geometry, Image};
 use atomesh::mesh::TetMesh;
 use atomesh::store::{FieldValue, MeshFile, PvdSeries, to_physical, write_vtu};
 
-/// What VTK says about files, a line an item; `None` if VTK is not installed.
-fn judged(files: &[&Path]) -> String {
+/// Returns the description of files that VTK's readers give, one item a line.
+fn inspect_with_vtk(files: &[&Path]) -> String {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/vtk/judge.py");
     let mut arguments = vec![script.as_os_str()];
     arguments.extend(files.iter().map(|f| f.as_os_str()));
     crate::common::run_python("VTK", &arguments)
 }
 
-/// A cube of six tetrahedra round its diagonal, stretched into a mirrored, turned survey.
+/// Returns a cube of six tetrahedra around its diagonal, with the geometry of a reflected, rotated
+/// survey.
 fn cube() -> MeshFile {
     let nodes = (0..8)
         .map(|i| std::array::from_fn(|k| f64::from((i >> k) & 1)))
@@ -57,9 +58,9 @@ fn cube() -> MeshFile {
 #[ignore = "needs VTK: make test-all"]
 fn vtk_reads_meshes_images_and_traces() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    write_vtu(&at("a.vtu"), &cube()).unwrap();
-    write_vtu(&at("empty.vtu"), &MeshFile::<TetMesh>::default()).unwrap();
+    let in_folder = |name: &str| folder.path().join(name);
+    write_vtu(&in_folder("a.vtu"), &cube()).unwrap();
+    write_vtu(&in_folder("empty.vtu"), &MeshFile::<TetMesh>::default()).unwrap();
 
     let geometry = Geometry {
         origin: [612345.678, 0.5, 3.0],
@@ -68,13 +69,13 @@ fn vtk_reads_meshes_images_and_traces() {
     };
     let samples = (0..60).map(|i| i as f32).collect();
     vti::write(
-        &at("a.vti"),
+        &in_folder("a.vti"),
         &Image::new([5, 4, 3], samples, geometry),
         "amplitude",
     )
     .unwrap();
 
-    let mut trace = PvdSeries::create(&at("t.pvd")).unwrap();
+    let mut trace = PvdSeries::create(&in_folder("t.pvd")).unwrap();
     let frame = MeshFile {
         mesh: TetMesh {
             nodes: vec![[0.0; 3], [6.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
@@ -86,10 +87,15 @@ fn vtk_reads_meshes_images_and_traces() {
     };
     trace.add(0.0, &frame).unwrap();
 
-    let files = [at("a.vtu"), at("empty.vtu"), at("a.vti"), at("t_0000.vtu")];
+    let files = [
+        in_folder("a.vtu"),
+        in_folder("empty.vtu"),
+        in_folder("a.vti"),
+        in_folder("t_0000.vtu"),
+    ];
     let files: Vec<&Path> = files.iter().map(|f| f.as_path()).collect();
-    let said = judged(&files);
-    let want = "\
+    let stdout = inspect_with_vtk(&files);
+    let expected = "\
 points 8 cells 6
 field version 'a < b, grün'
 field none double 0 0
@@ -111,11 +117,11 @@ field energy double 1 -0.5
 volume 1 positive True
 invalid cells 0
 ";
-    let plain = said.replace("long long", "long");
-    assert_eq!(plain, want.replace("long long", "long"));
+    let plain = stdout.replace("long long", "long");
+    assert_eq!(plain, expected.replace("long long", "long"));
 }
 
-/// meshio reads meshes of tetrahedra and of triangles, with all that is said of them.
+/// Tests that meshio reads meshes of tetrahedra and of triangles with all their field data.
 #[test]
 #[ignore = "needs meshio: make test-all"]
 #[cfg(feature = "tetgen")]
@@ -123,7 +129,11 @@ fn meshio_reads_meshes_with_their_text() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let dims = [28, 24, 20];
-    crate::common::write_npy(&folder.join("tetra.npy"), dims, crate::common::planar_fault(dims));
+    crate::common::write_npy(
+        &folder.join("tetra.npy"),
+        dims,
+        crate::common::planar_fault(dims),
+    );
     crate::common::write_npy_2d(&folder.join("triangle.npy"), [60, 50], |[x, _]| {
         (-0.5 * ((x as f32 - 30.0) / 1.5).powi(2)).exp()
     });
@@ -142,15 +152,15 @@ print(json.dumps({
         let mesh = ["mesh", &image, "--distance", "8", "--quiet", "-o", &file];
         crate::common::run_args(folder, &mesh);
         let path = folder.join(&file);
-        let found = crate::common::run_vtk_program(program, &[&path]);
-        assert_eq!(found["kinds"], serde_json::json!([kind]));
-        assert_eq!(found["cells"], found["regions"]);
-        assert!(found["points"].as_u64().unwrap() > 40 && found["cells"].as_u64().unwrap() > 20);
-        let parameters = found["parameters"].as_str().unwrap();
+        let result = crate::common::run_vtk_program(program, &[&path]);
+        assert_eq!(result["kinds"], serde_json::json!([kind]));
+        assert_eq!(result["cells"], result["regions"]);
+        assert!(result["points"].as_u64().unwrap() > 40 && result["cells"].as_u64().unwrap() > 20);
+        let parameters = result["parameters"].as_str().unwrap();
         assert!(parameters.contains("distance = \"8\""), "{parameters}");
         let units = if kind == "tetra" { ",," } else { "," };
         assert_eq!(
-            (&found["sha"], &found["units"]),
+            (&result["sha"], &result["units"]),
             (&64.into(), &units.into())
         );
     }

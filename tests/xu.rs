@@ -1,4 +1,4 @@
-//! Canny's points, image-based smoothing and random shortest paths, from image to mesh.
+//! Tests Canny points, image-based smoothing and random shortest paths, from the image to the mesh.
 
 use crate::common::{expect_refusal, run_args};
 use atomesh::feature::FeatureKind;
@@ -11,13 +11,13 @@ use atomesh::lattice::optimize::NoProgress;
 use atomesh::mesh::{Mesh, Simplices};
 use serde_json::Value;
 
-/// A ball (a disc in the plane) of 100 on a background that rises along x.
+/// Returns an image of a ball (a disc in the plane) of 100 on a background that rises along x.
 fn ball<const D: usize>(dims: [usize; D], radius: f64) -> Image<D> {
     let value = |i: usize| {
-        let (mut rest, mut squares) = (i, 0.0);
+        let (mut remaining_index, mut squares) = (i, 0.0);
         for n in dims {
-            squares += ((rest % n) as f64 - 0.5 * (n - 1) as f64 - 0.3).powi(2);
-            rest /= n;
+            squares += ((remaining_index % n) as f64 - 0.5 * (n - 1) as f64 - 0.3).powi(2);
+            remaining_index /= n;
         }
         let inside = (0.5 - (squares.sqrt() - radius)).clamp(0.0, 1.0);
         (100.0 * inside + 10.0 * (i % dims[0]) as f64 / dims[0] as f64) as f32
@@ -26,7 +26,7 @@ fn ball<const D: usize>(dims: [usize; D], radius: f64) -> Image<D> {
     Image::new(dims, samples, Geometry::default())
 }
 
-fn by_canny<const D: usize>(
+fn mesh_canny_points<const D: usize>(
     image: &Image<D>,
     smooth: Option<Scheme>,
     min_dihedral: Option<f64>,
@@ -49,46 +49,47 @@ where
     job::run(image, &params, &mut NoProgress).unwrap()
 }
 
-/// Nodes that must not move, in a fixed order.
-fn fixed<const D: usize>(outcome: &Outcome<D>) -> Vec<[f64; D]>
+/// Returns the positions of the fixed nodes, sorted.
+fn fixed_nodes<const D: usize>(outcome: &Outcome<D>) -> Vec<[f64; D]>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let made = outcome.simplices().unwrap();
-    let nodes = made.mesh.nodes().iter().zip(&made.node_kinds);
-    let mut fixed: Vec<[f64; D]> = nodes
+    let simplices = outcome.simplices().unwrap();
+    let nodes = simplices.mesh.nodes().iter().zip(&simplices.node_kinds);
+    let mut fixed_nodes: Vec<[f64; D]> = nodes
         .filter(|(_, kind)| **kind == AtomKind::Fixed)
         .map(|(x, _)| *x)
         .collect();
-    fixed.sort_by(|a, b| a.partial_cmp(b).unwrap());
-    fixed
+    fixed_nodes.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    fixed_nodes
 }
 
 #[test]
-fn smoothing_makes_better_triangles_and_leaves_canny_points_alone() {
+fn smoothing_improves_triangles_and_keeps_canny_points_in_place() {
     let image = ball([120, 100], 33.0);
-    let plain = by_canny(&image, None, None);
-    let points = fixed(&plain);
+    let plain = mesh_canny_points(&image, None, None);
+    let points = fixed_nodes(&plain);
     assert!(points.len() > 20);
     let mean = |o: &Outcome<2>| o.report.quality.as_ref().unwrap().mean_ratio_mean;
     let problems = |o: &Outcome<2>| o.report.box_check.as_ref().unwrap().problems.clone();
     assert!(problems(&plain).is_empty());
     for scheme in [Scheme::Cvt, Scheme::Odt] {
-        let smooth = by_canny(&image, Some(scheme), None);
+        let smooth = mesh_canny_points(&image, Some(scheme), None);
         assert!(problems(&smooth).is_empty(), "{:?}", problems(&smooth));
-        assert_eq!(fixed(&smooth), points);
+        assert_eq!(fixed_nodes(&smooth), points);
         assert!(
             mean(&smooth) > mean(&plain) + 0.01,
             "{scheme:?} {} {}",
             mean(&plain),
             mean(&smooth)
         );
-        // Flips and max-min smoothing after it raise the smallest angle, with the points where they are.
-        let improved = by_canny(&image, Some(scheme), Some(25.0));
+        // Flips and max-min smoothing afterwards raise the smallest angle without moving the
+        // points.
+        let improved = mesh_canny_points(&image, Some(scheme), Some(25.0));
         assert!(problems(&improved).is_empty());
-        assert_eq!(fixed(&improved), points);
+        assert_eq!(fixed_nodes(&improved), points);
         let worst = |o: &Outcome<2>| o.report.quality.as_ref().unwrap().smallest_angle.worst;
-        // Measured: 26.2 and 28.0 degrees after 15.0 and 14.3.
+        // Measured: 26.2 and 28.0 degrees, from 15.0 and 14.3.
         assert!(worst(&smooth) < 16.0, "{}", worst(&smooth));
         assert!(worst(&improved) > 24.5, "{}", worst(&improved));
         let fidelity = &improved.report.fidelity.as_ref().unwrap().on_feature;
@@ -97,8 +98,8 @@ fn smoothing_makes_better_triangles_and_leaves_canny_points_alone() {
     }
 }
 
-/// A disc, a square and a bar askew, of 100 on 0, with noise of 5.
-fn noisy(shape: usize, seed: u64) -> Image<2> {
+/// Returns an image of a disc, a square or an oblique bar of 100 on 0, with noise of 5.
+fn noisy_shape(shape: usize, seed: u64) -> Image<2> {
     let mut state = seed;
     let mut uniform = || {
         state = state
@@ -109,13 +110,13 @@ fn noisy(shape: usize, seed: u64) -> Image<2> {
     let value = |i: usize| {
         let [x, y] = [(i % 128) as f64 - 63.3, (i / 128) as f64 - 63.8];
         let (u, v) = (0.921 * x + 0.389 * y, 0.921 * y - 0.389 * x);
-        let off = match shape {
+        let signed_distance = match shape {
             0 => x.hypot(y) - 40.0,
             1 => x.abs().max(y.abs()) - 36.0,
             _ => (u.abs() - 45.0).max(v.abs() - 9.0),
         };
         let noise = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
-        (100.0 / (1.0 + (2.0 * off).exp()) + 5.0 * noise) as f32
+        (100.0 / (1.0 + (2.0 * signed_distance).exp()) + 5.0 * noise) as f32
     };
     let samples = (0..128 * 128).map(value).collect();
     Image::new([128, 128], samples, Geometry::default())
@@ -123,18 +124,18 @@ fn noisy(shape: usize, seed: u64) -> Image<2> {
 
 #[test]
 fn smoothing_in_noise_keeps_the_edges_on_features() {
-    let covered = |image: &Image<2>, smooth| {
-        let outcome = by_canny(image, smooth, Some(30.0));
+    let coverage = |image: &Image<2>, smooth| {
+        let outcome = mesh_canny_points(image, smooth, Some(30.0));
         let fidelity = outcome.report.fidelity.unwrap();
-        // By the edges that the mesh says are on features: at a corner one may end some tenths of a sample off it,
-        // where angles ask for that.
+        // Measure the edges that are tagged as features. At a corner, an edge may end some tenths
+        // of a sample off the feature to reach the target angle.
         fidelity.tagged_faces.unwrap().coverage_one
     };
     for (shape, seed) in [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (2, 1), (2, 2)] {
-        let image = noisy(shape, seed);
-        let plain = covered(&image, None);
+        let image = noisy_shape(shape, seed);
+        let plain = coverage(&image, None);
         for scheme in [Scheme::Cvt, Scheme::Odt] {
-            let smooth = covered(&image, Some(scheme));
+            let smooth = coverage(&image, Some(scheme));
             assert!(
                 smooth >= plain - 0.01,
                 "{shape} {seed} {scheme:?} {plain} {smooth}"
@@ -145,24 +146,24 @@ fn smoothing_in_noise_keeps_the_edges_on_features() {
 
 #[test]
 #[cfg(feature = "tetgen")]
-fn canny_points_in_space_make_a_valid_mesh() {
+fn canny_points_in_space_give_a_valid_mesh() {
     let image = ball([48, 44, 40], 13.0);
     for min_dihedral in [None, Some(15.0)] {
-        let outcome = by_canny(&image, None, min_dihedral);
-        let filling = outcome.report.box_check.as_ref().unwrap();
-        assert!(filling.problems.is_empty(), "{:?}", filling.problems);
-        for x in fixed(&outcome) {
+        let outcome = mesh_canny_points(&image, None, min_dihedral);
+        let box_check = outcome.report.box_check.as_ref().unwrap();
+        assert!(box_check.problems.is_empty(), "{:?}", box_check.problems);
+        for x in fixed_nodes(&outcome) {
             let squares: f64 = (0..3)
                 .map(|k| (x[k] - 0.5 * [47.0, 43.0, 39.0][k] - 0.3).powi(2))
                 .sum();
             assert!((squares.sqrt() - 13.0).abs() < 0.5, "{x:?}");
         }
-        assert!(fixed(&outcome).len() > 40);
+        assert!(fixed_nodes(&outcome).len() > 40);
     }
 }
 
 #[test]
-fn the_boundary_that_paths_find_is_followed() {
+fn edges_follow_the_boundary_that_paths_find() {
     let image = ball([100, 90], 27.0);
     let mut params = Params::new(MeshSpec {
         distance: NominalDistance::Constant(6.0),
@@ -172,8 +173,8 @@ fn the_boundary_that_paths_find_is_followed() {
     .unwrap();
     params.path_seeds.object = vec![[50.0, 45.0]];
     let outcome = job::run(&image, &params, &mut NoProgress).unwrap();
-    let made = outcome.simplices().unwrap();
-    let length: f64 = made
+    let simplices = outcome.simplices().unwrap();
+    let length: f64 = simplices
         .feature_faces
         .iter()
         .enumerate()
@@ -183,12 +184,18 @@ fn the_boundary_that_paths_find_is_followed() {
                 .map(move |k| (t, k))
         })
         .map(|(t, k)| {
-            let [a, b] = made.mesh.face(t, k).map(|n| made.mesh.nodes[n as usize]);
+            let [a, b] = simplices
+                .mesh
+                .face(t, k)
+                .map(|n| simplices.mesh.nodes[n as usize]);
             0.5 * (a[0] - b[0]).hypot(a[1] - b[1])
         })
         .sum();
-    let round = 27.0 * std::f64::consts::TAU;
-    assert!((length / round - 1.0).abs() < 0.05, "{length} of {round}");
+    let circumference = 27.0 * std::f64::consts::TAU;
+    assert!(
+        (length / circumference - 1.0).abs() < 0.05,
+        "{length} of {circumference}"
+    );
 }
 
 fn json(folder: &std::path::Path, arguments: &str) -> Value {
@@ -197,54 +204,54 @@ fn json(folder: &std::path::Path, arguments: &str) -> Value {
 }
 
 #[test]
-fn the_command_line_has_it_all() {
+fn the_command_line_has_canny_points_smoothing_and_paths() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     json(
-        at,
+        dir,
         "synth sphere -o disc.png --dims 96,80 --signal-to-noise 20",
     );
     let report = json(
-        at,
+        dir,
         "mesh disc.png -o a.vtu --seeding canny --smooth odt --min-dihedral 25",
     );
     assert!(report["box"]["problems"].as_array().unwrap().is_empty());
     assert!(report["notes"].to_string().contains("steepest places"));
-    assert_eq!(json(at, "validate a.vtu")["valid"], true);
-    json(at, "mesh disc.png -o b.vtu --feature canny --smooth cvt");
-    assert_eq!(json(at, "validate b.vtu")["valid"], true);
+    assert_eq!(json(dir, "validate a.vtu")["valid"], true);
+    json(dir, "mesh disc.png -o b.vtu --feature canny --smooth cvt");
+    assert_eq!(json(dir, "validate b.vtu")["valid"], true);
 
     json(
-        at,
+        dir,
         "feature disc.png -o b.vti --feature paths --object 48,40 --confidence-out c.png",
     );
-    let range = &json(at, "info c.png")["image"];
+    let range = &json(dir, "info c.png")["image"];
     assert_eq!(range["numpy_shape"], serde_json::json!([80, 96]));
-    // The same file for any number of threads, another for another seed.
-    let potential = |more: &str| {
+    // The file is the same for any number of threads, and differs for another seed.
+    let potential = |options: &str| {
         json(
-            at,
+            dir,
             &format!(
-                "feature disc.png -o p.npy --feature paths --object 48,40 --confidence-out c.npy{more}"
+                "feature disc.png -o p.npy --feature paths --object 48,40 --confidence-out c.npy{options}"
             ),
         );
-        std::fs::read(at.join("c.npy")).unwrap()
+        std::fs::read(dir.join("c.npy")).unwrap()
     };
-    let one = potential(" --threads 1");
-    assert!(one == potential(" --threads 3"));
-    assert!(one != potential(" --rng-seed 2"));
+    let reference = potential(" --threads 1");
+    assert!(reference == potential(" --threads 3"));
+    assert!(reference != potential(" --rng-seed 2"));
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
+fn impossible_canny_smoothing_and_path_jobs_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let dir = folder.path();
     run_args(
-        at,
+        dir,
         &["synth", "sphere", "-o", "disc.png", "--dims", "64,48"],
     );
     run_args(
-        at,
+        dir,
         &["synth", "sphere", "-o", "ball.npy", "--dims", "32,32,32"],
     );
     let cases: &[(&str, &[&str])] = &[
@@ -264,9 +271,9 @@ fn what_makes_no_sense_is_refused() {
             &["--confidence-out"],
         ),
     ];
-    for (arguments, says) in cases {
-        let line = expect_refusal(at, &arguments.split(' ').collect::<Vec<_>>());
-        for word in *says {
+    for (arguments, expected) in cases {
+        let line = expect_refusal(dir, &arguments.split(' ').collect::<Vec<_>>());
+        for word in *expected {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
     }

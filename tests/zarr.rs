@@ -1,14 +1,15 @@
-//! Zarr version 3 and MDIO version 1: stores of others are read right, what is written others read, what is
-//! damaged is refused in one line; and images larger than the memory allowed pass through.
+//! Tests Zarr version 3 and MDIO version 1: stores of other programs are read correctly, they read
+//! those of atomesh, damaged ones are refused in one line, and images larger than the memory limit
+//! can be converted.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::common::{write_npy, expect_refusal, run_args};
+use crate::common::{expect_refusal, run_args, write_npy};
 use atomesh::image::formats::{self, AnyImage, LoadedImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 
-fn opened(path: &Path) -> Result<LoadedImage, String> {
+fn open_volume(path: &Path) -> Result<LoadedImage, String> {
     match formats::read_any(path, &ReadOptions::default()) {
         Ok(AnyImage::Space(loaded)) => Ok(loaded),
         Ok(AnyImage::Plane(_)) => Err("is 2-D".into()),
@@ -16,45 +17,47 @@ fn opened(path: &Path) -> Result<LoadedImage, String> {
     }
 }
 
-fn data() -> PathBuf {
+fn data_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/zarr")
 }
 
-/// All in a folder, in another one.
-fn copied(from: &Path, to: &Path) {
+/// Copies all files of a folder to another one.
+fn copy_folder(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
         let path = entry.unwrap().path();
         let target = to.join(path.file_name().unwrap());
-        match path.is_dir() {
-            true => copied(&path, &target),
-            false => drop(fs::copy(&path, &target).unwrap()),
+        if path.is_dir() {
+            copy_folder(&path, &target);
+        } else {
+            fs::copy(&path, &target).unwrap();
         }
     }
 }
 
-/// Some 130 stores, of every type, codec and layout that zarr-python writes, and some of ours.
+/// Compares some 130 stores: those of every type, codec and layout that zarr-python writes, and
+/// some of atomesh.
 #[test]
 #[ignore = "needs zarr-python: make test-all"]
-fn values_are_those_of_zarr_python() {
+fn values_are_the_same_in_zarr_python() {
     let folder = tempfile::tempdir().unwrap();
-    let judge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/zarrs.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/zarrs.py");
     let arguments = [
-        judge.as_os_str(),
+        script.as_os_str(),
         crate::PROGRAM.as_ref(),
         folder.path().as_os_str(),
     ];
-    let said = crate::common::run_python("zarr-python", &arguments);
-    println!("{said}");
-    assert_eq!(said.trim(), "zarr-python: 111 read, 18 written");
+    let stdout = crate::common::run_python("zarr-python", &arguments);
+    println!("{stdout}");
+    assert_eq!(stdout.trim(), "zarr-python: 111 read, 18 written");
 }
 
-/// The survey was made from the SEG-Y file by multidimio 1.1.3; a trace is missing. It knows nothing of
-/// times before the first sample, which are in trace headers.
+/// Compares a survey that multidimio 1.1.3 made from a SEG-Y file without one of its traces. MDIO
+/// does not store the delay times of trace headers.
 #[test]
-fn a_survey_of_mdio_is_that_of_its_seg_y_file() {
+fn an_mdio_survey_equals_its_seg_y_file() {
     let [mdio, segy] =
-        ["survey.mdio", "survey.sgy"].map(|name| opened(&data().join(name)).unwrap());
+        ["survey.mdio", "survey.sgy"].map(|name| open_volume(&data_folder().join(name)).unwrap());
     assert_eq!(mdio.image.samples, segy.image.samples);
     assert_eq!(mdio.image.missing, segy.image.missing);
     assert_eq!(
@@ -66,37 +69,37 @@ fn a_survey_of_mdio_is_that_of_its_seg_y_file() {
         1
     );
     assert!(mdio.line_numbers.is_some() && mdio.line_numbers == segy.line_numbers);
-    let (ours, theirs) = (&mdio.image.geometry, &segy.image.geometry);
-    assert_eq!(ours.units, theirs.units);
-    assert_eq!(ours.names, ["time", "crossline", "inline"]);
-    let start = theirs.origin[2] - ours.origin[2];
-    assert_eq!(start, -100.0);
+    let (mdio_geometry, segy_geometry) = (&mdio.image.geometry, &segy.image.geometry);
+    assert_eq!(mdio_geometry.units, segy_geometry.units);
+    assert_eq!(mdio_geometry.names, ["time", "crossline", "inline"]);
+    let delay = segy_geometry.origin[2] - mdio_geometry.origin[2];
+    assert_eq!(delay, -100.0);
     for index in [[0.0; 3], [11.0, 5.0, 4.0], [3.0, 1.0, 2.0]] {
-        let [a, b] = [ours, theirs].map(|geometry| geometry.to_physical(index));
+        let [a, b] = [mdio_geometry, segy_geometry].map(|geometry| geometry.to_physical(index));
         for c in 0..3 {
-            let start = if c == 2 { start } else { 0.0 };
-            assert!((a[c] + start - b[c]).abs() < 1e-6, "{a:?} {b:?}");
+            let delay = if c == 2 { delay } else { 0.0 };
+            assert!((a[c] + delay - b[c]).abs() < 1e-6, "{a:?} {b:?}");
         }
     }
-    // An array of the group, with what lies beside it.
-    let alone = opened(&data().join("survey.mdio/amplitude")).unwrap();
-    assert_eq!(alone.image, mdio.image);
-    assert_eq!(alone.line_numbers, mdio.line_numbers);
+    // An array of the group is read with its coordinates.
+    let array = open_volume(&data_folder().join("survey.mdio/amplitude")).unwrap();
+    assert_eq!(array.image, mdio.image);
+    assert_eq!(array.line_numbers, mdio.line_numbers);
 }
 
 #[test]
-fn what_is_written_is_read_again_with_its_place_and_lines() {
+fn stores_keep_geometry_and_line_numbers() {
     let folder = tempfile::tempdir().unwrap();
-    let survey = data().join("survey.sgy");
-    let segy = opened(&survey).unwrap();
+    let survey = data_folder().join("survey.sgy");
+    let segy = open_volume(&survey).unwrap();
     run_args(
         folder.path(),
         &["convert", survey.to_str().unwrap(), "a.zarr"],
     );
-    let again = opened(&folder.path().join("a.zarr")).unwrap();
-    assert_eq!(again.image, segy.image);
-    assert_eq!(again.line_numbers, segy.line_numbers);
-    // Through memory as through the file, any geometry.
+    let reread = open_volume(&folder.path().join("a.zarr")).unwrap();
+    assert_eq!(reread.image, segy.image);
+    assert_eq!(reread.line_numbers, segy.line_numbers);
+    // An image from memory with any geometry survives, too.
     let geometry = Geometry {
         origin: [1.5, -2.0, 1e7],
         axes: [[0.1, 0.2, 0.3], [-1.0, 0.5, 0.0], [0.0, 0.25, 4.0]],
@@ -109,13 +112,13 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
     let path = folder.path().join("b.zarr");
     formats::write(&path, &image).unwrap();
     formats::write(&path, &image).unwrap();
-    assert_eq!(opened(&path).unwrap().image, image);
+    assert_eq!(open_volume(&path).unwrap().image, image);
     assert_eq!(
         fs::read_dir(folder.path()).unwrap().count(),
         2,
         "nothing else"
     );
-    // A mesh of a folder.
+    // A mesh of a store is that of the file.
     write_npy(&folder.path().join("s.npy"), [24, 22, 20], |[x, _, z]| {
         (0.5 * (x + z) as f32).sin()
     });
@@ -143,13 +146,15 @@ fn what_is_written_is_read_again_with_its_place_and_lines() {
 }
 
 #[test]
-fn what_cannot_be_read_is_refused_in_one_line_and_nothing_is_left() {
+fn unreadable_stores_are_refused_in_one_line_and_leave_no_files() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    write_npy(&at("a.npy"), [20, 20, 20], |[x, y, z]| (x * y + z) as f32);
+    let in_folder = |name: &str| folder.path().join(name);
+    write_npy(&in_folder("a.npy"), [20, 20, 20], |[x, y, z]| {
+        (x * y + z) as f32
+    });
     run_args(folder.path(), &["convert", "a.npy", "a.zarr"]);
-    let json = fs::read_to_string(at("a.zarr/samples/zarr.json")).unwrap();
-    for (from, to, says) in [
+    let json = fs::read_to_string(in_folder("a.zarr/samples/zarr.json")).unwrap();
+    for (from, to, expected) in [
         ("\"blosc\"", "\"fancy\"", "has the codec 'fancy'"),
         ("\"float32\"", "\"complex64\"", "complex64, no real number"),
         ("\"regular\"", "\"odd\"", "not regular"),
@@ -168,12 +173,12 @@ fn what_cannot_be_read_is_refused_in_one_line_and_nothing_is_left() {
     ] {
         assert!(json.contains(from), "{from}");
         let changed = json.replacen(from, to, 1);
-        fs::write(at("a.zarr/samples/zarr.json"), changed).unwrap();
+        fs::write(in_folder("a.zarr/samples/zarr.json"), changed).unwrap();
         let error = expect_refusal(folder.path(), &["info", "a.zarr/samples"]);
-        assert!(error.contains(says), "{error} (expected: {says})");
+        assert!(error.contains(expected), "{error} (expected: {expected})");
     }
-    fs::write(at("a.zarr/samples/zarr.json"), &json).unwrap();
-    let chunk = at("a.zarr/samples/c/0/0/0");
+    fs::write(in_folder("a.zarr/samples/zarr.json"), &json).unwrap();
+    let chunk = in_folder("a.zarr/samples/c/0/0/0");
     let bytes = fs::read(&chunk).unwrap();
     fs::write(&chunk, &bytes[..bytes.len() / 2]).unwrap();
     let error = expect_refusal(folder.path(), &["convert", "a.zarr", "b.zarr"]);
@@ -181,49 +186,49 @@ fn what_cannot_be_read_is_refused_in_one_line_and_nothing_is_left() {
         error.contains("c/0/0/0") && error.contains("cut off"),
         "{error}"
     );
-    assert!(!at("b.zarr").exists());
-    // What no chunk holds has the value that is said.
+    assert!(!in_folder("b.zarr").exists());
+    // Samples of a missing chunk have the fill value.
     fs::remove_file(&chunk).unwrap();
-    let image = opened(&at("a.zarr")).unwrap().image;
+    let image = open_volume(&in_folder("a.zarr")).unwrap().image;
     assert!(image.as_slice().iter().all(|v| *v == 0.0));
 
-    let numbers = data().join("survey.mdio/inline");
+    let numbers = data_folder().join("survey.mdio/inline");
     let error = expect_refusal(folder.path(), &["info", numbers.to_str().unwrap()]);
     assert!(
         error.contains("holds 5 elements, where 2 or 3 axes are needed"),
         "{error}"
     );
-    fs::create_dir(at("old")).unwrap();
-    fs::write(at("old/.zgroup"), "{\"zarr_format\": 2}").unwrap();
+    fs::create_dir(in_folder("old")).unwrap();
+    fs::write(in_folder("old/.zgroup"), "{\"zarr_format\": 2}").unwrap();
     let error = expect_refusal(folder.path(), &["info", "old"]);
     assert!(
         error.contains("Zarr version 2 (or MDIO version 0)"),
         "{error}"
     );
-    fs::create_dir(at("empty")).unwrap();
+    fs::create_dir(in_folder("empty")).unwrap();
     let error = expect_refusal(folder.path(), &["info", "empty"]);
     assert!(error.contains("is a folder"), "{error}");
     let error = expect_refusal(folder.path(), &["convert", "a.npy", "old.zarr/b.zarr"]);
     assert!(error.contains("does not exist"), "{error}");
-    fs::create_dir(at("full.zarr")).unwrap();
-    fs::write(at("full.zarr/mine"), "").unwrap();
+    fs::create_dir(in_folder("full.zarr")).unwrap();
+    fs::write(in_folder("full.zarr/mine"), "").unwrap();
     let error = expect_refusal(folder.path(), &["convert", "a.npy", "full.zarr"]);
     assert!(error.contains("contains no zarr.json"), "{error}");
     let hidden = |entry: fs::DirEntry| entry.file_name().to_string_lossy().starts_with('.');
-    let mut left = fs::read_dir(folder.path())
+    let mut is_hidden = fs::read_dir(folder.path())
         .unwrap()
         .map(|entry| hidden(entry.unwrap()));
-    assert!(!left.any(|hidden| hidden));
+    assert!(!is_hidden.any(|hidden| hidden));
 }
 
-/// Every file of two stores with a few bytes changed, taken off or put in: an image or one clear line, and
-/// never more memory than is there.
+/// Changes, removes and inserts bytes in the files of two stores. Each result is an image or one
+/// clear error line, without running out of memory.
 #[test]
-fn any_change_of_a_store_is_refused_or_read() {
+fn damaged_stores_are_refused_or_read() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    copied(&data().join("survey.mdio"), &at("a.mdio"));
-    copied(&data().join("shards.zarr"), &at("b.zarr"));
+    let in_folder = |name: &str| folder.path().join(name);
+    copy_folder(&data_folder().join("survey.mdio"), &in_folder("a.mdio"));
+    copy_folder(&data_folder().join("shards.zarr"), &in_folder("b.zarr"));
     let mut state = 1u64;
     let mut random = |n: usize| {
         state = state
@@ -231,52 +236,55 @@ fn any_change_of_a_store_is_refused_or_read() {
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % n.max(1)
     };
-    let (mut read, mut not) = (0, 0);
+    let (mut read, mut refused) = (0, 0);
     for store in ["a.mdio", "b.zarr"] {
-        let files = crate::common::files_below(&at(store));
+        let files = crate::common::files_below(&in_folder(store));
         let files: Vec<_> = files
             .into_iter()
             .filter(|(_, bytes)| !bytes.is_empty())
             .collect();
         for _ in 0..120 {
             let (path, bytes) = &files[random(files.len())];
-            let path = at(store).join(path);
+            let path = in_folder(store).join(path);
             let mut changed = bytes.clone();
             for _ in 0..1 + random(3) {
-                let place = random(changed.len());
+                let position = random(changed.len());
                 match random(4) {
-                    0 => changed.truncate(place),
-                    1 if place < changed.len() => changed[place] ^= 1 << random(8),
-                    2 if place < changed.len() => changed[place] = [0, 255, b'9', b'-'][random(4)],
-                    _ => changed.insert(place, [b'"', b'-', b',', 0][random(4)]),
+                    0 => changed.truncate(position),
+                    1 if position < changed.len() => changed[position] ^= 1 << random(8),
+                    2 if position < changed.len() => {
+                        changed[position] = [0, 255, b'9', b'-'][random(4)]
+                    }
+                    _ => changed.insert(position, [b'"', b'-', b',', 0][random(4)]),
                 }
             }
             fs::write(&path, changed).unwrap();
-            match opened(&at(store)) {
+            match open_volume(&in_folder(store)) {
                 Ok(_) => read += 1,
                 Err(error) => {
                     assert!(!error.contains('\n') && error.len() < 1000, "{error}");
-                    not += 1;
+                    refused += 1;
                 }
             }
             fs::write(&path, bytes).unwrap();
         }
     }
-    println!("{read} read, {not} refused");
-    assert!(read > 20 && not > 20, "{read} read, {not} refused");
+    println!("{read} read, {refused} refused");
+    assert!(read > 20 && refused > 20, "{read} read, {refused} refused");
 }
 
-/// A volume of 335 MB as it would be held in memory, where half of that is left beside the program: its figures,
-/// and a store of it.
+/// Reads the figures of a volume of 335 MB and converts it to a store with a memory limit of half
+/// that size.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_volume_larger_than_the_memory_allowed_passes_through() {
+fn a_volume_larger_than_the_memory_limit_is_converted() {
     let folder = tempfile::tempdir().unwrap();
     let [nx, ny, nz] = [512, 512, 320];
     let samples: Vec<u8> = (0..nx * ny * nz).map(|i| (i / 4096 % 200) as u8).collect();
     fs::write(folder.path().join("a.raw"), samples).unwrap();
-    let within = |words: &str| {
-        // Kilobytes of addresses, of which the program itself takes some 200,000.
+    let run_with_limit = |words: &str| {
+        // The limit is in kilobytes of address space, of which the program itself takes some
+        // 200,000.
         let line = format!(
             "ulimit -v 400000; exec {} --threads 2 {words}",
             crate::PROGRAM
@@ -288,23 +296,25 @@ fn a_volume_larger_than_the_memory_allowed_passes_through() {
             .current_dir(folder.path())
             .output()
             .unwrap();
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        match output.status.success() {
-            true => Ok(String::from_utf8_lossy(&output.stdout).into_owned()),
-            false => Err(said),
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        if output.status.success() {
+            Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+        } else {
+            Err(stderr)
         }
     };
-    let about = within(&format!("info a.raw --raw {nx}x{ny}x{nz}:u8")).unwrap();
-    assert!(about.contains("values      0 to 199"), "{about}");
-    within(&format!("convert a.raw a.zarr --raw {nx}x{ny}x{nz}:u8")).unwrap();
-    let again = within("info a.zarr").unwrap();
+    let info = run_with_limit(&format!("info a.raw --raw {nx}x{ny}x{nz}:u8")).unwrap();
+    assert!(info.contains("values      0 to 199"), "{info}");
+    run_with_limit(&format!("convert a.raw a.zarr --raw {nx}x{ny}x{nz}:u8")).unwrap();
+    let reread_info = run_with_limit("info a.zarr").unwrap();
     let values = |text: &str| {
         let line = text.lines().find(|line| line.starts_with("values"));
         line.unwrap().to_string()
     };
-    assert_eq!(values(&about), values(&again));
-    // What has to be held is refused in one line.
-    let error = within(&format!("convert a.raw a.vti --raw {nx}x{ny}x{nz}:u8")).unwrap_err();
+    assert_eq!(values(&info), values(&reread_info));
+    // A conversion that needs the whole image in memory is refused in one line.
+    let error =
+        run_with_limit(&format!("convert a.raw a.vti --raw {nx}x{ny}x{nz}:u8")).unwrap_err();
     assert!(
         error.contains("of memory") && error.trim().lines().count() == 1,
         "{error}"

@@ -1,4 +1,4 @@
-//! Any bytes as an image, of any format.
+//! Checks any bytes as an image of any format.
 
 use std::fs;
 use std::path::Path;
@@ -9,12 +9,13 @@ const ENDINGS: [&str; 13] = [
     "npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr",
 ];
 
-/// The first byte names the format, the others are the file: it is refused in one line, or it is an image
-/// that is written and reads back as the same.
+/// Reads the bytes as an image file, whose format the first byte selects.
+///
+/// The file must be refused in one line, or the image must survive a round trip through a file.
 ///
 /// # Panics
-/// If a promise is broken.
-pub fn any_image(folder: &Path, bytes: &[u8]) {
+/// Panics if this does not hold.
+pub fn check_image(folder: &Path, bytes: &[u8]) {
     let Some((&first, bytes)) = bytes.split_first() else {
         return;
     };
@@ -27,8 +28,8 @@ pub fn any_image(folder: &Path, bytes: &[u8]) {
     fs::remove_file(&path).expect("the file");
     let image = match read {
         Err(error) => {
-            let said = error.to_string();
-            assert!(said.contains("; ") && !said.contains('\n'), "{said}");
+            let line = error.to_string();
+            assert!(line.contains("; ") && !line.contains('\n'), "{line}");
             return;
         }
         Ok(AnyImage::Plane(loaded)) => loaded.image.to_3d(),
@@ -43,13 +44,13 @@ pub fn any_image(folder: &Path, bytes: &[u8]) {
     }
     let copy = folder.join("copy.npy");
     if formats::write(&copy, &image).is_ok() {
-        let again = formats::read_any(&copy, &ReadOptions::default());
+        let reread = formats::read_any(&copy, &ReadOptions::default());
         fs::remove_file(&copy).expect("the file");
-        let again = match again.expect("what was written is read") {
+        let reread = match reread.expect("what was written is read") {
             AnyImage::Plane(loaded) => loaded.image.to_3d(),
             AnyImage::Space(loaded) => loaded.image,
         };
         let bits = |samples: &[f32]| samples.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(again.as_slice()), bits(image.as_slice()));
+        assert_eq!(bits(reread.as_slice()), bits(image.as_slice()));
     }
 }

@@ -1,4 +1,4 @@
-//! What the fuzz targets share, and the test of any job.
+//! Checks of the fuzz targets, also used by `tests/any_bytes.rs`.
 
 pub mod images;
 pub mod jobs;
@@ -10,19 +10,20 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-/// A folder for the files of one process, in memory where that is possible.
+/// Returns a folder for the files of this thread, in memory if possible.
 pub fn folder() -> PathBuf {
     thread_local!(static FOLDER: RefCell<Option<TempDir>> = const { RefCell::new(None) });
     FOLDER.with_borrow_mut(|folder| {
-        let made = || {
+        let create = || {
             let memory = Path::new("/dev/shm");
-            match memory.is_dir() {
-                true => TempDir::new_in(memory),
-                false => TempDir::new(),
+            if memory.is_dir() {
+                TempDir::new_in(memory)
+            } else {
+                TempDir::new()
             }
         };
         folder
-            .get_or_insert_with(|| made().expect("a folder"))
+            .get_or_insert_with(|| create().expect("a folder"))
             .path()
             .to_path_buf()
     })

@@ -1,11 +1,11 @@
-//! Any bytes as a mesh file, and a verb that reads it.
+//! Checks any bytes as a mesh file with a verb that reads it.
 
 use std::fs;
 use std::path::Path;
 
 use super::verbs;
 
-/// What is done with the mesh; `M`, `O` and `I` stand for the mesh, what is written, and an image.
+/// Command lines with the mesh. `M`, `I` and `O` stand for the mesh, an image, and the output.
 pub const LINES: [&str; 13] = [
     "quality M",
     "validate M",
@@ -22,11 +22,11 @@ pub const LINES: [&str; 13] = [
     "export M --to msh -o O.msh",
 ];
 
-/// The first byte names the verb, the others are the file.
+/// Runs a verb on the bytes as a mesh file. The first byte selects the verb.
 ///
 /// # Panics
-/// If a promise is broken.
-pub fn any_mesh(folder: &Path, bytes: &[u8]) {
+/// Panics if a verb breaks a promise of `run_verb` or `run_mesh_verb`.
+pub fn check_mesh(folder: &Path, bytes: &[u8]) {
     let Some((&first, bytes)) = bytes.split_first() else {
         return;
     };
@@ -36,18 +36,18 @@ pub fn any_mesh(folder: &Path, bytes: &[u8]) {
     let [mesh, image, out] = ["mesh.vtu", "image.npy", "out"].map(|name| folder.join(name));
     fs::write(&mesh, bytes).expect("a file");
     fs::write(&image, IMAGE).expect("a file");
-    let at = |word: &str| match word {
+    let replace = |word: &str| match word {
         "M" => mesh.to_string_lossy().into_owned(),
         "I" => image.to_string_lossy().into_owned(),
         word => word.replace("O.", &format!("{}.", out.display())),
     };
     let words: Vec<String> = LINES[usize::from(first) % LINES.len()]
         .split(' ')
-        .map(at)
+        .map(replace)
         .collect();
     match words[0].as_str() {
-        "edit" => verbs::meshed(folder, &words, &out.with_extension("vtu")),
-        _ => verbs::performed(folder, &words),
+        "edit" => verbs::run_mesh_verb(folder, &words, &out.with_extension("vtu")),
+        _ => verbs::run_verb(folder, &words),
     };
 }
 

@@ -1,4 +1,4 @@
-//! Verbs within this process, and what they promise whatever they are given.
+//! Runs verbs within this process, and checks what they promise for any input.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -10,50 +10,55 @@ use atomesh::cli::interrupts::Interrupts;
 use atomesh::cli::{console, run};
 use clap::Parser;
 
-/// Whether a verb did what was typed. If not it has said why in one line, and left every file as it was.
+/// Runs a verb and returns `true` if it succeeds.
+///
+/// A verb that fails must give its reason in one line and leave every file unchanged.
 ///
 /// # Panics
-/// If it broke that promise.
-pub fn performed(folder: &Path, words: &[String]) -> bool {
+/// Panics if the verb breaks this promise.
+pub fn run_verb(folder: &Path, arguments: &[String]) -> bool {
     let typed = ["atomesh".to_string()]
         .into_iter()
-        .chain(words.iter().cloned())
+        .chain(arguments.iter().cloned())
         .chain(["--quiet".into()]);
     let Ok(line) = CommandLine::try_parse_from(typed) else {
         return false;
     };
-    let before = names(folder);
+    let before = file_names(folder);
     match run(&line, &Interrupts::default()) {
         Ok(_) => {
-            let hidden = names(folder)
+            let hidden = file_names(folder)
                 .into_iter()
                 .find(|name| name.as_encoded_bytes().starts_with(b"."));
-            assert_eq!(hidden, None, "left behind by {words:?}");
+            assert_eq!(hidden, None, "left behind by {arguments:?}");
             true
         }
         Err(error) => {
-            let said = console::error_line(&error);
+            let message = console::error_line(&error);
             assert!(
-                said.contains(": ") && said.contains("; ") && !said.contains('\n'),
-                "{words:?}: {said}"
+                message.contains(": ") && message.contains("; ") && !message.contains('\n'),
+                "{arguments:?}: {message}"
             );
-            assert!(!said.contains("please report"), "{words:?}: {said}");
+            assert!(
+                !message.contains("please report"),
+                "{arguments:?}: {message}"
+            );
             assert_eq!(
-                names(folder),
+                file_names(folder),
                 before,
-                "left behind by {words:?}, which said {said}"
+                "left behind by {arguments:?}, with the error {message}"
             );
             false
         }
     }
 }
 
-/// The same of a verb that writes a mesh, which then must be a valid one.
+/// Runs a verb that writes a mesh and returns `true` if it succeeds. The mesh must be valid.
 ///
 /// # Panics
-/// If it broke that promise.
-pub fn meshed(folder: &Path, words: &[String], mesh: &Path) -> bool {
-    if !performed(folder, words) {
+/// Panics if the verb breaks this promise.
+pub fn run_mesh_verb(folder: &Path, arguments: &[String], mesh: &Path) -> bool {
+    if !run_verb(folder, arguments) {
         return false;
     }
     let validate = [
@@ -64,12 +69,12 @@ pub fn meshed(folder: &Path, words: &[String], mesh: &Path) -> bool {
     let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(validate));
     let line = line.expect("the verb");
     if let Err(error) = run(&line, &Interrupts::default()) {
-        panic!("{words:?} made an invalid mesh: {error}");
+        panic!("{arguments:?} made an invalid mesh: {error}");
     }
     true
 }
 
-fn names(folder: &Path) -> BTreeSet<OsString> {
+fn file_names(folder: &Path) -> BTreeSet<OsString> {
     let entries = fs::read_dir(folder).expect("the folder");
     entries
         .map(|entry| entry.expect("an entry").file_name())

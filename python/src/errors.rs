@@ -1,4 +1,4 @@
-//! Errors in the words of Python: options are keyword arguments.
+//! Python's exceptions for errors of the library. Options appear in them as keyword arguments.
 
 use pyo3::create_exception;
 use pyo3::exceptions::PyException;
@@ -8,11 +8,12 @@ create_exception!(
     atomesh,
     Error,
     PyException,
-    "What is wrong, where, and what to do about it.\n\n\
-     Attributes: `place`, `problem` and `remedy`, all text; `kind`, such as \"Io\", \"Image\", \"Mesh\"."
+    "An error: what is wrong, where, and what to do about it.\n\n\
+     Attributes\n----------\nplace, problem, remedy : str\n    The parts of the message.\n\
+     kind : str\n    The kind of the error: \"Io\", \"Image\", \"Mesh\" ..."
 );
 
-/// An error of the library.
+/// Converts an error of the library.
 pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
     let cause = error.cause();
     let remedy = match cause.parameter {
@@ -28,7 +29,7 @@ pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
     )
 }
 
-/// Arguments that make no sense.
+/// Converts an error about the arguments.
 pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
     if let Some(error) = atomesh::cli::args::value_error(error) {
         return library_error(py, &error);
@@ -38,25 +39,25 @@ pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
         .lines()
         .map(str::trim)
         .take_while(|line| !line.starts_with("Usage:"));
-    let said: Vec<&str> = lines
+    let lines: Vec<&str> = lines
         .filter(|line| !line.is_empty() && !line.starts_with("For more information"))
         .map(|line| line.trim_start_matches("error: "))
         .collect();
     new_error(
         py,
         "arguments",
-        &said.join(" "),
+        &lines.join(" "),
         "atomesh.options(verb) lists them",
         "Usage",
     )
 }
 
-/// What the operating system refused.
+/// Returns an exception for an error of the operating system.
 pub fn os_error(py: Python<'_>, place: &str, error: &dyn std::error::Error) -> PyErr {
     new_error(py, place, &error.to_string(), "try again with less", "Job")
 }
 
-/// What should never happen.
+/// Returns the exception for a panic, which should never happen.
 pub fn panic_error(py: Python<'_>) -> PyErr {
     let remedy = "please report it with the image and the options";
     new_error(
@@ -85,26 +86,26 @@ fn new_error(py: Python<'_>, place: &str, problem: &str, remedy: &str, kind: &st
     error
 }
 
-/// A text in which options are keyword arguments: `--well-radius` is `well_radius=`.
+/// Returns the text with options as keyword arguments: `--well-radius` becomes `well_radius=`.
 pub fn options_to_keywords(text: impl AsRef<str>) -> String {
     let mut words = text.as_ref().split("--");
-    let mut all = words.next().unwrap_or_default().to_string();
+    let mut converted = words.next().unwrap_or_default().to_string();
     for word in words {
         let name: String = word
             .chars()
             .take_while(|c| c.is_ascii_lowercase() || *c == '-')
             .collect();
         let name = name.trim_end_matches('-');
-        let starts = all.is_empty() || all.ends_with([' ', '(', '\'', '`', '\n']);
+        let starts = converted.is_empty() || converted.ends_with([' ', '(', '\'', '`', '\n']);
         if name.is_empty() || !starts {
-            all += "--";
-            all += word;
+            converted += "--";
+            converted += word;
             continue;
         }
         let rest = &word[name.len()..];
-        all += &name.replace('-', "_");
-        all += "=";
-        all += rest.strip_prefix([' ', '=']).unwrap_or(rest);
+        converted += &name.replace('-', "_");
+        converted += "=";
+        converted += rest.strip_prefix([' ', '=']).unwrap_or(rest);
     }
-    all
+    converted
 }

@@ -1,4 +1,4 @@
-//! A desk at which what verbs name is in memory.
+//! The host of verbs that Python calls: meshes and images are in memory.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -13,14 +13,14 @@ use serde_json::Value;
 
 use crate::objects;
 
-/// What is heard while a verb runs.
+/// An event while a verb runs.
 pub enum Event {
     Stage(String),
     Progress(f64, String),
     Note(String),
 }
 
-/// What a verb has said by its end.
+/// The messages and results of a verb, shared between its host and the caller.
 #[derive(Clone, Default)]
 pub struct SharedResults(Arc<Mutex<Results>>);
 
@@ -38,7 +38,7 @@ impl SharedResults {
     }
 }
 
-/// Meshes and images by name.
+/// A host that provides meshes and images in memory by name.
 pub struct MemoryHost {
     meshes: HashMap<PathBuf, Arc<AnyMesh>>,
     images: HashMap<PathBuf, Arc<AnyImage>>,
@@ -48,39 +48,39 @@ pub struct MemoryHost {
 }
 
 impl MemoryHost {
-    /// A desk, and what will have been said at it.
+    /// Returns a host with these objects, and the results that it will receive.
     pub fn new(
-        held: &HashMap<PathBuf, Bound<'_, PyAny>>,
+        objects: &HashMap<PathBuf, Bound<'_, PyAny>>,
         keep: Vec<PathBuf>,
         events: Sender<Event>,
     ) -> PyResult<(Self, SharedResults)> {
-        let said = SharedResults::default();
+        let results = SharedResults::default();
         let mut memory = Self {
             meshes: HashMap::new(),
             images: HashMap::new(),
             kept_names: keep,
             events,
-            results: said.clone(),
+            results: results.clone(),
         };
-        for (name, thing) in held {
-            match thing.cast::<objects::Mesh>() {
+        for (name, object) in objects {
+            match object.cast::<objects::Mesh>() {
                 Ok(mesh) => {
                     memory
                         .meshes
                         .insert(name.clone(), Arc::clone(&mesh.get().0));
                 }
                 Err(_) => {
-                    let image = thing.cast::<objects::Image>()?;
+                    let image = object.cast::<objects::Image>()?;
                     memory
                         .images
                         .insert(name.clone(), Arc::clone(&image.get().0));
                 }
             }
         }
-        Ok((memory, said))
+        Ok((memory, results))
     }
 
-    /// Says it to a front end that may not listen any more.
+    /// Sends an event to a front end that may no longer receive it.
     fn send(&self, event: Event) {
         let _ = self.events.send(event);
     }
@@ -88,9 +88,9 @@ impl MemoryHost {
 
 impl Host for MemoryHost {
     fn result(&mut self, text: &str, json: &Value) {
-        let mut said = self.results.lock();
-        said.text = text.to_string();
-        said.json = json.clone();
+        let mut results = self.results.lock();
+        results.text = text.to_string();
+        results.json = json.clone();
     }
 
     fn note(&self, line: &str) {
@@ -106,8 +106,8 @@ impl Host for MemoryHost {
         self.send(Event::Stage(name.to_string()));
     }
 
-    fn progress(&self, share: f64, what: &str) {
-        self.send(Event::Progress(share, what.to_string()));
+    fn progress(&self, fraction: f64, detail: &str) {
+        self.send(Event::Progress(fraction, detail.to_string()));
     }
 
     fn mesh(&self, name: &Path) -> Option<AnyMesh> {

@@ -1,10 +1,10 @@
-//! The extension module of the Python package `atomesh`: verbs of the command line at a desk of their own,
-//! where meshes and images are in memory.
+//! The extension module of the Python package `atomesh`. It runs the verbs of the command line on
+//! meshes and images in memory.
 //!
-//! - `held`: meshes, images and surfaces as Python sees them, their arrays without copies
-//! - `desk`: where verbs find them, and what they say meanwhile
-//! - `verbs`: what verbs there are, and their options
-//! - `words`: errors in the words of Python
+//! - `objects`: meshes, images and surfaces as Python objects, with their arrays without copies
+//! - `host`: the host that provides objects to verbs and receives their messages
+//! - `verbs`: descriptions of the verbs and their options
+//! - `errors`: exceptions for errors of the library
 
 mod errors;
 mod host;
@@ -31,27 +31,27 @@ use pyo3::types::PyDict;
 use errors::Error;
 use host::{Event, MemoryHost, SharedResults};
 
-/// How often Python's signals are looked for.
+/// Interval at which Python's signals are checked.
 const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Runs a verb.
 ///
-/// `held` are meshes and images by the names under which `words` speak of them; results that are to be
-/// written under the names `keep` are given back instead. `tell(kind, share, text)` hears of stages,
-/// progress and notes, in the calling thread.
+/// `objects` are meshes and images by the names under which `args` refer to them. Results that the
+/// verb writes under the names `keep` are returned. The calling thread calls `on_event(kind,
+/// fraction, text)` for stages, progress and notes.
 ///
-/// The work is done in a thread of its own while this one, without the lock of the interpreter, waits for
-/// what it says, so that neither Ctrl-C nor a callback ever has to wait for it.
+/// A thread of its own does the work. The calling thread waits for its events without the
+/// interpreter lock, so that neither Ctrl-C nor a callback has to wait for the work.
 #[pyfunction]
 fn run<'py>(
     py: Python<'py>,
-    words: Vec<String>,
-    held: HashMap<PathBuf, Bound<'py, PyAny>>,
+    args: Vec<String>,
+    objects: HashMap<PathBuf, Bound<'py, PyAny>>,
     keep: Vec<PathBuf>,
-    tell: Option<Bound<'py, PyAny>>,
+    on_event: Option<Bound<'py, PyAny>>,
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(words))
+    let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(args))
         .map_err(|error| errors::usage_error(py, &error))?;
     let pool = match threads {
         Some(count) => Some(
@@ -64,14 +64,14 @@ fn run<'py>(
     };
     let (sender, events) = channel();
     let events = Mutex::new(events);
-    let (memory, said) = MemoryHost::new(&held, keep, sender)?;
+    let (memory, results) = MemoryHost::new(&objects, keep, sender)?;
     let interrupts = Interrupts::default();
-    let asked = interrupts.clone();
+    let job_interrupts = interrupts.clone();
     let job = std::thread::Builder::new()
         .name("atomesh".into())
         .spawn(move || {
             let mut console = Console::with_host(memory);
-            let mut work = || atomesh::cli::run_with_console(&line, &asked, &mut console);
+            let mut work = || atomesh::cli::run_with_console(&line, &job_interrupts, &mut console);
             catch_unwind(AssertUnwindSafe(|| match &pool {
                 Some(pool) => pool.install(&mut work),
                 None => work(),
@@ -79,67 +79,72 @@ fn run<'py>(
         })
         .map_err(|error| errors::os_error(py, "a thread", &error))?;
 
-    // Ctrl-C, which also reaches a callback that is at work; and what else a callback raises.
-    let mut signal: Option<PyErr> = None;
-    let mut raised: Option<PyErr> = None;
+    // `signal_error` is Ctrl-C, which may also arrive inside a callback; `callback_error` is any
+    // other exception of a callback.
+    let mut signal_error: Option<PyErr> = None;
+    let mut callback_error: Option<PyErr> = None;
     loop {
         let event = py.detach(|| {
             let events = events.lock().unwrap_or_else(PoisonError::into_inner);
             events.recv_timeout(SIGNAL_POLL_INTERVAL)
         });
-        let heard = match (event, &tell) {
+        let forwarded = match (event, &on_event) {
             (Err(RecvTimeoutError::Disconnected), _) => break,
-            (Ok(event), Some(tell)) if raised.is_none() => forward_event(tell, &event),
+            (Ok(event), Some(on_event)) if callback_error.is_none() => {
+                forward_event(on_event, &event)
+            }
             _ => Ok(()),
         };
-        if let Err(error) = heard.and_then(|()| py.check_signals()) {
-            if signal.is_some() {
-                // A second time: whatever becomes of the work, which has been asked to stop.
+        if let Err(error) = forwarded.and_then(|()| py.check_signals()) {
+            if signal_error.is_some() {
+                // At the second Ctrl-C the function returns without waiting for the work, which has
+                // already been asked to stop.
                 return Err(error);
             }
             interrupts.request();
-            match error.is_instance_of::<PyKeyboardInterrupt>(py) {
-                true => signal = Some(error),
-                false => raised = Some(error),
+            if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+                signal_error = Some(error);
+            } else {
+                callback_error = Some(error);
             }
         }
     }
-    let ended = py.detach(|| job.join());
-    if let Some(error) = raised {
+    let joined = py.detach(|| job.join());
+    if let Some(error) = callback_error {
         return Err(error);
     }
-    let ending = match ended {
-        Ok(Ok(Ok(ending))) => ending,
+    let status = match joined {
+        Ok(Ok(Ok(status))) => status,
         Ok(Ok(Err(error))) => {
-            return Err(match (signal, error.kind()) {
-                (Some(signal), ErrorKind::Interrupted) => signal,
+            return Err(match (signal_error, error.kind()) {
+                (Some(signal_error), ErrorKind::Interrupted) => signal_error,
                 _ => errors::library_error(py, &error),
             });
         }
         _ => return Err(errors::panic_error(py)),
     };
-    match signal {
-        Some(signal) if ending == VerbStatus::Done => Err(signal),
-        _ => said.to_python(py, ending == VerbStatus::Interrupted),
+    match signal_error {
+        Some(signal_error) if status == VerbStatus::Done => Err(signal_error),
+        _ => results.to_python(py, status == VerbStatus::Interrupted),
     }
 }
 
-fn forward_event(tell: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
+fn forward_event(on_event: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
     match event {
-        Event::Stage(name) => tell.call1(("stage", 0.0, name)),
-        Event::Progress(share, what) => tell.call1(("progress", share, what)),
-        Event::Note(line) => tell.call1(("note", 0.0, errors::options_to_keywords(line))),
+        Event::Stage(name) => on_event.call1(("stage", 0.0, name)),
+        Event::Progress(fraction, detail) => on_event.call1(("progress", fraction, detail)),
+        Event::Note(line) => on_event.call1(("note", 0.0, errors::options_to_keywords(line))),
     }
     .map(|_| ())
 }
 
-/// From now on TetGen runs in processes of this program.
+/// Makes TetGen run in processes of this program.
 #[pyfunction]
 fn run_tetgen_in(program: PathBuf) {
     atomesh::mesh::delaunay::run_in_worker(program);
 }
 
-/// What verbs there are and the options of each, as JSON.
+/// Returns the verbs and their options as JSON.
 #[pyfunction]
 fn describe() -> String {
     verbs::describe_verbs().to_string()
@@ -158,19 +163,19 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
 }
 
 impl SharedResults {
-    /// What a verb has said, and the results that were kept.
+    /// Returns the messages of a verb and the results that were kept in memory.
     fn to_python<'py>(&self, py: Python<'py>, interrupted: bool) -> PyResult<Bound<'py, PyDict>> {
-        let all = PyDict::new(py);
-        let mut said = self.lock();
-        all.set_item("text", errors::options_to_keywords(&said.text))?;
-        all.set_item("json", said.json.to_string())?;
-        all.set_item("notes", &said.notes)?;
-        all.set_item("interrupted", interrupted)?;
+        let dict = PyDict::new(py);
+        let mut results = self.lock();
+        dict.set_item("text", errors::options_to_keywords(&results.text))?;
+        dict.set_item("json", results.json.to_string())?;
+        dict.set_item("notes", &results.notes)?;
+        dict.set_item("interrupted", interrupted)?;
         let kept = PyDict::new(py);
-        for (name, result) in std::mem::take(&mut said.stored) {
+        for (name, result) in std::mem::take(&mut results.stored) {
             kept.set_item(name, objects::to_python(py, result)?)?;
         }
-        all.set_item("kept", kept)?;
-        Ok(all)
+        dict.set_item("kept", kept)?;
+        Ok(dict)
     }
 }

@@ -1,4 +1,5 @@
-//! Meshes, images and surfaces as Python sees them: their arrays are NumPy's, read-only and without copies.
+//! Meshes, images and surfaces as Python objects. Their arrays are read-only NumPy arrays without
+//! copies.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -21,7 +22,7 @@ use sha2::{Digest, Sha256};
 
 use crate::errors;
 
-/// A NumPy array of what `owner` holds.
+/// Returns a NumPy array of data that `owner` holds.
 fn view<'py, T: Element>(
     owner: Bound<'py, PyAny>,
     data: &[T],
@@ -29,8 +30,9 @@ fn view<'py, T: Element>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let view = ArrayViewD::from_shape(IxDyn(shape), data)
         .map_err(|error| PyValueError::new_err(error.to_string()))?;
-    // SAFETY: `data` is part of a frozen class's contents, which nothing changes or moves as long as the
-    // object lives, and the array keeps the object alive; it is made read-only before anybody sees it.
+    // SAFETY: `data` belongs to a frozen class, which never changes or moves it while the object
+    // lives, and the array keeps the object alive. The array becomes read-only before Python code
+    // gets it.
     let array = unsafe { PyArrayDyn::borrow_from_array(&view, owner) };
     let array = array.readwrite().make_nonwriteable();
     Ok((*array).clone().into_any())
@@ -42,44 +44,44 @@ fn values<'py>(owner: &Bound<'py, PyAny>, array: &DataArray) -> PyResult<Bound<'
         1 => vec![tuples],
         components => vec![tuples, components],
     };
-    macro_rules! of {
+    macro_rules! typed_view {
         ($($kind:ident)*) => {
             match &array.values {
                 $(Values::$kind(data) => view(owner.clone(), data, &shape),)*
             }
         };
     }
-    of!(I8 U8 I16 U16 I32 U32 I64 U64 F32 F64)
+    typed_view!(I8 U8 I16 U16 I32 U32 I64 U64 F32 F64)
 }
 
 fn all_values<'py>(
     owner: &Bound<'py, PyAny>,
     arrays: &[DataArray],
 ) -> PyResult<Bound<'py, PyDict>> {
-    let all = PyDict::new(owner.py());
+    let dict = PyDict::new(owner.py());
     for array in arrays {
-        all.set_item(&array.name, values(owner, array)?)?;
+        dict.set_item(&array.name, values(owner, array)?)?;
     }
-    Ok(all)
+    Ok(dict)
 }
 
 fn fields<'py>(py: Python<'py>, fields: &[(String, FieldValue)]) -> PyResult<Bound<'py, PyDict>> {
-    let all = PyDict::new(py);
+    let dict = PyDict::new(py);
     for (name, value) in fields {
         match value {
-            FieldValue::Text(text) => all.set_item(name, text)?,
-            FieldValue::F64s(numbers) => all.set_item(name, numbers)?,
-            FieldValue::Ints(numbers) => all.set_item(name, numbers)?,
+            FieldValue::Text(text) => dict.set_item(name, text)?,
+            FieldValue::F64s(numbers) => dict.set_item(name, numbers)?,
+            FieldValue::Ints(numbers) => dict.set_item(name, numbers)?,
         }
     }
-    Ok(all)
+    Ok(dict)
 }
 
-/// A mesh in physical coordinates with all that is known of its points and cells.
+/// A mesh in physical coordinates, with all arrays of its points and cells.
 #[pyclass(frozen, module = "atomesh._native")]
 pub struct Mesh(pub Arc<AnyMesh>, LazyArrays);
 
-/// What is found when it is asked for.
+/// Arrays that are computed at their first use.
 #[derive(Default)]
 struct LazyArrays {
     feature_faces: OnceLock<Vec<u32>>,
@@ -97,13 +99,13 @@ impl Mesh {
     /// Reads a .vtu file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let read = py.detach(|| read_any_vtu(&path));
+        let result = py.detach(|| read_any_vtu(&path));
         Ok(Self::new(
-            read.map_err(|error| errors::library_error(py, &error))?,
+            result.map_err(|error| errors::library_error(py, &error))?,
         ))
     }
 
-    /// Writes a .vtu file: wholly or not at all.
+    /// Writes a .vtu file, which appears complete or not at all.
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         fn write_file<const D: usize, M: Storable<D>>(
             path: &std::path::Path,
@@ -111,11 +113,11 @@ impl Mesh {
         ) -> atomesh::Result<()> {
             M::write(path, file)
         }
-        let written = py.detach(|| with_mesh!(&*self.0, file => write_file(&path, file)));
-        written.map_err(|error| errors::library_error(py, &error))
+        let result = py.detach(|| with_mesh!(&*self.0, file => write_file(&path, file)));
+        result.map_err(|error| errors::library_error(py, &error))
     }
 
-    /// What the cells are: "tetra", "triangle", "polyhedron" or "polygon".
+    /// Kind of the cells: "tetra", "triangle", "polyhedron" or "polygon".
     #[getter]
     fn kind(&self) -> &'static str {
         match *self.0 {
@@ -141,7 +143,7 @@ impl Mesh {
         })
     }
 
-    /// Of simplices the points of each cell.
+    /// Points of each cell; `None` for Voronoi cells.
     #[getter]
     fn simplices<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let any = slf.as_any().clone();
@@ -158,8 +160,8 @@ impl Mesh {
         }))
     }
 
-    /// Of Voronoi cells the points of all cells, one after the other, and where those of each end; in the
-    /// plane in order round the cell.
+    /// Points of all Voronoi cells, one cell after the other, and the end of each cell's points;
+    /// `None` for simplices. In the plane, the points are in order around the cell.
     #[getter]
     fn corners<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<[Bound<'py, PyAny>; 2]>> {
         let (mesh, derived) = (&slf.get().0, &slf.get().1);
@@ -175,12 +177,12 @@ impl Mesh {
         ]))
     }
 
-    /// Of Voronoi cells their faces: the points of all, where those of each begin and the last one's end,
-    /// the cells on either side, and the sites of cells.
+    /// Faces of Voronoi cells: the points of all faces, the offsets of each face's points, the
+    /// cells on both sides, and the sites of cells; `None` for simplices.
     #[getter]
     fn faces<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<[Bound<'py, PyAny>; 4]>> {
         let any = slf.as_any();
-        macro_rules! of {
+        macro_rules! arrays {
             ($mesh:expr, $axes:literal) => {{
                 let mesh = $mesh;
                 [
@@ -204,13 +206,13 @@ impl Mesh {
             }};
         }
         Ok(match &*slf.get().0 {
-            AnyMesh::Polygons(file) => Some(of!(&file.mesh, 2)),
-            AnyMesh::Polyhedra(file) => Some(of!(&file.mesh, 3)),
+            AnyMesh::Polygons(file) => Some(arrays!(&file.mesh, 2)),
+            AnyMesh::Polyhedra(file) => Some(arrays!(&file.mesh, 3)),
             _ => None,
         })
     }
 
-    /// The faces on features: triangles, in the plane edges.
+    /// Faces on features: triangles, or edges in the plane.
     #[getter]
     fn feature_faces<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         fn feature_corners<const D: usize, M: Storable<D>>(
@@ -226,9 +228,9 @@ impl Mesh {
             AnyMesh::Triangles(_) | AnyMesh::Polygons(_) => 2,
             _ => 3,
         };
-        let found = &slf.get().1.feature_faces;
+        let cached = &slf.get().1.feature_faces;
         let facets =
-            found.get_or_init(|| with_mesh!(&*slf.get().0, file => feature_corners(file)).0);
+            cached.get_or_init(|| with_mesh!(&*slf.get().0, file => feature_corners(file)).0);
         view(slf.as_any().clone(), facets, &[facets.len() / width, width])
     }
 
@@ -240,17 +242,17 @@ impl Mesh {
     #[getter]
     fn cell_data<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
         let any = slf.as_any();
-        let all = with_mesh!(&*slf.get().0, file => all_values(any, &file.cell_data))?;
+        let dict = with_mesh!(&*slf.get().0, file => all_values(any, &file.cell_data))?;
         let region = match &*slf.get().0 {
             AnyMesh::Polygons(file) => &file.mesh.region,
             AnyMesh::Polyhedra(file) => &file.mesh.region,
-            _ => return Ok(all),
+            _ => return Ok(dict),
         };
-        all.set_item("region", view(any.clone(), region, &[region.len()])?)?;
-        Ok(all)
+        dict.set_item("region", view(any.clone(), region, &[region.len()])?)?;
+        Ok(dict)
     }
 
-    /// What belongs to the whole mesh.
+    /// Field data, which belongs to the whole mesh.
     #[getter]
     fn fields<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         with_mesh!(&*self.0, file => fields(py, &file.field_data))
@@ -262,17 +264,17 @@ fn face_streams<const D: usize>(mesh: &atomesh::mesh::poly::PolyMesh<D>) -> (Vec
     (streams.corners, streams.corner_ends)
 }
 
-/// An image: samples, and where they lie in the world.
+/// An image: samples, and their position in the world.
 #[pyclass(frozen, module = "atomesh._native")]
 pub struct Image(pub Arc<AnyImage>);
 
-/// The origin, an axis a row and the units of an image.
+/// Origin, axes (one per row) and units of an image.
 type GeometryArrays = (Vec<f64>, Vec<Vec<f64>>, Vec<String>);
 
 #[pymethods]
 impl Image {
-    /// Of samples of shape (nz, ny, nx) or (ny, nx), x the fastest; `axes[k]` leads from a sample to the
-    /// next one along axis k, x first.
+    /// Creates an image from samples of shape (nz, ny, nx) or (ny, nx), x the fastest. `axes[k]` is
+    /// the vector from a sample to the next one along axis k, x first.
     #[new]
     fn new(
         py: Python<'_>,
@@ -292,7 +294,7 @@ impl Image {
                 indices: index,
             })
         });
-        let refuse = |what: &str| PyValueError::new_err(what.to_string());
+        let refuse = |problem: &str| PyValueError::new_err(problem.to_string());
         fn to_loaded<const D: usize>(
             shape: &[usize],
             data: Vec<f32>,
@@ -319,16 +321,16 @@ impl Image {
                 line_numbers: None,
             })
         }
-        let made = py.detach(|| match shape.len() {
+        let image = py.detach(|| match shape.len() {
             2 => to_loaded(&shape, data, place, names, encoding, labels).map(AnyImage::Plane),
             3 => to_loaded(&shape, data, place, names, encoding, labels).map(AnyImage::Space),
             _ => None,
         });
-        let what = "an image has two axes or three, and as many origins, axes, units and names";
-        Ok(Self(Arc::new(made.ok_or_else(|| refuse(what))?)))
+        let problem = "an image has two axes or three, and as many origins, axes, units and names";
+        Ok(Self(Arc::new(image.ok_or_else(|| refuse(problem))?)))
     }
 
-    /// Shape (nz, ny, nx), or (ny, nx).
+    /// Samples of shape (nz, ny, nx) or (ny, nx).
     #[getter]
     fn samples<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         let any = slf.as_any().clone();
@@ -338,7 +340,7 @@ impl Image {
         }
     }
 
-    /// Origin, axes and units.
+    /// Origin, axes and units of the image.
     #[getter]
     fn place(&self) -> GeometryArrays {
         fn geometry_arrays<const D: usize>(geometry: &Geometry<D>) -> GeometryArrays {
@@ -352,15 +354,15 @@ impl Image {
     }
 }
 
-/// The hash of an image's samples, x fastest, as little-endian 32-bit floats.
+/// Returns the SHA-256 of an image's samples, x fastest, as little-endian 32-bit floats.
 pub fn hash(image: &AnyImage) -> String {
     let samples = match image {
         AnyImage::Plane(loaded) => loaded.image.as_slice(),
         AnyImage::Space(loaded) => loaded.image.as_slice(),
     };
     let mut hasher = Sha256::new();
-    for some in samples.chunks(1 << 14) {
-        let bytes: Vec<u8> = some
+    for chunk in samples.chunks(1 << 14) {
+        let bytes: Vec<u8> = chunk
             .iter()
             .flat_map(|sample| sample.to_le_bytes())
             .collect();
@@ -370,12 +372,12 @@ pub fn hash(image: &AnyImage) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Labelled surfaces; in the plane curves.
+/// Labelled surfaces, or curves in the plane.
 #[pyclass(frozen, module = "atomesh._native")]
 pub struct Surfaces {
     points: Vec<[f64; 3]>,
     facets: Vec<u32>,
-    /// Points of a facet.
+    /// Number of points of a facet.
     corners: usize,
     start: Vec<usize>,
     names: Vec<String>,
@@ -407,15 +409,15 @@ impl Surfaces {
         )
     }
 
-    /// The points of each face, surface by surface.
+    /// Points of each face, surface by surface.
     #[getter]
     fn faces<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        let all = slf.get();
-        let shape = [all.facets.len() / all.corners, all.corners];
-        view(slf.as_any().clone(), &all.facets, &shape)
+        let surfaces = slf.get();
+        let shape = [surfaces.facets.len() / surfaces.corners, surfaces.corners];
+        view(slf.as_any().clone(), &surfaces.facets, &shape)
     }
 
-    /// Where the faces of each surface begin, and where the last one's end.
+    /// Index of the first face of each surface, and the number of all faces.
     #[getter]
     fn start(&self) -> Vec<usize> {
         self.start.clone()
@@ -432,8 +434,8 @@ impl Surfaces {
     }
 }
 
-/// A result that was kept.
-pub fn to_python<'py>(py: Python<'py>, kept: MemoryOutput) -> PyResult<Bound<'py, PyAny>> {
+/// Converts a result in memory to a Python object.
+pub fn to_python<'py>(py: Python<'py>, output: MemoryOutput) -> PyResult<Bound<'py, PyAny>> {
     fn to_loaded<const D: usize>(image: Samples<D>) -> LoadedImage<D> {
         LoadedImage {
             image,
@@ -444,7 +446,7 @@ pub fn to_python<'py>(py: Python<'py>, kept: MemoryOutput) -> PyResult<Bound<'py
             line_numbers: None,
         }
     }
-    Ok(match kept {
+    Ok(match output {
         MemoryOutput::Mesh(mesh) => Bound::new(py, Mesh::new(*mesh))?.into_any(),
         MemoryOutput::Plane(image) => {
             Bound::new(py, Image(Arc::new(AnyImage::Plane(to_loaded(image)))))?.into_any()

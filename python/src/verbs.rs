@@ -1,4 +1,4 @@
-//! What verbs there are, and the options of each, as the command line declares them.
+//! Descriptions of the verbs and their options, as the command line declares them.
 
 use std::any::TypeId;
 use std::path::PathBuf;
@@ -7,10 +7,10 @@ use atomesh::cli::args::CommandLine;
 use clap::{Arg, ArgAction, Command, CommandFactory};
 use serde_json::{Value, json};
 
-/// All verbs.
+/// Returns descriptions of all verbs.
 pub fn describe_verbs() -> Value {
     let line = CommandLine::command();
-    // Of the options that every verb has, the one that is not the functions' own.
+    // Of the options that every verb has, only this one is not an argument of the Python functions.
     let shared: Vec<&Arg> = (line.get_arguments())
         .filter(|arg| arg.get_long() == Some("max-memory"))
         .collect();
@@ -25,18 +25,18 @@ pub fn describe_verbs() -> Value {
 }
 
 fn describe_verb(verb: &Command, shared: &[&Arg]) -> Value {
-    let said = |arg: &&Arg| !matches!(arg.get_id().as_str(), "help" | "version");
-    let [given, options]: [Vec<Value>; 2] = [true, false].map(|positional| {
+    let is_own_option = |arg: &&Arg| !matches!(arg.get_id().as_str(), "help" | "version");
+    let [positional_args, options]: [Vec<Value>; 2] = [true, false].map(|positional| {
         verb.get_arguments()
             .chain(shared.iter().copied())
-            .filter(said)
+            .filter(is_own_option)
             .filter(|arg| arg.is_positional() == positional)
             .map(describe_arg)
             .collect()
     });
     json!({
         "about": verb.get_about().map(ToString::to_string),
-        "positional": given,
+        "positional": positional_args,
         "options": options,
     })
 }
@@ -62,14 +62,14 @@ fn describe_arg(arg: &Arg) -> Value {
     })
 }
 
-/// What an option's value is.
+/// Returns the type of an option's value.
 fn value_kind(arg: &Arg) -> &'static str {
-    let parsed = arg.get_value_parser().type_id();
-    if parsed == TypeId::of::<f64>() || parsed == TypeId::of::<f32>() {
+    let value_type = arg.get_value_parser().type_id();
+    if value_type == TypeId::of::<f64>() || value_type == TypeId::of::<f32>() {
         "number"
-    } else if parsed == TypeId::of::<usize>() || parsed == TypeId::of::<u64>() {
+    } else if value_type == TypeId::of::<usize>() || value_type == TypeId::of::<u64>() {
         "whole"
-    } else if parsed == TypeId::of::<PathBuf>() {
+    } else if value_type == TypeId::of::<PathBuf>() {
         "path"
     } else {
         "text"

@@ -5,17 +5,17 @@ import atomesh
 
 
 def disc(size: int = 48) -> np.ndarray:
-    """A 2-D image of a disc, 2 on it and 0 elsewhere."""
+    """Returns a 2-D image of a disc, 2 on it and 0 elsewhere."""
     y, x = np.mgrid[:size, :size]
     return (2.0 * (np.hypot(x - 0.5 * size, y - 0.45 * size) < 0.3 * size)).astype(np.float32)
 
 
 def ball(shape: tuple[int, int, int] = (26, 30, 34)) -> np.ndarray:
-    """A 3-D image of a ball, shape (nz, ny, nx)."""
+    """Returns a 3-D image of a ball, of shape (nz, ny, nx)."""
     z, y, x = np.mgrid[: shape[0], : shape[1], : shape[2]]
     middle = [0.5 * n for n in shape]
-    far = np.sqrt((z - middle[0]) ** 2 + (y - middle[1]) ** 2 + (x - middle[2]) ** 2)
-    return (100 / (1 + np.exp(far - 8.5))).astype(np.float32)
+    distance = np.sqrt((z - middle[0]) ** 2 + (y - middle[1]) ** 2 + (x - middle[2]) ** 2)
+    return (100 / (1 + np.exp(distance - 8.5))).astype(np.float32)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Meshes: what they hold, what is read of them, what is made of them."""
+"""Tests of meshes: their arrays, their files and the verbs that work on them."""
 
 import json
 import pickle
@@ -18,7 +18,7 @@ def volumes(mesh):
     return np.linalg.det(corners[:, 1:] - corners[:, :1]) / (6 if corners.shape[1] == 4 else 2)
 
 
-def test_arrays_are_of_the_mesh_itself(mesh):
+def test_arrays_share_the_memory_of_the_mesh(mesh):
     assert mesh.kind == "tetra" and mesh.cells.shape == (mesh.n_cells, 4)
     assert mesh.points.shape == (mesh.n_points, 3) and mesh.points.dtype == np.float64
     for array in [mesh.points, mesh.cells, mesh.feature_faces, *mesh.point_data.values(), *mesh.cell_data.values()]:
@@ -32,8 +32,8 @@ def test_arrays_are_of_the_mesh_itself(mesh):
 def test_arrays_outlive_their_mesh():
     points = atomesh.mesh(disc(), distance=6).points
     copy = points.copy()
-    other = [atomesh.mesh(disc(), distance=7).points for _ in range(3)]
-    assert np.array_equal(points, copy) and len(other) == 3
+    other_points = [atomesh.mesh(disc(), distance=7).points for _ in range(3)]
+    assert np.array_equal(points, copy) and len(other_points) == 3
 
 
 def test_cells_are_positive_and_fill_the_box(mesh, faults):
@@ -66,20 +66,20 @@ def test_a_notebook_shows_a_picture_and_the_table(mesh):
     assert shown.startswith('<img src="data:image/png;base64,') and "tetrahedra" in shown
 
 
-def test_a_file_and_back(mesh, tmp_path):
+def test_a_saved_mesh_is_loaded_unchanged(mesh, tmp_path):
     mesh.save(tmp_path / "a.vtu")
-    back = atomesh.load(tmp_path / "a.vtu")
-    assert np.array_equal(back.points, mesh.points) and np.array_equal(back.cells, mesh.cells)
-    assert np.array_equal(back.feature_faces, mesh.feature_faces)
-    assert back.quality["cells"] == mesh.n_cells
-    assert back.fidelity == {} and back.report == {}
-    assert {"parameters", "units", "atomesh_version"} <= set(back.fields)
+    loaded = atomesh.load(tmp_path / "a.vtu")
+    assert np.array_equal(loaded.points, mesh.points) and np.array_equal(loaded.cells, mesh.cells)
+    assert np.array_equal(loaded.feature_faces, mesh.feature_faces)
+    assert loaded.quality["cells"] == mesh.n_cells
+    assert loaded.fidelity == {} and loaded.report == {}
+    assert {"parameters", "units", "atomesh_version"} <= set(loaded.fields)
     assert atomesh.info(tmp_path / "a.vtu")["tetrahedra"] == mesh.n_cells
     with pytest.raises(atomesh.Error, match="use export"):
         mesh.save(tmp_path / "a.msh")
 
 
-def test_triangles_of_a_plane():
+def test_triangles():
     plane = atomesh.mesh(disc(), distance=5, feature="edges", spacing=(2, 3))
     assert plane.kind == "triangle" and plane.points.shape[1] == 2 and plane.cells.shape[1] == 3
     assert volumes(plane).sum() == pytest.approx(47 * 2 * 47 * 3)
@@ -102,17 +102,17 @@ def test_voronoi_cells(cells):
 def test_pyvista_and_meshio_have_the_same_volume(mesh, cells):
     pytest.importorskip("meshio")
     pytest.importorskip("pyvista")
-    for one in (mesh, cells, atomesh.voronoi(disc(), distance=6, feature="edges")):
-        grid = one.to_pyvista()
-        assert grid.n_cells == one.n_cells and grid.n_points == one.n_points
-        low, high = one.points.min(axis=0), one.points.max(axis=0)
+    for any_mesh in (mesh, cells, atomesh.voronoi(disc(), distance=6, feature="edges")):
+        grid = any_mesh.to_pyvista()
+        assert grid.n_cells == any_mesh.n_cells and grid.n_points == any_mesh.n_points
+        low, high = any_mesh.points.min(axis=0), any_mesh.points.max(axis=0)
         sizes = grid.compute_cell_sizes()
-        size = sizes["Area"] if one.points.shape[1] == 2 else sizes["Volume"]
+        size = sizes["Area"] if any_mesh.points.shape[1] == 2 else sizes["Volume"]
         assert np.abs(size).sum() == pytest.approx(np.prod(high - low), rel=1e-3)
-        other = one.to_meshio()
-        assert sum(len(block.data) for block in other.cells) == one.n_cells
-        for name in one.cell_data:
-            assert sum(len(block) for block in other.cell_data[name]) == one.n_cells
+        meshio_mesh = any_mesh.to_meshio()
+        assert sum(len(block.data) for block in meshio_mesh.cells) == any_mesh.n_cells
+        for name in any_mesh.cell_data:
+            assert sum(len(block) for block in meshio_mesh.cell_data[name]) == any_mesh.n_cells
     assert np.array_equal(mesh.to_meshio().cells_dict["tetra"], mesh.cells)
     assert "region" in cells.to_meshio().cell_data
 
@@ -132,9 +132,9 @@ def test_surfaces(mesh):
 
 
 def test_flow(mesh, cells):
-    for one in (mesh, cells):
-        done = one.flow(injectors=(6, 6, 6), producers=[(40, 36, 34)], faults="open", permeability=1e-12)
-        pressure = done.cell_data.get("pressure", done.point_data.get("pressure"))
+    for any_mesh in (mesh, cells):
+        result = any_mesh.flow(injectors=(6, 6, 6), producers=[(40, 36, 34)], faults="open", permeability=1e-12)
+        pressure = result.cell_data.get("pressure", result.point_data.get("pressure"))
         assert np.ptp(pressure) > 0
     rates = mesh.flow({(6, 6, 6): 0.002}, {(40, 36, 34): 0.0015, (6, 36, 6): 0.0005}, faults="open")
     assert [well["rate"] for well in rates.report["exchange"]] == [0.002, -0.0015, -0.0005]
@@ -153,40 +153,40 @@ def test_paint_segment_edit(mesh, faults):
     cut = bright.segment(object=(17, 15, 13), background=[((0, 0, 0), (3, 3, 3)), (32, 28, 24)], lambda_=0.9)
     label = cut.cell_data["label"]
     assert 0 < label.mean() < 0.5 and cut.report["cells"]["object"] == label.sum()
-    edited = mesh.edit(add=[(20.5, 20.5, 20.5)], remove=[_inside(mesh)])
+    edited = mesh.edit(add=[(20.5, 20.5, 20.5)], remove=[_central_point(mesh)])
     assert np.isclose(edited.points, (20.5, 20.5, 20.5)).all(axis=1).any()
     assert edited.report["edits"]
 
 
-def _inside(mesh):
-    middle = mesh.points - mesh.points.mean(axis=0)
-    return int(np.argmin((middle**2).sum(axis=1)))
+def _central_point(mesh):
+    offsets = mesh.points - mesh.points.mean(axis=0)
+    return int(np.argmin((offsets**2).sum(axis=1)))
 
 
 def test_columns():
-    chart = atomesh.voronoi(disc(), distance=8, feature="edges", spacing=(10, 10))
+    map_mesh = atomesh.voronoi(disc(), distance=8, feature="edges", spacing=(10, 10))
     y, _ = np.mgrid[:48, :48]
-    model = chart.columns([100.0, 120.0 + y, 180.0], layers="2,3")
-    assert model.n_cells == 5 * chart.n_cells and model.report["layers"] == [2, 3]
+    model = map_mesh.columns([100.0, 120.0 + y, 180.0], layers="2,3")
+    assert model.n_cells == 5 * map_mesh.n_cells and model.report["layers"] == [2, 3]
 
 
 def test_export(mesh, cells, tmp_path):
     mesh.export("msh", tmp_path / "a.msh")
     assert (tmp_path / "a.msh").stat().st_size > 1000
-    said = cells.export(
+    report = cells.export(
         "opm", tmp_path / "CASE.DATA", porosity=0.2, permeability=100, permeability_unit="mD", depth_at_top=2000,
         injector={(6, 6, 6): 3e7}, producer={(40, 36, 34): 1e7},
     )
-    assert (tmp_path / "CASE.DATA").exists() and [well["name"] for well in said["wells"]]
+    assert (tmp_path / "CASE.DATA").exists() and [well["name"] for well in report["wells"]]
 
 
 def test_quality_and_validity(mesh, tmp_path):
     assert mesh.validate()["valid"] is True
     exact = tmp_path / "distance.npy"
     image = atomesh.synth("sphere", dims=(40, 40, 40), truth=exact)
-    one = atomesh.mesh(image, distance=6)
-    assert one.measure(truth=exact)["fidelity"]["feature_points"] > 0
-    assert one.measure(truth=np.load(exact))["fidelity"] == one.measure(truth=exact)["fidelity"]
+    sphere = atomesh.mesh(image, distance=6)
+    assert sphere.measure(truth=exact)["fidelity"]["feature_points"] > 0
+    assert sphere.measure(truth=np.load(exact))["fidelity"] == sphere.measure(truth=exact)["fidelity"]
 
 
 def test_a_picture(mesh, tmp_path):
@@ -202,27 +202,27 @@ def test_a_picture(mesh, tmp_path):
 
 
 def test_a_page(mesh, tmp_path):
-    said = mesh.page(tmp_path / "a.html", title="Two faults")
+    report = mesh.page(tmp_path / "a.html", title="Two faults")
     page = (tmp_path / "a.html").read_text()
-    assert said["page"]["bytes"] == (tmp_path / "a.html").stat().st_size
+    assert report["page"]["bytes"] == (tmp_path / "a.html").stat().st_size
     assert page.startswith("<!") and "Two faults" in page
     # A mesh from a file is measured, and needs its image.
     mesh.save(tmp_path / "a.vtu")
-    back = atomesh.load(tmp_path / "a.vtu")
+    loaded = atomesh.load(tmp_path / "a.vtu")
     with pytest.raises(atomesh.Error, match="needs the image"):
-        back.page(tmp_path / "b.html")
-    assert back.page(tmp_path / "b.html", image=mesh.image)["page"]["faces"] == said["page"]["faces"]
+        loaded.page(tmp_path / "b.html")
+    assert loaded.page(tmp_path / "b.html", image=mesh.image)["page"]["faces"] == report["page"]["faces"]
 
 
-def test_the_verdict_is_in_words_and_in_figures(mesh):
+def test_the_verdict_is_in_the_report_and_in_the_table(mesh):
     assert mesh.report["verdict"]["grade"] in ("good", "fair")
     assert [line.split()[0] for line in repr(mesh).splitlines()[1:] if line[0] != " "][:3] == ["mesh", "features", "use"]
 
 
 def test_an_image_in_a_file_is_drawn(faults, tmp_path):
     faults.save(tmp_path / "a.npy")
-    one = atomesh.mesh(tmp_path / "a.npy", distance=8)
-    assert "<img" in one._repr_html_() and np.array_equal(one.image.samples, faults.samples)
+    from_file = atomesh.mesh(tmp_path / "a.npy", distance=8)
+    assert "<img" in from_file._repr_html_() and np.array_equal(from_file.image.samples, faults.samples)
 
 
 def test_other_verbs(faults, tmp_path):
@@ -230,18 +230,18 @@ def test_other_verbs(faults, tmp_path):
     assert potential.samples.shape == faults.samples.shape and potential.report["points"] > 0
     assert potential.samples.min() == -1 and potential.samples.max() == 0
     atomesh.convert(faults, tmp_path / "a.nrrd")
-    said = atomesh.info(tmp_path / "a.nrrd")
-    assert said["image"]["numpy_shape"] == list(faults.samples.shape)
+    report = atomesh.info(tmp_path / "a.nrrd")
+    assert report["image"]["numpy_shape"] == list(faults.samples.shape)
     assert "ridges" in atomesh.options("mesh")["feature"]
 
 
 def test_arrays_in_place_of_files(faults):
     beta = np.full(faults.samples.shape, 0.3)
     wells = np.array([[20, 20, 0, 1], [22, 21, 39, 1.0]])
-    one = atomesh.mesh(faults, distance=6, feature="ridges", beta=beta, well=wells)
-    assert one.n_cells > 100
-    pulled = atomesh.mesh(faults, distance=6, atoms_from=np.array([[20.25, 20.25, 20.25]]))
-    assert np.isclose(pulled.points, 20.25).all(axis=1).any()
+    with_wells = atomesh.mesh(faults, distance=6, feature="ridges", beta=beta, well=wells)
+    assert with_wells.n_cells > 100
+    with_atom = atomesh.mesh(faults, distance=6, atoms_from=np.array([[20.25, 20.25, 20.25]]))
+    assert np.isclose(with_atom.points, 20.25).all(axis=1).any()
 
 
 def test_errors_say_what_to_do(mesh):
@@ -260,26 +260,26 @@ def test_errors_say_what_to_do(mesh):
 
 
 def test_progress(capsys, monkeypatch):
-    heard = []
-    atomesh.mesh(disc(), distance=6, progress=lambda stage, share: heard.append((stage, share)))
-    stages = {stage for stage, _ in heard}
+    events = []
+    atomesh.mesh(disc(), distance=6, progress=lambda stage, fraction: events.append((stage, fraction)))
+    stages = {stage for stage, _ in events}
     assert {"finding features", "moving atoms onto features"} <= stages
-    assert all(0 <= share <= 1 for _, share in heard)
+    assert all(0 <= fraction <= 1 for _, fraction in events)
     monkeypatch.setitem(sys.modules, "tqdm", None)
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     atomesh.mesh(disc(), distance=6, progress=True)
     assert "finding features ..." in capsys.readouterr().err
 
 
-def test_what_a_callback_raises_comes_through():
-    def refuse(stage, share):
+def test_exceptions_of_a_callback_are_raised():
+    def refuse(stage, fraction):
         raise KeyError(stage)
 
     with pytest.raises(KeyError):
         atomesh.mesh(disc(), distance=6, progress=refuse)
 
 
-def test_time_is_warned_of():
+def test_time_coordinates_cause_a_warning():
     with pytest.warns(UserWarning, match="is time"):
         atomesh.mesh(ball(), distance=8, units=("m", "m", "ms"))
     with warnings.catch_warnings():

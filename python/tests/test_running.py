@@ -1,4 +1,4 @@
-"""Threads, interruption, memory, and TetGen's own process."""
+"""Tests of threads, interruption, memory, and TetGen's own process."""
 
 import hashlib
 import os
@@ -18,19 +18,19 @@ import atomesh
 from conftest import ball
 
 
-def bytes_of(mesh):
+def hash_of(mesh):
     digest = hashlib.sha256()
     for array in (mesh.points, mesh.cells, *mesh.point_data.values(), *mesh.cell_data.values()):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
 
-def test_ten_threads_mesh_as_one_does():
-    one = bytes_of(atomesh.mesh(ball(), distance=5, feature="edges"))
+def test_ten_threads_make_the_mesh_of_one():
+    expected = hash_of(atomesh.mesh(ball(), distance=5, feature="edges"))
     with ThreadPoolExecutor(10) as pool:
-        many = list(pool.map(lambda _: bytes_of(atomesh.mesh(ball(), distance=5, feature="edges")), range(10)))
-    assert set(many) == {one}
-    assert bytes_of(atomesh.mesh(ball(), distance=5, feature="edges", threads=1)) == one
+        hashes = list(pool.map(lambda _: hash_of(atomesh.mesh(ball(), distance=5, feature="edges")), range(10)))
+    assert set(hashes) == {expected}
+    assert hash_of(atomesh.mesh(ball(), distance=5, feature="edges", threads=1)) == expected
 
 
 @pytest.mark.skipif("ATOMESH_BINARY" not in os.environ, reason="ATOMESH_BINARY does not name the program")
@@ -56,24 +56,24 @@ def test_other_threads_run_meanwhile():
 
     counter = threading.Thread(target=count)
     counter.start()
-    begun = time.monotonic()
+    start = time.monotonic()
     atomesh.mesh(ball((50, 52, 54)), distance=4, feature="edges")
-    took = time.monotonic() - begun
+    seconds = time.monotonic() - start
     stop.set()
     counter.join()
-    assert counted > 100 * took
+    assert counted > 100 * seconds
 
 
 INTERRUPTED = """
     import os, signal, sys, threading, time
     import atomesh
-    # Jobs in the background begin with Ctrl-C ignored.
+    # Background jobs ignore Ctrl-C by default.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     image = atomesh.synth("faults", dims=(90, 90, 90))
-    told = []
-    def watch(stage, share):
-        if stage.startswith(sys.argv[1]) and not told:
-            told.append(stage)
+    stopped = []
+    def watch(stage, fraction):
+        if stage.startswith(sys.argv[1]) and not stopped:
+            stopped.append(stage)
             os.kill(os.getpid(), signal.SIGINT)
     try:
         mesh = atomesh.mesh(image, distance=4, progress=watch)
@@ -86,16 +86,16 @@ INTERRUPTED = """
 
 
 @pytest.mark.parametrize(
-    "stage, says", [("finding features", "KeyboardInterrupt"), ("moving atoms", "True True")]
+    "stage, expected", [("finding features", "KeyboardInterrupt"), ("moving atoms", "True True")]
 )
-def test_ctrl_c_stops_as_on_the_command_line(stage, says):
-    done = subprocess.run(
+def test_ctrl_c_stops_as_on_the_command_line(stage, expected):
+    process = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(INTERRUPTED), stage], capture_output=True, text=True, timeout=120
     )
-    assert done.stdout.strip() == says, done.stderr
+    assert process.stdout.strip() == expected, process.stderr
 
 
-def resident():
+def resident_bytes():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
@@ -107,18 +107,18 @@ def test_200_meshes_leave_no_memory_behind():
         for _ in range(count):
             mesh = atomesh.mesh(image, distance=5, feature="edges")
             assert len(mesh.points) and len(mesh.cells) and len(mesh.feature_faces) and mesh.cell_data
-        return resident()
+        return resident_bytes()
 
     before = make(60)
     after = make(200)
-    # A mesh of these holds some 100 kB, its features more.
+    # Each of these meshes takes about 100 kB, and its features more.
     assert after - before < 8e6, f"{(after - before) / 1e6:.1f} MB"
 
 
 def workers():
     tasks = Path("/proc/self/task")
     children = [(task / "children").read_text().split() for task in tasks.iterdir()]
-    return [pid for some in children for pid in some if _is_worker(pid)]
+    return [pid for pids in children for pid in pids if _is_worker(pid)]
 
 
 def _is_worker(pid):
@@ -129,7 +129,7 @@ def _is_worker(pid):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are read from /proc")
-def test_a_killed_worker_is_one_error_and_leaves_nothing():
+def test_a_killed_worker_causes_one_error_and_leaves_no_process():
     killed = []
     done = threading.Event()
 
@@ -151,5 +151,5 @@ def test_a_killed_worker_is_one_error_and_leaves_nothing():
         killer.join()
     assert caught.value.kind == "Delaunay" and "signal: 9" in str(caught.value)
     assert killed and not workers()
-    # The next one is none the worse.
+    # The next job succeeds.
     assert atomesh.mesh(ball(), distance=6).n_cells > 50

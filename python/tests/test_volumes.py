@@ -1,4 +1,4 @@
-"""What a volume may be: arrays, paths, and images of other packages, each where it lies in the world."""
+"""Tests of volumes: arrays, paths, and images of other packages, with their positions."""
 
 import numpy as np
 import pytest
@@ -18,10 +18,10 @@ def expected():
     return nodes(ball(), spacing=SPACING, origin=ORIGIN)
 
 
-def test_an_array_lies_where_it_is_said(expected):
-    far = [o + s * (n - 1) for o, s, n in zip(ORIGIN, SPACING, ball().shape[::-1])]
+def test_an_array_has_the_given_position(expected):
+    far_corner = [o + s * (n - 1) for o, s, n in zip(ORIGIN, SPACING, ball().shape[::-1])]
     assert np.allclose(expected.min(axis=0), ORIGIN)
-    assert np.allclose(expected.max(axis=0), far)
+    assert np.allclose(expected.max(axis=0), far_corner)
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16, np.uint8, bool])
@@ -38,7 +38,7 @@ def test_a_file(tmp_path, expected):
     read = atomesh.read(str(tmp_path / "ball.vti"))
     assert np.array_equal(read.samples, image.samples)
     assert np.allclose(read.spacing, SPACING) and np.allclose(read.origin, ORIGIN)
-    # Another place than the file says.
+    # An origin replaces that of the file.
     moved = nodes(tmp_path / "ball.vti", origin=(0, 0, 0))
     assert np.allclose(moved, expected - ORIGIN)
 
@@ -51,12 +51,12 @@ def test_xarray(expected):
     }
     array = xarray.DataArray(ball(), dims=("z", "y", "x"), coords=coords)
     assert np.array_equal(nodes(array), expected)
-    # Axes that are named come to their places.
+    # Named axes are sorted.
     assert np.array_equal(nodes(array.transpose("x", "z", "y")), expected)
     assert atomesh.Image.of(array).units == ["m"] * 3
-    crooked = array.assign_coords(x=np.arange(array.sizes["x"]) ** 2)
+    uneven = array.assign_coords(x=np.arange(array.sizes["x"]) ** 2)
     with pytest.raises(atomesh.Error, match="x: is not evenly spaced"):
-        atomesh.mesh(crooked)
+        atomesh.mesh(uneven)
 
 
 def test_pyvista(expected):
@@ -68,8 +68,8 @@ def test_pyvista(expected):
     grid = pyvista.ImageData(dimensions=np.array(ball().shape[::-1]) + 1, spacing=SPACING, origin=corner)
     grid.cell_data["values"] = ball().ravel()
     assert np.allclose(nodes(grid), expected)
-    back = atomesh.Image.of(ball(), SPACING, ORIGIN).to_pyvista()
-    assert np.array_equal(nodes(back), expected)
+    converted = atomesh.Image.of(ball(), SPACING, ORIGIN).to_pyvista()
+    assert np.array_equal(nodes(converted), expected)
 
 
 def test_the_accessor_of_pyvista(expected):
@@ -97,23 +97,23 @@ def test_vtk(on_cells, expected):
         nodes(vtk.vtkImageData())
 
 
-def test_what_is_masked_is_missing():
+def test_masked_samples_are_missing():
     array = ball()
-    hidden = array.copy()
-    hidden[:, :4, :4] = -999
-    image = atomesh.Image.of(np.ma.masked_equal(hidden, -999))
-    assert np.array_equal(np.isnan(image.samples), hidden == -999)
-    # Nothing is masked: the array itself, integers included.
-    whole = np.ma.array(array.astype(np.int16))
-    assert np.array_equal(atomesh.Image.of(whole).samples, array.astype(np.int16))
+    marked = array.copy()
+    marked[:, :4, :4] = -999
+    image = atomesh.Image.of(np.ma.masked_equal(marked, -999))
+    assert np.array_equal(np.isnan(image.samples), marked == -999)
+    # Without masked samples, the array is used as it is, even if it holds integers.
+    unmasked = np.ma.array(array.astype(np.int16))
+    assert np.array_equal(atomesh.Image.of(unmasked).samples, array.astype(np.int16))
 
 
-def test_labels_beyond_floats_stay_apart(tmp_path):
+def test_labels_that_floats_cannot_represent_remain_distinct(tmp_path):
     labels = np.full((16, 17, 18), 2**60, dtype=np.int64)
     labels[8:] += 1
     mesh = atomesh.mesh(labels, distance=4)
-    found = [region["label"] for region in mesh.report["regions"]["regions"]]
-    assert found == [2**60, 2**60 + 1]
+    region_labels = [region["label"] for region in mesh.report["regions"]["regions"]]
+    assert region_labels == [2**60, 2**60 + 1]
 
 
 def test_simpleitk(expected):
@@ -122,11 +122,11 @@ def test_simpleitk(expected):
     image.SetSpacing(SPACING)
     image.SetOrigin(ORIGIN)
     assert np.array_equal(nodes(image), expected)
-    turned = (0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    image.SetDirection(turned)
-    found = atomesh.Image.of(image)
-    assert np.allclose(found.origin + found.axes[0], image.TransformIndexToPhysicalPoint((1, 0, 0)))
-    assert np.allclose(found.origin + found.axes[1], image.TransformIndexToPhysicalPoint((0, 1, 0)))
+    rotation = (0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    image.SetDirection(rotation)
+    rotated = atomesh.Image.of(image)
+    assert np.allclose(rotated.origin + rotated.axes[0], image.TransformIndexToPhysicalPoint((1, 0, 0)))
+    assert np.allclose(rotated.origin + rotated.axes[1], image.TransformIndexToPhysicalPoint((0, 1, 0)))
 
 
 def test_nibabel(tmp_path, expected):
@@ -134,15 +134,15 @@ def test_nibabel(tmp_path, expected):
     affine = np.diag([*SPACING, 1.0])
     affine[:3, 3] = ORIGIN
     image = nibabel.Nifti1Image(ball().T, affine)
-    # To the left and to the back, as ITK has it.
+    # In ITK, x points to the left and y to the back.
     assert np.allclose(nodes(image), expected * [-1, -1, 1])
-    # As its own file says.
+    # The file of the image has the same position.
     nibabel.save(image, tmp_path / "ball.nii.gz")
     assert np.allclose(nodes(tmp_path / "ball.nii.gz"), nodes(image), atol=1e-4)
 
 
 @pytest.mark.parametrize(
-    "volume, options, says",
+    "volume, options, message",
     [
         (np.zeros(5), {}, "shape 5; give an array of two axes or three"),
         (np.zeros((4, 4, 4), complex), {}, "holds complex128; give real numbers"),
@@ -154,6 +154,6 @@ def test_nibabel(tmp_path, expected):
         ("absent.npy", {}, "absent.npy: cannot open"),
     ],
 )
-def test_what_is_no_image_is_said(volume, options, says):
-    with pytest.raises(atomesh.Error, match=says):
+def test_invalid_volumes_are_refused(volume, options, message):
+    with pytest.raises(atomesh.Error, match=message):
         atomesh.mesh(volume, **options)

@@ -1,4 +1,4 @@
-//! The command line as a whole; what each verb takes stands beside what it does, in
+//! The command line as a whole. The arguments of each verb are declared next to its code, in
 //! [`verbs`](crate::cli::verbs).
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -24,7 +24,8 @@ use crate::cli::verbs::synth::SynthArgs;
 use crate::cli::verbs::validate::ValidateArgs;
 use crate::error::{Error, cause};
 
-/// `atomesh --version`: the licence of the binary depends on what is linked into it.
+/// Returns the text of `atomesh --version`. The licence of the program depends on the libraries
+/// that are linked into it.
 fn version() -> &'static str {
     match (cfg!(feature = "tetgen"), cfg!(feature = "cgal")) {
         (true, true) => concat!(
@@ -60,7 +61,7 @@ fn version() -> &'static str {
     arg_required_else_help = true
 )]
 pub struct CommandLine {
-    /// What to do.
+    /// The verb to run.
     #[command(subcommand)]
     pub verb: Verb,
     /// Options that every verb has.
@@ -68,31 +69,31 @@ pub struct CommandLine {
     pub common: CommonOptions,
 }
 
-/// One verb each.
+/// The verbs of the command line.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
-    /// Image in, aligned mesh out (the main job)
+    /// Makes a mesh of an image that is aligned with the image's features (the main job)
     #[command(after_help = "Example:\n  atomesh mesh survey.sgy -o mesh.vtu --distance 8")]
     Mesh(Box<MeshArgs>),
-    /// Detects features only: writes the potential b(x)
+    /// Detects the features of an image and writes the potential b(x)
     #[command(after_help = "Example:\n  atomesh feature faults.npy -o potential.vti --sigma 2")]
     Feature(FeatureArgs),
-    /// What a file holds: dimensions, geometry, units, range, traces, missing data
+    /// Shows what a file holds: dimensions, geometry, units, range, traces, missing data
     #[command(after_help = "Example:\n  atomesh info survey.sgy")]
     Info(InfoArgs),
     /// Converts an image from one format to another
     #[command(after_help = "Example:\n  atomesh convert survey.sgy survey.vti")]
     Convert(ConvertArgs),
-    /// Quality and fidelity figures of a mesh
+    /// Measures the quality and the fidelity of a mesh
     #[command(after_help = "Example:\n  atomesh quality mesh.vtu --truth distance.npy")]
     Quality(QualityArgs),
-    /// A page to look at: mesh, image and figures in one HTML file for any browser
+    /// Writes a page with mesh, image and figures: one HTML file for any browser
     #[command(after_help = "Example:\n  atomesh report survey.sgy mesh.vtu -o page.html")]
     Report(ReportArgs),
-    /// Checks a mesh by our own checker, TetGen and CGAL
+    /// Checks a mesh with atomesh's own checker, TetGen and CGAL
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
-    /// Steady flow from sources to sinks, with faults closed, open, or in between
+    /// Computes steady flow from sources to sinks, with faults closed, open, or in between
     #[command(
         after_help = "Example:\n  atomesh flow mesh.vtu --source 20,30,40 --sink 80,60,50 -o flow.vtu --streamlines lines.vtp"
     )]
@@ -102,22 +103,22 @@ pub enum Verb {
         after_help = "Example:\n  atomesh edit mesh.vtu survey.sgy -o edited.vtu --add 1500,2000,300 --remove 812"
     )]
     Edit(EditArgs),
-    /// Columns: the Voronoi cells of a map, extended down through layers between horizons
+    /// Extends the Voronoi cells of a map down through layers between horizons
     #[command(
         after_help = "Example:\n  atomesh columns map.vtu --horizon top.npy --horizon base.npy --layers 5 -o cells.vtu"
     )]
     Columns(ColumnsArgs),
-    /// A mesh for a reservoir simulator, or for another mesher
+    /// Exports a mesh to a reservoir simulator, or to another mesher
     #[command(
         after_help = "Example:\n  atomesh export cells.vtu --to opm -o CASE.DATA --porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 2000"
     )]
     Export(Box<ExportArgs>),
-    /// A picture of the mesh over its image, of a part of it in space, of surfaces and of lines
+    /// Draws the mesh over its image, a part of it in space, surfaces and lines
     #[command(
         after_help = "Example:\n  atomesh slice survey.sgy mesh.vtu -o sections.png\n  atomesh slice flow.vtu lines.vtp -o flow.png --view 3d --cut z --color pressure"
     )]
     Slice(SliceArgs),
-    /// Faces on features, grouped into labelled surfaces: faults, horizons
+    /// Groups the faces on features into labelled surfaces: faults, horizons
     #[command(after_help = "Example:\n  atomesh surface mesh.vtu -o faults.vtp")]
     Surface(SurfaceArgs),
     /// Paints cells from seeds, within layers but not across surfaces
@@ -125,31 +126,31 @@ pub enum Verb {
         after_help = "Example:\n  atomesh paint mesh.vtu --seed 40,50,60 --seed 90,50,60 -o painted.vtu"
     )]
     Paint(PaintArgs),
-    /// Object and background by a minimum cut on the cells of a mesh
+    /// Separates an object from the background by a minimum cut on the cells of a mesh
     #[command(
         after_help = "Example:\n  atomesh segment image.nrrd mesh.vtu --object 60,60,60 --background 5,5,5 -o segmented.vtu"
     )]
     Segment(SegmentArgs),
-    /// Synthetic images whose features are known exactly
+    /// Makes synthetic images whose features are known exactly
     #[command(
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
     )]
     Synth(SynthArgs),
-    /// What this program is made of, what it runs on, and which programs beside it are there
+    /// Shows how this program was built, what it runs on, and which related programs are installed
     #[command(after_help = "Example:\n  atomesh doctor")]
     Doctor,
-    /// What a shell needs to complete words
+    /// Prints a script with which a shell completes commands and options
     #[command(
         after_help = "Example:\n  atomesh completions bash > ~/.local/share/bash-completion/completions/atomesh"
     )]
     Completions(CompletionsArgs),
-    /// Manual pages
+    /// Writes manual pages
     #[command(after_help = "Example:\n  atomesh man -o ~/.local/share/man/man1")]
     Man(ManArgs),
 }
 
-/// Returns an error about the value of an option as one line like any other; `None` if the command line
-/// is wrong in another way, which clap explains better.
+/// Returns an error about the value of an option as an error of one line. Returns `None` if the
+/// command line is wrong in another way, which clap explains better.
 pub fn value_error(error: &clap::Error) -> Option<Error> {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.as_str()),

@@ -1,4 +1,4 @@
-//! Where a model lies, and what happens in it, as typed.
+//! Options for the position of a model, and for the wells and fluids of a simulation.
 
 use std::cell::OnceCell;
 use std::path::Path;
@@ -17,14 +17,16 @@ use crate::model::reservoir::{
 };
 use crate::{Error, Result};
 
-/// Where a mesh's coordinates are in metres and depth.
+/// Options that convert a mesh's coordinates to metres and depth.
 #[derive(Debug, Clone, Args)]
 pub struct SpaceOptions {
-    /// Unit of the mesh's coordinates, whatever the mesh states: m, km, ft, cm, mm, um, nm. The export is in
-    /// metres [default: what the mesh states, or m; scans in mm or less keep their unit where flow is not simulated]
+    /// Unit of the mesh's coordinates, if it is not the one that the mesh states: m, km, ft, cm,
+    /// mm, um or nm. The export is in metres [default: what the mesh states, or m; scans in mm or
+    /// less keep their unit where flow is not simulated]
     #[arg(long, value_name = "UNIT")]
     pub length_unit: Option<String>,
-    /// The coordinate that is depth, with its sign: -z if z grows upwards, z if downwards, x ...
+    /// The coordinate that is depth, with its sign: -z if z grows upwards, z if it grows downwards,
+    /// x ...
     #[arg(
         long,
         value_name = "AXIS",
@@ -32,10 +34,10 @@ pub struct SpaceOptions {
         allow_hyphen_values = true
     )]
     pub down: String,
-    /// Depth (m) of the mesh's shallowest point [default: by its coordinates]
+    /// Depth (m) of the mesh's shallowest point [default: from its coordinates]
     #[arg(long, value_name = "DEPTH", allow_hyphen_values = true)]
     pub depth_at_top: Option<f64>,
-    /// Velocity (m/s) that turns two-way time into depth
+    /// Velocity (m/s) that converts two-way time to depth
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub velocity: Option<f64>,
     /// Thickness of a 2-D mesh, in the unit of its coordinates [default: 1]
@@ -43,7 +45,7 @@ pub struct SpaceOptions {
     pub thickness: Option<f64>,
 }
 
-/// What fills the pores.
+/// The fluids in the pores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum FluidChoice {
     /// Water only
@@ -52,19 +54,19 @@ pub enum FluidChoice {
     OilWater,
 }
 
-/// What happens in a simulation.
+/// Options for the wells, fluids and duration of a simulation.
 #[derive(Debug, Clone, Args)]
 pub struct CaseOptions {
-    /// What fills the pores [default: water]
+    /// Fluids in the pores [default: water]
     #[arg(long, value_name = "FLUID")]
     pub fluid: Option<FluidChoice>,
-    /// A well that injects water, in m^3/day, vertical in the cell at X,Y,Z (the mesh's
-    /// coordinates), or along the trajectory in a CSV file of lines x,y,z,radius:
+    /// A well that injects water at a rate in m^3/day. It is vertical in the cell at X,Y,Z (the
+    /// mesh's coordinates), or follows the trajectory in a CSV file of lines x,y,z,radius:
     /// [NAME=]FILE.csv:RATE; may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
     pub injector: Vec<String>,
-    /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a file; may
-    /// be repeated
+    /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a CSV file;
+    /// may be repeated
     #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
     pub producer: Vec<String>,
     /// Radius (m) of wells that are given by a point [default: 0.1]
@@ -73,7 +75,7 @@ pub struct CaseOptions {
     /// Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
     #[arg(long, value_name = "BAR")]
     pub pressure_at_top: Option<f64>,
-    /// Fluids without weight (no hydrostatic gradient)
+    /// Ignore gravity: no hydrostatic gradient
     #[arg(long)]
     pub no_gravity: bool,
     /// Number of days to simulate [default: 3650]
@@ -82,18 +84,18 @@ pub struct CaseOptions {
 }
 
 impl SpaceOptions {
-    /// The options, checked.
+    /// Returns the placement of the mesh that the options describe.
     ///
     /// # Errors
-    /// [`Error::Job`] for an unknown unit or axis, or numbers that make no sense.
+    /// Returns [`Error::Job`] for an unknown unit or axis, or for numbers that make no sense.
     pub fn placement(&self) -> Result<MeshPlacement> {
-        let known = |unit: &String| {
+        let parse_unit = |unit: &String| {
             let remedy = "give m, km, ft, cm, mm, um or nm";
             let unknown = || option_error("--length-unit", unit, "is not a known unit", remedy);
             metres_per_unit(unit).ok_or_else(unknown)
         };
-        let length = self.length_unit.as_ref().map(known).transpose()?;
-        let grows = !self.down.starts_with('-');
+        let length = self.length_unit.as_ref().map(parse_unit).transpose()?;
+        let is_downward = !self.down.starts_with('-');
         let name = self.down.trim_start_matches('-');
         let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);
         let axis = axis.ok_or_else(|| {
@@ -106,10 +108,7 @@ impl SpaceOptions {
         Ok(MeshPlacement {
             length,
             keeps_unit: false,
-            depth_axis: DepthAxis {
-                axis,
-                is_downward: grows,
-            },
+            depth_axis: DepthAxis { axis, is_downward },
             velocity: self.velocity,
             top: self.depth_at_top,
             thickness: self.thickness.unwrap_or(1.0),
@@ -131,15 +130,16 @@ fn check_positive(option: &str, value: f64) -> Result<()> {
 }
 
 impl CaseOptions {
-    /// The case, its wells in cells of the model.
+    /// Returns the simulation case, with its wells in cells of the model.
     ///
     /// # Errors
-    /// [`Error::Job`] for what makes no sense, [`Error::Export`] for wells that lie outside.
+    /// Returns [`Error::Job`] for options that make no sense, and [`Error::Export`] for wells that
+    /// lie outside the mesh.
     pub fn case(&self, prepared: &PreparedModel, console: &Console) -> Result<SimulationCase> {
         let days = self.days.unwrap_or(3650.0);
         check_positive("--days", days)?;
         if self.days.is_some() && self.injector.is_empty() && self.producer.is_empty() {
-            let problem = "without wells nothing moves, however long";
+            let problem = "has no effect without wells";
             let remedy = "give --injector or --producer, or omit it";
             return Err(option_error("--days", &days.to_string(), problem, remedy));
         }
@@ -164,12 +164,12 @@ impl CaseOptions {
                 };
                 let value = number(option, value, remedy)?;
                 check_positive(option, value)?;
-                let called = format!("{option} {text}");
+                let label = format!("{option} {text}");
                 let tracer = tracer.get_or_init(|| WellTracer::new(model));
-                let (own_name, radius, way, completions) = if is_well_file(place) {
-                    let (name, way, completions) =
-                        well_from_file(place, called, tracer, prepared, console)?;
-                    (name, way.radii[0], way.points, completions)
+                let (default_name, radius, points, completions) = if is_well_file(place) {
+                    let (name, trajectory, completions) =
+                        well_from_file(place, label, tracer, prepared, console)?;
+                    (name, trajectory.radii[0], trajectory.points, completions)
                 } else {
                     let point = prepared.frame.to_model(point(option, place, remedy)?);
                     let locator = locator.get_or_init(|| Locator::new(&model.graph));
@@ -177,15 +177,15 @@ impl CaseOptions {
                         let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
                         option_error(option, text, "lies outside the mesh", remedy)
                     })?;
-                    let own_name = format!("{letter}{}", wells.len() + 1);
+                    let default_name = format!("{letter}{}", wells.len() + 1);
                     (
-                        own_name,
+                        default_name,
                         radius,
                         vec![point],
-                        tracer.complete_cell(&called, cell, radius)?,
+                        tracer.complete_cell(&label, cell, radius)?,
                     )
                 };
-                let name = name.unwrap_or(own_name);
+                let name = name.unwrap_or(default_name);
                 if wells.iter().any(|known| known.name == name) {
                     return Err(option_error(
                         option,
@@ -199,7 +199,7 @@ impl CaseOptions {
                     cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
                     lengths: completions.iter().map(|c| c.length).collect(),
                     radius,
-                    path: way,
+                    path: points,
                     control: match letter {
                         'I' => Control::Inject(value / DAY),
                         _ => Control::Pressure(value * BAR),
@@ -227,10 +227,10 @@ impl CaseOptions {
     }
 }
 
-/// Name, way and completions of a well along the way in a file.
+/// Reads a well from a file. Returns its name, its trajectory and its completions.
 fn well_from_file(
     path: &str,
-    called: String,
+    label: String,
     tracer: &WellTracer,
     prepared: &PreparedModel,
     console: &Console,
@@ -238,28 +238,28 @@ fn well_from_file(
     let file = WellFile::<3>::read(Path::new(path), 2)?;
     let frame = &prepared.frame;
     let points = file.points.iter();
-    let way = Trajectory {
-        name: called,
+    let trajectory = Trajectory {
+        name: label,
         points: points.clone().map(|p| frame.to_model(p.1)).collect(),
         radii: points.map(|p| p.2 * frame.horizontal_scale()).collect(),
     };
-    let completions = tracer.complete(&way)?;
-    let (all, inside) = (
-        way.length(),
+    let completions = tracer.complete(&trajectory)?;
+    let (total, inside) = (
+        trajectory.length(),
         completions.iter().map(|c| c.length).sum::<f64>(),
     );
-    if inside < (1.0 - 1e-6) * all {
+    if inside < (1.0 - 1e-6) * total {
         console.note(format_args!(
-            "{path}: {inside:.2} of the well's {all:.2} m lie in the mesh"
+            "{path}: {inside:.2} of the well's {total:.2} m lie in the mesh"
         ));
     }
-    Ok((file.name, way, completions))
+    Ok((file.name, trajectory, completions))
 }
 
-/// Depth must grow downwards from the surface.
+/// Checks that depth grows downwards from the surface.
 ///
 /// # Errors
-/// [`Error::Export`] for a mesh that reaches above it.
+/// Returns [`Error::Export`] for a mesh that reaches above depth 0.
 pub fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
     let depths = (0..model.len()).map(|cell| model.depth(cell));
     let top = depths.fold(f64::INFINITY, f64::min);
@@ -269,6 +269,6 @@ pub fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
     Err(Error::Export(cause(
         format!("--down {}", space.down),
         format!("puts the mesh's top {:.6} m above depth 0", -top),
-        "give the other sign if that coordinate grows the other way, or --depth-at-top",
+        "give the other sign, or --depth-at-top",
     )))
 }

@@ -1,5 +1,7 @@
-//! Everything that atomesh prints: results on standard output, progress on standard error; and the meshes and
-//! images that verbs name, which at another [`Desk`] need not be files.
+//! The console of a verb: results go to standard output, progress goes to standard error.
+//!
+//! Verbs also read and write meshes and images through it, as these are not files under every
+//! [`Host`].
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -17,32 +19,33 @@ use crate::cli::common::options::read_options;
 use crate::cli::host::{Host, MemoryOutput};
 use crate::cli::provenance::file_hash;
 use crate::cli::time_left::TimeLeft;
+use crate::comm::Comm;
 use crate::export::SurfaceFile;
 use crate::image::formats::stream::OpenedImage;
 use crate::image::formats::{self, AnyImage, InputOptions, LineNumbers};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
 use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh};
-use crate::{Error, Result, comm};
+use crate::{Error, Result};
 
-/// What verbs speak to, and through which they read and write: a [`Desk`] with a few words of its own.
+/// The console of a verb: a [`Host`] with some convenience methods.
 pub struct Console {
     host: Box<dyn Host>,
 }
 
-/// The hash of an image that may not be found yet.
+/// The hash of an image that may still be being computed.
 pub enum PendingHash {
-    /// It is.
+    /// The hash is known.
     Ready(Result<String>),
-    /// A thread is at it.
+    /// A thread computes the hash.
     Running(JoinHandle<Result<String>>),
 }
 
 impl PendingHash {
-    /// Waits for it.
+    /// Waits for the hash and returns it.
     ///
     /// # Errors
-    /// As [`file_hash`].
+    /// Returns the errors of [`file_hash`].
     pub fn wait(self) -> Result<String> {
         match self {
             Self::Ready(hash) => hash,
@@ -52,57 +55,58 @@ impl PendingHash {
 }
 
 impl Console {
-    /// The terminal, as the common options ask for it; that of the first rank alone says anything.
-    pub fn new(common: &CommonOptions) -> Self {
+    /// Returns the console of the terminal, as the common options configure it. Only the root rank
+    /// prints anything.
+    pub(super) fn new(common: &CommonOptions, comm: &dyn Comm) -> Self {
         Self::with_host(Terminal {
-            quiet: common.quiet || !comm::is_root(),
-            json: common.json && comm::is_root(),
+            quiet: common.quiet || !comm.is_root(),
+            json: common.json && comm.is_root(),
             bar: None,
             job: RefCell::new(None),
         })
     }
 
-    /// A console at another desk.
-    pub fn with_host(desk: impl Host + 'static) -> Self {
+    /// Returns the console of another host.
+    pub fn with_host(host: impl Host + 'static) -> Self {
         Self {
-            host: Box::new(desk),
+            host: Box::new(host),
         }
     }
 
-    /// The result of a verb.
+    /// Reports the result of a verb, as text and as JSON.
     pub fn result(&mut self, text: impl Display, json: &serde_json::Value) {
         self.host.result(&text.to_string(), json);
     }
 
-    /// One line about something that the user should know but that stops nothing.
+    /// Prints a note: one line that the user should read but that stops nothing.
     pub fn note(&self, line: impl Display) {
         self.host.note(&line.to_string());
     }
 
-    /// One line beside the progress.
+    /// Prints one line next to the progress.
     pub fn log_line(&self, line: impl Display) {
         self.host.log_line(&line.to_string());
     }
 
-    /// A stage begins.
+    /// Begins a stage.
     pub fn begin_stage(&mut self, name: impl Display) {
         self.host.begin_stage(&name.to_string());
     }
 
-    /// How much of the stage is done at most, in [0, 1], and what it is at.
-    pub fn progress(&self, share: f64, what: impl Display) {
-        self.host.progress(share, &what.to_string());
+    /// Shows the largest fraction of the stage that can be done, in [0, 1], and its current step.
+    pub fn progress(&self, fraction: f64, detail: impl Display) {
+        self.host.progress(fraction, &detail.to_string());
     }
 
-    /// The stage is over.
+    /// Ends the stage.
     pub fn end_stage(&mut self) {
         self.host.end_stage();
     }
 
-    /// A mesh that an argument names.
+    /// Reads a mesh that an argument names.
     ///
     /// # Errors
-    /// As [`read_any_mesh`].
+    /// Returns the errors of [`read_any_mesh`].
     pub fn read_mesh(&self, path: &Path) -> Result<AnyMesh> {
         match self.host.mesh(path) {
             Some(mesh) => Ok(mesh),
@@ -110,18 +114,19 @@ impl Console {
         }
     }
 
-    /// An image that an argument names.
+    /// Reads an image that an argument names.
     ///
     /// # Errors
-    /// As [`formats::read_any`]; [`Error::Job`] for options that do not apply to it.
+    /// Returns the errors of [`formats::read_any`], and [`Error::Job`] for options that do not
+    /// apply to the image.
     pub fn read_image(&self, path: &Path, input: &InputOptions) -> Result<AnyImage> {
         match self.host.image(path) {
             Some(image) => {
-                let rest = InputOptions {
+                let remaining = InputOptions {
                     null: None,
                     ..input.clone()
                 };
-                rest.refuse_unused("the image is in memory")?;
+                remaining.refuse_unused("the image is in memory")?;
                 OpenedImage::InMemory(image)
                     .with_nulls(&input.nulls()?)
                     .load(path)
@@ -130,10 +135,11 @@ impl Console {
         }
     }
 
-    /// The same with its samples left in the file, where they may be more than memory holds.
+    /// Opens an image that an argument names. Its samples stay in the file, as they may exceed the
+    /// memory.
     ///
     /// # Errors
-    /// As [`Console::read_image`].
+    /// Returns the errors of [`Console::read_image`].
     pub fn open_image(&self, path: &Path, input: &InputOptions) -> Result<OpenedImage> {
         match self.host.image(path) {
             Some(_) => self.read_image(path, input).map(OpenedImage::InMemory),
@@ -141,15 +147,15 @@ impl Console {
         }
     }
 
-    /// Whether what goes to `path` is kept in memory.
+    /// Returns `true` if output to `path` is kept in memory.
     pub fn keeps_in_memory(&self, path: &Path) -> bool {
         self.host.keeps_in_memory(path)
     }
 
-    /// The hash of an image or of a mesh that an argument names.
+    /// Returns the hash of an image or of a mesh that an argument names.
     ///
     /// # Errors
-    /// As [`file_hash`].
+    /// Returns the errors of [`file_hash`].
     pub fn hash(&self, path: &Path) -> Result<String> {
         match self.host.hash(path) {
             Some(hash) => Ok(hash),
@@ -157,16 +163,16 @@ impl Console {
         }
     }
 
-    /// The same, sought while other things go on.
+    /// Starts to compute the hash of an image in a thread of its own.
     pub fn start_hash(&self, path: &Path) -> PendingHash {
-        let sought = || {
+        let spawn = || {
             let path = path.to_path_buf();
             thread::Builder::new().spawn(move || file_hash(&path)).ok()
         };
         match self.host.hash(path) {
             Some(hash) => PendingHash::Ready(Ok(hash)),
             None => {
-                sought().map_or_else(|| PendingHash::Ready(file_hash(path)), PendingHash::Running)
+                spawn().map_or_else(|| PendingHash::Ready(file_hash(path)), PendingHash::Running)
             }
         }
     }
@@ -174,7 +180,7 @@ impl Console {
     /// Writes a mesh.
     ///
     /// # Errors
-    /// As [`Stored::write`].
+    /// Returns the errors of [`Storable::write`].
     pub fn write_mesh<const D: usize, M>(&mut self, path: &Path, file: MeshFile<M>) -> Result<()>
     where
         M: Storable<D>,
@@ -182,21 +188,22 @@ impl Console {
         self.write(path, file, |file| M::write(path, file))
     }
 
-    /// Writes the mesh of a job, and its image's values in it.
+    /// Writes the mesh of a job, with the image's values at its nodes or cells.
     ///
     /// # Errors
-    /// As [`Outcome::write_with_image`].
-    pub fn write_outcome<const D: usize>(
+    /// Returns the errors of [`Outcome::write_with_image`].
+    pub(crate) fn write_outcome<const D: usize>(
         &mut self,
         path: &Path,
         outcome: &Outcome<D>,
         image: ImageSource<'_, D>,
+        comm: &dyn Comm,
     ) -> Result<()>
     where
         MeshSpace<D>: Meshing<D>,
     {
         if !self.host.keeps_in_memory(path) {
-            return outcome.write_with_image(path, image);
+            return outcome.write_distributed(path, image, comm);
         }
         if let Some(mesh) = outcome.mesh_file(image)? {
             self.host
@@ -208,15 +215,15 @@ impl Console {
     /// Writes an image.
     ///
     /// # Errors
-    /// As [`formats::write`].
+    /// Returns the errors of [`formats::write`].
     pub fn write_image<const D: usize>(&mut self, path: &Path, image: Image<D>) -> Result<()> {
         self.write_survey(path, image, None)
     }
 
-    /// Writes an image with the numbers of its inlines and crosslines, where it has any.
+    /// Writes an image with the numbers of its inlines and crosslines, if it has any.
     ///
     /// # Errors
-    /// As [`formats::write`].
+    /// Returns the errors of [`formats::write`].
     pub fn write_survey<const D: usize>(
         &mut self,
         path: &Path,
@@ -228,10 +235,10 @@ impl Console {
         })
     }
 
-    /// Writes surfaces by what `write` does.
+    /// Writes surfaces with the function `write`.
     ///
     /// # Errors
-    /// As `write`.
+    /// Returns the errors of `write`.
     pub fn write_surfaces<const D: usize>(
         &mut self,
         path: &Path,
@@ -241,7 +248,7 @@ impl Console {
         self.write(path, file, write)
     }
 
-    /// Keeps a result, or writes it.
+    /// Keeps a result in memory, or writes it with the function `write`.
     fn write<T: Any>(
         &mut self,
         path: &Path,
@@ -251,24 +258,24 @@ impl Console {
         if !self.host.keeps_in_memory(path) {
             return write(&result);
         }
-        if let Some(kept) = MemoryOutput::from_any(result) {
-            self.host.keep_in_memory(path, kept);
+        if let Some(output) = MemoryOutput::from_any(result) {
+            self.host.keep_in_memory(path, output);
         }
         Ok(())
     }
 }
 
-/// The terminal: where lines go, and whether they go anywhere.
+/// The host of the command line: a terminal, or files to which its output is redirected.
 struct Terminal {
     quiet: bool,
     json: bool,
     bar: Option<ProgressBar>,
-    /// How far the mesh job is that the bar shows, and when it began.
+    /// Progress of the mesh job that the bar shows, and the time when it began.
     job: RefCell<Option<(TimeLeft, Instant)>>,
 }
 
 impl Host for Terminal {
-    /// Prints `json` if asked for, else `text` unless `--quiet`.
+    /// Prints `json` with `--json`, otherwise `text` unless `--quiet` is given.
     fn result(&mut self, text: &str, json: &serde_json::Value) {
         self.end_stage();
         if self.json {
@@ -292,13 +299,13 @@ impl Host for Terminal {
         }
     }
 
-    /// A spinner, later perhaps a bar, on a terminal, a plain line elsewhere.
+    /// Shows a spinner, which may become a bar later, on a terminal, and prints a line elsewhere.
     fn begin_stage(&mut self, name: &str) {
-        let goes_on = match self.job.get_mut() {
+        let continues = match self.job.get_mut() {
             Some((job, start)) => job.begin_stage(name, start.elapsed().as_secs_f64()),
             None => false,
         };
-        if let (Some(bar), true) = (&self.bar, goes_on) {
+        if let (Some(bar), true) = (&self.bar, continues) {
             bar.set_prefix(name.to_string());
             self.show_job("");
             return;
@@ -319,29 +326,29 @@ impl Host for Terminal {
         }
     }
 
-    /// Only a terminal shows it.
-    fn progress(&self, share: f64, what: &str) {
+    /// Shows the progress on a terminal only.
+    fn progress(&self, fraction: f64, detail: &str) {
         let Some(bar) = &self.bar else { return };
         let is_job = match &mut *self.job.borrow_mut() {
             Some((job, start)) => {
-                job.update(share, start.elapsed().as_secs_f64());
+                job.update(fraction, start.elapsed().as_secs_f64());
                 true
             }
             None => false,
         };
         if is_job {
-            self.show_job(what);
+            self.show_job(detail);
             return;
         }
         if bar.length().is_none() {
             bar.set_length(BAR_STEPS as u64);
             bar.set_style(style("{spinner} {prefix} [{bar:20}] {elapsed}  {msg}"));
         }
-        bar.set_position((BAR_STEPS * share.clamp(0.0, 1.0)) as u64);
-        bar.set_message(what.to_string());
+        bar.set_position((BAR_STEPS * fraction.clamp(0.0, 1.0)) as u64);
+        bar.set_message(detail.to_string());
     }
 
-    /// The bar vanishes.
+    /// Removes the bar.
     fn end_stage(&mut self) {
         *self.job.get_mut() = None;
         if let Some(bar) = self.bar.take() {
@@ -351,8 +358,8 @@ impl Host for Terminal {
 }
 
 impl Terminal {
-    /// Shows how far the mesh job is, and how much longer it takes at most.
-    fn show_job(&self, what: &str) {
+    /// Shows the progress of the mesh job and an upper bound of the time left.
+    fn show_job(&self, detail: &str) {
         let job = self.job.borrow();
         let (Some(bar), Some((job, start))) = (&self.bar, &*job) else {
             return;
@@ -367,21 +374,21 @@ impl Terminal {
             let left = Duration::from_secs(left.ceil() as u64);
             format!(", at most {} left", HumanDuration(left))
         });
-        let gap = if what.is_empty() { "" } else { "  " };
-        bar.set_message(format!("{}{gap}{what}", left.unwrap_or_default()));
+        let gap = if detail.is_empty() { "" } else { "  " };
+        bar.set_message(format!("{}{gap}{detail}", left.unwrap_or_default()));
     }
 }
 
-/// Steps of a bar.
+/// Number of steps of a progress bar.
 const BAR_STEPS: f64 = 1000.0;
 
-/// A style from a template; the default one, should the template be faulty.
+/// Returns a style from a template, or the default style if the template is faulty.
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
 }
 
-/// Prints one line on standard output. A reader that went away (`atomesh info x | head -1`) is no
-/// fault of ours.
+/// Prints one line on standard output. A closed output (`atomesh info x | head -1`) is not an
+/// error.
 pub fn print(line: impl Display) {
     let _ = writeln!(stdout().lock(), "{}", escape_controls(&line.to_string()));
 }
@@ -391,19 +398,23 @@ pub fn print_stderr(line: impl Display) {
     let _ = writeln!(stderr().lock(), "{}", escape_controls(&line.to_string()));
 }
 
-/// Text with control characters other than the ends of lines and tabs spelled out: names and words from
-/// files shall not steer a terminal.
+/// Returns the text with control characters, except line ends and tabs, spelled out. Names and
+/// words from files must not control the terminal.
 fn escape_controls(text: &str) -> String {
-    let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    let is_unsafe = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     text.chars()
-        .flat_map(|c| match steers(c) {
-            true => c.escape_default().collect::<Vec<char>>(),
-            false => vec![c],
+        .flat_map(|c| {
+            if is_unsafe(c) {
+                c.escape_default().collect::<Vec<char>>()
+            } else {
+                vec![c]
+            }
         })
         .collect()
 }
 
-/// An error as one line, with the option that it is about: the library knows parameters, not options.
+/// Returns an error as one line, with the option that it is about. The library names parameters,
+/// not options.
 pub fn error_line(error: &Error) -> String {
     let option = error.cause().parameter.map(|p| format!(" (--{p})"));
     format!("{error}{}", option.unwrap_or_default()).replace(['\n', '\r'], " ")
@@ -414,10 +425,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_from_files_do_not_steer_the_terminal() {
-        let said = escape_controls("a\u{1b}[31mRED\u{1b}]0;title\u{7}\u{9b}2J\r b\n\tc é");
+    fn text_from_files_does_not_control_the_terminal() {
+        let escaped = escape_controls("a\u{1b}[31mRED\u{1b}]0;title\u{7}\u{9b}2J\r b\n\tc é");
         assert_eq!(
-            said,
+            escaped,
             "a\\u{1b}[31mRED\\u{1b}]0;title\\u{7}\\u{9b}2J\\r b\n\tc é"
         );
     }

@@ -1,4 +1,4 @@
-//! How faults resist flow, as typed.
+//! Options that say how faults resist flow.
 
 use std::path::Path;
 
@@ -12,30 +12,32 @@ use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::surface::names::Selector;
 use crate::{Error, Result};
 
-/// How the surfaces of a mesh resist flow.
+/// Options that say how the surfaces of a mesh resist flow.
 #[derive(Debug, Clone, Args)]
 pub struct FaultOptions {
-    /// How faults resist flow across them: closed, open, or the factor, from 0 to 1, of the
-    /// permeability there [default: closed for flow, open for export]
+    /// Resistance of faults to flow: closed, open, or a factor from 0 to 1 by which the
+    /// permeability is multiplied there [default: closed for flow, open for export]
     #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
     pub faults: Option<String>,
-    /// Thickness (m) of the layer to which the factor of --faults applies [default: from cell to cell]
+    /// Thickness (m) of the layer to which the factor of --faults applies [default: the distance
+    /// between the two cells]
     #[arg(long, value_name = "W")]
     pub fault_thickness: Option<f64>,
-    /// The factor of some surfaces: by the number or name that `atomesh surface MESH` prints, such as
-    /// fault3:0.01, by the regions between which they lie, such as 1/11:0, or by a pattern of names with *
-    /// and ?, such as 'interface_*_11:0'; may be repeated, and the last that picks a surface holds; or a
-    /// CSV file of lines surface,factor[,thickness]
+    /// Factor of some surfaces: their number or name as `atomesh surface MESH` prints it
+    /// (fault3:0.01), the two regions that they separate (1/11:0), or a pattern with * and ?
+    /// ('interface_*_11:0'). May be repeated, and the last match applies; or a CSV file of lines
+    /// surface,factor[,thickness]
     #[arg(long, value_name = "WHICH:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<String>,
-    /// The surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names, pairs
-    /// of regions and patterns, as --fault-multiplier has them. Others are open [default: faults]
+    /// Surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names,
+    /// pairs of regions and patterns as in --fault-multiplier. All others are open [default:
+    /// faults]
     #[arg(long, value_name = "WHICH")]
     pub barriers: Option<String>,
 }
 
 impl FaultOptions {
-    /// The first option that says that something resists flow, if one is typed.
+    /// Returns the first typed option that makes a surface resist flow; `None` if there is none.
     pub fn given_option(&self) -> Option<&'static str> {
         let typed = [
             ("--faults", self.faults.is_some()),
@@ -44,46 +46,48 @@ impl FaultOptions {
         typed.iter().find(|option| option.1).map(|option| option.0)
     }
 
-    /// Which surfaces resist flow, and how; `usual` is what faults do if nothing is said.
+    /// Returns which surfaces resist flow, and how. `default` is the value of `--faults` if it is
+    /// not typed.
     ///
     /// # Errors
-    /// [`Error::Job`] for what makes no sense, or changes nothing.
-    pub fn laws(&self, usual: &str) -> Result<FaultLaws> {
-        let how = self.faults.as_deref().unwrap_or(usual);
-        if self.barriers.is_some() && how == "open" {
-            let problem =
-                format!("selects surfaces that resist flow, but --faults {how} lets it through");
+    /// Returns [`Error::Job`] for options that make no sense or have no effect.
+    pub fn laws(&self, default: &str) -> Result<FaultLaws> {
+        let setting = self.faults.as_deref().unwrap_or(default);
+        if self.barriers.is_some() && setting == "open" {
+            let problem = format!(
+                "selects surfaces that resist flow, but --faults {setting} lets it through"
+            );
             return Err(Error::Job(cause("--barriers", problem, "omit it")));
         }
         let thickness = self.fault_thickness;
-        check_thickness(thickness, how, !self.fault_multiplier.is_empty())?;
-        let law = parse_faults(how, thickness)?;
-        let standing = match self.barriers.as_deref() {
-            Some(text) => parse_standing("--barriers", text)?,
+        check_thickness(thickness, setting, !self.fault_multiplier.is_empty())?;
+        let law = parse_faults(setting, thickness)?;
+        let selection = match self.barriers.as_deref() {
+            Some(text) => parse_surface_selection("--barriers", text)?,
             None => BarrierSelection::Faults,
         };
-        let mut own: Vec<(Selector, FaultLaw)> = Vec::new();
+        let mut overrides: Vec<(Selector, FaultLaw)> = Vec::new();
         for text in &self.fault_multiplier {
             for (place, selector, law) in parse_multipliers(text, thickness)? {
-                if own.iter().any(|known| known.0 == selector) {
+                if overrides.iter().any(|known| known.0 == selector) {
                     let problem = format!("gives fault {selector} a second factor");
                     return Err(Error::Flow(cause(place, problem, "give each fault once")));
                 }
-                own.push((selector, law));
+                overrides.push((selector, law));
             }
         }
         Ok(FaultLaws {
-            selection: standing,
+            selection,
             law,
-            overrides: own,
+            overrides,
             must_apply: self.faults.is_some(),
         })
     }
 }
 
-/// What faults do: `closed`, `open`, or a multiplier.
-fn parse_faults(how: &str, thickness: Option<f64>) -> Result<FaultLaw> {
-    match how {
+/// Parses the value of `--faults`: `closed`, `open`, or a multiplier.
+fn parse_faults(setting: &str, thickness: Option<f64>) -> Result<FaultLaw> {
+    match setting {
         "closed" => FaultLaw::new(0.0, thickness),
         "open" => Ok(FaultLaw::OPEN),
         text => {
@@ -93,9 +97,9 @@ fn parse_faults(how: &str, thickness: Option<f64>) -> Result<FaultLaw> {
     }
 }
 
-/// Checks that a thickness, which is that of the layer that a factor is for, has such a factor.
-fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Result<()> {
-    if thickness.is_none() || factors || !matches!(faults, "closed" | "open") {
+/// Checks that there is a factor to which a thickness can apply.
+fn check_thickness(thickness: Option<f64>, faults: &str, has_factors: bool) -> Result<()> {
+    if thickness.is_none() || has_factors || !matches!(faults, "closed" | "open") {
         return Ok(());
     }
     Err(Error::Job(cause(
@@ -105,7 +109,8 @@ fn check_thickness(thickness: Option<f64>, faults: &str, factors: bool) -> Resul
     )))
 }
 
-/// Surfaces with laws of their own, and where that was said: `WHICH:FACTOR`, or from a CSV file.
+/// Parses `WHICH:FACTOR`, or reads a CSV file of factors. Returns each surface, its law, and the
+/// place where it is given.
 fn parse_multipliers(
     text: &str,
     thickness: Option<f64>,
@@ -114,9 +119,9 @@ fn parse_multipliers(
     let path = Path::new(text);
     if path.is_file() {
         let row = |words: &[&str]| {
-            let (which, numbers) = words.split_first()?;
+            let (surface, numbers) = words.split_first()?;
             let numbers: Option<Vec<f64>> = numbers.iter().map(|word| word.parse().ok()).collect();
-            let selector = parse_selector(which)?;
+            let selector = parse_selector(surface)?;
             match numbers?[..] {
                 [factor] => Some((selector, factor, thickness)),
                 [factor, thickness] => Some((selector, factor, Some(thickness))),
@@ -139,10 +144,10 @@ fn parse_multipliers(
         return rows.into_iter().map(law).collect();
     }
     let remedy = "give a surface and its factor, such as 3:0.01 or fault3:0.01, or a CSV file";
-    let (which, factor) = text
+    let (surface, factor) = text
         .rsplit_once(':')
         .ok_or_else(|| option_error(option, text, "has no ':' and is not a file", remedy))?;
-    let selector = parse_selector(which).ok_or_else(|| {
+    let selector = parse_selector(surface).ok_or_else(|| {
         let problem = "names no surface (numbers begin at 1)";
         option_error(option, text, problem, remedy)
     })?;
@@ -150,7 +155,8 @@ fn parse_multipliers(
     Ok(vec![(format!("{option} {text}"), selector, law)])
 }
 
-/// What picks surfaces: a number from 1 on, or a pattern. Other numbers pick nothing.
+/// Parses what selects surfaces: a number from 1, or a name or pattern. Returns `None` for other
+/// numbers.
 fn parse_selector(text: &str) -> Option<Selector> {
     let number = text.trim().parse::<f64>();
     match Selector::parse(text)? {
@@ -160,8 +166,9 @@ fn parse_selector(text: &str) -> Option<Selector> {
     }
 }
 
-/// Which surfaces are meant: `faults`, `horizons`, `all`, or a list of numbers, names and patterns.
-pub fn parse_standing(option: &str, text: &str) -> Result<BarrierSelection> {
+/// Parses a selection of surfaces: `faults`, `horizons`, `all`, or a list of numbers, names and
+/// patterns.
+pub fn parse_surface_selection(option: &str, text: &str) -> Result<BarrierSelection> {
     Ok(match text {
         "faults" => BarrierSelection::Faults,
         "horizons" => BarrierSelection::Horizons,

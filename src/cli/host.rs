@@ -1,8 +1,9 @@
-//! Where a verb works: who hears what it has to say, and where lies what it names by a path.
+//! The environment in which a verb runs: it receives messages and provides the files that the verb
+//! names.
 //!
-//! The program's own desk is the terminal and the files of the operating system. Another front end, such
-//! as a Python session, sets up one of its own, at which meshes, images and surfaces that it has in memory
-//! go by names as if they were files, and calls [`perform_at`](super::perform_at).
+//! The host of the command line is the terminal and the file system. Another front end, such as a
+//! Python session, provides its own host, in which meshes, images and surfaces in memory have names
+//! as if they were files, and calls [`run_with_console`](super::run_with_console).
 
 use std::any::Any;
 use std::path::Path;
@@ -14,51 +15,53 @@ use crate::image::Image;
 use crate::image::formats::AnyImage;
 use crate::store::AnyMesh;
 
-/// What a verb hears from and tells to whoever runs it.
+/// The interface between a verb and the front end that runs it.
 pub trait Host: Send {
-    /// The result of the verb.
+    /// Receives the result of the verb, as text and as JSON.
     fn result(&mut self, text: &str, json: &Value);
 
-    /// One line about something that the user should know but that stops nothing.
+    /// Receives a note: one line that the user should read but that stops nothing.
     fn note(&self, line: &str);
 
-    /// One line beside the progress.
+    /// Receives one line that is shown next to the progress.
     fn log_line(&self, line: &str);
 
-    /// A stage begins.
+    /// Is called when a stage begins.
     fn begin_stage(&mut self, name: &str);
 
-    /// How much of the stage is done at most, in [0, 1], and what it is at.
-    fn progress(&self, share: f64, what: &str);
+    /// Receives the largest fraction of the stage that can be done, in [0, 1], and its current
+    /// step.
+    fn progress(&self, fraction: f64, detail: &str);
 
-    /// The stage is over.
+    /// Is called when the stage ends.
     fn end_stage(&mut self) {}
 
-    /// The mesh that goes by this name, if it is no file.
+    /// Returns the mesh of this name; `None` if it is a file.
     fn mesh(&self, _name: &Path) -> Option<AnyMesh> {
         None
     }
 
-    /// The image that goes by this name, if it is no file.
+    /// Returns the image of this name; `None` if it is a file.
     fn image(&self, _name: &Path) -> Option<AnyImage> {
         None
     }
 
-    /// The hash of what goes by this name, if it is no file.
+    /// Returns the hash of the mesh or image of this name; `None` if it is a file.
     fn hash(&self, _name: &Path) -> Option<String> {
         None
     }
 
-    /// Whether what is to be written under this name shall be [kept](Self::keep) instead.
+    /// Returns `true` if output of this name is [kept](Self::keep_in_memory) in memory and not
+    /// written.
     fn keeps_in_memory(&self, _name: &Path) -> bool {
         false
     }
 
-    /// Keeps a result.
+    /// Keeps a result in memory.
     fn keep_in_memory(&mut self, _name: &Path, _result: MemoryOutput) {}
 }
 
-/// A result that would otherwise be a file.
+/// A result in memory that would otherwise be written to a file.
 #[derive(Debug, Clone)]
 pub enum MemoryOutput {
     /// A mesh.
@@ -74,8 +77,8 @@ pub enum MemoryOutput {
 }
 
 impl MemoryOutput {
-    /// A mesh in a [`MeshFile`](crate::store::MeshFile), an image or a [`SurfaceFile`]; `None` of anything
-    /// else.
+    /// Wraps a [`MeshFile`](crate::store::MeshFile), an image or a [`SurfaceFile`]; returns `None`
+    /// for anything else.
     pub fn from_any(result: impl Any) -> Option<Self> {
         let mut result: Option<Box<dyn Any>> = Some(Box::new(result));
         take_downcast(&mut result)
@@ -87,12 +90,12 @@ impl MemoryOutput {
     }
 }
 
-/// What there is, if it is of this type.
+/// Takes the value out of `result` if it has type `T`.
 fn take_downcast<T: Any>(result: &mut Option<Box<dyn Any>>) -> Option<T> {
     match result.take()?.downcast() {
-        Ok(found) => Some(*found),
-        Err(other) => {
-            *result = Some(other);
+        Ok(value) => Some(*value),
+        Err(result_of_other_type) => {
+            *result = Some(result_of_other_type);
             None
         }
     }

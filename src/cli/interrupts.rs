@@ -1,9 +1,9 @@
-//! Ctrl-C.
+//! Handling of Ctrl-C.
 //!
-//! It ends the process at once, with no file half written, while there is nothing worth keeping: in
-//! every verb but `mesh`, and in `mesh` before atoms move. Then atoms stop, and what there is becomes a
-//! mesh and is written, if that takes no longer than [`QUICK`]. Once more, it always ends the process at
-//! once.
+//! As long as there is nothing worth keeping, Ctrl-C ends the process at once and leaves no
+//! unfinished file: in every verb but `mesh`, and in `mesh` before atoms move. After that, atoms
+//! stop, and the lattice becomes a mesh that is written if this takes no longer than
+//! [`GRACE_PERIOD`]. A second Ctrl-C always ends the process at once.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,43 +11,44 @@ use std::thread;
 use std::time::Duration;
 
 use crate::cli::console::Console;
+use crate::comm::Comm;
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
 use crate::progress::{CancelToken, Stage};
-use crate::{Error, Result, comm};
+use crate::{Error, Result};
 
 /// The exit code of an interrupted process.
 pub const INTERRUPTED_EXIT_CODE: u8 = 130;
 
-/// The longest that an interrupted job goes on.
+/// Longest time for which an interrupted job continues.
 const GRACE_PERIOD: Duration = Duration::from_millis(1500);
 
-/// What the interrupt handler and a job tell each other.
+/// State that the interrupt handler and a job share.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupts(Arc<InterruptState>);
 
 #[derive(Debug, Default)]
 struct InterruptState {
-    /// There is a lattice worth keeping.
+    /// `true` if there is a lattice worth keeping.
     has_lattice: AtomicBool,
-    /// The user wants to stop.
+    /// `true` if the user has asked to stop.
     is_requested: AtomicBool,
 }
 
 impl Interrupts {
-    /// From now on Ctrl-C is handled.
+    /// Installs the handler of Ctrl-C.
     ///
     /// # Errors
-    /// [`Error::Job`] if it cannot be.
+    /// Returns [`Error::Job`] if it cannot be installed.
     pub fn install() -> Result<Self> {
         let state = Self::default();
         let shared = Arc::clone(&state.0);
         let installed = ctrlc::set_handler(move || {
-            let again = shared.is_requested.swap(true, Ordering::SeqCst);
-            if again || !shared.has_lattice.load(Ordering::SeqCst) {
+            let is_second = shared.is_requested.swap(true, Ordering::SeqCst);
+            if is_second || !shared.has_lattice.load(Ordering::SeqCst) {
                 exit_now();
             }
-            // Beside the handler, which a second Ctrl-C must reach.
+            // A thread of its own, as a second Ctrl-C must be able to call the handler.
             thread::spawn(|| {
                 thread::sleep(GRACE_PERIOD);
                 exit_now();
@@ -59,40 +60,41 @@ impl Interrupts {
         Ok(state)
     }
 
-    /// A stage of `mesh` begins.
-    pub fn set_stage(&self, stage: Stage) {
-        // Ranks would not stop at the same place.
-        let kept = stage.has_lattice() && comm::size() == 1;
-        self.0.has_lattice.store(kept, Ordering::SeqCst);
+    /// Records that a stage of `mesh` begins.
+    pub(crate) fn set_stage(&self, stage: Stage, comm: &dyn Comm) {
+        // Several ranks would not stop at the same place.
+        let can_stop = stage.has_lattice() && comm.size() == 1;
+        self.0.has_lattice.store(can_stop, Ordering::SeqCst);
     }
 
-    /// What `work` gives, which ends soon once the user wants to stop; a console is told how far it is.
+    /// Runs `work`, which ends soon after the user asks to stop, and shows its progress on the
+    /// console.
     pub fn run_until_interrupted<T>(
         &self,
         console: &mut Console,
         work: impl FnOnce(&CancelToken<'_>) -> T,
     ) -> T {
-        let ask = &mut move |share: Option<f64>| {
-            if let Some(share) = share {
-                console.progress(share, "");
+        let callback = &mut move |fraction: Option<f64>| {
+            if let Some(fraction) = fraction {
+                console.progress(fraction, "");
             }
             !self.is_requested()
         };
-        CancelToken::run_with_progress(ask, work)
+        CancelToken::run_with_progress(callback, work)
     }
 
-    /// The user wants to stop.
+    /// Asks the job to stop.
     pub fn request(&self) {
         self.0.is_requested.store(true, Ordering::SeqCst);
     }
 
-    /// Whether the user wants to stop.
+    /// Returns `true` if the user has asked to stop.
     pub fn is_requested(&self) -> bool {
         self.0.is_requested.load(Ordering::SeqCst)
     }
 }
 
-/// Ends the process with no file half written.
+/// Ends the process and removes unfinished files.
 fn exit_now() -> ! {
     exit_without_unfinished(INTERRUPTED_EXIT_CODE.into())
 }

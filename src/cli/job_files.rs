@@ -1,4 +1,4 @@
-//! The files of a job: which it reads, and which it writes.
+//! The files that a job of `atomesh mesh` reads and writes.
 
 use std::path::{Path, PathBuf};
 
@@ -8,21 +8,28 @@ use crate::job::MeshSpec;
 use crate::job::spec::{CellKind, DistanceSource, NumberOrFile};
 use crate::store::output::no_partitions_error;
 use crate::store::pvtu::is_pvtu;
-use crate::{Error, Result, comm};
+use crate::{Error, Result};
 
-/// Where the mesh of an image goes: where the job says, or into this folder.
+/// Returns the path of the mesh: the one that the options name, or one in this folder that is named
+/// after the image.
 pub fn output_path(image: &Path, spec: &MeshSpec) -> PathBuf {
     spec.output.clone().unwrap_or_else(|| {
         Path::new(image.file_stem().unwrap_or(image.as_os_str())).with_extension("vtu")
     })
 }
 
-/// Outputs can be written, have the endings of what they hold, and replace no input (`config` is the
-/// file of the job itself) and no other output.
+/// Checks that all outputs can be written, have the right file endings, and replace neither an
+/// input (`config` is the configuration file) nor another output.
 ///
 /// # Errors
-/// [`Error::Job`] that names the option; [`Error::Io`] for an output whose folder does not exist.
-pub fn check_files(image: &Path, spec: &MeshSpec, config: Option<&Path>) -> Result<()> {
+/// Returns [`Error::Job`] that names the option, and [`Error::Io`] for an output whose folder does
+/// not exist.
+pub fn check_files(
+    image: &Path,
+    spec: &MeshSpec,
+    config: Option<&Path>,
+    rank_count: usize,
+) -> Result<()> {
     let mut inputs = vec![image];
     inputs.extend(config);
     inputs.extend(spec.atoms_from.as_deref());
@@ -47,11 +54,11 @@ pub fn check_files(image: &Path, spec: &MeshSpec, config: Option<&Path>) -> Resu
     let mut seen: Vec<&Path> = Vec::new();
     for (path, option, ending) in outputs {
         let Some(path) = path else { continue };
-        let both = [ending, "pvtu"];
+        let mesh_endings = [ending, "pvtu"];
         let endings = if ending == "vtu" {
-            &both[..]
+            &mesh_endings[..]
         } else {
-            &both[..1]
+            &mesh_endings[..1]
         };
         check_output(path, option, endings, &inputs)?;
         if seen.iter().any(|other| same_file(other, path)) {
@@ -67,7 +74,7 @@ pub fn check_files(image: &Path, spec: &MeshSpec, config: Option<&Path>) -> Resu
     if is_pvtu(&mesh) && spec.cell_kind() == CellKind::Voronoi {
         return Err(no_partitions_error(&mesh));
     }
-    if let (Some(path), true) = (trace, comm::size() > 1) {
+    if let (Some(path), true) = (trace, rank_count > 1) {
         return Err(Error::Job(cause(
             format!("--trace {}", path.display()),
             "is written by one process only",

@@ -1,18 +1,19 @@
 //! The command line.
 //!
 //! - [`args`]: the command line as a whole
-//! - [`verbs`]: one a file, its arguments and its run
-//! - [`common`]: what verbs share
-//! - [`job`]: the files of a job of `mesh`
-//! - [`case`]: where a model lies, and what happens in it
-//! - [`faults`]: how faults resist flow
-//! - [`parse`]: the small grammars inside option values
+//! - [`verbs`]: the verbs, one file each with its arguments and its code
+//! - [`common`]: code that several verbs share
+//! - [`job_files`]: the files of a job of `mesh`
+//! - [`case`]: options for the position of a model, its wells and fluids
+//! - [`faults`]: options that say how faults resist flow
+//! - [`rock`]: porosity, permeability and other properties from numbers, tables and images
+//! - [`parse`]: parsers of option values
 //! - [`provenance`]: the hash of the input
-//! - `time_left`: how far a mesh job is, and how much longer it takes at most
-//! - [`rock`]: porosity, permeability and the like from numbers, tables and images
-//! - [`console`]: everything that is printed
-//! - [`desk`]: where a verb works, for other front ends
-//! - [`allocator`]: memory is given back, and how the process ends where there is none
+//! - [`console`]: the console, through which verbs read, write and print
+//! - [`host`]: the interface to other front ends
+//! - [`interrupts`]: handling of Ctrl-C
+//! - `time_left`: the progress of a mesh job, and an upper bound of its time left
+//! - [`allocator`]: the memory allocator, which also ends the process if there is no memory left
 
 pub mod allocator;
 pub mod args;
@@ -32,40 +33,42 @@ pub mod verbs;
 #[doc(hidden)]
 pub use crate::comm::world;
 
+use std::mem::ManuallyDrop;
 use std::process::ExitCode;
 use std::thread;
 
 use clap::Parser;
 
+use crate::comm::{Comm, SelfComm, ranks_sharing_processors};
 use crate::error::cause;
 use crate::files::transaction;
-use crate::{Error, ErrorKind, Result, comm, memory};
+use crate::{Error, ErrorKind, Result, memory};
 use args::{CommandLine, Verb, value_error};
 use common::global::VerbStatus;
 use console::{Console, print_stderr};
 use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
 
-/// The argument with which this program is TetGen's worker and nothing else.
+/// The argument that makes this program a worker of TetGen and nothing else.
 #[cfg(feature = "tetgen")]
 const TETGEN_WORKER_ARG: &str = "--tetgen-worker";
 
-/// Bytes of the stack on which all runs that is not shared among threads.
+/// Size in bytes of the stack of the main thread.
 const MAIN_STACK_BYTES: usize = 8 << 20;
 
-/// Runs what was typed. Exit codes: 0 done, 1 bad input or failed job, 130 interrupted, 2 an unknown option or verb.
+/// Runs the command line. Exit codes: 0 success, 1 wrong input or failed job, 2 unknown option or
+/// verb, 130 interrupted.
 pub fn main() -> ExitCode {
     main_with_join(None)
 }
 
-/// Runs what was typed, in a program that can `join` other processes which share its job.
+/// Runs the command line in a program that can `join` other processes which share its job.
 pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
-    world::set_join(join);
     allocator::configure();
     allocator::exit_on_thread_oom();
     #[cfg(feature = "tetgen")]
     {
         use crate::mesh::delaunay::{serve, share_with_workers};
-        // This program again, for TetGen's part of large meshes.
+        // Large meshes run TetGen in worker processes, which are this program again.
         if std::env::args_os()
             .nth(1)
             .is_some_and(|first| first == TETGEN_WORKER_ARG)
@@ -76,13 +79,13 @@ pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
             share_with_workers(program, &[TETGEN_WORKER_ARG]);
         }
     }
-    // A stack that is there from the start: the first one's grows, and where it finds no memory to do so
-    // the system kills the process without a word.
+    // A stack of fixed size. The stack of the first thread grows, and if there is no memory for
+    // that, the system kills the process without a message.
     let stack = thread::Builder::new()
         .name("main".into())
         .stack_size(MAIN_STACK_BYTES);
-    match stack.spawn(parse_and_run) {
-        // A panic has been told by its thread; its code is that of any.
+    match stack.spawn(move || parse_and_run(join)) {
+        // The thread has already printed the panic; 101 is the exit code of any panic.
         Ok(thread) => thread.join().unwrap_or(ExitCode::from(101)),
         Err(error) => {
             let remedy = "end other programs, or use a machine with more memory";
@@ -93,9 +96,9 @@ pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
 }
 
 /// Runs the command line of this process.
-fn parse_and_run() -> ExitCode {
+fn parse_and_run(join: Option<world::JoinFn>) -> ExitCode {
     match CommandLine::try_parse() {
-        Ok(line) => run_process(&line),
+        Ok(line) => run_process(&line, join),
         Err(error) => match value_error(&error) {
             Some(error) => {
                 print_stderr(format_args!("error: {error}"));
@@ -106,18 +109,40 @@ fn parse_and_run() -> ExitCode {
     }
 }
 
-/// Runs what was typed, in a process of its own.
-fn run_process(line: &CommandLine) -> ExitCode {
-    let joined = world::join();
+/// The processes in which a verb runs.
+#[derive(Clone, Copy)]
+struct ProcessGroup<'a> {
+    /// The processes that share the job.
+    comm: &'a dyn Comm,
+    /// `true` if the program is built with MPI.
+    has_mpi: bool,
+}
+
+/// Runs the parsed command line in a process of its own, which can `join` other processes.
+fn run_process(line: &CommandLine, join: Option<world::JoinFn>) -> ExitCode {
+    let (world_comm, joined): (Box<dyn Comm>, _) = match world::join_world(join) {
+        Ok(comm) => (comm, Ok(())),
+        Err(error) => (Box::new(SelfComm), Err(error)),
+    };
+    // A panic must not drop the communicator: MPI would wait for the other ranks.
+    let world_comm = ManuallyDrop::new(world_comm);
+    let comm = &**world_comm;
+    let group = ProcessGroup {
+        comm,
+        has_mpi: join.is_some(),
+    };
     let prepared = joined.and_then(|()| start_threads(line.common.threads));
     let prepared = prepared.and_then(|()| Interrupts::install());
-    let ended = prepared.and_then(|interrupts| run(line, &interrupts));
-    let code = match comm::finish(ended) {
+    let result = prepared.and_then(|interrupts| {
+        let console = &mut Console::new(&line.common, comm);
+        run_in_group(line, &interrupts, console, group)
+    });
+    let code = match comm.finish(result) {
         Ok(VerbStatus::Done) => ExitCode::SUCCESS,
         Ok(VerbStatus::Interrupted) => ExitCode::from(INTERRUPTED_EXIT_CODE),
         Err(error) => {
-            // What all know one says.
-            if comm::is_root() || !comm::is_error_shared() {
+            // Only the root rank prints an error that all ranks share.
+            if comm.is_root() || !comm.is_error_shared() {
                 print_stderr(format_args!("error: {}", console::error_line(&error)));
             }
             match error.kind() {
@@ -126,41 +151,48 @@ fn run_process(line: &CommandLine) -> ExitCode {
             }
         }
     };
-    world::leave();
+    drop(ManuallyDrop::into_inner(world_comm));
     code
 }
 
-/// Runs what was typed in a process that goes on: with its threads, and with interrupts as they come. What
-/// it writes appears when it is done, or not at all.
+/// Runs a parsed command line in a process that continues afterwards, with the threads of that
+/// process. Output files appear when the verb has succeeded, or not at all.
 ///
 /// # Errors
-/// Those of the verb.
-pub fn run(line: &CommandLine, interrupts: &Interrupts) -> Result<VerbStatus> {
-    run_with_console(line, interrupts, &mut Console::new(&line.common))
-}
-
-/// The same at a console, at which what it writes need not be files.
-///
-/// # Errors
-/// Those of the verb.
+/// Returns the errors of the verb.
 pub fn run_with_console(
     line: &CommandLine,
     interrupts: &Interrupts,
     console: &mut Console,
 ) -> Result<VerbStatus> {
+    let group = ProcessGroup {
+        comm: &SelfComm,
+        has_mpi: false,
+    };
+    run_in_group(line, interrupts, console, group)
+}
+
+/// Runs the parsed command line in one process of `group`.
+fn run_in_group(
+    line: &CommandLine,
+    interrupts: &Interrupts,
+    console: &mut Console,
+    group: ProcessGroup<'_>,
+) -> Result<VerbStatus> {
     if let Some(bytes) = line.common.max_memory {
         memory::set_limit(bytes);
     }
-    // No rank's files take their names before all are written.
-    transaction(|| comm::finish(run_verb(line, interrupts, console)))
+    // The files of all ranks are written before any of them gets its final name.
+    transaction(|| (group.comm).finish(run_verb(line, interrupts, console, group)))
 }
 
 fn run_verb(
     line: &CommandLine,
     interrupts: &Interrupts,
     console: &mut Console,
+    ProcessGroup { comm, has_mpi }: ProcessGroup<'_>,
 ) -> Result<VerbStatus> {
-    if comm::size() > 1 && !matches!(line.verb, Verb::Mesh(_)) {
+    if comm.size() > 1 && !matches!(line.verb, Verb::Mesh(_)) {
         return Err(Error::Job(cause(
             "MPI",
             "ranks share the work of atomesh mesh only",
@@ -168,7 +200,7 @@ fn run_verb(
         )));
     }
     match &line.verb {
-        Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console),
+        Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console, comm),
         Verb::Quality(args) => verbs::quality::quality(args, console)?,
         Verb::Report(args) => verbs::report::report(args, console)?,
         Verb::Validate(args) => verbs::validate::validate(args, console)?,
@@ -184,14 +216,14 @@ fn run_verb(
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
         Verb::Surface(args) => verbs::surface::surface(args, console)?,
         Verb::Synth(args) => verbs::synth::synth(args, console)?,
-        Verb::Doctor => verbs::setup::doctor(console)?,
+        Verb::Doctor => verbs::setup::doctor(console, has_mpi)?,
         Verb::Completions(args) => verbs::setup::completions(args),
         Verb::Man(args) => verbs::setup::man(args, console)?,
     }
     Ok(VerbStatus::Done)
 }
 
-/// As many as asked for, otherwise one for each processor that is not another rank's.
+/// Starts the threads: `count`, or one for each processor that no other rank uses.
 fn start_threads(count: Option<usize>) -> Result<()> {
     let refuse = |problem: &str| {
         let (place, remedy) = match count {
@@ -207,10 +239,10 @@ fn start_threads(count: Option<usize>) -> Result<()> {
         return Err(refuse("is not from 1 to 4096"));
     }
     let processors = || thread::available_parallelism().map_or(1, usize::from);
-    let few = (comm::ranks_sharing_processors() > 1)
-        .then(|| (processors() / comm::ranks_sharing_processors()).max(1));
+    let per_rank = (ranks_sharing_processors() > 1)
+        .then(|| (processors() / ranks_sharing_processors()).max(1));
     rayon::ThreadPoolBuilder::new()
-        .num_threads(count.or(few).unwrap_or_default())
+        .num_threads(count.or(per_rank).unwrap_or_default())
         .build_global()
         .map_err(|e| refuse(&e.to_string()).with_source(e))
 }

@@ -1,14 +1,14 @@
-//! From words to values: the small grammars inside option values.
+//! Parsers of option values.
 
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// An [`Error::Job`] about an option.
+/// Returns an [`Error::Job`] about an option.
 pub fn option_error(option: &str, value: &str, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{option} {value}"), problem, remedy))
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
     match text.trim().parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -17,7 +17,7 @@ pub fn number(option: &str, text: &str, remedy: &str) -> Result<f64> {
     }
 }
 
-/// Two or three values separated by commas.
+/// Splits a text into two or three values at commas.
 fn split_coordinates<'a>(option: &str, text: &'a str, remedy: &str) -> Result<Vec<&'a str>> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     match parts.len() {
@@ -31,8 +31,8 @@ fn split_coordinates<'a>(option: &str, text: &'a str, remedy: &str) -> Result<Ve
     }
 }
 
-/// `NX,NY,NZ`, or `NX,NY` for a 2-D image: numbers of samples, at least two each, and few enough to
-/// count.
+/// Parses `NX,NY,NZ`, or `NX,NY` for a 2-D image: at least two samples along each axis, and at most
+/// 2^32 in all.
 pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     let remedy = "give two or three whole numbers such as 256,256 or 96,80,64";
     let mut dims = Vec::new();
@@ -53,7 +53,7 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     let samples = dims
         .iter()
         .try_fold(1_usize, |product, &dim| product.checked_mul(dim));
-    // 2^32 samples are 16 GiB; beyond that an allocation would fail without a word.
+    // 2^32 samples take 16 GiB; an allocation beyond that would fail without a message.
     match samples {
         Some(samples) if samples <= 1 << 32 => Ok(dims),
         _ => Err(option_error(
@@ -65,7 +65,7 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     }
 }
 
-/// `X,Y,Z`: a point; `X,Y` in the plane.
+/// Parses a point `X,Y,Z`, or `X,Y` in the plane.
 pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
     let words: Vec<&str> = text.split(',').map(str::trim).collect();
     let Ok(words) = <[&str; D]>::try_from(words.as_slice()) else {
@@ -79,8 +79,8 @@ pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[
     Ok(point)
 }
 
-/// A physical coordinate by its number, and whether it is positive: x, y, z or -x, -y, -z; in the plane
-/// without z.
+/// Parses an axis: x, y, z or -x, -y, -z; in the plane without z. Returns the number of the
+/// coordinate, and `true` if it is positive.
 pub fn axis<const D: usize>(option: &str, text: &str) -> Result<(usize, bool)> {
     let axes = &["x", "y", "z"][..D];
     let name = text.strip_prefix('-').unwrap_or(text);

@@ -1,4 +1,4 @@
-//! Where a result comes from: version, options and the hash of the input.
+//! The provenance of a result: the hash of its input.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -8,16 +8,17 @@ use sha2::{Digest, Sha256};
 use crate::Result;
 use crate::error::io_error;
 
-/// The SHA-256 of a file, as `sha256sum` prints it; of a folder that of the names of its files, in order,
-/// each followed by what is in it.
+/// Returns the SHA-256 of a file, as `sha256sum` prints it. For a folder, it is the hash of the
+/// sorted names of its files, each followed by the content of the file.
 ///
 /// # Errors
-/// [`crate::Error::Io`] if something cannot be read.
+/// Returns [`crate::Error::Io`] if a file cannot be read.
 pub fn file_hash(path: &Path) -> Result<String> {
     let mut hasher = Sha256::new();
-    match path.is_dir() {
-        true => add_folder(path, path, &mut hasher)?,
-        false => add_file(path, &mut hasher)?,
+    if path.is_dir() {
+        add_folder(path, path, &mut hasher)?;
+    } else {
+        add_file(path, &mut hasher)?;
     }
     Ok(hasher
         .finalize()
@@ -28,11 +29,11 @@ pub fn file_hash(path: &Path) -> Result<String> {
 
 fn add_folder(root: &Path, folder: &Path, hasher: &mut Sha256) -> Result<()> {
     let failed = |e| io_error(folder, "read", e);
-    let mut inside: Vec<PathBuf> = std::fs::read_dir(folder)
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
         .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
         .map_err(failed)?;
-    inside.sort();
-    for path in inside {
+    paths.sort();
+    for path in paths {
         if path.is_dir() {
             add_folder(root, &path, hasher)?;
             continue;

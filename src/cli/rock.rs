@@ -1,5 +1,5 @@
-//! Porosity, permeability and the like, as typed: numbers, tables by region, arrays of the mesh, or
-//! images, averaged over cells.
+//! Options for rock properties: numbers, tables by region, arrays of the mesh, or images that are
+//! averaged over cells.
 
 use std::path::Path;
 
@@ -18,26 +18,26 @@ use crate::model::reservoir::PreparedModel;
 use crate::model::reservoir::{MILLIDARCY, MeanKind};
 use crate::{Error, Result};
 
-/// What fills the cells.
+/// Options for the rock in the cells.
 #[derive(Debug, Clone, Args)]
 pub struct RockOptions {
-    /// Porosity: a number, a CSV file of lines region,porosity, a cell array of the mesh, or an image
-    /// with an optional mean: FILE[:arithmetic|harmonic|geometric|nearest] [default mean: arithmetic]
+    /// Porosity: a number, a CSV file of lines region,porosity, a cell array of the mesh, or an
+    /// image with an optional mean: FILE[:arithmetic|harmonic|geometric|nearest] [default mean:
+    /// arithmetic]
     #[arg(long, value_name = "PHI", allow_hyphen_values = true)]
     pub porosity: Option<String>,
-    /// Permeability: K or KX,KY,KZ along the mesh's coordinates, each a number or an image with an
+    /// Permeability: K, or KX,KY,KZ along the mesh's coordinates, each a number or an image with an
     /// optional mean [default: geometric]; or a CSV file of lines region,K or region,KX,KY,KZ
     #[arg(long, value_name = "K", allow_hyphen_values = true)]
     pub permeability: Option<String>,
     /// Unit of the permeability: mD or m2
     #[arg(long, value_name = "UNIT")]
     pub permeability_unit: Option<String>,
-    /// Any other value for each cell, such as a seismic attribute, given in the same ways as a
-    /// porosity; may be
+    /// Another property of the cells, such as a seismic attribute, given like a porosity; may be
     /// repeated
     #[arg(long, value_name = "NAME=VALUE")]
     pub property: Vec<String>,
-    /// Regions of the cells from an image of labels
+    /// An image of labels that sets the regions of the cells
     #[arg(long, value_name = "IMAGE")]
     pub region: Option<String>,
     /// How to read the images.
@@ -46,11 +46,12 @@ pub struct RockOptions {
 }
 
 impl RockOptions {
-    /// Fills the cells: regions first, then what may depend on them.
+    /// Sets the properties of the cells: regions first, as the others may depend on them. Returns
+    /// the permeability, if it is given.
     ///
     /// # Errors
-    /// [`Error::Export`] or [`Error::Job`] for values that make no sense, a region without one, or a
-    /// permeability without unit; [`Error::Io`] for files.
+    /// Returns [`Error::Export`] or [`Error::Job`] for values that make no sense, a region without
+    /// a value, or a permeability without a unit, and [`Error::Io`] for files that cannot be read.
     pub fn fill(&self, prepared: &mut PreparedModel, console: &Console) -> Result<Option<Rock>> {
         if let Some(text) = &self.region {
             let labels =
@@ -58,7 +59,7 @@ impl RockOptions {
             let labels: Vec<i32> = labels.iter().map(|&l| l.round() as i32).collect();
             prepared.model.graph.region.clone_from(&labels);
             prepared.model.mesh.region = labels;
-            // They are not those that the mesh was made of.
+            // The new regions are not those of the labels from which the mesh was made.
             prepared.model.labels.clear();
         }
         if let Some(text) = &self.porosity {
@@ -88,7 +89,7 @@ impl RockOptions {
         }
     }
 
-    /// m^2 in the unit of permeability.
+    /// Returns the unit of permeability in m^2.
     fn unit(&self, text: &str) -> Result<f64> {
         let remedy = "give --permeability-unit mD or m2";
         match self.permeability_unit.as_deref() {
@@ -108,7 +109,7 @@ impl RockOptions {
         let unit = self.unit(text)?;
         let frame = &prepared.frame;
         let tensor = |numbers: &[f64]| {
-            // Rock that conducts nothing: its cells are inactive.
+            // Zero permeability marks inactive cells.
             if !numbers.is_empty() && numbers.iter().all(|k| *k == 0.0) {
                 return Some(Tensor::default());
             }
@@ -118,8 +119,8 @@ impl RockOptions {
         let remedy = "give K or KX,KY,KZ, positive, or 0 for inactive cells";
         if is_table(text) {
             let lines = "write region,K or region,KX,KY,KZ, positive, or 0 for inactive cells";
-            let kinds = values_by_region(Path::new(text), tensor, lines)?;
-            return Rock::by_region(&prepared.model.graph.region, &kinds, 1.0);
+            let by_region = values_by_region(Path::new(text), tensor, lines)?;
+            return Rock::by_region(&prepared.model.graph.region, &by_region, 1.0);
         }
         let parts: Vec<&str> = text.split(',').map(str::trim).collect();
         let numbers: Option<Vec<f64>> = parts.iter().map(|part| part.parse().ok()).collect();
@@ -135,7 +136,7 @@ impl RockOptions {
         }
         let mut columns: Vec<Vec<f64>> = Vec::new();
         for (k, part) in parts.iter().enumerate() {
-            // The same image for two directions is averaged once.
+            // An image that is given for two directions is averaged only once.
             columns.push(match parts[..k].iter().position(|known| known == part) {
                 Some(known) => columns[known].clone(),
                 None => self.values(
@@ -147,7 +148,7 @@ impl RockOptions {
                 )?,
             });
         }
-        let of_cell = |cell: usize| {
+        let cell_tensor = |cell: usize| {
             let numbers: Vec<f64> = columns.iter().map(|column| column[cell]).collect();
             tensor(&numbers).ok_or_else(|| {
                 let problem = format!("is {numbers:?} in cell {cell}, which is not a permeability");
@@ -156,12 +157,12 @@ impl RockOptions {
         };
         let cells = prepared.model.len();
         Ok(Rock {
-            mobilities: (0..cells).map(of_cell).collect::<Result<_>>()?,
+            mobilities: (0..cells).map(cell_tensor).collect::<Result<_>>()?,
             cell_mobility: (0..cells as u32).collect(),
         })
     }
 
-    /// A value for each cell.
+    /// Returns a value for each cell.
     fn values(
         &self,
         option: &str,
@@ -183,14 +184,14 @@ impl RockOptions {
             return Ok(vec![number; cells]);
         }
         if is_table(text) {
-            let one = |numbers: &[f64]| match numbers {
+            let single = |numbers: &[f64]| match numbers {
                 [value] if value.is_finite() => Some(*value),
                 _ => None,
             };
-            let table = values_by_region(Path::new(text), one, "write region,value")?;
+            let table = values_by_region(Path::new(text), single, "write region,value")?;
             let value = |region: &i32| {
-                let found = table.iter().find(|(known, _)| known == region);
-                found.map(|f| f.1).ok_or_else(|| {
+                let row = table.iter().find(|(known, _)| known == region);
+                row.map(|f| f.1).ok_or_else(|| {
                     let place = format!("{option} {text}");
                     let problem = format!("has no value for region {region}");
                     let remedy = "give one for every region of the mesh";
@@ -214,9 +215,9 @@ impl RockOptions {
         prepared: &PreparedModel,
         console: &Console,
     ) -> Result<Vec<f64>> {
-        let named = text.rsplit_once(':');
+        let suffix = text.rsplit_once(':');
         let (path, mean) =
-            match named.and_then(|(path, name)| Some((path, MeanKind::from_name(name)?))) {
+            match suffix.and_then(|(path, name)| Some((path, MeanKind::from_name(name)?))) {
                 Some((path, mean)) => (path, mean),
                 None => (text, mean),
             };
@@ -239,14 +240,14 @@ impl RockOptions {
     }
 }
 
-/// Whether a value is a table by region.
+/// Returns `true` if a value names a table by region.
 fn is_table(text: &str) -> bool {
     Path::new(text)
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("csv"))
 }
 
-/// An image as part of space.
+/// Reads an image; a 2-D image becomes a 3-D image of one layer.
 fn read_image(path: &Path, input: &InputOptions, console: &Console) -> Result<Image<3>> {
     let (image, notes) = match console.read_image(path, input)? {
         AnyImage::Plane(loaded) => (loaded.image.to_3d(), loaded.notes),

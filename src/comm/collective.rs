@@ -1,82 +1,247 @@
-//! Those who share a job, and what they tell one another: all ranks, or threads that stand for them in tests.
+//! Communicators, and the collective operations on them.
 
-use super::{all_gather_checked, out_of_step_error, rank, size};
-use crate::Result;
-use crate::files::codec::{Codec, encode_to_vec};
+use std::fmt;
+use std::ops::Range;
 
-/// Several that work on one thing, each on a part of its own. All ask the same things in the same order.
+use super::partition::{partition_range, weighted_partition_range};
+use crate::error::{Error, Result, cause};
+use crate::files::codec::{Codec, checksum, encode_to_vec};
+
+/// A group of ranks that work on one job. All of them make the same calls in the same order; `place` names the call,
+/// and must be the same on all ranks.
 pub trait Comm: Sync {
-    /// Which of them this is, from 0.
+    /// Returns the number of this rank, from 0.
     fn rank(&self) -> usize;
 
-    /// How many they are.
+    /// Returns the number of ranks.
     fn size(&self) -> usize;
 
-    /// What each of them has, in their order, on all of them.
+    /// Gathers the bytes of all ranks on all ranks, or the error of one of them; `receive` gets the bytes of each rank,
+    /// in the order of ranks, and returns `None` if they are not as they should be.
     ///
     /// # Errors
-    /// Those of the others.
-    fn all_gather_bytes(&self, what: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>>;
+    /// Returns the error of this rank, or else of another one, and [`Error::Job`] if ranks are not at the same place.
+    fn all_gather_results(
+        &self,
+        place: &str,
+        own: Result<Vec<u8>>,
+        receive: &mut dyn FnMut(Vec<u8>) -> Option<()>,
+    ) -> Result<()>;
 
-    /// What each of them has for this one, in their order; `to` has something for each.
+    /// Sends `to[k]` to rank `k`, and returns what this rank receives of each, in the order of ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    fn all_to_all_bytes(&self, what: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>>;
+    /// Returns the errors of other ranks.
+    fn all_to_all_bytes(&self, place: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>>;
+
+    /// Tells the other ranks how the job has ended on this one. After that, nothing is exchanged any more.
+    ///
+    /// # Errors
+    /// Returns the error with which this rank, or else another one, ended.
+    fn agree_on_end(&self, own: Result<()>) -> Result<()>;
+
+    /// Returns `true` if all ranks know an error, so that only one of them needs to print it.
+    fn is_error_shared(&self) -> bool;
+}
+
+impl fmt::Debug for dyn Comm + '_ {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "rank {} of {}", self.rank(), self.size())
+    }
 }
 
 impl dyn Comm + '_ {
-    /// What each of them has, in their order, on all of them.
+    /// Returns `true` if this is the rank that writes and prints.
+    pub fn is_root(&self) -> bool {
+        self.rank() == 0
+    }
+
+    /// Returns the value of each rank, in the order of ranks, on all ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn all_gather<T: Codec>(&self, what: &str, own: T) -> Result<Vec<T>> {
+    /// Returns the errors of other ranks.
+    pub fn all_gather<T: Codec>(&self, place: &str, own: T) -> Result<Vec<T>> {
         if self.size() == 1 {
             return Ok(vec![own]);
         }
-        let all = self.all_gather_bytes(what, encode_to_vec(&own))?;
-        decode_received(what, all, self.rank(), Some(own))
+        let mut all = Vec::with_capacity(self.size());
+        self.all_gather_results(place, Ok(encode_to_vec(&own)), &mut |bytes| {
+            all.push(bytes);
+            Some(())
+        })?;
+        decode_received(place, all, self.rank(), Some(own))
     }
 
-    /// What each of them has for this one, in their order; `to` has something for each.
+    /// Sends `to[k]` to rank `k`, and returns the value that this rank receives of each, in the order of ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    pub fn all_to_all<T: Codec>(&self, what: &str, to: Vec<T>) -> Result<Vec<T>> {
+    /// Returns the errors of other ranks.
+    pub fn all_to_all<T: Codec>(&self, place: &str, to: Vec<T>) -> Result<Vec<T>> {
         if self.size() == 1 {
             return Ok(to);
         }
         let (rank, mut own) = (self.rank(), None);
-        let of_each = |(to, value): (usize, T)| match to == rank {
-            true => {
+        let encode = |(to, value): (usize, T)| {
+            if to == rank {
                 own = Some(value);
                 Vec::new()
+            } else {
+                encode_to_vec(&value)
             }
-            false => encode_to_vec(&value),
         };
-        let told = to.into_iter().enumerate().map(of_each).collect();
-        decode_received(what, self.all_to_all_bytes(what, told)?, rank, own)
+        let sent = to.into_iter().enumerate().map(encode).collect();
+        decode_received(place, self.all_to_all_bytes(place, sent)?, rank, own)
+    }
+
+    /// Passes the result of each of `parts` parts to `take`, in the order of the parts, on every rank. `work` computes
+    /// the results of a range of parts, one after the other; each rank calls it with its own range.
+    ///
+    /// # Errors
+    /// Returns the errors of the work, on whichever rank, and [`Error::Job`] if ranks are not at the same place.
+    pub fn distribute<T: Codec>(
+        &self,
+        place: &str,
+        parts: usize,
+        work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+        take: &mut dyn FnMut(T),
+    ) -> Result<()> {
+        let own = partition_range(parts, self.rank(), self.size());
+        self.distribute_range(place, parts, own, work, take)
+    }
+
+    /// Passes the result of each part to `take` as `distribute` does, where parts are unequal:
+    /// each part has a weight, and ranks have about the same total weight.
+    ///
+    /// # Errors
+    /// Returns errors as `distribute` does.
+    pub fn distribute_weighted<T: Codec>(
+        &self,
+        place: &str,
+        weights: &[usize],
+        work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+        take: &mut dyn FnMut(T),
+    ) -> Result<()> {
+        let own = weighted_partition_range(weights, self.rank(), self.size());
+        self.distribute_range(place, weights.len(), own, work, take)
+    }
+
+    fn distribute_range<T: Codec>(
+        &self,
+        place: &str,
+        parts: usize,
+        own: Range<usize>,
+        work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+        take: &mut dyn FnMut(T),
+    ) -> Result<()> {
+        if self.size() == 1 {
+            return work(own, take);
+        }
+        let mut bytes = Vec::new();
+        // Writing to memory cannot fail.
+        let done = work(own, &mut |value| {
+            value.encode(&mut bytes).unwrap_or_default()
+        });
+        self.all_gather_results(
+            &format!("{place} ({parts})"),
+            done.map(|()| bytes),
+            &mut |bytes| {
+                let from = &mut &bytes[..];
+                while !from.is_empty() {
+                    take(T::decode(from)?);
+                }
+                Some(())
+            },
+        )
+    }
+
+    /// Returns the root's value on every rank; `make` is called on the root only.
+    ///
+    /// # Errors
+    /// Returns the errors of `make`, and errors as `distribute` does.
+    pub fn broadcast_from_root<T: Codec>(
+        &self,
+        place: &str,
+        make: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        if self.size() == 1 {
+            return make();
+        }
+        let mut bytes = Vec::new();
+        let made = if self.is_root() {
+            make().map(|value| value.encode(&mut bytes).unwrap_or_default())
+        } else {
+            Ok(())
+        };
+        let mut value = None;
+        self.all_gather_results(place, made.map(|()| bytes), &mut |bytes| {
+            if !bytes.is_empty() {
+                value = Some(T::decode(&mut &bytes[..])?);
+            }
+            Some(())
+        })?;
+        value.ok_or_else(|| out_of_step_error(place, self.rank()))
+    }
+
+    /// Makes sure that all ranks have the same value. They must, but processors of different kinds may round
+    /// differently.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] if they have not.
+    pub fn ensure_identical<T: Codec>(&self, place: &str, value: &T) -> Result<()> {
+        if self.size() == 1 {
+            return Ok(());
+        }
+        let sum = checksum(value).unwrap_or_default();
+        let place = format!("{place}, {sum:x?}");
+        self.all_gather_results(&place, Ok(Vec::new()), &mut |_| Some(()))
+    }
+
+    /// Ends the job on this rank, before the files that it wrote take their names: `ended` is a success only if all
+    /// other ranks succeed.
+    ///
+    /// # Errors
+    /// Returns the error with which this rank, or else another one, ended.
+    pub fn finish<T>(&self, ended: Result<T>) -> Result<T> {
+        match ended {
+            Ok(value) => self.agree_on_end(Ok(())).map(|()| value),
+            Err(error) => {
+                self.agree_on_end(Err(error))?;
+                Err(out_of_step_error("the end", self.rank()))
+            }
+        }
     }
 }
 
-/// What was heard of each, in their order; what is this rank's own is not read back.
+/// Decodes what was received of each rank; this rank's own value is not decoded.
 fn decode_received<T: Codec>(
-    what: &str,
+    place: &str,
     all: Vec<Vec<u8>>,
     rank: usize,
     mut own: Option<T>,
 ) -> Result<Vec<T>> {
-    let value = |(from, bytes): (usize, Vec<u8>)| match from == rank {
-        true => own.take(),
-        false => T::decode(&mut &bytes[..]),
+    let value = |(from, bytes): (usize, Vec<u8>)| {
+        if from == rank {
+            own.take()
+        } else {
+            T::decode(&mut &bytes[..])
+        }
     };
     let values = all.into_iter().enumerate().map(value);
     values
-        .map(|value| value.ok_or_else(|| out_of_step_error(what)))
+        .map(|value| value.ok_or_else(|| out_of_step_error(place, rank)))
         .collect()
 }
 
-/// Lists one after the other. What one alone has stays where it is.
+/// Returns the error of ranks that are not at the same place.
+pub(super) fn out_of_step_error(place: &str, rank: usize) -> Error {
+    Error::Job(cause(
+        format!("rank {rank}, {place}"),
+        "other ranks are elsewhere in the job, or have other results",
+        "start the same program with the same arguments, files and kind of processor on all machines",
+    ))
+}
+
+/// Concatenates lists. A single list is not copied.
 pub fn concatenate<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
     match lists.len() {
         1 => lists.pop().unwrap_or_default(),
@@ -84,7 +249,7 @@ pub fn concatenate<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
     }
 }
 
-/// One that shares with nobody, whatever ranks there are.
+/// A group of one.
 pub struct SelfComm;
 
 impl Comm for SelfComm {
@@ -96,189 +261,72 @@ impl Comm for SelfComm {
         1
     }
 
-    fn all_gather_bytes(&self, _: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>> {
-        Ok(vec![own])
+    fn all_gather_results(
+        &self,
+        place: &str,
+        own: Result<Vec<u8>>,
+        receive: &mut dyn FnMut(Vec<u8>) -> Option<()>,
+    ) -> Result<()> {
+        receive(own?).ok_or_else(|| out_of_step_error(place, 0))
     }
 
     fn all_to_all_bytes(&self, _: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
         Ok(to)
     }
-}
 
-/// All ranks.
-pub struct WorldComm;
-
-impl Comm for WorldComm {
-    fn rank(&self) -> usize {
-        rank()
+    fn agree_on_end(&self, own: Result<()>) -> Result<()> {
+        own
     }
 
-    fn size(&self) -> usize {
-        size()
-    }
-
-    fn all_gather_bytes(&self, what: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>> {
-        if size() == 1 {
-            return Ok(vec![own]);
-        }
-        let mut all = Vec::with_capacity(size());
-        all_gather_checked(what, Ok(own), &mut |bytes| {
-            all.push(bytes);
-            Some(())
-        })?;
-        Ok(all)
-    }
-
-    fn all_to_all_bytes(&self, what: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
-        if size() == 1 {
-            return Ok(to);
-        }
-        // How much each has for each that it has anything for; and all are here, and none has failed.
-        let much = to.iter().map(Vec::len).enumerate();
-        let much: Vec<(usize, usize)> = much.filter(|(_, bytes)| *bytes > 0).collect();
-        let much: Vec<Vec<(usize, usize)>> = (self as &dyn Comm).all_gather(what, much)?;
-        let for_this = |told: &Vec<(usize, usize)>| {
-            let mut told = told.iter();
-            told.find(|(to, _)| *to == rank())
-                .map_or(0, |(_, bytes)| *bytes)
-        };
-        let bytes: Vec<usize> = much.iter().map(for_this).collect();
-        Ok(super::world::all_to_all(&to, &bytes))
+    fn is_error_shared(&self) -> bool {
+        false
     }
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use std::sync::{Condvar, Mutex};
-
+mod tests {
     use super::*;
-
-    /// What threads tell one another.
-    struct Mailbox {
-        sent: Mutex<Vec<Vec<Vec<u8>>>>,
-        count: usize,
-        barrier: Mutex<BarrierState>,
-        condvar: Condvar,
-    }
-
-    /// How many have come, the how manieth time, and whether one will never come again.
-    #[derive(Default)]
-    struct BarrierState {
-        arrived_count: usize,
-        generation: usize,
-        is_broken: bool,
-    }
-
-    impl Mailbox {
-        /// Waits for all others.
-        fn wait_for_all(&self) {
-            let mut met = self.barrier.lock().unwrap();
-            met.arrived_count += 1;
-            if met.arrived_count == self.count {
-                met.arrived_count = 0;
-                met.generation += 1;
-                self.condvar.notify_all();
-            }
-            let times = met.generation + usize::from(met.arrived_count > 0);
-            let met = (self.condvar)
-                .wait_while(met, |met| met.generation < times && !met.is_broken)
-                .unwrap();
-            let broken = met.is_broken && met.generation < times;
-            drop(met);
-            assert!(!broken, "another thread has failed");
-        }
-    }
-
-    /// Lets the others go on where this thread fails: they would wait for ever.
-    struct PanicGuard<'a>(&'a Mailbox);
-
-    impl Drop for PanicGuard<'_> {
-        fn drop(&mut self) {
-            if std::thread::panicking() {
-                self.0.barrier.lock().unwrap().is_broken = true;
-                self.0.condvar.notify_all();
-            }
-        }
-    }
-
-    /// A thread that stands for a rank.
-    struct ThreadComm<'a>(usize, &'a Mailbox);
-
-    impl Comm for ThreadComm<'_> {
-        fn rank(&self) -> usize {
-            self.0
-        }
-
-        fn size(&self) -> usize {
-            self.1.sent.lock().unwrap().len()
-        }
-
-        fn all_gather_bytes(&self, what: &str, own: Vec<u8>) -> Result<Vec<Vec<u8>>> {
-            self.all_to_all_bytes(what, vec![own; self.size()])
-        }
-
-        fn all_to_all_bytes(&self, _: &str, to: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>> {
-            self.1.sent.lock().unwrap()[self.0] = to;
-            self.1.wait_for_all();
-            let told = self.1.sent.lock().unwrap();
-            let for_this = told.iter().map(|to| to[self.0].clone()).collect();
-            drop(told);
-            self.1.wait_for_all();
-            Ok(for_this)
-        }
-    }
-
-    /// What `work` gives on each of so many that share it.
-    pub fn run_threads<T: Send>(count: usize, work: impl Fn(&dyn Comm) -> T + Sync) -> Vec<T> {
-        let table = Mailbox {
-            sent: Mutex::new(vec![Vec::new(); count]),
-            count,
-            barrier: Mutex::default(),
-            condvar: Condvar::new(),
-        };
-        std::thread::scope(|scope| {
-            let (table, work) = (&table, &work);
-            let begin = |rank| {
-                scope.spawn(move || {
-                    let _here = PanicGuard(table);
-                    work(&ThreadComm(rank, table))
-                })
-            };
-            let all: Vec<_> = (0..count).map(begin).collect();
-            let ended = |one: std::thread::ScopedJoinHandle<'_, T>| match one.join() {
-                Ok(value) => value,
-                Err(why) => std::panic::resume_unwind(why),
-            };
-            all.into_iter().map(ended).collect()
-        })
-    }
+    use crate::comm::run_threads;
 
     #[test]
-    #[should_panic(expected = "failed")]
-    fn where_one_fails_the_others_do_not_wait_for_it() {
-        run_threads(3, |group| {
-            assert!(group.rank() != 1, "one has failed");
-            group.all_gather("numbers", group.rank()).unwrap();
-        });
-    }
-
-    #[test]
-    fn each_hears_what_is_for_it_and_all_what_is_for_all() {
-        for count in [1, 2, 5] {
-            let heard = run_threads(count, |group| {
-                let own = group.rank();
-                let all = group.all_gather("numbers", own).unwrap();
-                let to: Vec<String> = (0..count).map(|to| format!("{own} to {to}")).collect();
-                (all, group.all_to_all("words", to).unwrap())
+    fn each_rank_receives_what_is_for_it_and_what_is_for_all() {
+        for size in [1, 2, 5] {
+            let received = run_threads(size, |comm| {
+                let own = comm.rank();
+                let all = comm.all_gather("numbers", own).unwrap();
+                let to: Vec<String> = (0..size).map(|to| format!("{own} to {to}")).collect();
+                (all, comm.all_to_all("words", to).unwrap())
             });
-            for (rank, (all, words)) in heard.into_iter().enumerate() {
-                assert!(all.into_iter().eq(0..count));
-                let wanted = (0..count).map(|from| format!("{from} to {rank}"));
-                assert!(words.into_iter().eq(wanted));
+            for (rank, (all, words)) in received.into_iter().enumerate() {
+                assert!(all.into_iter().eq(0..size));
+                let expected = (0..size).map(|from| format!("{from} to {rank}"));
+                assert!(words.into_iter().eq(expected));
             }
         }
-        for alone in [&WorldComm as &dyn Comm, &SelfComm] {
-            assert_eq!(alone.all_to_all("numbers", vec![7usize]).unwrap(), [7]);
+        let alone: &dyn Comm = &SelfComm;
+        assert_eq!(alone.all_to_all("numbers", vec![7usize]).unwrap(), [7]);
+    }
+
+    #[test]
+    fn distributed_parts_come_in_order_on_every_rank() {
+        let check = |comm: &dyn Comm| {
+            let work = |own: Range<usize>, give: &mut dyn FnMut(usize)| {
+                own.for_each(|part| give(10 * part));
+                Ok(())
+            };
+            let mut taken = Vec::new();
+            let take = &mut |value| taken.push(value);
+            comm.distribute("parts", 4, work, take).unwrap();
+            let weights = [1, 5, 1, 1];
+            comm.distribute_weighted("weighted parts", &weights, work, take)
+                .unwrap();
+            assert_eq!(taken, [0, 10, 20, 30, 0, 10, 20, 30]);
+            let root_rank = comm.broadcast_from_root("rank", || Ok(comm.rank()));
+            assert_eq!(root_rank.unwrap(), 0);
+        };
+        check(&SelfComm);
+        for size in [1, 2, 3, 6] {
+            run_threads(size, check);
         }
     }
 }

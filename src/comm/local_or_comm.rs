@@ -1,4 +1,5 @@
-//! Those who hold parts of a thing: a group, or one alone, who cannot fail.
+//! Group of ranks, or one process alone, for measurements that are written once for both. Exchange in a group may fail;
+//! a process alone cannot fail, so that functions such as [`quality`](crate::report::quality()) need not return an error.
 
 use std::convert::Infallible;
 use std::ops::Range;
@@ -6,52 +7,51 @@ use std::ops::Range;
 use super::{Comm, SelfComm, partition_range};
 use crate::files::codec::Codec;
 
-/// Those who hold the parts of a mesh: a group, or one that holds all of it, which cannot fail. All ask the same
-/// things in the same order.
+/// A [`Comm`], whose exchange may fail, or [`SelfComm`], whose exchange cannot. All ranks make the same calls in the
+/// same order.
 pub trait LocalOrComm: Sync {
-    /// How telling one another may fail.
+    /// Error of the exchange.
     type Error;
 
-    /// Which of them this is, from 0.
+    /// Returns the number of this rank, from 0.
     fn rank(&self) -> usize;
 
-    /// How many they are.
+    /// Returns the number of ranks.
     fn size(&self) -> usize;
 
-    /// What each of them has, in their order, on all of them.
+    /// Returns the value of each rank, in the order of ranks, on all ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    fn try_all_gather<T: Codec>(&self, what: &str, own: T) -> Result<Vec<T>, Self::Error>;
+    /// Returns the errors of other ranks.
+    fn try_all_gather<T: Codec>(&self, place: &str, own: T) -> Result<Vec<T>, Self::Error>;
 
-    /// What each of them has for this one, in their order; `to` has something for each.
+    /// Sends `to[k]` to rank `k`, and returns what this rank receives of each, in the order of ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    fn try_all_to_all<T: Codec>(&self, what: &str, to: Vec<T>) -> Result<Vec<T>, Self::Error>;
+    /// Returns the errors of other ranks.
+    fn try_all_to_all<T: Codec>(&self, place: &str, to: Vec<T>) -> Result<Vec<T>, Self::Error>;
 
-    /// Counts of which all have as many, summed up. Each sums up a share of them: nobody gets all that the others
-    /// have.
+    /// Returns the elementwise sum of the counts of all ranks, which have equally many. Each rank sums a part of them,
+    /// so that no rank receives all counts of all ranks.
     ///
     /// # Errors
-    /// Those of the others.
-    fn all_reduce_sum(&self, what: &str, own: Vec<u64>) -> Result<Vec<u64>, Self::Error> {
-        let count = self.size();
-        let share = |to: usize| own[self.range_of_rank(own.len(), to)].to_vec();
-        let mut from = self.try_all_to_all(what, (0..count).map(share).collect())?;
-        let mut sums = from.pop().unwrap_or_default();
-        for other in from {
+    /// Returns the errors of other ranks.
+    fn all_reduce_sum(&self, place: &str, own: Vec<u64>) -> Result<Vec<u64>, Self::Error> {
+        let part = |to: usize| own[self.range_of_rank(own.len(), to)].to_vec();
+        let mut received = self.try_all_to_all(place, (0..self.size()).map(part).collect())?;
+        let mut sums = received.pop().unwrap_or_default();
+        for other in received {
             sums.iter_mut().zip(other).for_each(|(sum, n)| *sum += n);
         }
-        Ok(self.try_all_gather(what, sums)?.concat())
+        Ok(self.try_all_gather(place, sums)?.concat())
     }
 
-    /// Which of so many things one of them has to do.
-    fn range_of_rank(&self, things: usize, of: usize) -> Range<usize> {
-        partition_range(things, of, self.size())
+    /// Returns the parts of one rank, if all ranks divide `parts` parts evenly.
+    fn range_of_rank(&self, parts: usize, rank: usize) -> Range<usize> {
+        partition_range(parts, rank, self.size())
     }
 
-    /// Which of them answers for a node, of so many in the whole.
+    /// Returns the rank that owns a node of a global mesh of `nodes` nodes.
     fn owner_rank(&self, node: u32, nodes: usize) -> usize {
         (node as usize * self.size() / nodes.max(1)).min(self.size() - 1)
     }
@@ -88,12 +88,12 @@ impl LocalOrComm for dyn Comm + '_ {
         Comm::size(self)
     }
 
-    fn try_all_gather<T: Codec>(&self, what: &str, own: T) -> crate::Result<Vec<T>> {
-        self.all_gather(what, own)
+    fn try_all_gather<T: Codec>(&self, place: &str, own: T) -> crate::Result<Vec<T>> {
+        self.all_gather(place, own)
     }
 
-    fn try_all_to_all<T: Codec>(&self, what: &str, to: Vec<T>) -> crate::Result<Vec<T>> {
-        self.all_to_all(what, to)
+    fn try_all_to_all<T: Codec>(&self, place: &str, to: Vec<T>) -> crate::Result<Vec<T>> {
+        self.all_to_all(place, to)
     }
 }
 

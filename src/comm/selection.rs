@@ -1,18 +1,19 @@
-//! Values by their rank among all that several have, without sorting them.
+//! Order statistics of values that are distributed over ranks: a radix selection, which neither sorts the values nor
+//! sends them.
 
 use crate::parallel::prelude::*;
 
 use super::LocalOrComm;
 
-/// Values with whole numbers, of so many digits of [`DIGIT_BITS`], that are ordered as they are by `total_cmp`.
+/// Values with integer keys, which have the order of `total_cmp`. A key has digits of [`DIGIT_BITS`] bits.
 pub trait RadixKey: Copy {
-    /// Digits of the numbers.
+    /// Number of digits of a key.
     const DIGIT_COUNT: u32;
 
-    /// The number of a value.
+    /// Returns the key of a value.
     fn to_key(self) -> u64;
 
-    /// The value of a number.
+    /// Returns the value of a key.
     fn from_key(key: u64) -> f64;
 }
 
@@ -54,46 +55,47 @@ impl RadixKey for f64 {
     }
 }
 
-/// Bits of a digit: few enough that counts stay close to the processor, and are soon told.
+/// Number of bits of a digit: so few that counts fit in the cache and are sent quickly.
 const DIGIT_BITS: u32 = 11;
-/// So many values a digit has.
+/// Number of values of a digit.
 const RADIX: usize = 1 << DIGIT_BITS;
 
-/// Of each series of values those of which so many are smaller: `ranks` is told how many there are in all, which is
-/// never 0; of no values, NaN. For one digit after the other it is counted how many of those that begin as the wanted
-/// ones do go on with each digit: nobody is told a value.
+/// Returns for each series of values the values with the given ranks in sorted order, over all ranks of `comm`.
+/// `ranks` is called with the total number of values, or with 1 if there are none; then the result is NaN.
+///
+/// Digit by digit, from the most significant one, all ranks count how often each digit follows the known prefix of a
+/// result.
 ///
 /// # Errors
-/// Those of the other holders.
+/// Returns the communication errors of `comm`.
 pub fn order_statistics<V: RadixKey, R: AsRef<[usize]>, H: LocalOrComm + ?Sized>(
     series: &[impl Iterator<Item = V> + Clone + Sync],
     ranks: &[impl Fn(usize) -> R],
-    holders: &H,
+    comm: &H,
 ) -> Result<Vec<Vec<f64>>, H::Error> {
-    // For each wanted value its beginning, and how many of the same beginning are before it.
-    // At first all begin alike.
-    let mut places = vec![vec![(0u64, 0usize)]; series.len()];
+    // For each result its prefix, and its rank among the values with this prefix. At first all prefixes are empty.
+    let mut states = vec![vec![(0u64, 0usize)]; series.len()];
     let mut totals = vec![0; series.len()];
     for digit in (0..V::DIGIT_COUNT).rev() {
-        let begun: Vec<Vec<u64>> = places
+        let prefixes: Vec<Vec<u64>> = states
             .iter()
-            .map(|places| distinct_prefixes(places))
+            .map(|states| distinct_prefixes(states))
             .collect();
-        let counts: Vec<Vec<u64>> = (series.par_iter().zip(&begun))
-            .map(|(values, begun)| digit_counts(values.clone(), begun, DIGIT_BITS * digit))
+        let counts: Vec<Vec<u64>> = (series.par_iter().zip(&prefixes))
+            .map(|(values, prefixes)| digit_counts(values.clone(), prefixes, DIGIT_BITS * digit))
             .collect();
-        let counts = holders.all_reduce_sum("values by their size", counts.concat())?;
+        let counts = comm.all_reduce_sum("digits of values", counts.concat())?;
         let mut counts = counts.chunks_exact(RADIX);
-        for (s, begun) in begun.iter().enumerate() {
-            let counts: Vec<&[u64]> = counts.by_ref().take(begun.len()).collect();
+        for (s, prefixes) in prefixes.iter().enumerate() {
+            let counts: Vec<&[u64]> = counts.by_ref().take(prefixes.len()).collect();
             if digit + 1 == V::DIGIT_COUNT {
                 totals[s] = counts.iter().copied().flatten().sum::<u64>() as usize;
                 let ranks = ranks[s](totals[s].max(1));
-                places[s] = ranks.as_ref().iter().map(|&rank| (0, rank)).collect();
+                states[s] = ranks.as_ref().iter().map(|&rank| (0, rank)).collect();
             }
-            for (beginning, rank) in &mut places[s] {
-                let with = begun.iter().position(|b| b == beginning);
-                let counts = counts[with.unwrap_or_default()];
+            for (prefix, rank) in &mut states[s] {
+                let index = prefixes.iter().position(|p| p == prefix);
+                let counts = counts[index.unwrap_or_default()];
                 let mut before = 0;
                 let next = counts.iter().position(|&count| {
                     before += count as usize;
@@ -101,7 +103,7 @@ pub fn order_statistics<V: RadixKey, R: AsRef<[usize]>, H: LocalOrComm + ?Sized>
                 });
                 let next = next.unwrap_or_default();
                 *rank = (*rank + counts[next] as usize).saturating_sub(before);
-                *beginning = *beginning << DIGIT_BITS | next as u64;
+                *prefix = *prefix << DIGIT_BITS | next as u64;
             }
         }
     }
@@ -109,34 +111,33 @@ pub fn order_statistics<V: RadixKey, R: AsRef<[usize]>, H: LocalOrComm + ?Sized>
         0 => f64::NAN,
         _ => V::from_key(key),
     };
-    let found = places.iter().zip(totals);
-    Ok(found
-        .map(|(places, total)| places.iter().map(|&(key, _)| value(total, key)).collect())
+    let results = states.iter().zip(totals);
+    Ok(results
+        .map(|(states, total)| states.iter().map(|&(key, _)| value(total, key)).collect())
         .collect())
 }
 
-/// The beginnings of wanted values, each once.
-fn distinct_prefixes(places: &[(u64, usize)]) -> Vec<u64> {
-    let mut begun: Vec<u64> = places.iter().map(|(beginning, _)| *beginning).collect();
-    begun.sort_unstable();
-    begun.dedup();
-    begun
+/// Returns the prefixes of results without duplicates.
+fn distinct_prefixes(states: &[(u64, usize)]) -> Vec<u64> {
+    let mut prefixes: Vec<u64> = states.iter().map(|(prefix, _)| *prefix).collect();
+    prefixes.sort_unstable();
+    prefixes.dedup();
+    prefixes
 }
 
-/// For each of the beginnings how many values begin so and go on with each digit, which is so many bits from the
-/// end.
+/// Counts for each prefix how many values have it and continue with each digit. The digit begins at bit `shift`.
 fn digit_counts<V: RadixKey>(
     values: impl Iterator<Item = V>,
-    begun: &[u64],
-    bits: u32,
+    prefixes: &[u64],
+    shift: u32,
 ) -> Vec<u64> {
-    let mut counts = vec![0; RADIX * begun.len()];
+    let mut counts = vec![0; RADIX * prefixes.len()];
     for v in values {
         let key = v.to_key();
-        // All begin alike before the first digit.
-        let beginning = key.checked_shr(bits + DIGIT_BITS).unwrap_or(0);
-        if let Some(with) = begun.iter().position(|&b| b == beginning) {
-            counts[RADIX * with + (key >> bits) as usize % RADIX] += 1;
+        // The prefix before the first digit is empty.
+        let prefix = key.checked_shr(shift + DIGIT_BITS).unwrap_or(0);
+        if let Some(index) = prefixes.iter().position(|&p| p == prefix) {
+            counts[RADIX * index + (key >> shift) as usize % RADIX] += 1;
         }
     }
     counts

@@ -1,5 +1,7 @@
 //! Cell list: points sorted into the cells of a regular grid, to find nearby points.
 
+use super::bounding_box;
+
 /// Points sorted into the cells of a regular grid, to find nearby points.
 ///
 /// Points may have labels; a search then visits only the points of one label.
@@ -21,9 +23,7 @@ impl<const D: usize> CellList<D> {
 
     /// Sorts points with labels into cells of edge length `cell`.
     pub fn labelled(points: &[[f64; D]], label: impl Fn(usize) -> u32, cell: f64) -> Self {
-        let low = points.iter().fold([f64::INFINITY; D], |low, p| {
-            std::array::from_fn(|k| low[k].min(p[k]))
-        });
+        let [low, _] = bounding_box(points);
         let mut list = Self {
             low,
             cell_edge: cell,
@@ -123,17 +123,13 @@ impl<const D: usize> CellList<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::random::Random;
 
     #[test]
     fn adjacent_points_are_visited_once_in_cell_order() {
-        let mut state = 3u32;
-        let mut random = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            f64::from(state >> 8) / f64::from(1 << 24)
-        };
-        let points: Vec<[f64; 3]> = (0..700)
-            .map(|_| [9.0 * random(), 5.0 * random() - 2.0, 7.0 * random()])
-            .collect();
+        let mut random = Random::new(3);
+        let mut point = || [[0.0, 9.0], [-2.0, 3.0], [0.0, 7.0]].map(|[a, b]| random.range(a, b));
+        let points: Vec<[f64; 3]> = (0..700).map(|_| point()).collect();
         let grid = CellList::labelled(&points, |i| i as u32 % 3 * 2, 1.3);
         let plain = CellList::new(&points, 1.3);
         for &p in points.iter().step_by(7) {

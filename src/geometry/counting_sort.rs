@@ -7,7 +7,7 @@ const MIN_PARALLEL_LEN: usize = 1 << 14;
 
 /// Sorts the numbers from 0 on by group; `groups` gives the group of each number in turn. Returns
 /// `start` and `order`: the numbers of group g are `order[start[g]..start[g + 1]]`, in ascending
-/// order.
+/// order. Numbers of the groups from `group_count` on are left out.
 pub fn sort_by_group(
     group_count: usize,
     groups: impl Iterator<Item = usize>,
@@ -33,7 +33,6 @@ pub fn sort_by_group_into(
     let groups_per_part = group_count.div_ceil(part_count).max(1);
     start.clear();
     start.resize(group_count + 1, 0);
-    order.resize(groups.len(), 0);
     let counts = start[..group_count]
         .par_chunks_mut(groups_per_part)
         .enumerate();
@@ -50,6 +49,7 @@ pub fn sort_by_group_into(
     for start in start.iter_mut() {
         sum += std::mem::replace(start, sum);
     }
+    order.resize(start[group_count] as usize, 0);
     let mut rest = order.as_mut_slice();
     let mut orders = Vec::with_capacity(part_count);
     for first in (0..group_count).step_by(groups_per_part) {
@@ -89,6 +89,8 @@ mod tests {
         assert_eq!(order, [1, 4, 0, 2, 5, 3]);
         assert_eq!(sort_by_group(2, std::iter::empty()), (vec![0; 3], vec![]));
         assert_eq!(sort_by_group(0, std::iter::empty()), (vec![0], vec![]));
+        let (start, order) = sort_by_group(2, [1, 2, 0, 9, 1].into_iter());
+        assert_eq!((start, order), (vec![0, 1, 3], vec![2, 0, 4]));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A grid of cells to which points are added one by one, to find out whether a point is nearby.
 
 use super::distance2;
+use super::grid_index::offset_of;
 
 /// Marks the end of a cell's list of points.
 const NO_POINT: u32 = u32::MAX;
@@ -115,9 +116,7 @@ impl<const D: usize> IncrementalGrid<D> {
     }
 
     fn index(&self, cell: [usize; D]) -> usize {
-        (0..D)
-            .rev()
-            .fold(0, |index, k| index * self.dims[k] + cell[k])
+        offset_of(self.dims, cell)
     }
 }
 

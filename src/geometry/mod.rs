@@ -2,6 +2,8 @@
 //!
 //! - `vector`: vector algebra
 //! - `cell_list`: points sorted into cells, to find nearby points
+//! - `grid_index`: indices and memory offsets of the cells of a regular grid
+//! - `distinct`: sorted lists without duplicates
 //! - `incremental_grid`: points added to cells one by one
 //! - `counting_sort`: numbers sorted by group
 //! - `morphology`: dilation of marked cells of a grid
@@ -11,6 +13,8 @@
 
 pub(crate) mod cell_list;
 pub(crate) mod counting_sort;
+mod distinct;
+pub(crate) mod grid_index;
 pub(crate) mod incremental_grid;
 pub(crate) mod morphology;
 pub(crate) mod random;
@@ -18,6 +22,7 @@ pub(crate) mod simd;
 pub(crate) mod union_find;
 pub(crate) mod vector;
 
+pub(crate) use distinct::sorted_distinct;
 pub use vector::{
     add_scaled, bounding_box, cross, distance2, dot, norm, normal, solve_positive, sub, to_3d,
     unit, volume6,

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::grid_index::{index_at, offset_of};
 use crate::parallel::prelude::*;
 
 /// Marks the `radius` cells on both sides of every marked cell along one axis.
@@ -48,14 +49,11 @@ pub fn bricks_near<const D: usize>(
             let brick = |x: f64| ((x / step[k]) as usize / edge).min(dims[k] - 1);
             brick(x[k] - radius)..brick(x[k] + radius) + 1
         });
-        for number in 0..ranges.iter().map(Range::len).product() {
-            let mut rest = number;
-            let index: [usize; D] = std::array::from_fn(|k| {
-                let coordinate = ranges[k].start + rest % ranges[k].len();
-                rest /= ranges[k].len();
-                coordinate
-            });
-            marks[(0..D).rev().fold(0, |brick, k| brick * dims[k] + index[k])] = true;
+        let span: [usize; D] = std::array::from_fn(|k| ranges[k].len());
+        for number in 0..span.iter().product() {
+            let within = index_at(span, number);
+            let index = std::array::from_fn(|k| ranges[k].start + within[k]);
+            marks[offset_of(dims, index)] = true;
         }
     }
     marks
@@ -68,7 +66,7 @@ mod tests {
     #[test]
     fn cells_within_reach_along_an_axis_are_marked() {
         let dims = [5, 4, 3];
-        let coordinates = |i: usize| [i % 5, i / 5 % 4, i / 20];
+        let coordinates = |i: usize| index_at(dims, i);
         for radius in 0..4 {
             for axis in 0..3 {
                 let original: Vec<bool> = (0..60).map(|i| i % 17 == 3).collect();

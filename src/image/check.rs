@@ -4,6 +4,7 @@ use crate::parallel::prelude::*;
 
 use super::{Image, Modality};
 use crate::error::{Error, Result, cause};
+use crate::geometry::grid_index::index_at;
 
 /// Statistics of all samples of an image.
 #[derive(Debug, Clone, PartialEq)]
@@ -263,7 +264,7 @@ impl StatsAccumulator {
             .iter()
             .enumerate()
             .find_map(|(chunk, part)| Some(chunk * CHUNK + part.first_non_finite?))
-            .map(|position| index_of(dims, position));
+            .map(|position| index_at(dims, position));
         let finite: usize = parts.iter().map(|part| part.finite_count).sum();
         let nan: usize = parts.iter().map(|part| part.nan_count).sum();
         let sum: f64 = parts.iter().map(|part| part.sum).sum();
@@ -278,15 +279,6 @@ impl StatsAccumulator {
             first_non_finite: first_bad,
         }
     }
-}
-
-/// Returns the index (x first) of a position in memory order.
-fn index_of<const D: usize>(dims: [usize; D], mut position: usize) -> [usize; D] {
-    dims.map(|n| {
-        let index = position % n;
-        position /= n;
-        index
-    })
 }
 
 /// Statistics of one chunk of samples.

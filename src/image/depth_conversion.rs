@@ -264,24 +264,7 @@ impl<const D: usize> DepthConversion<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Samples a function of the physical position.
-    fn sample_function<const D: usize>(
-        dims: [usize; D],
-        geometry: &Geometry<D>,
-        value: impl Fn([f64; D]) -> f64,
-    ) -> Image<D> {
-        let sample_at = |mut i: usize| {
-            let index = dims.map(|n| {
-                let k = i % n;
-                i /= n;
-                k as f64
-            });
-            value(geometry.to_physical(index)) as f32
-        };
-        let samples = (0..dims.iter().product()).map(sample_at).collect();
-        Image::new(dims, samples, geometry.clone())
-    }
+    use crate::geometry::grid_index::index_at;
 
     /// Returns the geometry of a survey. Samples are along the first axis if `time_first` is set;
     /// times are negative if `down` is -1.
@@ -326,21 +309,17 @@ mod tests {
             };
             let wave = |z: f64| 100.0 * (z / 14.0).sin();
             let image = survey_geometry(time_first, down, [12.5, 4.0]);
-            let image = sample_function(dims(200), &image, |p| wave(depth(p)));
+            let image = Image::from_fn(dims(200), image, |p| wave(depth(p)));
             // Times increase downwards in the velocities, and decrease in half of the images.
             let velocities = survey_geometry(time_first, 1.0, [40.0, 50.0]);
-            let velocities = sample_function(
-                if time_first { [25, 3, 3] } else { [3, 3, 25] },
-                &velocities,
-                law,
-            );
+            let dims = if time_first { [25, 3, 3] } else { [3, 3, 25] };
+            let velocities = Image::from_fn(dims, velocities, law);
             let (converted, conversion) = convert_to_depth(&image, velocities);
             let geometry = &converted.geometry;
             assert_eq!(geometry.units, ["m", "m", "m"]);
-            let expected = sample_function(converted.dims(), geometry, |p| wave(p[2].abs()));
+            let expected = Image::from_fn(converted.dims(), geometry.clone(), |p| wave(p[2].abs()));
             let along = if time_first { 0 } else { 2 };
             let (dims, mut max_error) = (converted.dims(), 0.0f32);
-            let stride: usize = dims[..along].iter().product();
             for (i, (a, b)) in converted
                 .as_slice()
                 .iter()
@@ -348,7 +327,7 @@ mod tests {
                 .enumerate()
             {
                 // At its ends a trace lacks neighbours for the cubic interpolation.
-                let depth_index = i / stride % dims[along];
+                let depth_index = index_at(dims, i)[along];
                 if (2..dims[along] - 2).contains(&depth_index) {
                     max_error = max_error.max((a - b).abs());
                 }
@@ -388,12 +367,14 @@ mod tests {
         // The reflector lies at z = 500 m.
         let time = |x: f64| 1e3 * 2.0 * 500.0 / law([x, 0.0]);
         let pulse = |off: f64| (-off * off / 2.0).exp();
-        let image = sample_function([41, 400], &geometry, |[x, t]| pulse((t - time(x)) / 6.0));
+        let image = Image::from_fn([41, 400], geometry.clone(), |[x, t]| {
+            pulse((t - time(x)) / 6.0)
+        });
         let coarse = Geometry {
             axes: [[500.0, 0.0], [0.0, 400.0]],
             ..geometry.clone()
         };
-        let (converted, _) = convert_to_depth(&image, sample_function([3, 3], &coarse, law));
+        let (converted, _) = convert_to_depth(&image, Image::from_fn([3, 3], coarse, law));
         let dims = converted.dims();
         for x in 0..41 {
             let row = (0..dims[1]).map(|z| f64::from(converted.as_slice()[x + 41 * z]));
@@ -410,12 +391,12 @@ mod tests {
     #[test]
     fn a_constant_velocity_volume_equals_one_velocity() {
         let geometry = survey_geometry(true, 1.0, [12.5, 4.0]);
-        let image = sample_function([64, 5, 4], &geometry, |p| {
+        let image = Image::from_fn([64, 5, 4], geometry.clone(), |p| {
             (p[0] + 3.0 * p[1] + p[2] / 7.0).sin()
         });
         let coarse = survey_geometry(true, 1.0, [50.0, 100.0]);
         let (converted, conversion) =
-            convert_to_depth(&image, sample_function([3, 2, 2], &coarse, |_| 2400.0));
+            convert_to_depth(&image, Image::from_fn([3, 2, 2], coarse, |_| 2400.0));
         let depth = geometry.to_depth(2400.0).unwrap().0;
         assert_eq!(converted.dims(), image.dims());
         for k in 0..3 {
@@ -437,14 +418,14 @@ mod tests {
     fn labels_stay_labels_and_missing_traces_missing() {
         let geometry = survey_geometry(true, 1.0, [12.5, 4.0]);
         let labels = |p: [f64; 3]| f64::from((p[2] > 600.0) as u8 + 3 * (p[2] > 650.0) as u8);
-        let image = sample_function([100, 5, 4], &geometry, labels);
+        let image = Image::from_fn([100, 5, 4], geometry.clone(), labels);
         let mut missing = vec![false; 20];
         missing[7] = true;
         let image = image.with_missing(missing.clone());
         let coarse = survey_geometry(true, 1.0, [50.0, 100.0]);
         let law = |p: [f64; 3]| 2000.0 + p[2] + 4.0 * (p[0] - 5000.0);
         let velocities =
-            VelocityModel::new(sample_function([5, 2, 2], &coarse, law), "v.vti").unwrap();
+            VelocityModel::new(Image::from_fn([5, 2, 2], coarse, law), "v.vti").unwrap();
         let conversion = DepthConversion::new(&image, velocities).unwrap();
         let converted = conversion.apply(&image, true).unwrap();
         assert!(
@@ -464,10 +445,9 @@ mod tests {
     #[test]
     fn traces_without_a_common_depth_are_refused() {
         let geometry = survey_geometry(true, 1.0, [100.0, 4.0]);
-        let image = sample_function([10, 3, 3], &geometry, |p| p[0]);
+        let image = Image::from_fn([10, 3, 3], geometry.clone(), |p| p[0]);
         let law = |p: [f64; 3]| if p[0] < 5050.0 { 500.0 } else { 5000.0 };
-        let velocities =
-            sample_function([2, 3, 3], &survey_geometry(true, 1.0, [100.0, 36.0]), law);
+        let velocities = Image::from_fn([2, 3, 3], survey_geometry(true, 1.0, [100.0, 36.0]), law);
         let velocities = VelocityModel::new(velocities, "v.vti").unwrap();
         let message = DepthConversion::new(&image, velocities)
             .unwrap_err()

@@ -9,6 +9,8 @@
 //! repeats, and positions outside are moved to the nearest point of the box. The gradient is the
 //! exact derivative of the interpolant, so that a minimiser sees a consistent function and slope.
 
+use crate::geometry::grid_index::{index_at, strides};
+
 /// Samples of a scalar function over a box in lattice space, x fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScalarField<const D: usize> {
@@ -71,17 +73,11 @@ impl Taps {
 impl<const D: usize> ScalarField<D> {
     /// Creates a field by sampling a function of position in lattice space.
     pub fn from_fn(dims: [usize; D], step: [f64; D], mut f: impl FnMut([f64; D]) -> f64) -> Self {
-        let count = dims.iter().product();
-        let mut samples = Vec::with_capacity(count);
-        for flat in 0..count {
-            let mut rest = flat;
-            let position = std::array::from_fn(|k| {
-                let index = rest % dims[k];
-                rest /= dims[k];
-                index as f64 * step[k]
-            });
-            samples.push(f(position) as f32);
-        }
+        let sample = |offset: usize| {
+            let index = index_at(dims, offset);
+            f(std::array::from_fn(|k| index[k] as f64 * step[k])) as f32
+        };
+        let samples = (0..dims.iter().product()).map(sample).collect();
         Self {
             dims,
             step,
@@ -100,7 +96,7 @@ impl<const D: usize> ScalarField<D> {
 
     /// Returns the far corner of the box; the near corner is the origin.
     pub fn extent(&self) -> [f64; D] {
-        std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])
+        box_extent(self.dims, self.step)
     }
 
     /// Returns the interpolated value at a position in lattice space.
@@ -115,12 +111,9 @@ impl<const D: usize> ScalarField<D> {
     /// of the taps.
     #[inline]
     pub fn value_and_gradient(&self, position: [f64; D]) -> (f64, [f64; D]) {
-        let mut stride = 1;
-        let taps: [Taps; D] = std::array::from_fn(|k| {
-            let taps = Taps::new(position[k], self.dims[k], self.step[k], stride);
-            stride *= self.dims[k];
-            taps
-        });
+        let strides = strides(self.dims);
+        let taps: [Taps; D] =
+            std::array::from_fn(|k| Taps::new(position[k], self.dims[k], self.step[k], strides[k]));
         // The weights of the value sum to one and those of the slopes to zero. Therefore
         // differences from one of the taps can be summed instead, which loses fewer digits.
         let base = self.samples[taps.iter().map(|t| t.offsets[1]).sum::<usize>()];
@@ -137,6 +130,11 @@ impl<const D: usize> ScalarField<D> {
         };
         interpolate(&taps, base, line)
     }
+}
+
+/// Returns the far corner of the box of a field in lattice space; the near corner is the origin.
+pub(super) fn box_extent<const D: usize>(dims: [usize; D], step: [f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| (dims[k].max(1) - 1) as f64 * step[k])
 }
 
 /// Returns the value and gradient from the taps along each axis. `line` returns the four samples

@@ -3,6 +3,7 @@
 
 use super::Image;
 use crate::error::Result;
+use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::memory;
 use crate::parallel::prelude::*;
 
@@ -48,7 +49,7 @@ impl<const D: usize> Image<D> {
     /// without that axis.
     fn collapse_dead(&self) -> (Option<usize>, Vec<bool>) {
         for axis in 1..D {
-            let (length, stride) = (self.dims()[axis], self.stride(axis));
+            let (length, stride) = (self.dims()[axis], strides(self.dims())[axis]);
             let blocks = self.dead.chunks(stride * length);
             let is_uniform =
                 |block: &[bool]| block.chunks(stride).all(|layer| *layer == block[..stride]);
@@ -117,7 +118,7 @@ impl<const D: usize> LiveMask<D> {
         if let Some(axis) = self.uniform_axis {
             at[axis] = 0;
         }
-        (0..D).rev().fold(0, |i, k| i * self.dims[k] + at[k])
+        offset_of(self.dims, at)
     }
 
     /// Returns `true` if the sample holds data.
@@ -137,7 +138,7 @@ impl<const D: usize> LiveMask<D> {
             let cell = match uniform_axis {
                 Some(axis) if axis < D - 1 => {
                     // Removes the axis with constant flags from the position of the sample.
-                    let stride: usize = dims[..axis].iter().product();
+                    let stride = strides(dims)[axis];
                     i % stride + i / (stride * self.uniform_len) * stride
                 }
                 _ => i,
@@ -164,16 +165,9 @@ impl<const D: usize> LiveMask<D> {
     /// gaps are instead interpolated linearly along the axes between the live samples on both
     /// sides.
     pub fn fill(&self, dims: [usize; D], samples: &mut [f32], bridge: bool) {
-        let strides: [usize; D] = std::array::from_fn(|k| dims[..k].iter().product());
-        let cell_strides: [usize; D] = std::array::from_fn(|k| self.dims[..k].iter().product());
-        let coordinates = |mut i: usize| -> [usize; D] {
-            self.dims.map(|n| {
-                let at = i % n;
-                i /= n;
-                at
-            })
-        };
-        let index = |at: [usize; D]| (0..D).map(|k| at[k] * strides[k]).sum::<usize>();
+        let cell_strides = strides(self.dims);
+        let coordinates = |i: usize| index_at(self.dims, i);
+        let index = |at: [usize; D]| offset_of(dims, at);
         let values: Vec<f64> = samples.iter().map(|s| f64::from(*s)).collect();
         let mean = {
             let is_live = |i: &usize| self.states[*i] == SampleState::Live;
@@ -184,7 +178,7 @@ impl<const D: usize> LiveMask<D> {
             sum / count.max(1) as f64
         };
         let uniform_len = self.uniform_len;
-        let step = self.uniform_axis.map_or(0, |axis| strides[axis]);
+        let step = self.uniform_axis.map_or(0, |axis| strides(dims)[axis]);
         // The first samples of the cells from which a cell is filled, and their weights.
         let sources = |i: usize| -> Vec<(usize, f64)> {
             let at = coordinates(i);
@@ -230,17 +224,9 @@ impl<const D: usize> LiveMask<D> {
 }
 
 /// Returns the squared distance between two cells.
-pub(super) fn distance_squared<const D: usize>(
-    dims: [usize; D],
-    mut a: usize,
-    mut b: usize,
-) -> usize {
-    let mut sum = 0;
-    for n in dims {
-        sum += (a % n).abs_diff(b % n).pow(2);
-        (a, b) = (a / n, b / n);
-    }
-    sum
+pub(super) fn distance_squared<const D: usize>(dims: [usize; D], a: usize, b: usize) -> usize {
+    let [a, b] = [a, b].map(|cell| index_at(dims, cell));
+    (0..D).map(|k| a[k].abs_diff(b[k]).pow(2)).sum()
 }
 
 /// Returns for each cell the nearest cell that satisfies `is_target` and is at most `reach` away,

@@ -51,8 +51,12 @@ pub use time::{NoDepthReason, TimeCoordinate};
 pub use time_depth::TimeDepthCurve;
 pub use velocity::{VelocityCoverage, VelocityModel};
 
-use ndarray::ArrayD;
 use std::sync::Arc;
+
+use ndarray::ArrayD;
+
+use crate::error::{Error, Result, cause};
+use crate::geometry::grid_index::{for_each_corner, index_at};
 
 /// A `D`-dimensional image: `f32` samples and their [`Geometry`].
 #[derive(Debug, Clone, PartialEq)]
@@ -77,17 +81,46 @@ impl<const D: usize> Image<D> {
     /// Creates an image from samples in memory order (x fastest). The number of samples must be the
     /// product of `dims`.
     pub fn new(dims: [usize; D], samples: Vec<f32>, geometry: Geometry<D>) -> Self {
-        let shape: Vec<usize> = dims.iter().rev().copied().collect();
         #[allow(clippy::expect_used)]
-        let samples = ArrayD::from_shape_vec(shape, samples)
-            .expect("the number of samples must be the product of the dimensions");
-        Self {
+        Self::try_new(dims, samples, geometry)
+            .expect("the number of samples must be the product of the dimensions")
+    }
+
+    /// Creates an image from samples in memory order.
+    ///
+    /// # Errors
+    /// Returns [`Error::Image`] if the number of samples is not the product of `dims`.
+    pub fn try_new(dims: [usize; D], samples: Vec<f32>, geometry: Geometry<D>) -> Result<Self> {
+        let count = samples.len();
+        let shape: Vec<usize> = dims.iter().rev().copied().collect();
+        let samples = ArrayD::from_shape_vec(shape, samples).map_err(|_| {
+            Error::Image(cause(
+                format!("an image of {dims:?} samples"),
+                format!("is given {count} samples"),
+                "give one sample for each position, the first axis fastest",
+            ))
+        })?;
+        Ok(Self {
             samples,
             geometry,
             missing: Vec::new(),
             dead: Vec::new(),
             labels: None,
-        }
+        })
+    }
+
+    /// Creates an image by sampling a function of the physical position.
+    pub(crate) fn from_fn(
+        dims: [usize; D],
+        geometry: Geometry<D>,
+        mut value: impl FnMut([f64; D]) -> f64,
+    ) -> Self {
+        let sample = |offset: usize| {
+            let index = index_at(dims, offset).map(|i| i as f64);
+            value(geometry.to_physical(index)) as f32
+        };
+        let samples = (0..dims.iter().product()).map(sample).collect();
+        Self::new(dims, samples, geometry)
     }
 
     /// Returns the image with these rows along x marked as missing, one flag per row.
@@ -190,25 +223,8 @@ impl Image<3> {
 /// Implements [`Image::interpolate_linear`] for a slice of samples.
 fn interpolate_linear<const D: usize>(dims: [usize; D], samples: &[f32], index: [f64; D]) -> f32 {
     let mut value = 0.0;
-    for corner in 0..1usize << D {
-        let (mut weight, mut offset, mut stride) = (1.0, 0, 1);
-        for k in 0..D {
-            let last = dims[k] - 1;
-            let x = index[k].clamp(0.0, last as f64);
-            let low = (x as usize).min(last.saturating_sub(1));
-            let t = (x - low as f64) as f32;
-            let (sample, factor) = match corner >> k & 1 {
-                0 => (low, 1.0 - t),
-                _ => ((low + 1).min(last), t),
-            };
-            weight *= factor;
-            offset += sample * stride;
-            stride *= dims[k];
-        }
-        if weight > 0.0 {
-            value += weight * samples[offset];
-        }
-    }
+    let add = |i: usize, weight| value += weight * samples[i];
+    for_each_corner(dims, index, |t| t as f32, add);
     value
 }
 
@@ -226,13 +242,20 @@ fn nearest_rows<const D: usize>(dims: [usize; D], targets: &[bool]) -> Vec<u32> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::random::uniform;
+
+    #[test]
+    fn an_image_needs_a_sample_for_each_position() {
+        let image = |count| Image::try_new([3, 2], vec![0.0; count], Geometry::default());
+        assert_eq!(image(6).unwrap().dims(), [3, 2]);
+        let error = image(5).unwrap_err();
+        assert!(matches!(error, Error::Image(_)), "{error}");
+    }
 
     #[test]
     fn linear_functions_are_interpolated_exactly() {
         let plane = |x: [f64; 3]| 2.0 + x[0] - 3.0 * x[1] + 0.5 * x[2];
-        let samples = (0..60).map(|i| [i % 5, i / 5 % 4, i / 20].map(|c| c as f64));
-        let samples = samples.map(|x| plane(x) as f32).collect();
-        let image = Image::new([5, 4, 3], samples, Geometry::default());
+        let image = Image::from_fn([5, 4, 3], Geometry::default(), plane);
         for x in [
             [0.0; 3],
             [4.0, 3.0, 2.0],
@@ -254,13 +277,7 @@ mod tests {
     fn missing_rows_copy_the_nearest_present_row() {
         let dims = [3, 9, 8];
         let samples: Vec<f32> = (0..216).map(|i| i as f32).collect();
-        let mut state = 1u32;
-        let missing: Vec<bool> = (0..72)
-            .map(|_| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                state >> 30 != 0
-            })
-            .collect();
+        let missing: Vec<bool> = (0..72).map(|row| uniform(1, row) > 0.25).collect();
         let image = Image::new(dims, samples, Geometry::default()).with_missing(missing.clone());
         let continued = image.with_missing_filled().unwrap();
         for row in 0..72 {

@@ -6,6 +6,7 @@
 
 use super::Image;
 use crate::error::{Error, Result, cause};
+use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::memory;
 use crate::parallel::prelude::*;
 
@@ -136,7 +137,7 @@ impl<const D: usize> Image<D> {
         }
         if !zeros.is_empty() {
             let vertical = self.vertical_axis();
-            let (length, stride) = (self.dims()[vertical], self.stride(vertical));
+            let (length, stride) = (self.dims()[vertical], strides(self.dims())[vertical]);
             for &start in &zeros {
                 (0..length).for_each(|i| flags[start + i * stride] = true);
             }
@@ -209,20 +210,16 @@ impl<const D: usize> Image<D> {
         })
     }
 
-    pub(super) fn stride(&self, axis: usize) -> usize {
-        self.dims()[..axis].iter().product()
-    }
-
     /// Returns the common null values that occur in the image.
     fn common_nulls(&self) -> Vec<NullValue> {
         let samples = self.as_slice();
         let dims = self.dims();
-        let strides: [usize; D] = std::array::from_fn(|k| self.stride(k));
+        let strides = strides(dims);
         let has_equal_neighbour = |i: usize| {
-            strides.iter().zip(dims).any(|(&stride, n)| {
-                let coordinate = i / stride % n;
-                coordinate > 0 && samples[i - stride] == samples[i]
-                    || coordinate + 1 < n && samples[i + stride] == samples[i]
+            let index = index_at(dims, i);
+            (0..D).any(|k| {
+                index[k] > 0 && samples[i - strides[k]] == samples[i]
+                    || index[k] + 1 < dims[k] && samples[i + strides[k]] == samples[i]
             })
         };
         // For each value: the number of its samples, of those with an equal neighbour, and of
@@ -302,21 +299,17 @@ impl<const D: usize> Image<D> {
         }
         // On a surface of such samples each sample has many others within a distance of two.
         let dims = self.dims();
-        let strides: [usize; D] = std::array::from_fn(|k| self.stride(k));
         let max_neighbours = if D == 2 { 4 } else { 8 };
         let stands_alone = |i: usize| {
-            let mut neighbours = 0;
-            for number in 0..5usize.pow(D as u32) {
-                let (mut rest, mut index, mut inside) = (number, 0, true);
-                for k in 0..D {
-                    let coordinate = i / strides[k] % dims[k] + rest % 5;
-                    inside &= (2..dims[k] + 2).contains(&coordinate);
-                    index += coordinate.saturating_sub(2) * strides[k];
-                    rest /= 5;
-                }
-                neighbours += usize::from(inside && is_far(samples[index], bound));
-            }
-            neighbours <= max_neighbours
+            let middle = index_at(dims, i);
+            let is_outlier = |number: &usize| {
+                let shift = index_at([5; D], *number);
+                let index = std::array::from_fn(|k| (middle[k] + shift[k]).wrapping_sub(2));
+                let inside = (0..D).all(|k| index[k] < dims[k]);
+                inside && is_far(samples[offset_of(dims, index)], bound)
+            };
+            let outliers = (0..5usize.pow(D as u32)).filter(is_outlier);
+            outliers.count() <= max_neighbours
         };
         let (single, clustered): (Vec<usize>, Vec<usize>) =
             candidates.into_iter().partition(|&i| stands_alone(i));
@@ -330,7 +323,7 @@ impl<const D: usize> Image<D> {
     /// result is empty unless the image holds amplitudes, which are rarely exactly zero.
     fn zero_traces(&self, nulls: &[NullValue]) -> Vec<usize> {
         let (samples, vertical) = (self.as_slice(), self.vertical_axis());
-        let (length, stride) = (self.dims()[vertical], self.stride(vertical));
+        let (length, stride) = (self.dims()[vertical], strides(self.dims())[vertical]);
         if length < MIN_TRACE_LEN {
             return Vec::new();
         }

@@ -6,10 +6,11 @@
 //! marks the small blocks that have a tap that is not zero, because most atoms near a valley are
 //! not in it.
 
-use super::field::{ScalarField, Taps, interpolate};
+use super::field::{ScalarField, Taps, box_extent, interpolate};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
 use crate::files::codec::{Codec, codec_fields};
+use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::geometry::morphology;
 use crate::parallel::prelude::*;
 use std::io::{self, Write};
@@ -389,13 +390,11 @@ impl<const D: usize> SparseField<D> {
         {
             let first = brick_corner(number, bricks);
             for (i, value) in self.brick_samples(*slot).iter().enumerate() {
-                let at: [usize; D] = sample_offset(i);
+                let at = index_at([BRICK_SAMPLES; D], i);
                 let inside = (0..D).all(|k| (1..=self.dims[k]).contains(&(first[k] + at[k])));
                 if inside {
-                    let target = (0..D)
-                        .rev()
-                        .fold(0, |offset, k| offset * self.dims[k] + first[k] + at[k] - 1);
-                    samples[target] = *value;
+                    let index = std::array::from_fn(|k| first[k] + at[k] - 1);
+                    samples[offset_of(self.dims, index)] = *value;
                 }
             }
         }
@@ -413,7 +412,7 @@ impl<const D: usize> SparseField<D> {
 
     /// Returns the far corner of the box; the near corner is the origin.
     pub fn extent(&self) -> [f64; D] {
-        std::array::from_fn(|k| (self.dims[k].max(1) - 1) as f64 * self.step[k])
+        box_extent(self.dims, self.step)
     }
 
     /// Returns the interpolated value at a position in lattice space.
@@ -452,11 +451,10 @@ impl<const D: usize> SparseField<D> {
             return None;
         }
         let samples = self.brick_samples(slot);
-        let mut stride = 1;
+        let strides = strides([BRICK_SAMPLES; D]);
         let taps: [Taps; D] = std::array::from_fn(|k| {
             let mut taps = Taps::new(position[k], self.dims[k], self.step[k], 0);
-            taps.offsets = std::array::from_fn(|tap| (cell_in_brick[k] + tap) * stride);
-            stride *= BRICK_SAMPLES;
+            taps.offsets = std::array::from_fn(|tap| (cell_in_brick[k] + tap) * strides[k]);
             taps
         });
         let base = samples[taps.iter().map(|t| t.offsets[1]).sum::<usize>()];
@@ -476,22 +474,7 @@ impl<const D: usize> SparseField<D> {
 /// Returns the first cell of a brick. The second sample of the brick along each axis is at that
 /// cell.
 fn brick_corner<const D: usize>(number: usize, bricks: [usize; D]) -> [usize; D] {
-    let mut rest = number;
-    std::array::from_fn(|k| {
-        let brick = rest % bricks[k];
-        rest /= bricks[k];
-        brick * BRICK_CELLS
-    })
-}
-
-/// Returns the coordinates of sample `i` within its brick.
-fn sample_offset<const D: usize>(i: usize) -> [usize; D] {
-    let mut rest = i;
-    std::array::from_fn(|_| {
-        let at = rest % BRICK_SAMPLES;
-        rest /= BRICK_SAMPLES;
-        at
-    })
+    index_at(bricks, number).map(|brick| brick * BRICK_CELLS)
 }
 
 /// Returns the blocks of a brick along one axis that use its sample `j` as a tap.
@@ -609,19 +592,17 @@ impl<const D: usize> LayerSlab<'_, D> {
     /// samples repeat.
     fn append_brick(&self, first: [usize; D], samples: &mut Vec<f32>) {
         let sample = |j: usize, k: usize| (first[k] + j).saturating_sub(1).min(self.dims[k] - 1);
+        let strides = strides(self.dims);
         for row in 0..brick_len(D) / BRICK_SAMPLES {
-            let (mut rest, mut start, mut stride) = (row, 0, self.dims[0]);
-            for k in 1..D {
-                let at = sample(rest % BRICK_SAMPLES, k);
-                start += stride
-                    * if k == D - 1 {
-                        at.clamp(self.first_layer, self.end_layer - 1) - self.first_layer
-                    } else {
-                        at
-                    };
-                rest /= BRICK_SAMPLES;
-                stride *= self.dims[k];
-            }
+            let in_brick = index_at([BRICK_SAMPLES; D], row * BRICK_SAMPLES);
+            let offset = |k: usize| match sample(in_brick[k], k) {
+                at if k < D - 1 => at * strides[k],
+                at => {
+                    let layer = at.clamp(self.first_layer, self.end_layer - 1);
+                    (layer - self.first_layer) * strides[k]
+                }
+            };
+            let start: usize = (1..D).map(offset).sum();
             samples.extend((0..BRICK_SAMPLES).map(|j| self.samples[start + sample(j, 0)]));
         }
     }

@@ -6,6 +6,7 @@
 
 use super::time_depth::TimeDepthCurve;
 use crate::error::cause;
+use crate::geometry::grid_index::{for_each_corner, index_at};
 use crate::image::{Geometry, Image};
 use crate::{Error, Result, memory};
 
@@ -77,32 +78,20 @@ impl<const D: usize> VelocityModel<D> {
     /// Returns depth as a function of time at a physical position. The time of the position is
     /// ignored.
     pub fn time_depth_curve(&self, position: [f64; D]) -> TimeDepthCurve {
-        let index = self.sample_index(position);
-        let dims = self.image.dims();
+        let mut index = self.sample_index(position);
+        index[0] = 0.0;
         let samples = self.image.as_slice();
-        let mut velocity = vec![0.0; dims[0]];
-        for corner in 0..1usize << (D - 1) {
-            let (mut weight, mut row, mut stride) = (1.0, 0, 1);
-            for k in 1..D {
-                let last = dims[k] - 1;
-                let x = index[k].clamp(0.0, last as f64);
-                let low = (x as usize).min(last.saturating_sub(1));
-                let t = x - low as f64;
-                let (sample, factor) = match corner >> (k - 1) & 1 {
-                    0 => (low, 1.0 - t),
-                    _ => ((low + 1).min(last), t),
-                };
-                weight *= factor;
-                row += sample * stride;
-                stride *= dims[k];
-            }
-            if weight > 0.0 {
-                let trace = &samples[row * dims[0]..][..dims[0]];
-                for (sum, &v) in velocity.iter_mut().zip(trace) {
+        let mut velocity = vec![0.0; self.image.dims()[0]];
+        for_each_corner(
+            self.image.dims(),
+            index,
+            |t| t,
+            |first, weight: f64| {
+                for (sum, &v) in velocity.iter_mut().zip(&samples[first..]) {
                     *sum += weight * f64::from(v);
                 }
-            }
-        }
+            },
+        );
         let geometry = &self.image.geometry;
         let first = geometry.origin[self.coordinate] * self.seconds_per_unit;
         let step = geometry.axes[0][self.coordinate] * self.seconds_per_unit;
@@ -221,12 +210,7 @@ fn check_velocities<const D: usize>(image: &Image<D>, name: &str) -> Result<()> 
     let is_invalid = |v: &f32| !(v.is_finite() && *v > 0.0);
     let count = samples.iter().filter(|v| is_invalid(v)).count();
     if let Some(first) = samples.iter().position(is_invalid) {
-        let mut remaining = first;
-        let index = image.dims().map(|n| {
-            let index = remaining % n;
-            remaining /= n;
-            index
-        });
+        let index = index_at(image.dims(), first);
         let problem = format!(
             "{count} of {} velocities are not positive numbers; that at index {index:?} (x first) is {}",
             samples.len(),
@@ -322,16 +306,7 @@ mod tests {
         geometry: Geometry<D>,
         v: impl Fn([f64; D]) -> f64,
     ) -> Result<VelocityModel<D>> {
-        let value_at = |mut i: usize| {
-            let index = dims.map(|n| {
-                let k = i % n;
-                i /= n;
-                k as f64
-            });
-            v(geometry.to_physical(index)) as f32
-        };
-        let samples = (0..dims.iter().product()).map(value_at).collect();
-        VelocityModel::new(Image::new(dims, samples, geometry), "v.vti")
+        VelocityModel::new(Image::from_fn(dims, geometry, v), "v.vti")
     }
 
     fn survey(units: [&str; 3]) -> Geometry<3> {

@@ -66,13 +66,28 @@ impl Freedom {
         for b in self.removed_directions.iter().flatten() {
             v = add_scaled(v, -dot(v, *b), *b);
         }
-        for k in 0..3 {
-            if self.fixed_axes >> k & 1 == 1 {
-                v[k] = 0.0;
-            }
-        }
-        v
+        without_axes(v, self.fixed_axes)
     }
+}
+
+/// Returns `v` with the components along these axes set to 0: bit k stands for axis k.
+#[inline]
+fn without_axes(v: [f64; 3], axes: u8) -> [f64; 3] {
+    std::array::from_fn(|k| if axes >> k & 1 == 1 { 0.0 } else { v[k] })
+}
+
+/// Returns the sides of the box `[0, extent]` in which all of the points lie: bit k for a side
+/// normal to axis k.
+pub fn common_sides<const D: usize>(
+    points: impl Iterator<Item = [f64; D]> + Clone,
+    extent: [f64; D],
+) -> u8 {
+    let is_common = |&k: &usize| {
+        let mut coordinates = points.clone().map(|x| x[k]);
+        let first = coordinates.next().unwrap_or(f64::NAN);
+        (first == 0.0 || first == extent[k]) && coordinates.all(|x| x == first)
+    };
+    (0..D).filter(is_common).fold(0, |bits, k| bits | 1 << k)
 }
 
 /// Constraints of one node.
@@ -166,6 +181,11 @@ impl NodeConstraint {
         }
     }
 
+    /// Returns `true` if the sides of the box allow the node to move between two positions.
+    pub fn allows_move<const D: usize>(&self, from: [f64; D], to: [f64; D]) -> bool {
+        (0..D).all(|k| self.fixed_axes >> k & 1 == 0 || from[k] == to[k])
+    }
+
     /// Removes all surfaces.
     pub fn clear_surfaces(&mut self) {
         self.surface_count = 0;
@@ -191,12 +211,8 @@ impl NodeConstraint {
     /// Returns orthonormal directions, within those that the box allows, that the surfaces forbid.
     fn removed_directions(&self) -> [Option<[f64; 3]>; 2] {
         let mut basis: [Option<[f64; 3]>; 2] = [None; 2];
-        for (i, mut n) in self.normals().enumerate() {
-            for k in 0..3 {
-                if self.fixed_axes >> k & 1 == 1 {
-                    n[k] = 0.0;
-                }
-            }
+        for (i, n) in self.normals().enumerate() {
+            let mut n = without_axes(n, self.fixed_axes);
             if let Some(b) = basis[0].filter(|_| i == 1) {
                 n = add_scaled(n, -dot(n, b), b);
             }
@@ -292,14 +308,7 @@ impl NodeConstraint {
     /// Returns the smallest allowed step that cancels the offsets from the surfaces that hold the
     /// node.
     fn newton_step(&self, nearby: &NearbyPlanes, excess: impl Fn(f64) -> f64) -> Option<[f64; 3]> {
-        let project = |mut n: [f64; 3]| {
-            for k in 0..3 {
-                if self.fixed_axes >> k & 1 == 1 {
-                    n[k] = 0.0;
-                }
-            }
-            n
-        };
+        let project = |n: [f64; 3]| without_axes(n, self.fixed_axes);
         let matching_plane = |normal: [f64; 3]| {
             nearby
                 .iter()

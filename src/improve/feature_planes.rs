@@ -62,6 +62,7 @@ impl NearbyPlanes {
         moved
     }
 
+    /// Adds a plane, sorted by its distance; does nothing if there are already [`MAX_PLANES`].
     fn push(&mut self, plane: LocalPlane) {
         if self.count < MAX_PLANES {
             self.planes[self.count] = plane;
@@ -273,6 +274,7 @@ impl FeaturePlanes {
         })
     }
 
+    /// Returns the bit of the cell of edge 1 that contains `x`.
     #[inline]
     fn is_fine_cell_set(&self, x: [f64; 3]) -> bool {
         // The cast turns negative coordinates into zero.
@@ -339,6 +341,7 @@ impl FeaturePlanes {
         max_lateral_ratio: f64,
         keeps: impl Fn([f32; 3]) -> bool,
     ) -> NearbyPlanes {
+        /// Largest number of points to which planes are fitted.
         const MAX_FIT_POINTS: usize = 192;
         let mut result = NearbyPlanes::default();
         if self.points.is_empty() || self.is_far(x) {

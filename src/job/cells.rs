@@ -1,5 +1,10 @@
-//! Voronoi cells (a PEBI grid) that conform to features: first the surfaces of these, in an aligned mesh;
-//! then sites on either side of every facet; then atoms at rest around them.
+//! Voronoi cells (a PEBI grid) that conform to features.
+//!
+//! Steps:
+//! 1. An aligned mesh is made; its faces on features are the surfaces.
+//! 2. Sites are placed on both sides of every facet of the surfaces.
+//! 3. Atoms are placed around the sites, and come to rest.
+//! 4. The cells of atoms and sites are cut, and become more equal in size.
 
 use crate::parallel::prelude::*;
 
@@ -11,7 +16,7 @@ use super::{
     placement, regions, simplices,
 };
 use crate::Result;
-use crate::comm::WorldComm;
+use crate::comm::Comm;
 use crate::feature::Features;
 use crate::image::{Geometry, ImageSource};
 use crate::improve::regions::{SamplePoints, Votes};
@@ -29,27 +34,29 @@ use crate::mesh::voronoi::conform::{ConformingSites, FacetSurface};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{self, Reference, Report};
 
-/// Evaluations in which atoms come to rest among sites.
+/// Largest number of energy evaluations in which atoms come to rest among sites.
 const MAX_EVALUATIONS: usize = 15;
 
-/// Rounds in which cells become more alike, ...
+/// Number of rounds in which cells become more equal in size.
 const EVENING_ROUNDS: usize = 2;
-/// ... then those in which tiny faces are opened, ...
+/// Number of following rounds in which atoms at tiny faces move.
 const FACE_OPENING_ROUNDS: usize = 4;
-/// ... and at most so many in which nothing but the smallest cells goes.
+/// Largest number of final rounds in which only the smallest cells are removed.
 const MAX_REMOVAL_ROUNDS: usize = 3;
 
-/// The largest distance between the nodes of surfaces, in units of that between atoms: then cells beside
-/// surfaces, of which each node has two on either side, are as large as others.
+/// Largest distance between the nodes of surfaces, in units of the distance between atoms. At this
+/// distance, cells at surfaces, where each node has two sites on either side, are as large as other
+/// cells.
 const MAX_SURFACE_SPACING_RATIO: f64 = 1.5;
 
-/// The smallest angle of the mesh whose faces are surfaces, if slivers are left in.
+/// Target for the smallest angle, in degrees, of the mesh whose faces are the surfaces, if slivers
+/// are not removed.
 const MIN_SURFACE_ANGLE: f64 = 30.0;
 
-/// Voronoi cells, their figures, the distance between atoms and what the optimiser did.
+/// Voronoi cells, their report, the distance between atoms, and the result of the optimiser.
 type VoronoiResult<const D: usize> = (MeshResult<D>, Report, Distance<D>, optimize::OptimizeResult);
 
-/// Cuts Voronoi cells that conform to features, and measures them.
+/// Makes Voronoi cells that conform to features, and measures them.
 pub(super) fn make_cells<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
@@ -63,32 +70,56 @@ where
     let (extent, weld) = (frame.extent, params.spec.weld);
     stages.begin_unless_stopped(Stage::Placing)?;
     let distance = placement::nominal_distance(source, params, features, frame, stages)?
-        .into_global(&WorldComm)?;
-    let given = placement::fixed_atoms(&distance, Alignment::AlongsideFeatures, frame)?;
-    let given = fixed_atoms::validate(&given, extent, &distance, Alignment::AlongsideFeatures)?;
+        .into_global(stages.comm)?;
+    let fixed_atoms = placement::fixed_atoms(&distance, Alignment::AlongsideFeatures, frame)?;
+    let fixed_atoms = fixed_atoms::validate(
+        &fixed_atoms,
+        extent,
+        &distance,
+        Alignment::AlongsideFeatures,
+    )?;
     let surface = feature_surface(params, &distance, features, frame, stages)?;
 
     stages.begin(Stage::Conforming);
-    let mut sites = ConformingSites::new(surface, extent, &given);
-    let (mut atoms, rest) =
-        relax_around_sites(&sites, &given, params, &distance, features, frame, stages)?;
+    let mut sites = ConformingSites::new(surface, extent, &fixed_atoms);
+    let (mut atoms, optimize_result) = relax_around_sites(
+        &sites,
+        &fixed_atoms,
+        params,
+        &distance,
+        features,
+        frame,
+        stages,
+    )?;
     stages.begin(Stage::Cutting);
-    let mut mesh = cut_even_cells(&mut atoms, &mut sites, &distance, extent, weld, &mut || {
-        stages.keep_going()
-    })?;
+    let comm = stages.comm;
+    let mut mesh = cut_even_cells(
+        &mut atoms,
+        &mut sites,
+        &distance,
+        extent,
+        weld,
+        comm,
+        &mut || stages.keep_going(),
+    )?;
     mesh.on_feature = sites.faces_on_surface(&mesh, atoms.len());
-    let numbers = features.labels.as_ref().map(|labelled| {
+    let label_indices = features.labels.as_ref().map(|labelled| {
         let votes = SamplePoints::from_cells(&mesh).votes(labelled);
-        let numbers: Vec<u32> = votes.iter().map(Votes::winner).collect();
-        let of_label = labelled.regions();
-        mesh.region = numbers.iter().map(|&n| of_label[n as usize]).collect();
-        // Then what is on features has no holes.
-        let parts = |f: usize| match mesh.face_neighbour(f) {
-            FaceNeighbour::Cell(other) => numbers[other] != numbers[mesh.face_cells[f][0] as usize],
+        let label_indices: Vec<u32> = votes.iter().map(Votes::winner).collect();
+        let label_regions = labelled.regions();
+        mesh.region = label_indices
+            .iter()
+            .map(|&n| label_regions[n as usize])
+            .collect();
+        // With labels, the faces on features are the interfaces between labels, and have no holes.
+        let is_interface = |f: usize| match mesh.face_neighbour(f) {
+            FaceNeighbour::Cell(other) => {
+                label_indices[other] != label_indices[mesh.face_cells[f][0] as usize]
+            }
             _ => false,
         };
-        mesh.on_feature = (0..mesh.face_cells.len()).map(parts).collect();
-        numbers
+        mesh.on_feature = (0..mesh.face_cells.len()).map(is_interface).collect();
+        label_indices
     });
 
     stages.begin(Stage::Measuring);
@@ -97,48 +128,65 @@ where
         features,
         distance: &distance,
     };
-    let labelled = numbers.is_some().then(|| source.to_image()).transpose()?;
-    let report = stages.run_cancellable(|patience| {
-        let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), patience);
-        report.regions = numbers
-            .as_ref()
-            .zip(labelled.as_ref())
-            .and_then(|(numbers, image)| {
-                let (places, step) = (SamplePoints::from_cells(&mesh), features.potential.step);
-                let contacts = regions::contacts_of_cells(&mesh, numbers);
-                let held = (&places, &contacts);
-                regions::report(image, &params.spec.label, held, numbers, step, patience)
-            });
-        if let Some(voronoi) = &mut report.voronoi {
-            voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
-        }
-        report
-    });
-    Ok((MeshResult::Voronoi { mesh, weld }, report, distance, rest))
+    let label_image = label_indices
+        .is_some()
+        .then(|| source.to_image())
+        .transpose()?;
+    let report =
+        stages.run_cancellable(|cancel| {
+            let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel);
+            report.regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
+                |(label_indices, image)| {
+                    let (sample_points, step) =
+                        (SamplePoints::from_cells(&mesh), features.potential.step);
+                    let contacts = regions::contacts_of_cells(&mesh, label_indices);
+                    let points_and_contacts = (&sample_points, &contacts);
+                    regions::report(
+                        image,
+                        &params.spec.label,
+                        points_and_contacts,
+                        label_indices,
+                        step,
+                        cancel,
+                    )
+                },
+            );
+            if let Some(voronoi) = &mut report.voronoi {
+                voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
+            }
+            report
+        });
+    Ok((
+        MeshResult::Voronoi { mesh, weld },
+        report,
+        distance,
+        optimize_result,
+    ))
 }
 
-/// Cuts the cells of atoms and, behind these, of sites, while atoms move, come and go until cells are more
-/// alike; for as long as it may go on.
+/// Cuts the cells of atoms and, after these, of sites, while atoms are moved, added and removed
+/// until cells are of more equal size. It stops early if `keep_going` returns `false`.
 ///
 /// # Errors
-/// Those of [`Meshing::voronoi_cells`].
+/// Returns the errors of [`Meshing::voronoi_cells`].
 pub(crate) fn cut_even_cells<const D: usize>(
     atoms: &mut Atoms<D>,
     sites: &mut ConformingSites<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     weld: f64,
+    comm: &dyn Comm,
     keep_going: &mut dyn FnMut() -> bool,
 ) -> Result<PolyMesh<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let mut mesh = cut_cells(atoms, sites, extent, 0.0)?;
+    let mut mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
     for round in 0..EVENING_ROUNDS + FACE_OPENING_ROUNDS + MAX_REMOVAL_ROUNDS {
         if !keep_going() {
             break;
         }
-        let mut even = CellEqualiser {
+        let mut equaliser = CellEqualiser {
             atoms,
             sites,
             mesh: &mesh,
@@ -146,34 +194,35 @@ where
             extent,
         };
         if round < EVENING_ROUNDS {
-            even.relax();
+            equaliser.relax();
         } else {
-            let equal = !even.remove_small_sites();
+            let is_equal = !equaliser.remove_small_sites();
             if round < EVENING_ROUNDS + FACE_OPENING_ROUNDS {
-                even.open_tiny_faces();
-            } else if equal {
+                equaliser.open_tiny_faces();
+            } else if is_equal {
                 break;
             }
         }
-        mesh = cut_cells(atoms, sites, extent, 0.0)?;
+        mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
     }
-    match weld > 0.0 {
-        true => cut_cells(atoms, sites, extent, weld),
-        false => Ok(mesh),
+    if weld > 0.0 {
+        cut_cells(atoms, sites, extent, weld, comm)
+    } else {
+        Ok(mesh)
     }
 }
 
-/// The surfaces of features in a box in which no atoms are given.
+/// Returns the surfaces of features in a box without fixed atoms.
 ///
 /// # Errors
-/// Those of seeding and of the triangulation.
+/// Returns the errors of seeding and of the triangulation.
 pub(crate) fn feature_surface_in_box<const D: usize>(
     params: &Params<D>,
     distance: &Distance<D>,
     features: &Features<D>,
     (step, extent): ([f64; D], [f64; D]),
     beta: Beta<D>,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<FacetSurface<D>>
 where
     MeshSpace<D>: Meshing<D>,
@@ -185,12 +234,12 @@ where
         fixed_atoms: Vec::new(),
         well_paths: Vec::new(),
     };
-    let stages = &mut StageRunner::new(observer);
+    let stages = &mut StageRunner::new(progress);
     feature_surface(params, distance, features, &frame, stages)
 }
 
-/// The surfaces of features: the faces on them in an aligned mesh that is somewhat coarser than the
-/// cells will be, but as fine in the narrowest gaps.
+/// Returns the surfaces of features: the faces on features of an aligned mesh. That mesh is
+/// somewhat coarser than the cells, but as fine in the narrowest gaps.
 fn feature_surface<const D: usize>(
     params: &Params<D>,
     distance: &Distance<D>,
@@ -207,16 +256,16 @@ where
     let extent = frame.extent;
     let (min, max) = (distance.min(), distance.max());
     let shortest = extent.iter().copied().fold(f64::INFINITY, f64::min);
-    let coarser = MAX_SURFACE_SPACING_RATIO.min(0.5 * shortest / max);
-    // Where the distance is the same everywhere, nothing tells where surfaces bend or run close.
-    let coarse = |d: f64| d * (1.0 + (d - min) / (max - min) * (coarser - 1.0));
+    let max_ratio = MAX_SURFACE_SPACING_RATIO.min(0.5 * shortest / max);
+    // A constant distance does not show where surfaces bend or run close together.
+    let coarsen = |d: f64| d * (1.0 + (d - min) / (max - min) * (max_ratio - 1.0));
     let distance = match distance {
-        Distance::Field(field) if max > min => Distance::Field(field.map(coarse)),
-        same => same.clone(),
+        Distance::Field(field) if max > min => Distance::Field(field.map(coarsen)),
+        other => other.clone(),
     };
     let distance = DistributedDistance::Global(distance);
     let placed = placement::optimised_lattice(params, distance, &[], features, frame, stages)?;
-    let distance = placed.distance.into_global(&WorldComm)?;
+    let distance = placed.distance.into_global(stages.comm)?;
     let scene = MeshScene {
         extent,
         features,
@@ -227,14 +276,14 @@ where
             .map_or(MIN_SURFACE_ANGLE, |target| target.min_dihedral),
         method: SliverMethod::Joe,
     };
-    let atoms = placed.atoms.all_gather(&WorldComm)?;
+    let atoms = placed.atoms.all_gather(stages.comm)?;
     let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
     let (mut joined, neighbors) = simplices::seal_mesh(joined, &scene, stages)?;
     if let Some(labelled) = &features.labels {
         let angle = Some(target.min_dihedral);
-        stages.run_cancellable(|patience| {
-            let made = &mut joined.annotated_mesh;
-            regions::assign_regions(made, &neighbors, &scene, labelled, angle, patience)
+        stages.run_cancellable(|cancel| {
+            let annotated = &mut joined.annotated_mesh;
+            regions::assign_regions(annotated, &neighbors, &scene, labelled, angle, cancel)
         });
     }
     let AnnotatedMesh {
@@ -247,10 +296,11 @@ where
     Ok(surface)
 }
 
-/// Atoms at rest around the sites, in none of their balls; those `given` stay where they are.
+/// Places atoms around the sites, outside their balls, and brings them to rest. Atoms in
+/// `fixed_atoms` stay in place.
 fn relax_around_sites<const D: usize>(
     sites: &ConformingSites<D>,
-    given: &[[f64; D]],
+    fixed_atoms: &[[f64; D]],
     params: &Params<D>,
     distance: &Distance<D>,
     features: &Features<D>,
@@ -259,8 +309,9 @@ fn relax_around_sites<const D: usize>(
 ) -> Result<(Atoms<D>, optimize::OptimizeResult)> {
     let extent = frame.extent;
     let positions = sites.sites();
-    let fixed: Vec<[f64; D]> = given.iter().chain(&positions).copied().collect();
-    // There is a lattice already, if only one for surfaces: a stop is for what comes after.
+    let fixed: Vec<[f64; D]> = fixed_atoms.iter().chain(&positions).copied().collect();
+    // There is a lattice already, if only one for surfaces, so that a stop takes effect after
+    // seeding.
     let mut atoms = seeding::seed(
         params.seeding(),
         extent,
@@ -270,31 +321,33 @@ fn relax_around_sites<const D: usize>(
         Some(&features.potential),
         &CancelToken::never(),
     )?;
-    // Fixed atoms are the last, and the sites the last of these.
-    let own = atoms.len() - positions.len();
-    atoms.positions.truncate(own);
-    atoms.kinds.truncate(own);
-    let observer = &mut *stages.observer;
-    let rest = relax_atoms(
+    // Seeding appends fixed atoms, and the sites are the last of these.
+    let atom_count = atoms.len() - positions.len();
+    atoms.positions.truncate(atom_count);
+    atoms.kinds.truncate(atom_count);
+    let (comm, progress) = (stages.comm, &mut *stages.progress);
+    let result = relax_atoms(
         &mut atoms,
         sites,
         &[],
         distance,
         extent,
         params.spec.rng_seed,
-        observer,
+        comm,
+        progress,
     )?;
-    if rest.stop == StopReason::Interrupted {
+    if result.stop == StopReason::Interrupted {
         stages.mark_interrupted();
     }
-    Ok((atoms, rest))
+    Ok((atoms, result))
 }
 
-/// Brings atoms to rest around the sites, and takes out those in balls; only those near `edited` positions,
-/// where there are any. Those for which there would be no room stay where they were.
+/// Brings atoms to rest around the sites, and removes those in balls. If there are `edited`
+/// positions, only atoms near them move. Atoms that would leave the region of sites stay where they
+/// were.
 ///
 /// # Errors
-/// Those of the optimiser.
+/// Returns the errors of the optimiser.
 pub(crate) fn relax_atoms<const D: usize>(
     atoms: &mut Atoms<D>,
     sites: &ConformingSites<D>,
@@ -302,10 +355,11 @@ pub(crate) fn relax_atoms<const D: usize>(
     distance: &Distance<D>,
     extent: [f64; D],
     seed: u64,
-    observer: &mut dyn Progress,
+    comm: &dyn Comm,
+    progress: &mut dyn Progress,
 ) -> Result<optimize::OptimizeResult> {
     remove_atoms_in_balls(atoms, sites);
-    let before = atoms.positions.clone();
+    let previous = atoms.positions.clone();
     atoms.positions.extend(sites.sites());
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
     let temperature = match edited {
@@ -321,83 +375,84 @@ pub(crate) fn relax_atoms<const D: usize>(
     };
     let energy = PairwiseEnergy::new(extent, distance, None, Beta::Constant(0.0))?;
     let energy = &mut energy.with_alignment(Alignment::AlongsideFeatures);
-    let group = &WorldComm;
-    let mut share = OwnedAtoms::from_global(std::mem::take(atoms), group);
-    let rest = optimize::optimize_partition(
-        &mut share, energy, distance, extent, &options, group, observer,
+    let mut owned = OwnedAtoms::from_global(std::mem::take(atoms), comm);
+    let result = optimize::optimize_partition(
+        &mut owned, energy, distance, extent, &options, comm, progress,
     )?;
-    *atoms = share.all_gather(group)?;
-    atoms.positions.truncate(before.len());
-    atoms.kinds.truncate(before.len());
-    for (x, from) in atoms.positions.iter_mut().zip(before) {
+    *atoms = owned.all_gather(comm)?;
+    atoms.positions.truncate(previous.len());
+    atoms.kinds.truncate(previous.len());
+    for (x, previous_position) in atoms.positions.iter_mut().zip(previous) {
         if !sites.site_region().contains(*x) {
-            *x = from;
+            *x = previous_position;
         }
     }
     remove_atoms_in_balls(atoms, sites);
-    Ok(rest)
+    Ok(result)
 }
 
-/// Takes out the atoms inside balls, but for fixed ones.
+/// Removes the atoms inside balls, except for fixed ones.
 fn remove_atoms_in_balls<const D: usize>(atoms: &mut Atoms<D>, sites: &ConformingSites<D>) {
     let Atoms { positions, kinds } = atoms;
-    let stays = |(&x, &kind)| kind == AtomKind::Fixed || sites.is_free(x);
-    let stays: Vec<bool> = positions.par_iter().zip(&*kinds).map(stays).collect();
-    let mut stay = stays.iter();
-    positions.retain(|_| stay.next() == Some(&true));
-    let mut stay = stays.iter();
-    kinds.retain(|_| stay.next() == Some(&true));
+    let is_kept = |(&x, &kind)| kind == AtomKind::Fixed || sites.is_free(x);
+    let is_kept: Vec<bool> = positions.par_iter().zip(&*kinds).map(is_kept).collect();
+    let mut flags = is_kept.iter();
+    positions.retain(|_| flags.next() == Some(&true));
+    let mut flags = is_kept.iter();
+    kinds.retain(|_| flags.next() == Some(&true));
 }
 
-/// The cells of atoms, and behind these the cells of sites.
+/// Cuts the cells of atoms and, after these, of sites.
 fn cut_cells<const D: usize>(
     atoms: &Atoms<D>,
     sites: &ConformingSites<D>,
     extent: [f64; D],
     weld: f64,
+    comm: &dyn Comm,
 ) -> Result<PolyMesh<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
     let mut positions = atoms.positions.clone();
     positions.extend(sites.sites());
-    MeshSpace::<D>::voronoi_cells(&positions, extent, weld)
+    MeshSpace::<D>::voronoi_cells(&positions, extent, weld, comm)
 }
 
-/// The figures of cells, as far as `patience` lasts: what was not measured to its end is left out.
+/// Measures cells. Figures that are incomplete when `cancel` is cancelled are omitted.
 fn measure_cells<const D: usize>(
     mesh: &PolyMesh<D>,
     weld: f64,
     scene: &MeshScene<'_, D>,
     geometry: &Geometry<D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Report {
     let (features, distance) = (scene.features, scene.distance);
     let step = features.potential.step;
     let graph = Graph::from_poly(mesh);
-    let known = CheckHints {
+    let hints = CheckHints {
         weld,
         ..CheckHints::default()
     };
-    let voronoi = measure_unless_cancelled(patience, || {
+    let voronoi = measure_unless_cancelled(cancel, || {
         let low = [0.0; D];
-        let check = check_cancellable(mesh, known, low, scene.extent, BOX_TOLERANCE, patience);
+        let check = check_cancellable(mesh, hints, low, scene.extent, BOX_TOLERANCE, cancel);
         let physical = Graph::from_poly(&to_world(mesh, step, geometry));
-        let cubes = graph.volume.iter().zip(&graph.site);
-        let cubes = cubes.map(|(volume, &x)| volume / distance.value_at(x).powi(D as i32));
+        let cube_counts = graph.volume.iter().zip(&graph.site);
+        let cube_counts =
+            cube_counts.map(|(volume, &x)| volume / distance.value_at(x).powi(D as i32));
         let measured = report::measure_voronoi(check, &graph, &physical);
         report::Voronoi {
-            cells_per_cube: Some(graph.volume.len() as f64 / cubes.sum::<f64>()),
+            cells_per_cube: Some(graph.volume.len() as f64 / cube_counts.sum::<f64>()),
             angle_physical: measured
                 .angle_physical
                 .filter(|_| geometry.has_uniform_units()),
             ..measured
         }
     });
-    let fidelity = measure_unless_cancelled(patience, || {
+    let fidelity = measure_unless_cancelled(cancel, || {
         let reference = Reference::from_features(features);
-        let any = !features.points.is_empty();
-        any.then(|| cell_fidelity(mesh, step, &reference, patience))
+        let has_features = !features.points.is_empty();
+        has_features.then(|| cell_fidelity(mesh, step, &reference, cancel))
     });
     Report {
         voronoi,
@@ -407,19 +462,19 @@ fn measure_cells<const D: usize>(
     }
 }
 
-/// Fidelity of cells in a lattice space where samples are `step` apart; of no use once `patience` is
-/// over.
+/// Returns the fidelity of cells in a lattice space where samples are `step` apart. The result is
+/// meaningless if `cancel` is cancelled.
 pub fn cell_fidelity<const D: usize>(
     mesh: &PolyMesh<D>,
     step: [f64; D],
     reference: &Reference<'_, D>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> report::Fidelity {
     let in_samples = mesh.mapped(|x| std::array::from_fn(|k| x[k] / step[k]), false);
-    report::fidelity_of_cells_with_cancel(&in_samples, reference, patience)
+    report::fidelity_of_cells_with_cancel(&in_samples, reference, cancel)
 }
 
-/// Cells in lattice space as cells where the image lies in the world.
+/// Returns cells in physical coordinates from cells in lattice space.
 pub fn to_world<const D: usize>(
     mesh: &PolyMesh<D>,
     step: [f64; D],

@@ -1,4 +1,4 @@
-//! Images in two-way time converted to depth, by one velocity or by a volume of velocities.
+//! Conversion of images from two-way time to depth, with one velocity or a volume of velocities.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use crate::{Error, Result};
 /// Reads an image from a file.
 pub type ReadImage<'a> = &'a dyn Fn(&Path) -> Result<AnyImage>;
 
-/// Reads a volume of velocities. A volume without a position of its own lies where `time`, the geometry
-/// of the image, does if `fits` accepts its dimensions.
+/// Reads a volume of velocities. A volume without a position of its own gets that of `time`, the
+/// geometry of the image, if `fits` accepts its dimensions.
 ///
 /// # Errors
 /// Returns the errors of reading, and [`Error::Image`] for velocities of another dimension.
@@ -35,11 +35,12 @@ pub(crate) fn read_velocities<const D: usize>(
     VelocityModel::new(image, &name)
 }
 
-/// Converts an image to depth if a velocity is given. Returns the image, and the conversion if it was
-/// resampled. `is_labels` tells that values must not be mixed.
+/// Converts an image to depth if a velocity is given. Returns the image, and the conversion if the
+/// image was resampled. Values of an image with `is_labels` are not interpolated.
 ///
 /// # Errors
-/// Returns the errors of reading velocities, and [`Error::Image`] for velocities that do not fit the image.
+/// Returns the errors of reading velocities, and [`Error::Image`] for velocities that do not fit
+/// the image.
 pub(crate) fn image_in_depth<const D: usize>(
     mut image: Image<D>,
     velocity: Option<&NumberOrFile>,

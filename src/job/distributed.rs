@@ -1,9 +1,10 @@
-//! A large mesh made in pieces by several ranks, none of which holds all of it: from atoms at rest to figures.
+//! Large meshes that several ranks make together, from atoms at rest to the report. No rank holds
+//! the whole mesh.
 
 use super::join::{AnnotatedMesh, MeshScene};
 use super::measure::figures_of_partition;
 use super::{StageRunner, join};
-use crate::comm::{Comm, WorldComm};
+use crate::comm::Comm;
 use crate::feature::PointSubset;
 use crate::geometry::bounding_box;
 use crate::image::synth::truth::MAX_DISTANCE;
@@ -13,28 +14,30 @@ use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
-    Delaunay, GlobalPoints, IntervalTets, delaunay_in_intervals, delaunay_with_neighbors,
+    Delaunay, GlobalPoints, IntervalTets, delaunay_in_intervals,
+    distributed_delaunay_with_neighbors,
 };
 use crate::mesh::partition::MeshPartition;
 use crate::progress::Stage;
 use crate::report::{Improvement, Report};
 use crate::{Error, Result};
 
-/// From how far around the atoms of its slabs a rank knows d, in units of the largest.
+/// Distance around the atoms of its slabs to which a rank knows the nominal distance, in units of
+/// the largest nominal distance.
 const HALO_WIDTH: f64 = 2.0;
 
-/// Which nodes and cells of a mesh this rank has, where others have the rest.
+/// The nodes and cells of a mesh that this rank holds.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct MeshShare {
-    /// The number of each node in the whole mesh, rising; several ranks may have one.
+    /// Global number of each node, in ascending order. Several ranks may hold the same node.
     pub nodes: Vec<u32>,
-    /// The number of the first cell; the others follow.
+    /// Global number of the first cell; the others follow consecutively.
     pub first_cell: usize,
-    /// Nodes and cells of the whole mesh.
+    /// Numbers of nodes and cells of the global mesh.
     pub global_counts: [usize; 2],
 }
 
-/// What a rank has of a mesh, and the points of features near it; and the figures of the whole.
+/// A rank's part of a mesh, the feature points near it, and the report on the global mesh.
 pub struct PartitionResult<M, const D: usize> {
     pub annotated_mesh: AnnotatedMesh<M>,
     pub share: MeshShare,
@@ -43,14 +46,15 @@ pub struct PartitionResult<M, const D: usize> {
     pub report: Report,
 }
 
-/// Tetrahedra, and the neighbours of each.
+/// Tetrahedra, and the four neighbours of each.
 type TetsAndNeighbours = (Vec<[u32; 4]>, Vec<[u32; 4]>);
 
-/// Joins atoms, removes slivers, closes holes and measures, each rank what is its own. None where the mesh is not
-/// large enough to be cut, or is asked for in a way that needs all of it.
+/// Joins atoms, removes slivers, closes holes and measures the mesh, each rank for its own part.
+/// Returns `None` if the mesh is too small to be divided, or if the options need the whole mesh on
+/// one rank.
 ///
 /// # Errors
-/// Those of the triangulation, and of other ranks.
+/// Returns the errors of the triangulation, and those of other ranks.
 pub fn make_partition(
     atoms: &mut OwnedAtoms<3>,
     scene: &MeshScene<'_, 3>,
@@ -65,73 +69,81 @@ pub fn make_partition(
     if target.method != SliverMethod::Joe || scene.features.labels.is_some() {
         return Ok(None);
     }
-    let group: &dyn Comm = &WorldComm;
-    let Some(cuts) = SlabCuts::new(&atoms.atoms.positions, extent, outline, group)? else {
+    let comm = stages.comm;
+    let Some(cuts) = SlabCuts::new(&atoms.atoms.positions, extent, outline, comm)? else {
         return Ok(None);
     };
     let mut atoms = std::mem::take(atoms);
-    let near = |positions: &[[f64; 3]]| {
+    let features_near = |positions: &[[f64; 3]]| {
         let points = scene
             .features
-            .points_near(positions, feature_range(scene), group)?;
-        let sheets = join::planes_near(&points.points, extent, outline);
-        Ok::<_, Error>((points, sheets))
+            .points_near(positions, feature_range(scene), comm)?;
+        let planes = join::planes_near(&points.points, extent, outline);
+        Ok::<_, Error>((points, planes))
     };
-    let (_, sheets) = near(&atoms.atoms.positions)?;
+    let (_, planes) = features_near(&atoms.atoms.positions)?;
     improve::snap_distributed(
         &mut atoms,
         extent,
-        &sheets,
+        &planes,
         join::snap_distance(scene),
-        group,
+        comm,
     )?;
-    drop(sheets);
+    drop(planes);
     stages.begin(Stage::Triangulating);
-    let (atoms, joined) = local_tetrahedra(atoms, &cuts, group)?;
+    let (atoms, joined) = local_tetrahedra(atoms, &cuts, comm)?;
     stages.begin(Stage::Improving);
-    let (points, sheets) = near(&atoms.atoms.positions)?;
-    // All nodes that there will be are among these atoms; where one might be put is no farther off.
-    let room = HALO_WIDTH * distance.max();
-    let heights = atoms.atoms.positions.iter().map(|x| x[cuts.axis]);
-    let heights = heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
-        [low.min(at - room), high.max(at + room)]
+    let (points, planes) = features_near(&atoms.atoms.positions)?;
+    // All nodes of the final mesh are among these atoms, and no node moves further than `margin`.
+    let margin = HALO_WIDTH * distance.max();
+    let slab_range = atoms.atoms.positions.iter().map(|x| x[cuts.axis]);
+    let slab_range = slab_range.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+        [low.min(at - margin), high.max(at + margin)]
     });
-    let near_slabs = distance
-        .fetch_between(cuts.axis, heights, group)?
+    let local_distance = distance
+        .fetch_between(cuts.axis, slab_range, comm)?
         .into_owned();
     let scene = &MeshScene {
-        distance: &near_slabs,
+        distance: &local_distance,
         ..*scene
     };
-    let aim = SlabContext {
+    let context = SlabContext {
         extent,
-        planes: &sheets,
-        distance: &near_slabs,
+        planes: &planes,
+        distance: &local_distance,
         target,
     };
     let SlabResult {
-        partition: piece,
+        partition,
         kinds,
         mut feature_faces,
         report: improved,
-    } = stages.run_cancellable(|patience| {
-        tets::improve_in_slabs(atoms, joined, &cuts, aim, group, patience)
+    } = stages.run_cancellable(|cancel| {
+        tets::improve_in_slabs(atoms, joined, &cuts, context, comm, cancel)
     })?;
-    drop(sheets);
+    drop(planes);
     let mut improvement = Improvement::from(&improved);
-    improvement.sealed = stages.run_cancellable(|patience| {
+    improvement.sealed = stages.run_cancellable(|cancel| {
         let (points, marks) = (&points.points, &mut feature_faces);
-        improve::seal_distributed(&piece, points, extent, distance, marks, group, patience)
+        improve::seal_distributed(&partition, points, extent, distance, marks, comm, cancel)
     })?;
     stages.begin(Stage::Measuring);
-    let mut figures = stages.run_cancellable(|patience| {
+    let mut figures = stages.run_cancellable(|cancel| {
         let marks = &feature_faces[..];
-        let near = &points.points;
-        figures_of_partition(&piece, Some(marks), marks, scene, near, group, patience)
+        let near_points = &points.points;
+        figures_of_partition(
+            &partition,
+            Some(marks),
+            marks,
+            scene,
+            near_points,
+            comm,
+            cancel,
+        )
     })?;
-    let judged = figures.angle_assessment.take().unwrap_or_default();
+    let assessment = figures.angle_assessment.take().unwrap_or_default();
     if let Some(quality) = &mut figures.quality {
-        quality.angles = Some(judged.angles.clone());
+        quality.angles = Some(assessment.angles.clone());
     }
     let report = Report {
         quality: figures.quality,
@@ -139,49 +151,51 @@ pub fn make_partition(
         fidelity: figures.fidelity,
         lattice: figures.lattice,
         improvement: Some(improvement),
-        notes: missing_distance_note(&near_slabs, group)?
+        notes: missing_distance_note(&local_distance, comm)?
             .into_iter()
             .collect(),
         ..Report::default()
     };
     let MeshPartition {
         mesh,
-        global_ids: numbers,
-        first_cell: first,
-        global_counts: whole,
+        global_ids,
+        first_cell,
+        global_counts,
         ..
-    } = piece;
+    } = partition;
     Ok(Some(PartitionResult {
         annotated_mesh: AnnotatedMesh {
             regions: Vec::new(),
             mesh,
             node_kinds: kinds,
             feature_faces,
-            angle_assessment: judged,
+            angle_assessment: assessment,
         },
         share: MeshShare {
-            nodes: numbers,
-            first_cell: first,
-            global_counts: whole,
+            nodes: global_ids,
+            first_cell,
+            global_counts,
         },
         near_points: points,
-        distance: near_slabs,
+        distance: local_distance,
         report,
     }))
 }
 
-/// What is to be said where d was asked for and a rank does not know it, which should never be.
-fn missing_distance_note(distance: &Distance<3>, group: &dyn Comm) -> Result<Option<String>> {
-    let missed: Vec<bool> = group.all_gather("distances", distance.has_misses())?;
+/// Returns a note if the nominal distance was requested at a point where a rank does not know it,
+/// which should never happen.
+fn missing_distance_note(distance: &Distance<3>, comm: &dyn Comm) -> Result<Option<String>> {
+    let missed: Vec<bool> = comm.all_gather("distances", distance.has_misses())?;
     Ok(missed.contains(&true).then(|| {
-        "the distance was asked for farther from its part of the mesh than a rank knows it, and was taken to be the \
+        "the distance was asked for further from its part of the mesh than a rank knows it, and was taken to be the \
          largest: one process may give another mesh; please report it with the image"
             .into()
     }))
 }
 
-/// How far from nodes of a mesh, along each axis, points of features matter: to where atoms are put, to which edges pierce
-/// features, and to how far faces are from them.
+/// Returns the distance, along each axis, from nodes of a mesh within which feature points matter:
+/// for snapping atoms, for edges that intersect features, and for the distances of faces to
+/// features.
 fn feature_range(scene: &MeshScene<'_, 3>) -> f64 {
     let sample = scene
         .features
@@ -193,60 +207,59 @@ fn feature_range(scene: &MeshScene<'_, 3>) -> f64 {
     measured.max(2.0 * join::search_radius(scene.distance)) + 2.0 * scene.distance.max()
 }
 
-/// The atoms of a rank's slabs and of some room round them, and the Delaunay tetrahedra of the slabs, with neighbours
-/// among them.
+/// Returns the atoms of a rank's slabs and of a halo around them, and the Delaunay tetrahedra of
+/// the slabs with their neighbours.
 fn local_tetrahedra(
-    share: OwnedAtoms<3>,
+    owned: OwnedAtoms<3>,
     cuts: &SlabCuts,
-    group: &dyn Comm,
+    comm: &dyn Comm,
 ) -> Result<(KnownAtoms, TetsAndNeighbours)> {
-    let (own, whole) = (tets::slabs_of_rank(cuts.count(), group), share.global_count);
-    let spreads: Vec<[[f64; 3]; 2]> =
-        group.all_gather("where atoms are", bounding_box(&share.atoms.positions))?;
-    let [low, high] = bounding_box(&spreads.concat());
-    let all = GlobalPoints {
+    let (slabs, atom_count) = (tets::slabs_of_rank(cuts.count(), comm), owned.global_count);
+    let bounds: Vec<[[f64; 3]; 2]> =
+        comm.all_gather("where atoms are", bounding_box(&owned.atoms.positions))?;
+    let [low, high] = bounding_box(&bounds.concat());
+    let points = GlobalPoints {
         low,
         high,
-        count: whole,
+        count: atom_count,
     };
     let ends = cuts.first_atom_cuts();
-    // From where to where each wants them.
-    let wanted = match own.is_empty() {
-        true => [f64::INFINITY, f64::NEG_INFINITY],
-        false => [
-            (own.start.checked_sub(1))
-                .map_or(f64::NEG_INFINITY, |before| ends[before] - all.max_halo()),
-            (ends.get(own.end - 1)).map_or(f64::INFINITY, |end| end + all.max_halo()),
-        ],
+    // The interval of coordinates in which each rank needs atoms.
+    let interval = if slabs.is_empty() {
+        [f64::INFINITY, f64::NEG_INFINITY]
+    } else {
+        [
+            (slabs.start.checked_sub(1))
+                .map_or(f64::NEG_INFINITY, |index| ends[index] - points.max_halo()),
+            (ends.get(slabs.end - 1)).map_or(f64::INFINITY, |end| end + points.max_halo()),
+        ]
     };
-    let wanted: Vec<[f64; 2]> = group.all_gather("slabs", wanted)?;
-    let wants = |rank: usize, n: usize| {
-        let ([from, to], x) = (wanted[rank], share.atoms.positions[n][cuts.axis]);
-        from <= x && x <= to
+    let interval: Vec<[f64; 2]> = comm.all_gather("slabs", interval)?;
+    let is_wanted = |rank: usize, n: usize| {
+        let ([start, end], x) = (interval[rank], owned.atoms.positions[n][cuts.axis]);
+        start <= x && x <= end
     };
-    let IndexedAtoms {
-        indices: numbers,
-        atoms,
-    } = share.exchange_wanted("atoms of slabs", wants, group)?;
-    let some = delaunay_in_intervals(&atoms.positions, all, cuts.axis, &ends, own)?;
-    let all_have: Vec<bool> = group.all_gather("tetrahedra of slabs", some.is_some())?;
-    if let Some(IntervalTets { tets, neighbors }) = some
-        && all_have.iter().all(|&has| has)
+    let IndexedAtoms { indices, atoms } =
+        owned.exchange_wanted("atoms of slabs", is_wanted, comm)?;
+    let interval_tets = delaunay_in_intervals(&atoms.positions, points, cuts.axis, &ends, slabs)?;
+    let has_tets: Vec<bool> = comm.all_gather("tetrahedra of slabs", interval_tets.is_some())?;
+    if let Some(IntervalTets { tets, neighbors }) = interval_tets
+        && has_tets.iter().all(|&has| has)
     {
         let known = KnownAtoms {
             atoms,
-            global_ids: Some(numbers),
-            global_count: whole,
+            global_ids: Some(indices),
+            global_count: atom_count,
         };
         return Ok((known, (tets, neighbors)));
     }
-    drop((numbers, atoms));
-    let atoms = share.all_gather(group)?;
-    let Delaunay { mesh, neighbors } = delaunay_with_neighbors(&atoms.positions)?;
+    drop((indices, atoms));
+    let atoms = owned.all_gather(comm)?;
+    let Delaunay { mesh, neighbors } = distributed_delaunay_with_neighbors(&atoms.positions, comm)?;
     let known = KnownAtoms {
         atoms,
         global_ids: None,
-        global_count: whole,
+        global_count: atom_count,
     };
     Ok((known, (mesh.tets, neighbors)))
 }

@@ -1,5 +1,5 @@
-//! Cells more alike: atoms come where there is room for one, go where there is none, and move to the
-//! middles of their cells.
+//! Makes Voronoi cells more equal in size: atoms are added where there is room, removed where there
+//! is none, and moved to the centroids of their cells.
 
 use std::collections::BTreeMap;
 
@@ -11,26 +11,26 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::conform::ConformingSites;
 
-/// How far an atom moves towards the middle of its cell.
+/// Fraction of the distance to the centroid of its cell by which an atom moves.
 const CENTRING_STEP: f64 = 0.8;
-/// An atom goes if a neighbour's cell is so many times as large, ...
+/// Ratio of a neighbour cell's volume to its own from which an atom is removed.
 const MAX_VOLUME_RATIO: f64 = 4.0;
-/// ... and at last, a site goes.
+/// Ratio of a neighbour cell's volume to its own from which a site is removed in the final rounds.
 const MAX_SITE_VOLUME_RATIO: f64 = 5.8;
-/// Of two atoms nearer than this, in units of d, one goes.
+/// Distance of two atoms, in units of d, below which one of them is removed.
 const MIN_ATOM_DISTANCE: f64 = 0.5;
-/// Where all atoms are farther than this, in units of d, there is room for one more ...
+/// Distance to all atoms, in units of d, from which there is room for a new atom.
 const MIN_GAP_RADIUS: f64 = 0.85;
-/// ... not nearer than this to another that comes, ...
+/// Smallest distance between two new atoms, in units of d.
 const MIN_INSERTED_DISTANCE: f64 = 0.8;
-/// ... nor than this to a side of the box.
+/// Smallest distance of a new atom from a side of the box, in units of d.
 const MIN_SIDE_DISTANCE: f64 = 0.25;
-/// Faces smaller than this share of their mean area are tiny.
+/// Ratio of a face's area to the mean area of faces below which the face is tiny.
 const TINY_FACE_RATIO: f64 = 1.5e-3;
-/// Atoms whose cells touch in a tiny face move, all in all, by this share of their distance.
+/// Total shift of the atoms whose cells touch in a tiny face, as a fraction of their distance.
 const FACE_OPENING_SHIFT: f64 = 0.04;
 
-/// Atoms whose cells were cut, together with sites that stay; their cells come first.
+/// Atoms and sites whose cells were cut. Sites do not move; the cells of atoms come first.
 pub(super) struct CellEqualiser<'a, const D: usize> {
     pub atoms: &'a mut Atoms<D>,
     pub sites: &'a mut ConformingSites<D>,
@@ -40,64 +40,68 @@ pub(super) struct CellEqualiser<'a, const D: usize> {
 }
 
 impl<const D: usize> CellEqualiser<'_, D> {
-    /// Moves atoms towards the middles of their cells; some come and some go.
+    /// Moves atoms towards the centroids of their cells, removes atoms in small cells, and adds
+    /// atoms in gaps.
     pub fn relax(&mut self) {
         let shapes = self.mesh.cell_shapes();
-        let first = self.atoms.len();
-        let mut goes = vec![false; shapes.len()];
+        let atom_count = self.atoms.len();
+        let mut is_removed = vec![false; shapes.len()];
         for cells in &self.mesh.face_cells[..self.mesh.inner_face_count()] {
             let [a, b] = cells.map(|c| c as usize);
-            let (small, large) = match shapes[a].0 < shapes[b].0 {
-                true => (a, b),
-                false => (b, a),
+            let (small, large) = if shapes[a].0 < shapes[b].0 {
+                (a, b)
+            } else {
+                (b, a)
             };
-            goes[small] |= shapes[large].0 > MAX_VOLUME_RATIO * shapes[small].0;
+            is_removed[small] |= shapes[large].0 > MAX_VOLUME_RATIO * shapes[small].0;
             let [x, y] = [a, b].map(|c| self.mesh.sites[c]);
-            let near = MIN_ATOM_DISTANCE * self.distance.value_at(x);
-            // Of two sites neither is too near to the other; the first is an atom if any is.
-            if distance2(&x, &y) < near * near && !goes[a] && !goes[b] {
-                let first = if self.is_movable(a) { a } else { b };
-                goes[first] |= self.is_movable(first);
+            let min_distance = MIN_ATOM_DISTANCE * self.distance.value_at(x);
+            // Sites are never too close to each other; if one of the two is an atom, the first is.
+            if distance2(&x, &y) < min_distance * min_distance && !is_removed[a] && !is_removed[b] {
+                let candidate = if self.is_movable(a) { a } else { b };
+                is_removed[candidate] |= self.is_movable(candidate);
             }
         }
-        let fresh = self.find_new_atoms();
-        for (i, shape) in shapes[..first].iter().enumerate() {
+        let new_atoms = self.find_new_atoms();
+        for (i, shape) in shapes[..atom_count].iter().enumerate() {
             let x = self.atoms.positions[i];
-            let to = add_scaled(x, CENTRING_STEP, sub(shape.1, x));
-            if self.is_movable(i) && self.sites.is_free(to) {
-                self.atoms.positions[i] = to;
+            let target = add_scaled(x, CENTRING_STEP, sub(shape.1, x));
+            if self.is_movable(i) && self.sites.is_free(target) {
+                self.atoms.positions[i] = target;
             }
         }
-        let stays = |i: &usize| !goes[*i] || !self.is_movable(*i);
-        let staying: Vec<usize> = (0..first).filter(stays).collect();
+        let is_kept = |i: &usize| !is_removed[*i] || !self.is_movable(*i);
+        let kept: Vec<usize> = (0..atom_count).filter(is_kept).collect();
         let Atoms { positions, kinds } = &self.atoms;
         let mut atoms = Atoms {
-            positions: staying.iter().map(|&i| positions[i]).collect(),
-            kinds: staying.iter().map(|&i| kinds[i]).collect(),
+            positions: kept.iter().map(|&i| positions[i]).collect(),
+            kinds: kept.iter().map(|&i| kinds[i]).collect(),
         };
-        atoms.positions.extend(fresh);
+        atoms.positions.extend(new_atoms);
         atoms
             .kinds
             .resize(atoms.positions.len(), AtomKind::Interior);
         *self.atoms = atoms;
     }
 
-    /// Takes sites away whose cells are still much smaller than a neighbour's; whether there are any.
+    /// Removes sites whose cells are still much smaller than a neighbour's. Returns `true` if there
+    /// are any.
     pub fn remove_small_sites(&mut self) -> bool {
         let mesh = self.mesh;
-        let (shapes, first) = (mesh.cell_shapes(), self.atoms.len());
+        let (shapes, atom_count) = (mesh.cell_shapes(), self.atoms.len());
         let mut small = vec![false; shapes.len()];
         for cells in &mesh.face_cells[..mesh.inner_face_count()] {
             let [v, w] = cells.map(|c| shapes[c as usize].0);
             small[cells[0] as usize] |= w > MAX_SITE_VOLUME_RATIO * v;
             small[cells[1] as usize] |= v > MAX_SITE_VOLUME_RATIO * w;
         }
-        self.sites.remove_unfit(|i| small[first + i])
+        self.sites.remove_unfit(|i| small[atom_count + i])
     }
 
-    /// Moves atoms at tiny faces: those whose cells would hardly part, apart, so that the face is gone; those that a
-    /// ring of four and more others keeps apart, nearer to each other, so that it grows. Where neither may move,
-    /// atoms of the ring do, with the same effect.
+    /// Moves atoms at tiny faces. Two atoms whose cells meet in a tiny face with few edges move
+    /// apart, so that the face vanishes. Two atoms that a ring of at least four other cells
+    /// separates move closer to each other, so that the face grows. If neither of the two may move,
+    /// the atoms of the ring move, with the same effect.
     pub fn open_tiny_faces(&mut self) {
         let mesh = self.mesh;
         let inner = mesh.inner_face_count();
@@ -109,74 +113,83 @@ impl<const D: usize> CellEqualiser<'_, D> {
         for f in tiny {
             let pair = mesh.face_cells[f].map(|c| c as usize);
             let [x, y] = pair.map(|c| mesh.sites[c]);
-            let apart = if mesh.faces.get(f).len() > D {
+            let shift = if mesh.faces.get(f).len() > D {
                 -FACE_OPENING_SHIFT
             } else {
                 FACE_OPENING_SHIFT
             };
-            let mut move_by = |movers: &[usize], target: &dyn Fn(usize) -> [f64; D], by: f64| {
-                for &i in movers {
-                    let away = sub(mesh.sites[i], target(i));
-                    steps[i] = add_scaled(steps[i], by / movers.len() as f64, away);
-                }
-            };
-            let ends: Vec<usize> = pair.into_iter().filter(|&c| self.is_movable(c)).collect();
-            if ends.is_empty() {
+            let mut move_by =
+                |movers: &[usize], target: &dyn Fn(usize) -> [f64; D], amount: f64| {
+                    for &i in movers {
+                        let direction = sub(mesh.sites[i], target(i));
+                        steps[i] = add_scaled(steps[i], amount / movers.len() as f64, direction);
+                    }
+                };
+            let movable: Vec<usize> = pair.into_iter().filter(|&c| self.is_movable(c)).collect();
+            if movable.is_empty() {
                 let middle = add_scaled(x, 0.5, sub(y, x));
                 let (ring, fixed) = self.face_ring(f, &cells);
                 move_by(
                     &ring,
                     &|_| middle,
-                    if fixed { FACE_OPENING_SHIFT } else { -apart },
+                    if fixed { FACE_OPENING_SHIFT } else { -shift },
                 );
             } else {
-                move_by(&ends, &|i| if i == pair[0] { y } else { x }, apart);
+                move_by(&movable, &|i| if i == pair[0] { y } else { x }, shift);
             }
         }
         for (i, step) in steps.iter().enumerate() {
-            let to = add_scaled(self.atoms.positions[i], 1.0, *step);
-            if self.is_movable(i) && self.sites.is_free(to) {
-                self.atoms.positions[i] = to;
+            let target = add_scaled(self.atoms.positions[i], 1.0, *step);
+            if self.is_movable(i) && self.sites.is_free(target) {
+                self.atoms.positions[i] = target;
             }
         }
     }
 
-    /// The cells at the nodes of some faces.
+    /// Returns the cells at the nodes of the given faces.
     fn cells_at(&self, faces: &[usize]) -> BTreeMap<u32, Vec<u32>> {
         let mesh = self.mesh;
         let nodes = faces.iter().flat_map(|&f| mesh.faces.get(f));
-        let mut at: BTreeMap<u32, Vec<u32>> = nodes.map(|&n| (n, Vec::new())).collect();
-        let mut asked = vec![false; mesh.nodes.len()];
-        at.keys().for_each(|&n| asked[n as usize] = true);
+        let mut cells_of_node: BTreeMap<u32, Vec<u32>> = nodes.map(|&n| (n, Vec::new())).collect();
+        let mut is_selected = vec![false; mesh.nodes.len()];
+        cells_of_node
+            .keys()
+            .for_each(|&n| is_selected[n as usize] = true);
         for f in 0..mesh.inner_face_count() {
-            for n in mesh.faces.get(f).iter().filter(|&&n| asked[n as usize]) {
+            for n in mesh
+                .faces
+                .get(f)
+                .iter()
+                .filter(|&&n| is_selected[n as usize])
+            {
                 let cells = mesh.face_cells[f].iter();
-                at.entry(*n).or_default().extend(cells);
+                cells_of_node.entry(*n).or_default().extend(cells);
             }
         }
-        for cells in at.values_mut() {
+        for cells in cells_of_node.values_mut() {
             cells.sort_unstable();
             cells.dedup();
         }
-        at
+        cells_of_node
     }
 
-    /// The atoms round a face that may move: of cells along its edges. And whether more cells than need be meet at
-    /// a node of it, as at nodes of surfaces: then the face stays, and can but grow.
+    /// Returns the movable atoms of the cells along the edges of a face, and `true` if more cells
+    /// than necessary meet at a node of the face, as at nodes of surfaces. Such a face cannot
+    /// vanish; it can only grow.
     fn face_ring(&self, face: usize, cells_at: &BTreeMap<u32, Vec<u32>>) -> (Vec<usize>, bool) {
         let nodes = self.mesh.faces.get(face).iter();
-        let at: Vec<&Vec<u32>> = nodes.filter_map(|n| cells_at.get(n)).collect();
-        let stays = at.iter().any(|cells| cells.len() > D + 1);
-        let mut ring: Vec<u32> = at.into_iter().flatten().copied().collect();
+        let node_cells: Vec<&Vec<u32>> = nodes.filter_map(|n| cells_at.get(n)).collect();
+        let is_fixed = node_cells.iter().any(|cells| cells.len() > D + 1);
+        let mut ring: Vec<u32> = node_cells.into_iter().flatten().copied().collect();
         ring.sort_unstable();
         let pair = self.mesh.face_cells[face];
         let along_edge = ring.chunk_by(|a, b| a == b).filter(|same| same.len() > 1);
         let others = along_edge.map(|same| same[0]).filter(|c| !pair.contains(c));
         let free = others.map(|c| c as usize).filter(|&c| self.is_movable(c));
-        (free.collect(), stays)
+        (free.collect(), is_fixed)
     }
 
-    /// Whether an atom may move.
+    /// Returns `true` if an atom may move.
     fn is_movable(&self, atom: usize) -> bool {
         self.atoms
             .kinds
@@ -184,7 +197,7 @@ impl<const D: usize> CellEqualiser<'_, D> {
             .is_some_and(|&kind| kind != AtomKind::Fixed)
     }
 
-    /// Places for more atoms: where cells meet far from their atoms, the farthest first.
+    /// Returns positions for new atoms: nodes of cells far from their atoms, the farthest first.
     fn find_new_atoms(&self) -> Vec<[f64; D]> {
         let mesh = self.mesh;
         let mut atom = vec![0; mesh.nodes.len()];
@@ -192,25 +205,26 @@ impl<const D: usize> CellEqualiser<'_, D> {
             let nodes = mesh.faces.get(f).iter();
             nodes.for_each(|&n| atom[n as usize] = cells[0] as usize);
         }
-        let far = |n: usize| {
-            let (x, at) = (mesh.nodes[n], mesh.sites[atom[n]]);
+        let gap_at_node = |n: usize| {
+            let (x, site) = (mesh.nodes[n], mesh.sites[atom[n]]);
             let d = self.distance.value_at(x);
-            let far = distance2(&x, &at).sqrt() / d;
-            let room = MIN_SIDE_DISTANCE * d;
-            let inside = (0..D).all(|k| x[k] > room && x[k] < self.extent[k] - room);
-            (far > MIN_GAP_RADIUS && inside && self.sites.is_free(x)).then_some((far, n))
+            let gap = distance2(&x, &site).sqrt() / d;
+            let margin = MIN_SIDE_DISTANCE * d;
+            let is_inside = (0..D).all(|k| x[k] > margin && x[k] < self.extent[k] - margin);
+            (gap > MIN_GAP_RADIUS && is_inside && self.sites.is_free(x)).then_some((gap, n))
         };
-        let mut places: Vec<(f64, usize)> = (0..mesh.nodes.len()).filter_map(far).collect();
-        places.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        // Never more than ten million cells.
+        let mut candidates: Vec<(f64, usize)> =
+            (0..mesh.nodes.len()).filter_map(gap_at_node).collect();
+        candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        // The grid has at most ten million cells.
         let volume: f64 = self.extent.iter().product();
         let edge = (1.6 * self.distance.min()).max((volume / 1e7).powf(1.0 / D as f64));
-        let mut fresh = IncrementalGrid::new([0.0; D], self.extent, edge);
-        for x in places.into_iter().map(|(_, n)| mesh.nodes[n]) {
-            if fresh.is_free(&x, MIN_INSERTED_DISTANCE * self.distance.value_at(x)) {
-                fresh.add(x);
+        let mut grid = IncrementalGrid::new([0.0; D], self.extent, edge);
+        for x in candidates.into_iter().map(|(_, n)| mesh.nodes[n]) {
+            if grid.is_free(&x, MIN_INSERTED_DISTANCE * self.distance.value_at(x)) {
+                grid.add(x);
             }
         }
-        fresh.positions().to_vec()
+        grid.positions().to_vec()
     }
 }

@@ -1,4 +1,4 @@
-//! How large a mesh will become.
+//! Estimates of the size of a mesh, and checks that it fits into memory.
 
 use super::CellKind;
 use crate::Result;
@@ -10,8 +10,8 @@ use crate::lattice::seeding::Seeding;
 use crate::memory;
 use crate::progress::SizeEstimate;
 
-/// What a mesh takes while it is made, improved, measured and written, in bytes an atom; measured with
-/// 0.1 to 12 million atoms.
+/// Returns the memory for making, improving, measuring and writing a mesh, in bytes per atom.
+/// Measured with 0.1 to 12 million atoms.
 fn bytes_per_atom<const D: usize>(kind: CellKind) -> f64 {
     match (D, kind) {
         (2, CellKind::Simplices) => 360.0,
@@ -21,11 +21,11 @@ fn bytes_per_atom<const D: usize>(kind: CellKind) -> f64 {
     }
 }
 
-/// What atoms take while they are placed, in bytes each: each rank places its own where the lattice is regular, and else
-/// all. While they move and after that it is less.
+/// Memory for placing atoms, in bytes per atom. Each rank places its own atoms if the lattice is
+/// regular, otherwise all atoms. While atoms move, and after that, they take less.
 const PLACING_BYTES_PER_ATOM: f64 = 65.0;
 
-/// Cells an atom.
+/// Returns the number of cells per atom.
 fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
     match (D, kind) {
         (_, CellKind::Voronoi) => 1.0,
@@ -34,17 +34,17 @@ fn cells_per_atom<const D: usize>(kind: CellKind) -> f64 {
     }
 }
 
-/// Refuses an image for whose features there is no memory, if so many ranks share the work.
+/// Checks that there is enough memory to detect the features of an image.
 ///
 /// # Errors
-/// [`Error::Job`](crate::Error::Job).
+/// Returns [`Error::Job`](crate::Error::Job) if there is not.
 pub(super) fn afford_features<const D: usize>(
     source: ImageSource<'_, D>,
     kind: FeatureKind,
-    ranks: usize,
+    rank_count: usize,
 ) -> Result<()> {
     let samples: f64 = source.dims().iter().map(|&n| n as f64).product();
-    let bytes = kind.search_bytes(source, ranks);
+    let bytes = kind.search_bytes(source, rank_count);
     let remedy = "give a part of the image, or every second sample";
     memory::ensure_available(
         "the image",
@@ -54,7 +54,7 @@ pub(super) fn afford_features<const D: usize>(
     )
 }
 
-/// The size of a mesh of atoms so far apart.
+/// Estimates the size of a mesh with this nominal distance.
 pub(super) fn estimate_from_distance<const D: usize>(
     distance: &Distance<D>,
     extent: [f64; D],
@@ -63,7 +63,7 @@ pub(super) fn estimate_from_distance<const D: usize>(
     estimate_from_atom_count::<D>(distance.estimate_atom_count(extent), kind)
 }
 
-/// The size of a mesh of so many atoms.
+/// Estimates the size of a mesh with this number of atoms.
 pub(super) fn estimate_from_atom_count<const D: usize>(atoms: f64, kind: CellKind) -> SizeEstimate {
     SizeEstimate {
         atoms,
@@ -72,22 +72,23 @@ pub(super) fn estimate_from_atom_count<const D: usize>(atoms: f64, kind: CellKin
     }
 }
 
-/// What each of so many ranks takes of that where it has a part of the mesh only, if there are several parts.
+/// Estimates the size of a mesh on each of `rank_count` ranks, which hold only a part of the mesh if it
+/// is divided into several slabs.
 pub(super) fn estimate_per_rank<const D: usize>(
     total: SizeEstimate,
     extent: [f64; D],
     distance: &Distance<D>,
     seeding: Seeding,
-    ranks: usize,
+    rank_count: usize,
 ) -> SizeEstimate {
     let longest = extent.into_iter().fold(0.0, f64::max);
     let slabs = SlabCuts::max_slabs(total.atoms as usize, longest, distance.max());
     if D != 3 || slabs < 2 {
         return total;
     }
-    let share = slabs.div_ceil(ranks) as f64 / slabs as f64;
+    let share = slabs.div_ceil(rank_count) as f64 / slabs as f64;
     let placed_atoms = match seeding {
-        Seeding::Fcc | Seeding::Grown => total.atoms / ranks as f64,
+        Seeding::Fcc | Seeding::Grown => total.atoms / rank_count as f64,
         _ => total.atoms,
     };
     SizeEstimate {
@@ -96,16 +97,16 @@ pub(super) fn estimate_per_rank<const D: usize>(
     }
 }
 
-/// Refuses a mesh for which there is no memory.
+/// Checks that there is enough memory for a mesh.
 ///
 /// # Errors
-/// [`Error::Job`](crate::Error::Job) with the figures.
+/// Returns [`Error::Job`](crate::Error::Job) with the figures if there is not.
 pub(super) fn afford(estimate: &SizeEstimate) -> Result<()> {
-    let what = format!(
+    let size = format!(
         "about {:.2e} atoms and {:.2e} cells",
         estimate.atoms, estimate.cells
     );
-    memory::ensure_available("distance", estimate.bytes, what, "give a larger distance")
+    memory::ensure_available("distance", estimate.bytes, size, "give a larger distance")
 }
 
 #[cfg(test)]
@@ -113,23 +114,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rank_takes_its_share_of_a_mesh_that_is_large_and_all_atoms_where_these_are_drawn() {
+    fn a_rank_takes_its_share_of_a_large_mesh_and_all_atoms_if_these_are_drawn() {
         let d = Distance::Constant(5.0);
-        let bytes = |extent: [f64; 3], ranks| {
+        let bytes = |extent: [f64; 3], rank_count| {
             let total = estimate_from_distance(&d, extent, CellKind::Simplices);
             let bytes_per_rank =
-                |seeding| estimate_per_rank(total, extent, &d, seeding, ranks).bytes;
+                |seeding| estimate_per_rank(total, extent, &d, seeding, rank_count).bytes;
             let [regular, drawn] =
                 [Seeding::Grown, Seeding::Refine { seed: 0 }].map(bytes_per_rank);
             let placed = PLACING_BYTES_PER_ATOM * total.atoms;
-            let difference = placed - placed / ranks as f64;
+            let difference = placed - placed / rank_count as f64;
             assert!((drawn - regular - difference).abs() < 1e-6 * drawn);
             (drawn - placed) / total.bytes
         };
-        // Four slabs.
+        // This box is divided into four slabs.
         let large = [1000.0, 600.0, 600.0];
-        for (ranks, share) in [(2, 0.5), (3, 0.5), (4, 0.25), (9, 0.25)] {
-            assert!((bytes(large, ranks) - share).abs() < 1e-9, "{ranks} ranks");
+        for (rank_count, share) in [(2, 0.5), (3, 0.5), (4, 0.25), (9, 0.25)] {
+            assert!(
+                (bytes(large, rank_count) - share).abs() < 1e-9,
+                "{rank_count} ranks"
+            );
         }
         let small = [450.0; 3];
         let total = estimate_from_distance(&d, small, CellKind::Simplices);
@@ -138,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lattice_has_as_many_atoms_as_are_seeded() {
+    fn the_estimated_atom_count_is_close_to_the_seeded_one() {
         use crate::lattice::seeding::{Alignment, seed};
         use crate::progress::CancelToken;
 

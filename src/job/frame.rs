@@ -1,4 +1,4 @@
-//! Lattice space, and what lies in it: the box, the weight of the image, fixed atoms, wells.
+//! Lattice space and its content: the box, the weight of the image, fixed atoms and wells.
 
 use super::{FixedAtom, Params, Weight};
 use crate::error::cause;
@@ -7,12 +7,13 @@ use crate::lattice::energy::Beta;
 use crate::lattice::seeding::wells::WellTrajectory;
 use crate::{Error, Result};
 
-/// The widest well, in distances between atoms.
+/// Largest radius of a well, in units of the distance between atoms.
 const MAX_WELL_WIDTH: f64 = 0.2;
 
-/// Where a job works, and what is there before it begins.
+/// The domain of a job: its box in lattice space, with the weight of the image, fixed atoms and
+/// wells.
 pub(super) struct JobDomain<const D: usize> {
-    /// Length of one sample along each axis.
+    /// Length of one sample along each axis of lattice space.
     pub step: [f64; D],
     /// The far corner of the box.
     pub extent: [f64; D],
@@ -20,16 +21,16 @@ pub(super) struct JobDomain<const D: usize> {
     pub beta: Beta<D>,
     /// Fixed atoms.
     pub fixed_atoms: Vec<[f64; D]>,
-    /// Trajectories of wells, as far as they lie in the box.
+    /// Trajectories of wells, clipped to the box.
     pub well_paths: Vec<WellTrajectory<D>>,
 }
 
 impl<const D: usize> JobDomain<D> {
-    /// What the parameters say of an image.
+    /// Returns the domain of an image of dimensions `dims` with these parameters.
     ///
     /// # Errors
-    /// [`Error::Seeding`] for atoms and wells that do not lie in the image, [`Error::Job`] for weights
-    /// of other dims.
+    /// Returns [`Error::Seeding`] for atoms and wells outside the image, and [`Error::Job`] for
+    /// weights of other dimensions.
     pub fn new(dims: [usize; D], geometry: &Geometry<D>, params: &Params<D>) -> Result<Self> {
         let step = params.spec.metric.step(geometry);
         let extent = lattice_extent(dims, step);
@@ -43,12 +44,12 @@ impl<const D: usize> JobDomain<D> {
     }
 }
 
-/// The far corner of the box in lattice space.
+/// Returns the far corner of the box in lattice space.
 pub(super) fn lattice_extent<const D: usize>(dims: [usize; D], step: [f64; D]) -> [f64; D] {
     std::array::from_fn(|k| (dims[k].max(1) - 1) as f64 * step[k])
 }
 
-/// The weight of the image in lattice space.
+/// Returns the weight of the image as a field in lattice space.
 pub(crate) fn lattice_beta<const D: usize>(
     weight: &Weight<D>,
     dims: [usize; D],
@@ -72,26 +73,26 @@ pub(crate) fn lattice_beta<const D: usize>(
     }))
 }
 
-/// The trajectories of wells in lattice space, as far as they lie in the box.
+/// Returns the trajectories of wells in lattice space, clipped to the box.
 pub(crate) fn lattice_well_paths<const D: usize>(
     params: &Params<D>,
     geometry: &Geometry<D>,
     step: [f64; D],
     extent: [f64; D],
 ) -> Result<Vec<WellTrajectory<D>>> {
-    let least = params.spec.well_distance.unwrap_or(params.spacing().min());
+    let min_distance = params.spec.well_distance.unwrap_or(params.spacing().min());
     let spacing = geometry.spacing();
     let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));
-    let mut ways = Vec::new();
+    let mut paths = Vec::new();
     for well in &params.wells {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Seeding(cause(&well.name, problem, remedy)));
-        if well.radius >= MAX_WELL_WIDTH * least * sample {
+        if well.radius >= MAX_WELL_WIDTH * min_distance * sample {
             return refuse(
                 format!(
                     "has a radius of {}, but cells are only about {} wide there",
                     well.radius,
-                    least * sample
+                    min_distance * sample
                 ),
                 "give a smaller radius or a larger distance between atoms",
             );
@@ -101,24 +102,25 @@ pub(crate) fn lattice_well_paths<const D: usize>(
             Some(std::array::from_fn(|k| index[k] * step[k]))
         };
         let points: Option<Vec<_>> = well.points.iter().map(to_lattice).collect();
-        let way = WellTrajectory {
+        let path = WellTrajectory {
             name: well.name.clone(),
             points: points.unwrap_or_default(),
         };
-        let inside = way.clip_to_box(extent);
-        if inside.is_empty() {
+        let clipped = path.clip_to_box(extent);
+        if clipped.is_empty() {
             let problem = "lies outside the image".to_string();
             return refuse(
                 problem,
                 "give points inside, in the image's physical coordinates",
             );
         }
-        ways.extend(inside);
+        paths.extend(clipped);
     }
-    Ok(ways)
+    Ok(paths)
 }
 
-/// Physical points in lattice space; all must lie in the box and apart from one another.
+/// Converts physical points to lattice space. All must lie in the box, and no two at the same
+/// place.
 pub(crate) fn lattice_points<const D: usize>(
     points: &[FixedAtom<D>],
     geometry: &Geometry<D>,
@@ -134,7 +136,7 @@ pub(crate) fn lattice_points<const D: usize>(
             remedy,
         ))
     };
-    let mut found: Vec<[f64; D]> = Vec::with_capacity(points.len());
+    let mut positions: Vec<[f64; D]> = Vec::with_capacity(points.len());
     for (k, point) in points.iter().enumerate() {
         let index = geometry.to_index(point.position).ok_or_else(|| {
             refuse(
@@ -146,7 +148,7 @@ pub(crate) fn lattice_points<const D: usize>(
         let mut position = [0.0; D];
         for axis in 0..D {
             let x = index[axis] * step[axis];
-            // Rounding in the coordinates must not push a point off its side.
+            // Rounding errors of the coordinates must not push a point off its side.
             let slack = 1e-6 * extent[axis];
             if !(-slack..=extent[axis] + slack).contains(&x) {
                 let index = index.map(|i| (1e3 * i).round() / 1e3);
@@ -158,20 +160,20 @@ pub(crate) fn lattice_points<const D: usize>(
             }
             position[axis] = x.clamp(0.0, extent[axis]);
         }
-        found.push(position);
+        positions.push(position);
     }
-    let mut order: Vec<usize> = (0..found.len()).collect();
+    let mut order: Vec<usize> = (0..positions.len()).collect();
     order.sort_by(|&a, &b| {
-        found[a]
-            .partial_cmp(&found[b])
+        positions[a]
+            .partial_cmp(&positions[b])
             .unwrap_or(std::cmp::Ordering::Equal)
     });
     for pair in order.windows(2) {
-        if found[pair[0]] == found[pair[1]] {
+        if positions[pair[0]] == positions[pair[1]] {
             let (first, second) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
             let problem = format!("is at the same place as that of {}", points[first].name);
             return Err(refuse(second, problem, "keep one of the two"));
         }
     }
-    Ok(found)
+    Ok(positions)
 }

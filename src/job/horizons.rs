@@ -1,4 +1,4 @@
-//! Which of the faces on features lie on horizons: those whose nearest feature points do.
+//! The faces on features that lie on horizons: those whose nearest feature points do.
 
 use crate::parallel::prelude::*;
 
@@ -9,11 +9,13 @@ use crate::mesh::Mesh;
 use crate::mesh::Simplices;
 use crate::mesh::interface::marks_from_bits;
 
-/// Points are of a face's feature if their normals are within 45 degrees of its.
+/// Smallest cosine of the angle between the normals of a face and of a point on its feature (45
+/// degrees).
 const MIN_NORMAL_COSINE: f64 = 0.7;
 
-/// For each simplex of a mesh in lattice space which of its faces on features, given as bits, lie on
-/// horizons. Empty if none does.
+/// Returns for each simplex of a mesh in lattice space the faces on horizons, as bits;
+/// `feature_faces` holds the faces on features in the same way. The result is empty if no face lies
+/// on a horizon.
 pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     mesh: &M,
     feature_faces: &[u8],
@@ -25,31 +27,31 @@ pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     let marks: Vec<bool> = marks_from_bits::<D>(feature_faces).collect();
     let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
     let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();
-    let on = horizon_flags(mesh, &marks, features);
-    on.chunks_exact(D + 1).map(bits).collect()
+    let flags = horizon_flags(mesh, &marks, features);
+    flags.chunks_exact(D + 1).map(bits).collect()
 }
 
-/// For each number of a face of a mesh in lattice space whether it lies on a horizon; `marks` says
-/// which lie on features. Empty if none does.
+/// Returns for each face of a mesh in lattice space `true` if it lies on a horizon. `marks` holds
+/// `true` for faces on features. The result is empty if no face lies on a horizon.
 pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
     mesh: &F,
     marks: &[bool],
     features: &Features<D>,
 ) -> Vec<bool> {
-    let all = features.point_counts();
-    if all.on_horizon == 0 {
+    let counts = features.point_counts();
+    if counts.on_horizon == 0 {
         return Vec::new();
     }
-    if all.on_horizon == all.points {
+    if counts.on_horizon == counts.points {
         return marks.to_vec();
     }
     let points: Vec<[f64; D]> = (features.points.iter())
         .map(|p| p.position.map(f64::from))
         .collect();
-    // Valleys are a quarter as wide as atoms are apart: all of a feature that is near is within four. What is farther
-    // off than that is not known to every rank.
-    let most = 4.0 * features.sigma;
-    let grid = CellList::new(&points, 0.5 * most);
+    // Valleys are a quarter as wide as atoms are apart, so that all points of the feature near a
+    // face are within four widths. Not every rank knows points that are further away.
+    let max_distance = 4.0 * features.sigma;
+    let grid = CellList::new(&points, 0.5 * max_distance);
     let nodes = mesh.nodes();
     let is_horizon = |face: usize| {
         let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);
@@ -63,18 +65,20 @@ pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
             area_vector = add_scaled(area_vector, 1.0, n);
             middle = add_scaled(middle, norm(n), centre);
         });
-        let (middle, along) = (
+        let (middle, min_dot) = (
             middle.map(|c| c / area),
             MIN_NORMAL_COSINE * norm(area_vector),
         );
-        let mut nearest = (most, false);
-        grid.visit_within(middle, most, |i| {
-            let far = norm(sub(points[i], middle));
-            let parallel = dot(area_vector, features.points[i].normal.map(f64::from)).abs() > along;
-            // Of two as near, a fault: whichever is met first.
-            let nearer = far < nearest.0 || far == nearest.0 && !features.on_horizon[i];
-            if parallel && nearer {
-                nearest = (far, features.on_horizon[i]);
+        let mut nearest = (max_distance, false);
+        grid.visit_within(middle, max_distance, |i| {
+            let distance = norm(sub(points[i], middle));
+            let parallel =
+                dot(area_vector, features.points[i].normal.map(f64::from)).abs() > min_dot;
+            // Of two points at the same distance, one on a fault wins, whatever their order.
+            let is_nearer =
+                distance < nearest.0 || distance == nearest.0 && !features.on_horizon[i];
+            if parallel && is_nearer {
+                nearest = (distance, features.on_horizon[i]);
             }
         });
         nearest.1

@@ -1,9 +1,9 @@
-//! How atoms at rest become a mesh: what differs between the plane and space.
+//! The step from atoms at rest to a mesh, which differs between the plane and space.
 
 use super::checkpoint::Codec;
 use super::distributed::{self, PartitionResult};
 use super::{Outcome, Params, RunOptions, StageRunner, run};
-use crate::comm::{SelfComm, WorldComm};
+use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::to_3d;
@@ -27,36 +27,37 @@ use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{AngleAssessment, Improvement};
 use crate::{Error, Result};
 
-/// The plane (`D` = 2) or space (`D` = 3).
+/// Marker of the plane (`D` = 2) or of space (`D` = 3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshSpace<const D: usize>;
 
 /// A space in which meshes are made.
 pub trait Meshing<const D: usize> {
-    /// What is made: triangles or tetrahedra.
+    /// Type of the mesh: triangles or tetrahedra.
     type Mesh: Simplices<D> + Codec;
 
-    /// [`run_from`](super::run_from) in this space, compiled with this crate and not again with each that
-    /// meshes.
+    /// Runs a job as [`run_from`](super::run_from) does. It is compiled once with this crate and
+    /// not again in each crate that meshes.
     ///
     /// # Errors
-    /// Those of [`run_from`](super::run_from).
+    /// Returns the errors of [`run_from`](super::run_from).
     fn run(
         source: ImageSource<'_, D>,
         params: &Params<D>,
-        way: RunOptions<'_>,
-        observer: &mut dyn Progress,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
     ) -> Result<Outcome<D>>
     where
         MeshSpace<D>: Meshing<D>;
 
-    /// Puts the atoms that are next to a feature onto it, joins all and improves the result until
-    /// every angle is at least as large as `improvement` asks, where that can be; without it, only
-    /// joins. Before that a triangulation of the plane is smoothed as `relaxation` says. Smoothing and
-    /// improvement end where they are when they are stopped.
+    /// Snaps the atoms that are close to a feature onto it, joins all atoms, and improves the mesh
+    /// until every angle is at least as large as `improvement` requires, if that is possible.
+    /// Without `improvement` the atoms are only joined. In the plane, the triangulation is smoothed
+    /// before that as `relaxation` says. If the job is stopped, smoothing and improvement end
+    /// early.
     ///
     /// # Errors
-    /// Those of the triangulation.
+    /// Returns the errors of the triangulation.
     fn join(
         atoms: Atoms<D>,
         scene: &MeshScene<'_, D>,
@@ -65,11 +66,12 @@ pub trait Meshing<const D: usize> {
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<Self::Mesh>>;
 
-    /// The mesh of atoms in pieces, each made and measured by one of the ranks, which have shares of the atoms and of the
-    /// distance, of which the scene has the outline; none if it is not large enough.
+    /// Makes and measures a mesh that is distributed over ranks. Each rank has a share of the atoms
+    /// and of the distance, of which `scene` has the outline. Returns `None` if the mesh is too
+    /// small to be divided.
     ///
     /// # Errors
-    /// As [`join`](Self::join), and those of other ranks.
+    /// Returns the errors of [`join`](Self::join), and those of other ranks.
     fn join_distributed(
         _: &mut OwnedAtoms<D>,
         _: &MeshScene<'_, D>,
@@ -80,48 +82,55 @@ pub trait Meshing<const D: usize> {
         Ok(None)
     }
 
-    /// [`join`](Self::join) for a part of a mesh whose atoms have come, gone and moved. The rest of the mesh stays,
-    /// and so do the part's outer faces.
+    /// Joins the atoms of a part of a mesh again, after atoms have been added, removed and moved.
+    /// The rest of the mesh and the part's outer faces do not change.
     ///
     /// # Errors
-    /// The node that cannot be put where it must be, or cannot go; or what else is wrong.
+    /// Returns the node that cannot be moved to its target or cannot be removed, or another error.
     fn rejoin(
         part: Self::Mesh,
-        wanted: ReshapeRequest<D>,
+        request: ReshapeRequest<D>,
         scene: &MeshScene<'_, D>,
         min_angle: f64,
     ) -> std::result::Result<ReshapeResult<Self::Mesh>, ReshapeError>;
 
-    /// The Voronoi cells of atoms inside the box `[0, extent]`, cut by it, their nodes welded.
+    /// Returns the Voronoi cells of atoms inside the box `[0, extent]`, clipped to it, with welded
+    /// nodes.
     ///
     /// # Errors
-    /// Those of [`voronoi_welded`](crate::mesh::voronoi::voronoi_welded).
-    fn voronoi_cells(atoms: &[[f64; D]], extent: [f64; D], weld: f64) -> Result<PolyMesh<D>>;
+    /// Returns the errors of [`voronoi_welded`](crate::mesh::voronoi::voronoi_welded).
+    fn voronoi_cells(
+        atoms: &[[f64; D]],
+        extent: [f64; D],
+        weld: f64,
+        comm: &dyn Comm,
+    ) -> Result<PolyMesh<D>>;
 
-    /// The features as local planes; those of the plane stand upright on it.
+    /// Returns the features as local planes. Features of the plane become planes that are
+    /// perpendicular to it.
     fn local_planes(scene: &MeshScene<'_, D>) -> FeaturePlanes;
 
-    /// A feature point as one of space.
+    /// Converts a feature point to one in space.
     fn point_in_space(point: &FeaturePoint<D>) -> FeaturePoint<3>;
 }
 
-/// What is known about the space in which atoms are joined.
+/// The box, the features and the nominal distance with which atoms are joined.
 #[derive(Debug, Clone, Copy)]
 pub struct MeshScene<'a, const D: usize> {
     /// The far corner of the box.
     pub extent: [f64; D],
-    /// What the mesh follows.
+    /// The features that the mesh follows.
     pub features: &'a Features<D>,
     /// Nominal distance between nodes.
     pub distance: &'a Distance<D>,
 }
 
-/// A mesh of simplices, and what is known of its nodes and faces.
+/// A mesh of simplices, with data on its nodes, faces and cells.
 #[derive(Debug, Clone)]
 pub struct AnnotatedMesh<M> {
     /// The mesh.
     pub mesh: M,
-    /// What each node may do.
+    /// The kind of each node, which says how it may move.
     pub node_kinds: Vec<AtomKind>,
     /// For each cell, bit k: its face (edge, in the plane) k, opposite node k, lies on a feature.
     pub feature_faces: Vec<u8>,
@@ -131,21 +140,22 @@ pub struct AnnotatedMesh<M> {
     pub angle_assessment: AngleAssessment,
 }
 
-/// Atoms joined to a mesh.
+/// A mesh into which atoms were joined.
 #[derive(Debug)]
 pub struct JoinedMesh<M> {
     /// The mesh.
     pub annotated_mesh: AnnotatedMesh<M>,
-    /// For every cell and face, in order, the cell on its other side, where that is known.
+    /// For every cell and face, in order, the cell on the other side, if known.
     pub neighbors: Option<Vec<u32>>,
-    /// What was improved, if anything should be.
+    /// Report of the improvement, if there was one.
     pub improvement: Option<Improvement>,
-    /// Where exudation was asked for, what Joe's transformations make of the same atoms.
+    /// For exudation, the mesh that Joe's transformations make of the same atoms, and its faces on
+    /// features.
     pub baseline: Option<(M, Vec<u8>)>,
 }
 
 impl<M> JoinedMesh<M> {
-    /// Of which nothing shall be improved.
+    /// Returns a mesh that is not improved.
     fn unimproved<const D: usize>(
         mesh: M,
         kinds: Vec<AtomKind>,
@@ -169,32 +179,33 @@ impl<M> JoinedMesh<M> {
     }
 }
 
-/// Radius of the patches by which features are known locally, in units of d (and from 2 to 6.5; a patch
-/// of a curve holds four points from 3 on).
+/// Radius of the patches from which local planes of features are fitted, in units of d. It is
+/// clamped to 2 to 6.5 samples; from 3 samples on, a patch of a curve contains four points.
 const PATCH_RADIUS: f64 = 0.8;
 
-/// Atoms this near to a feature, in units of d, are put onto it before they are joined.
+/// Distance from a feature, in units of d, below which atoms are snapped onto it before they are
+/// joined.
 const SNAP_RADIUS: f64 = 0.35;
 
-/// The features as local planes; `points` and `extent` in space.
+/// Returns the features as local planes. `points` and `extent` are in space.
 pub(super) fn planes_near<const D: usize>(
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
     distance: &Distance<D>,
 ) -> FeaturePlanes {
-    let least = if D == 2 { 3.0 } else { 2.0 };
-    let radius = (PATCH_RADIUS * distance.min()).clamp(least, 6.5);
+    let min_radius = if D == 2 { 3.0 } else { 2.0 };
+    let radius = (PATCH_RADIUS * distance.min()).clamp(min_radius, 6.5);
     FeaturePlanes::new(points, extent, radius, search_radius(distance))
 }
 
-/// From how far features are looked for: an edge is at most 1.7 d long, and what it pierces is within half of that of
-/// one of its ends.
+/// Returns the distance within which features are searched. An edge is at most 1.7 d long, and a
+/// feature that it intersects is within half of that from one of its ends.
 pub(super) fn search_radius<const D: usize>(distance: &Distance<D>) -> f64 {
     0.85 * distance.max() + 1.5
 }
 
-/// Puts the atoms that are next to a feature onto it; gives the features as local planes.
-fn snap_to_sheets<const D: usize>(
+/// Snaps the atoms that are close to a feature onto it. Returns the features as local planes.
+fn snap_to_planes<const D: usize>(
     positions: &mut [[f64; D]],
     kinds: &[AtomKind],
     scene: &MeshScene<'_, D>,
@@ -202,24 +213,24 @@ fn snap_to_sheets<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let sheets = MeshSpace::<D>::local_planes(scene);
-    let reach = snap_distance(scene);
-    improve::snap_to_features(positions, kinds, scene.extent, &sheets, reach);
-    sheets
+    let planes = MeshSpace::<D>::local_planes(scene);
+    let max_distance = snap_distance(scene);
+    improve::snap_to_features(positions, kinds, scene.extent, &planes, max_distance);
+    planes
 }
 
-/// From how far atoms are put onto features.
+/// Returns the distance within which atoms are snapped onto features.
 pub(super) fn snap_distance<const D: usize>(scene: &MeshScene<'_, D>) -> f64 {
     SNAP_RADIUS * scene.distance.min()
 }
 
-/// Adds to the faces on features (`marks`) those that close holes.
+/// Adds the faces that close holes to the faces on features (`marks`).
 pub(super) fn close_holes<const D: usize>(
     mesh: &<MeshSpace<D> as Meshing<D>>::Mesh,
     neighbors: &[u32],
     scene: &MeshScene<'_, D>,
     marks: &mut [u8],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> SealReport
 where
     MeshSpace<D>: Meshing<D>,
@@ -231,10 +242,10 @@ where
         .map(MeshSpace::<D>::point_in_space);
     let points: Vec<FeaturePoint<3>> = points.collect();
     let (extent, distance) = (scene.extent, scene.distance);
-    improve::seal(mesh, neighbors, &points, extent, distance, marks, patience)
+    improve::seal(mesh, neighbors, &points, extent, distance, marks, cancel)
 }
 
-/// The same in a part of a mesh.
+/// Closes holes in a part of a mesh.
 fn close_partition_holes<const D: usize>(
     mut part: ReshapeResult<<MeshSpace<D> as Meshing<D>>::Mesh>,
     scene: &MeshScene<'_, D>,
@@ -243,12 +254,15 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let neighbors = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
-    let (marks, patience) = (&mut part.feature_faces, CancelToken::never());
-    close_holes(&part.mesh, &neighbors, scene, marks, &patience);
+    let (marks, cancel) = (&mut part.feature_faces, CancelToken::never());
+    close_holes(&part.mesh, &neighbors, scene, marks, &cancel);
     Ok(part)
 }
 
-/// For every cell and face, in order, the cell on its other side, or `NONE`.
+/// Returns for every cell and face, in order, the cell on the other side, or `NONE`.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] if a face belongs to more than two cells.
 pub(super) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
     mesh.neighbors().map_err(|face| {
         Error::Mesh(cause(
@@ -265,20 +279,20 @@ impl Meshing<3> for MeshSpace<3> {
     fn run(
         source: ImageSource<'_, 3>,
         params: &Params<3>,
-        way: RunOptions<'_>,
-        observer: &mut dyn Progress,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
     ) -> Result<Outcome<3>> {
-        run::run_precompiled(source, params, way, observer)
+        run::run_precompiled(source, params, run_options, progress)
     }
 
     fn join_distributed(
-        share: &mut OwnedAtoms<3>,
+        atoms: &mut OwnedAtoms<3>,
         scene: &MeshScene<'_, 3>,
         distance: &DistributedDistance<3>,
         target: Option<&Target>,
         stages: &mut StageRunner<'_>,
     ) -> Result<Option<PartitionResult<TetMesh, 3>>> {
-        distributed::make_partition(share, scene, distance, target, stages)
+        distributed::make_partition(atoms, scene, distance, target, stages)
     }
 
     fn join(
@@ -288,38 +302,38 @@ impl Meshing<3> for MeshSpace<3> {
         improvement: Option<&Target>,
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<TetMesh>> {
-        let (extent, distance) = (scene.extent, scene.distance);
-        // Whether all of it is here or not, it is cut at the same places.
+        let (extent, distance, comm) = (scene.extent, scene.distance, stages.comm);
+        // The cuts are at the same places, whether this rank has all atoms or not.
         let cuts = match improvement {
             Some(_) => SlabCuts::new(&atoms.positions, extent, distance, &SelfComm)?,
             None => None,
         };
         let Atoms { positions, kinds } = &mut atoms;
-        let sheets = improvement.map(|_| snap_to_sheets(positions, kinds, scene));
+        let planes = improvement.map(|_| snap_to_planes(positions, kinds, scene));
         stages.begin(Stage::Triangulating);
         let Delaunay {
             mut mesh,
             mut neighbors,
         } = stages.load_or_run("4-joined", |_| {
-            delaunay::delaunay_with_neighbors(&atoms.positions)
+            delaunay::distributed_delaunay_with_neighbors(&atoms.positions, comm)
         })?;
         let mut kinds = atoms.kinds;
-        let (Some(options), Some(sheets)) = (improvement, &sheets) else {
+        let (Some(options), Some(planes)) = (improvement, &planes) else {
             return Ok(JoinedMesh::unimproved(
                 mesh,
                 kinds,
                 Some(neighbors.into_flattened()),
             ));
         };
-        let mut rival = None;
+        let mut baseline = None;
         let (neighbors, (outcome, feature_faces)) = match options.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                stages.run_cancellable(|patience| match &cuts {
+                stages.run_cancellable(|cancel| match &cuts {
                     Some(cuts) => {
-                        let aim = SlabContext {
+                        let context = SlabContext {
                             extent,
-                            planes: sheets,
+                            planes,
                             distance,
                             target: options,
                         };
@@ -333,52 +347,54 @@ impl Meshing<3> for MeshSpace<3> {
                             },
                             global_ids: None,
                         };
-                        let made =
-                            tets::improve_in_slabs(atoms, joined, cuts, aim, &WorldComm, patience)?;
-                        let made = made.all_gather(&WorldComm)?;
-                        (mesh, kinds) = (made.partition.mesh, made.kinds);
-                        let around = made.partition.neighbors.into_flattened();
-                        Ok((Some(around), (made.report, made.feature_faces)))
+                        let improved =
+                            tets::improve_in_slabs(atoms, joined, cuts, context, comm, cancel)?;
+                        let improved = improved.all_gather(comm)?;
+                        (mesh, kinds) = (improved.partition.mesh, improved.kinds);
+                        let neighbors = improved.partition.neighbors.into_flattened();
+                        Ok((Some(neighbors), (improved.report, improved.feature_faces)))
                     }
                     None => {
-                        let done = tets::improve(
+                        let result = tets::improve(
                             &mut mesh,
                             &mut neighbors,
                             &mut kinds,
                             extent,
-                            sheets,
+                            planes,
                             distance,
                             options,
-                            patience,
+                            comm,
+                            cancel,
                         )?;
-                        Ok::<_, Error>((Some(neighbors.into_flattened()), done))
+                        Ok::<_, Error>((Some(neighbors.into_flattened()), result))
                     }
                 })?
             }
             SliverMethod::Exude => {
                 stages.begin(Stage::ApplyingBaseline);
-                let (mut other, mut their_kinds) = (mesh.clone(), kinds.clone());
-                let (_, faces) = stages.run_cancellable(|patience| {
+                let (mut baseline_mesh, mut baseline_kinds) = (mesh.clone(), kinds.clone());
+                let (_, faces) = stages.run_cancellable(|cancel| {
                     tets::improve(
-                        &mut other,
+                        &mut baseline_mesh,
                         &mut neighbors.clone(),
-                        &mut their_kinds,
+                        &mut baseline_kinds,
                         extent,
-                        sheets,
+                        planes,
                         distance,
                         options,
-                        patience,
+                        comm,
+                        cancel,
                     )
                 })?;
-                rival = Some((other, faces));
+                baseline = Some((baseline_mesh, faces));
                 stages.begin(Stage::Improving);
-                let done = stages.run_cancellable(|patience| {
+                let result = stages.run_cancellable(|cancel| {
                     tets::exude(
-                        &mut mesh, neighbors, &mut kinds, extent, sheets, distance, options,
-                        patience,
+                        &mut mesh, neighbors, &mut kinds, extent, planes, distance, options, comm,
+                        cancel,
                     )
                 })?;
-                (None, done)
+                (None, result)
             }
         };
         Ok(JoinedMesh {
@@ -391,28 +407,33 @@ impl Meshing<3> for MeshSpace<3> {
             },
             neighbors,
             improvement: Some(Improvement::from(&outcome)),
-            baseline: rival,
+            baseline,
         })
     }
 
     fn rejoin(
         part: TetMesh,
-        mut wanted: ReshapeRequest<3>,
+        mut request: ReshapeRequest<3>,
         scene: &MeshScene<'_, 3>,
         min_angle: f64,
     ) -> std::result::Result<ReshapeResult<TetMesh>, ReshapeError> {
         let (extent, distance) = (scene.extent, scene.distance);
-        let sheets = snap_to_sheets(&mut wanted.targets, &wanted.kinds, scene);
+        let planes = snap_to_planes(&mut request.targets, &request.kinds, scene);
         let options = Target {
             min_dihedral: min_angle,
             method: SliverMethod::Joe,
         };
-        let part = tets::reshape(part, &wanted, extent, &sheets, distance, &options)?;
+        let part = tets::reshape(part, &request, extent, &planes, distance, &options)?;
         close_partition_holes(part, scene)
     }
 
-    fn voronoi_cells(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
-        voronoi::voronoi_welded(atoms, extent, weld)
+    fn voronoi_cells(
+        atoms: &[[f64; 3]],
+        extent: [f64; 3],
+        weld: f64,
+        comm: &dyn Comm,
+    ) -> Result<PolyMesh<3>> {
+        voronoi::distributed_voronoi(atoms, extent, weld, comm)
     }
 
     fn local_planes(scene: &MeshScene<'_, 3>) -> FeaturePlanes {
@@ -430,10 +451,10 @@ impl Meshing<2> for MeshSpace<2> {
     fn run(
         source: ImageSource<'_, 2>,
         params: &Params<2>,
-        way: RunOptions<'_>,
-        observer: &mut dyn Progress,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
     ) -> Result<Outcome<2>> {
-        run::run_precompiled(source, params, way, observer)
+        run::run_precompiled(source, params, run_options, progress)
     }
 
     fn join(
@@ -444,38 +465,44 @@ impl Meshing<2> for MeshSpace<2> {
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<TriMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
-        let wanted = improvement.is_some() || relaxation.is_some();
+        let needs_planes = improvement.is_some() || relaxation.is_some();
         let Atoms { positions, kinds } = &mut atoms;
-        let sheets = wanted.then(|| snap_to_sheets(positions, kinds, scene));
+        let planes = needs_planes.then(|| snap_to_planes(positions, kinds, scene));
         stages.begin(Stage::Triangulating);
-        let mut mesh = match (relaxation, &sheets) {
-            (Some(relaxation), Some(sheets)) => {
+        let mut mesh = match (relaxation, &planes) {
+            (Some(relaxation), Some(planes)) => {
                 stages.begin(Stage::Smoothing);
-                let mobility = triangles::mobility(&atoms, extent, sheets);
-                let kept = triangles::feature_edges(&atoms, extent, sheets, distance)?;
+                let mobility = triangles::mobility(&atoms, extent, planes);
+                let feature_edges = triangles::feature_edges(&atoms, extent, planes, distance)?;
                 stages
-                    .run_cancellable(|patience| {
+                    .run_cancellable(|cancel| {
                         let points = atoms.positions;
-                        triangles::relax::relax(points, &kept, &mobility, relaxation, patience)
+                        triangles::relax::relax(
+                            points,
+                            &feature_edges,
+                            &mobility,
+                            relaxation,
+                            cancel,
+                        )
                     })?
                     .0
             }
             _ => delaunay::delaunay_plane(&atoms.positions)?,
         };
         let mut kinds = atoms.kinds;
-        let (Some(options), Some(sheets)) = (improvement, &sheets) else {
+        let (Some(options), Some(planes)) = (improvement, &planes) else {
             return Ok(JoinedMesh::unimproved(mesh, kinds, None));
         };
         stages.begin(Stage::Improving);
-        let (outcome, feature_faces) = stages.run_cancellable(|patience| {
+        let (outcome, feature_faces) = stages.run_cancellable(|cancel| {
             triangles::improve(
                 &mut mesh,
                 &mut kinds,
                 extent,
-                sheets,
+                planes,
                 distance,
                 options.min_dihedral,
-                patience,
+                cancel,
             )
         })?;
         Ok(JoinedMesh {
@@ -494,22 +521,27 @@ impl Meshing<2> for MeshSpace<2> {
 
     fn rejoin(
         part: TriMesh,
-        mut wanted: ReshapeRequest<2>,
+        mut request: ReshapeRequest<2>,
         scene: &MeshScene<'_, 2>,
         min_angle: f64,
     ) -> std::result::Result<ReshapeResult<TriMesh>, ReshapeError> {
         let (extent, distance) = (scene.extent, scene.distance);
-        let sheets = snap_to_sheets(&mut wanted.targets, &wanted.kinds, scene);
-        let part = triangles::reshape(&part, &wanted, extent, &sheets, distance, min_angle)?;
+        let planes = snap_to_planes(&mut request.targets, &request.kinds, scene);
+        let part = triangles::reshape(&part, &request, extent, &planes, distance, min_angle)?;
         close_partition_holes(part, scene)
     }
 
-    fn voronoi_cells(atoms: &[[f64; 2]], extent: [f64; 2], weld: f64) -> Result<PolyMesh<2>> {
+    fn voronoi_cells(
+        atoms: &[[f64; 2]],
+        extent: [f64; 2],
+        weld: f64,
+        _: &dyn Comm,
+    ) -> Result<PolyMesh<2>> {
         voronoi::voronoi_plane_welded(atoms, extent, weld)
     }
 
     fn local_planes(scene: &MeshScene<'_, 2>) -> FeaturePlanes {
-        // Curves in the plane are sheets that stand upright on it.
+        // Curves in the plane become surfaces that are perpendicular to it.
         let points = scene.features.points.iter().map(Self::point_in_space);
         let points: Vec<FeaturePoint<3>> = points.collect();
         planes_near(&points, to_3d(scene.extent), scene.distance)

@@ -1,4 +1,4 @@
-//! The figures of what a job made.
+//! Figures of the mesh of a job: quality, validity and fidelity.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -6,6 +6,7 @@ use std::ops::Range;
 use crate::parallel::prelude::*;
 
 use super::join::MeshScene;
+use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{FeaturePoint, Features};
 use crate::files::codec::codec_fields;
@@ -15,23 +16,22 @@ use crate::mesh::partition::MeshPartition;
 use crate::mesh::view::MeshView;
 use crate::progress::CancelToken;
 use crate::report::{self, AngleAssessment, Fidelity, LatticeReport, Quality, Reference};
-use crate::{Result, comm};
 
-/// How far the volume may be off the box's, and sides from flat, as a share.
+/// Tolerance of the volume of the mesh, and of the flatness of sides, relative to the box.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
-/// A mesh in lattice space, and what it is compared with.
+/// A mesh in lattice space, and the features with which it is compared.
 pub(super) struct MeasuredMesh<'a, const D: usize, M> {
     pub mesh: &'a M,
     pub neighbors: Option<&'a [u32]>,
-    /// The faces that it claims to lie on features, if it does.
+    /// The faces that the mesh declares to lie on features, if it declares any.
     pub tagged_faces: Option<&'a [u8]>,
-    /// Its faces on features, where its lattice and its acute lines are asked for.
+    /// The faces on features, if the figures of the lattice and the acute lines are wanted.
     pub feature_faces: Option<&'a [u8]>,
     pub scene: &'a MeshScene<'a, D>,
 }
 
-/// Figures of a mesh: those that were asked for, and measured to their end.
+/// Figures of a mesh that were requested and completely measured.
 #[derive(Default)]
 pub(super) struct MeshFigures {
     pub angle_assessment: Option<AngleAssessment>,
@@ -44,66 +44,69 @@ pub(super) struct MeshFigures {
 codec_fields! { MeshFigures as MeshFigures { angle_assessment, lattice, quality, box_check, fidelity } }
 
 impl MeshFigures {
-    /// Adds what others are.
+    /// Takes over the figures that `others` has.
     fn add(&mut self, others: Self) {
         let Self {
-            angle_assessment: judged,
+            angle_assessment,
             lattice,
             quality,
-            box_check: filling,
+            box_check,
             fidelity,
         } = others;
-        self.angle_assessment = judged.or(self.angle_assessment.take());
+        self.angle_assessment = angle_assessment.or(self.angle_assessment.take());
         self.lattice = lattice.or(self.lattice.take());
         self.quality = quality.or(self.quality.take());
-        self.box_check = filling.or(self.box_check.take());
+        self.box_check = box_check.or(self.box_check.take());
         self.fidelity = fidelity.or(self.fidelity.take());
     }
 }
 
 impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
-    /// Atoms and angles, shapes, validity and fidelity, as far as `patience` lasts: what was not measured to its end
-    /// is left out. They take about as long each, and much of each is for one thread: so they are measured at the same
-    /// time, and ranks measure some each.
+    /// Measures atoms and angles, shapes, validity and fidelity. Figures that are incomplete when
+    /// `cancel` is cancelled are omitted.
+    ///
+    /// The four tasks take about as long and are mostly serial, so that they run at the same time,
+    /// and each rank runs some of them.
     ///
     /// # Errors
-    /// Those of [`report::fidelity`] and of [`comm::partition`].
-    pub fn figures(&self, patience: &CancelToken<'_>) -> Result<MeshFigures> {
+    /// Returns the errors of [`report::fidelity`] and of other ranks.
+    pub fn figures(&self, comm: &dyn Comm, cancel: &CancelToken<'_>) -> Result<MeshFigures> {
         type MeasureTask<'a> = &'a (dyn Fn() -> Result<MeshFigures> + Sync);
-        let parts: [MeasureTask; 4] = [
+        let tasks: [MeasureTask; 4] = [
             &|| Ok(self.measure_lattice()),
             &|| {
                 Ok(MeshFigures {
-                    quality: measure_unless_cancelled(patience, || {
-                        report::quality_with_cancel(self.mesh, patience)
+                    quality: measure_unless_cancelled(cancel, || {
+                        report::quality_with_cancel(self.mesh, cancel)
                     }),
                     ..MeshFigures::default()
                 })
             },
             &|| {
                 Ok(MeshFigures {
-                    box_check: measure_unless_cancelled(patience, || self.check_box(patience)),
+                    box_check: measure_unless_cancelled(cancel, || self.check_box(cancel)),
                     ..MeshFigures::default()
                 })
             },
             &|| {
-                let fidelity =
-                    measure_unless_cancelled(patience, || self.measure_fidelity(patience));
+                let fidelity = measure_unless_cancelled(cancel, || self.measure_fidelity(cancel));
                 Ok(MeshFigures {
                     fidelity: fidelity.transpose()?.flatten(),
                     ..MeshFigures::default()
                 })
             },
         ];
-        let measure = |own: Range<usize>, give: &mut dyn FnMut(MeshFigures)| {
-            let figures: Vec<_> = parts[own].par_iter().map(|part| part()).collect();
+        let measure = |range: Range<usize>, emit: &mut dyn FnMut(MeshFigures)| {
+            let figures: Vec<_> = tasks[range].par_iter().map(|task| task()).collect();
             figures
                 .into_iter()
-                .try_for_each(|part| part.map(&mut *give))
+                .try_for_each(|part| part.map(&mut *emit))
         };
-        let mut all = MeshFigures::default();
-        comm::distribute("figures", parts.len(), measure, &mut |part| all.add(part))?;
-        Ok(all)
+        let mut merged = MeshFigures::default();
+        comm.distribute("figures", tasks.len(), measure, &mut |part| {
+            merged.add(part)
+        })?;
+        Ok(merged)
     }
 
     fn measure_lattice(&self) -> MeshFigures {
@@ -112,117 +115,118 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
         };
         let (mesh, scene) = (self.mesh, self.scene);
         let at_node = |n: u32| scene.distance.value_at(mesh.nodes()[n as usize]);
-        let (judged, lattice) = rayon::join(
+        let (assessment, lattice) = rayon::join(
             || report::assess_angles(mesh, faces, scene.extent, at_node),
             || report::measure_lattice(mesh, |x| scene.distance.value_at(x)),
         );
         MeshFigures {
-            angle_assessment: Some(judged),
+            angle_assessment: Some(assessment),
             lattice: Some(lattice),
             ..MeshFigures::default()
         }
     }
 
-    fn check_box(&self, patience: &CancelToken<'_>) -> Check {
-        let known = CheckHints {
+    fn check_box(&self, cancel: &CancelToken<'_>) -> Check {
+        let hints = CheckHints {
             neighbors: self.neighbors,
             ..CheckHints::default()
         };
         let (low, high) = ([0.0; D], self.scene.extent);
-        check_cancellable(self.mesh, known, low, high, BOX_TOLERANCE, patience)
+        check_cancellable(self.mesh, hints, low, high, BOX_TOLERANCE, cancel)
     }
 
-    fn measure_fidelity(&self, patience: &CancelToken<'_>) -> Result<Option<Fidelity>> {
+    fn measure_fidelity(&self, cancel: &CancelToken<'_>) -> Result<Option<Fidelity>> {
         let features: &Features<D> = self.scene.features;
         if features.point_counts().points == 0 {
             return Ok(None);
         }
         let reference = Reference::from_features(features);
         let in_samples = mesh_in_samples(self.mesh, features);
-        report::fidelity_with_cancel(&*in_samples, &reference, self.tagged_faces, patience)
-            .map(Some)
+        report::fidelity_with_cancel(&*in_samples, &reference, self.tagged_faces, cancel).map(Some)
     }
 }
 
-/// The figures of a mesh that is in pieces, as [`MeasuredMesh::mesh_figures`] has those of a whole one, on every member of the
-/// group; `judged.cells` are those of this piece. Of the piece, `claimed` and `feature_faces` have a byte for each
-/// tetrahedron; of the features, each has a share, and `near` are the points near the piece.
+/// Measures a distributed mesh and returns the figures on every rank, as [`MeasuredMesh::figures`]
+/// does for a whole mesh.
+///
+/// The assessment of cells covers only this rank's partition. `tagged_faces` and `feature_faces`
+/// have a byte for each tetrahedron of the partition. Each rank has a share of the features, and
+/// `near_points` are the feature points near its partition.
 ///
 /// # Errors
-/// Those of [`report::fidelity`] and of the group.
+/// Returns the errors of [`report::fidelity`] and those of other ranks.
 pub(super) fn figures_of_partition(
-    piece: &MeshPartition,
-    claimed: Option<&[u8]>,
+    partition: &MeshPartition,
+    tagged_faces: Option<&[u8]>,
     feature_faces: &[u8],
     scene: &MeshScene<'_, 3>,
-    near: &[FeaturePoint<3>],
-    group: &dyn Comm,
-    patience: &CancelToken<'_>,
+    near_points: &[FeaturePoint<3>],
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<MeshFigures> {
-    let claims = report::TaggedFaces::new(&piece.mesh, claimed)?;
-    let part = MeshView::from_partition(piece, group);
+    let tagged = report::TaggedFaces::new(&partition.mesh, tagged_faces)?;
+    let view = MeshView::from_partition(partition, comm);
     let d = |x: [f64; 3]| scene.distance.value_at(x);
-    let at_node = |n: u32| d(piece.mesh.nodes[n as usize]);
-    let judged = report::assess_partition_angles(&part, feature_faces, scene.extent, &at_node)?;
-    let lattice = report::lattice_of_partition(&part, d)?;
-    let quality = measure_on_all_ranks(group, patience, || {
-        report::quality_of_partition(&part, patience)
-    })?;
-    let filling = measure_on_all_ranks(group, patience, || {
+    let at_node = |n: u32| d(partition.mesh.nodes[n as usize]);
+    let assessment = report::assess_partition_angles(&view, feature_faces, scene.extent, &at_node)?;
+    let lattice = report::lattice_of_partition(&view, d)?;
+    let quality =
+        measure_on_all_ranks(comm, cancel, || report::quality_of_partition(&view, cancel))?;
+    let box_check = measure_on_all_ranks(comm, cancel, || {
         let (low, high) = ([0.0; 3], scene.extent);
-        check_distributed(piece, group, low, high, BOX_TOLERANCE, patience)
+        check_distributed(partition, comm, low, high, BOX_TOLERANCE, cancel)
     })?;
     let features = scene.features;
     let fidelity = match features.point_counts().points {
         0 => None,
-        _ => measure_on_all_ranks(group, patience, || {
-            let reference = Reference::from_share(features, near);
-            let in_samples = mesh_in_samples(&piece.mesh, features);
-            let part = part.with_mesh(&*in_samples);
-            report::fidelity_of_partition(&part, &reference, claims, patience)
+        _ => measure_on_all_ranks(comm, cancel, || {
+            let reference = Reference::from_share(features, near_points);
+            let in_samples = mesh_in_samples(&partition.mesh, features);
+            let view = view.with_mesh(&*in_samples);
+            report::fidelity_of_partition(&view, &reference, tagged, cancel)
         })?,
     };
     Ok(MeshFigures {
-        angle_assessment: Some(judged),
+        angle_assessment: Some(assessment),
         lattice: Some(lattice),
         quality,
-        box_check: filling,
+        box_check,
         fidelity,
     })
 }
 
-/// What `measure` gives, if all of the group have patience from before it until after: it asks the others, who must
-/// not be left alone.
+/// Runs `measure` and returns its result, if no rank is cancelled before or after it. All ranks
+/// decide together, as `measure` needs all of them.
 fn measure_on_all_ranks<T>(
-    group: &dyn Comm,
-    patience: &CancelToken<'_>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
     measure: impl FnOnce() -> Result<T>,
 ) -> Result<Option<T>> {
-    let over = || -> Result<bool> {
-        Ok(group
-            .all_gather("patience", patience.is_cancelled())?
+    let any_cancelled = || -> Result<bool> {
+        Ok(comm
+            .all_gather("cancellation", cancel.is_cancelled())?
             .contains(&true))
     };
-    if over()? {
+    if any_cancelled()? {
         return Ok(None);
     }
     let figures = measure()?;
-    Ok((!over()?).then_some(figures))
+    Ok((!any_cancelled()?).then_some(figures))
 }
 
-/// What `measure` gives, if `patience` lasts from before it until after.
+/// Runs `measure` and returns its result, if `cancel` is not cancelled before or after it.
 pub(super) fn measure_unless_cancelled<T>(
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
     measure: impl FnOnce() -> T,
 ) -> Option<T> {
-    if patience.is_cancelled() {
+    if cancel.is_cancelled() {
         return None;
     }
     let figures = measure();
-    (!patience.is_cancelled()).then_some(figures)
+    (!cancel.is_cancelled()).then_some(figures)
 }
 
-/// A mesh in samples of what it follows.
+/// Returns a mesh in units of the samples of its features.
 fn mesh_in_samples<'a, const D: usize, M: Simplices<D>>(
     mesh: &'a M,
     features: &Features<D>,
@@ -230,7 +234,7 @@ fn mesh_in_samples<'a, const D: usize, M: Simplices<D>>(
     scaled_mesh(mesh, features.potential.step.map(|s| 1.0 / s))
 }
 
-/// A mesh with each axis scaled.
+/// Returns a mesh with each axis scaled.
 pub fn scaled_mesh<const D: usize, M: Simplices<D>>(mesh: &M, scale: [f64; D]) -> Cow<'_, M> {
     if scale == [1.0; D] {
         return Cow::Borrowed(mesh);

@@ -1,23 +1,25 @@
-//! The whole job: image in, mesh out. The command line and any other front end call `run`.
+//! The whole job: image in, mesh out. The command line and other front ends call [`run()`] or
+//! [`run_from`].
 //!
 //! - [`spec`]: all options, as one value
-//! - `params`: the options, and what the files that they name hold
-//! - `depth`: images in two-way time converted to depth
-//! - `run`: the one pass through all stages
-//! - `checkpoint`: results of stages, stored in a folder so that an interrupted job can go on
-//! - `stages`: reports each stage to the clock and the progress
+//! - `params`: the options, and the content of the files that they name
+//! - `depth`: conversion of images from two-way time to depth
+//! - `run`: runs all stages of a job
+//! - `checkpoint`: results of stages, stored in a folder so that an interrupted job can continue
+//! - `stages`: reports each stage to the clock and the caller
+//! - `estimate`: estimates of the size of a mesh
 //! - `frame`: lattice space, and its relation to the image
 //! - `placement`: atoms at rest, on a lattice that has moved or on Canny's points
-//! - `optimise`: how the lattice moves
-//! - `canny`: Canny's points as atoms
-//! - `simplices`: atoms at rest become tetrahedra or triangles
+//! - `optimise`: moves the atoms of a lattice
+//! - `canny`: atoms at Canny's points
+//! - `simplices`: makes tetrahedra or triangles from atoms at rest
 //! - `distributed`: large meshes of which each rank has a part
-//! - `join`: how atoms become simplices, which differs in the plane and in space
-//! - `cells`: how atoms become Voronoi cells
-//! - `equalise`: Voronoi cells of more equal size
+//! - `join`: joins atoms to simplices, which differs in the plane and in space
+//! - `cells`: makes Voronoi cells
+//! - `equalise`: makes Voronoi cells more equal in size
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
-//! - `horizons`: which faces lie on horizons
+//! - `horizons`: the faces that lie on horizons
 //! - `well_file`: trajectories of wells in CSV files
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
@@ -44,6 +46,14 @@ pub mod spec;
 mod stages;
 pub(crate) mod well_file;
 
+use std::path::Path;
+
+use crate::Result;
+use crate::feature::FeatureKind;
+use crate::image::Image;
+use crate::image::formats::{self, ReadOptions};
+use crate::progress::Progress;
+
 pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
 pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
@@ -54,3 +64,41 @@ pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use run::{MeshResult, Outcome, Provenance, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};
 pub use stages::StageRunner;
+
+/// Makes a mesh of an image, as `atomesh mesh` does, and reads the files that the options name.
+///
+/// ```
+/// use atomesh::image::{Geometry, Image};
+/// use atomesh::{MeshSpec, progress::NoProgress};
+///
+/// let disc = |i: usize| f32::from(u8::from((i % 40).abs_diff(20) < 11 && (i / 40).abs_diff(18) < 9));
+/// let image = Image::new([40, 36], (0..40 * 36).map(disc).collect(), Geometry::default());
+/// let spec = MeshSpec { distance: "5".parse()?, ..MeshSpec::default() };
+/// let outcome = atomesh::mesh(&image, &spec, &mut NoProgress)?;
+/// assert!(outcome.simplices().is_some_and(|mesh| mesh.mesh.triangles.len() > 50));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of reading these files and of [`run`].
+pub fn mesh<const D: usize>(
+    image: &Image<D>,
+    spec: &MeshSpec,
+    progress: &mut dyn Progress,
+) -> Result<Outcome<D>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let mut params = Params::read(spec)?;
+    if spec.velocity.is_none() {
+        return run(image, &params, progress);
+    }
+    let read = |path: &Path| formats::read_any(path, &ReadOptions::default());
+    let is_labels = params.spec.feature == FeatureKind::Labels;
+    let (image, conversion) =
+        depth::image_in_depth(image.clone(), spec.velocity.as_ref(), is_labels, &read)?;
+    if let Some(conversion) = conversion {
+        params.convert_to_depth(&conversion)?;
+    }
+    run(&image, &params, progress)
+}

@@ -1,9 +1,9 @@
-//! How the atoms of a lattice move.
+//! Moves the atoms of a lattice to a minimum of the energy.
 
 use super::frame::JobDomain;
 use super::{Evaluator, Params};
 use crate::Result;
-use crate::comm::{Comm, WorldComm};
+use crate::comm::Comm;
 use crate::feature::{Features, gaussian};
 use crate::image::SparseField;
 use crate::lattice::distance::{Distance, DistributedDistance};
@@ -13,16 +13,19 @@ use crate::lattice::partition::OwnedAtoms;
 use crate::progress::{CancelToken, Progress};
 use crate::report::Optimisation;
 
-/// From how far around its atoms a rank has the potential, in units of d; they move less.
+/// Distance around its atoms to which a rank has the potential, in units of d. Atoms move less than
+/// that.
 const HALO_RADIUS: f64 = 1.0;
 
-/// The energy that a job's `atoms` shall have least of: the same for both evaluators, up to sampling.
+/// Returns the energy of a job's `atoms`, of which each rank of `comm` has a share. Both evaluators
+/// compute the same energy, except for sampling errors.
 fn job_energy<'a, const D: usize>(
     params: &Params<D>,
     atoms: &OwnedAtoms<D>,
     potential: &'a SparseField<D>,
     distance: &'a Distance<D>,
     frame: &JobDomain<D>,
+    comm: &'a dyn Comm,
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let (beta, extent) = (frame.beta.clone(), frame.extent);
     let pairs = |beta| -> Result<PairwiseEnergy<'a, D>> {
@@ -31,9 +34,9 @@ fn job_energy<'a, const D: usize>(
     Ok(match params.spec.evaluator {
         Evaluator::Pairwise if params.spec.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
-            let mobility = atoms.clone().all_gather(&WorldComm)?.mobility(extent);
+            let mobility = atoms.clone().all_gather(comm)?.mobility(extent);
             let energy = RegularisedEnergy::new(pairs, distance, beta, params.spec.kappa, mobility);
-            Box::new(energy?)
+            Box::new(energy?.with_comm(comm))
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
         Evaluator::Sampled => {
@@ -42,69 +45,69 @@ fn job_energy<'a, const D: usize>(
     })
 }
 
-/// Moves the atoms, each rank its share: passes on smoother and smoother potentials first, if asked for.
+/// Moves the atoms, each rank its share. If requested, the first passes use smoother potentials.
 pub(super) fn optimise<const D: usize>(
     atoms: &mut OwnedAtoms<D>,
     params: &Params<D>,
     features: &Features<D>,
     distance: &DistributedDistance<D>,
     frame: &JobDomain<D>,
-    observer: &mut dyn Progress,
+    comm: &dyn Comm,
+    progress: &mut dyn Progress,
 ) -> Result<optimize::OptimizeResult> {
-    let (options, extent, group) = (
-        optimize_options(params),
-        frame.extent,
-        &WorldComm as &dyn Comm,
-    );
-    let moved = |atoms: &mut OwnedAtoms<D>,
-                 potential: &SparseField<D>,
-                 distance: &Distance<D>,
-                 observer: &mut dyn Progress| {
-        let energy = &mut *job_energy(params, atoms, potential, distance, frame)?;
-        optimize::optimize_partition(atoms, energy, distance, extent, &options, group, observer)
+    let (options, extent) = (optimize_options(params), frame.extent);
+    let move_atoms = |atoms: &mut OwnedAtoms<D>,
+                      potential: &SparseField<D>,
+                      distance: &Distance<D>,
+                      progress: &mut dyn Progress| {
+        let energy = &mut *job_energy(params, atoms, potential, distance, frame, comm)?;
+        optimize::optimize_partition(atoms, energy, distance, extent, &options, comm, progress)
     };
     let potential = &features.potential;
     if potential.is_distributed {
-        let before = atoms.clone();
+        let initial = atoms.clone();
         let outcome = {
-            let (positions, room) = (&atoms.atoms.positions, HALO_RADIUS * distance.max());
-            let near = potential.gather_neighbourhood(positions, room, group)?;
-            // Of atoms of others that are in reach of its own it asks for d, too.
-            let reach = room + optimize::halo_width(&distance.outline());
-            let distance = distance.fetch_near(positions, reach, group)?;
-            let outcome = moved(atoms, &near, &distance, observer)?;
-            let missed = near.has_missed() || distance.has_misses();
-            let missed: Vec<bool> = group.all_gather("potential", missed)?;
-            (!missed.contains(&true)).then_some(outcome)
+            let (positions, margin) = (&atoms.atoms.positions, HALO_RADIUS * distance.max());
+            let local_potential = potential.gather_neighbourhood(positions, margin, comm)?;
+            // The nominal distance is also needed at the atoms of other ranks that interact with
+            // this rank's atoms.
+            let range = margin + optimize::halo_width(&distance.outline());
+            let distance = distance.fetch_near(positions, range, comm)?;
+            let outcome = move_atoms(atoms, &local_potential, &distance, progress)?;
+            let has_misses = local_potential.has_missed() || distance.has_misses();
+            let has_misses: Vec<bool> = comm.all_gather("potential", has_misses)?;
+            (!has_misses.contains(&true)).then_some(outcome)
         };
         if let Some(outcome) = outcome {
             return Ok(outcome);
         }
-        // An atom has been where its rank does not know the image, or d.
-        *atoms = before;
-        let (potential, distance) = (potential.all_gather(group)?, distance.global(group)?);
-        return moved(atoms, &potential, &distance, observer);
+        // An atom moved to a place where its rank does not know the image or the nominal distance,
+        // so that the pass is repeated with global data.
+        *atoms = initial;
+        let (potential, distance) = (potential.all_gather(comm)?, distance.global(comm)?);
+        return move_atoms(atoms, &potential, &distance, progress);
     }
-    let distance = &*distance.global(group)?;
+    let distance = &*distance.global(comm)?;
     let pass =
-        |atoms: &mut OwnedAtoms<D>, potential: &SparseField<D>, observer: &mut dyn Progress| {
-            moved(atoms, potential, distance, observer)
+        |atoms: &mut OwnedAtoms<D>, potential: &SparseField<D>, progress: &mut dyn Progress| {
+            move_atoms(atoms, potential, distance, progress)
         };
-    for coarse in (1..=params.spec.coarse_to_fine).rev() {
-        let factor = f64::from(1 << coarse);
-        // Stopped half way it is rough: the pass over it ends at its first question.
-        let smoother = CancelToken::run(&mut || observer.keep_going(), |patience| {
-            smoothed_potential(potential, features.sigma, factor, patience)
+    for level in (1..=params.spec.coarse_to_fine).rev() {
+        let factor = f64::from(1 << level);
+        // If smoothing is cancelled, its result is unusable, but the pass that follows stops at its
+        // first poll.
+        let smoother = CancelToken::run(&mut || progress.keep_going(), |cancel| {
+            smoothed_potential(potential, features.sigma, factor, cancel)
         });
-        let outcome = pass(atoms, &smoother, observer)?;
+        let outcome = pass(atoms, &smoother, progress)?;
         if outcome.stop == StopReason::Interrupted {
             return Ok(outcome);
         }
     }
-    pass(atoms, potential, observer)
+    pass(atoms, potential, progress)
 }
 
-/// Whether moving the atoms of a job takes no more of the potential than what is near to each.
+/// Returns `true` if moving the atoms of a job needs the potential only near each atom.
 pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
     D == 3
         && params.spec.evaluator == Evaluator::Pairwise
@@ -113,56 +116,57 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
         && params.spec.optimizer != optimize::Method::Genetic
 }
 
-/// How the atoms of a job are moved.
+/// Returns the optimiser's options for a job.
 pub(crate) fn optimize_options<const D: usize>(params: &Params<D>) -> optimize::OptimizeOptions {
-    let effort = default_optimize_options(params.spec.rng_seed)
+    let options = default_optimize_options(params.spec.rng_seed)
         .with_method(params.spec.optimizer, params.spec.kappa != 1.0);
     match params.spec.rounds {
-        None => effort,
+        None => options,
         Some(rounds) => optimize::OptimizeOptions {
-            max_evaluations: effort.max_evaluations / effort.max_rounds * rounds,
+            max_evaluations: options.max_evaluations / options.max_rounds * rounds,
             max_rounds: rounds,
-            ..effort
+            ..options
         },
     }
 }
 
-/// How atoms are moved by default.
+/// Returns the default options of the optimiser.
 pub(crate) fn default_optimize_options(seed: u64) -> optimize::OptimizeOptions {
     optimize::OptimizeOptions {
         seed,
         tolerance: 1e-3,
-        // Improvement takes over from here: a second round, unless asked for, changes neither quality
-        // nor fidelity.
+        // A second round would improve neither quality nor fidelity, as improvement of the mesh
+        // follows.
         max_rounds: 1,
         max_evaluations: 40,
         ..optimize::OptimizeOptions::default()
     }
 }
 
-/// A potential whose valleys, of width `sigma`, are `factor` times as wide and as deep as before.
+/// Returns a potential whose valleys, of width `sigma`, are made `factor` times as wide and as deep
+/// as before.
 fn smoothed_potential<const D: usize>(
     potential: &SparseField<D>,
     sigma: f64,
     factor: f64,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> SparseField<D> {
-    let mut wide = potential.to_dense();
+    let mut smoothed = potential.to_dense();
     // Widths add in quadrature; the depth of a straight valley falls as its width grows.
-    let added = sigma * (factor * factor - 1.0).sqrt();
+    let added_sigma = sigma * (factor * factor - 1.0).sqrt();
     gaussian::smooth(
-        wide.dims,
-        &mut wide.samples,
-        wide.step.map(|step| added / step),
-        patience,
+        smoothed.dims,
+        &mut smoothed.samples,
+        smoothed.step.map(|step| added_sigma / step),
+        cancel,
     );
-    for b in &mut wide.samples {
+    for b in &mut smoothed.samples {
         *b = (*b * factor as f32).clamp(-1.0, 0.0);
     }
-    SparseField::from_field(&wide)
+    SparseField::from_field(&smoothed)
 }
 
-/// The report's lines on the optimiser.
+/// Returns the report on the optimiser; energies are per atom.
 pub(super) fn optimisation_report(
     outcome: &optimize::OptimizeResult,
     atoms: usize,
@@ -189,6 +193,7 @@ pub(super) fn optimisation_report(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::comm::SelfComm;
     use crate::feature::DetectionOptions;
     use crate::geometry::distance2;
     use crate::image::ScalarField;
@@ -197,26 +202,31 @@ mod tests {
     use crate::lattice::seeding::{self, Alignment, Atoms};
     use crate::progress::NoProgress;
 
-    /// The share of atoms, farther than 1.5 d from all sides, that have so many others within 1.25 d.
+    /// Returns the fraction of atoms, further than 1.5 d from all sides, that have `count` other
+    /// atoms within 1.25 d.
     fn regular_share<const D: usize>(
         atoms: &[[f64; D]],
         d: f64,
         extent: [f64; D],
         count: usize,
     ) -> f64 {
-        let inside = |x: &&[f64; D]| {
+        let is_inside = |x: &&[f64; D]| {
             (0..D).all(|k| (x[k] - 0.5 * extent[k]).abs() < 0.5 * extent[k] - 1.5 * d)
         };
-        let near = |x: &[f64; D]| {
+        let neighbour_count = |x: &[f64; D]| {
             let within = |y: &&[f64; D]| distance2(x, y) < (1.25 * d).powi(2);
             atoms.iter().filter(within).count() - 1
         };
-        let inside: Vec<usize> = atoms.iter().filter(inside).map(near).collect();
-        assert!(inside.len() > 150, "{}", inside.len());
-        inside.iter().filter(|&&n| n == count).count() as f64 / inside.len() as f64
+        let counts: Vec<usize> = atoms
+            .iter()
+            .filter(is_inside)
+            .map(neighbour_count)
+            .collect();
+        assert!(counts.len() > 150, "{}", counts.len());
+        counts.iter().filter(|&&n| n == count).count() as f64 / counts.len() as f64
     }
 
-    /// A lattice of an image without features at rest.
+    /// Returns the lattice at rest of an image without features.
     fn relaxed_lattice<const D: usize>(
         extent: [f64; D],
         d: f64,
@@ -226,7 +236,7 @@ mod tests {
         let distance = Distance::Constant(d);
         let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
         let distance = DistributedDistance::Global(distance);
-        let mut atoms = OwnedAtoms::from_global(atoms, &WorldComm);
+        let mut atoms = OwnedAtoms::from_global(atoms, &SelfComm);
         let dims = extent.map(|l| l as usize + 1);
         let features = Features::empty(dims, &DetectionOptions::default());
         let frame = JobDomain {
@@ -236,9 +246,11 @@ mod tests {
             fixed_atoms: Vec::new(),
             well_paths: Vec::new(),
         };
-        let observer = &mut NoProgress;
-        let rest = optimise(&mut atoms, params, &features, &distance, &frame, observer).unwrap();
-        (atoms.atoms, rest)
+        let progress = &mut NoProgress;
+        let result = optimise(
+            &mut atoms, params, &features, &distance, &frame, &SelfComm, progress,
+        );
+        (atoms.atoms, result.unwrap())
     }
 
     #[test]
@@ -262,12 +274,13 @@ mod tests {
 
     #[test]
     fn the_report_has_the_published_energy_and_what_is_added() {
-        // phi as printed, and the sums of Hale's equations 1, 3 and 6.
-        let phi = |u: f64| match u < 1.5 {
-            true => {
+        // phi as published, and the sums of Hale's equations 1, 3 and 6.
+        let phi = |u: f64| {
+            if u < 1.5 {
                 153.0 / 256.0 - 9.0 / 8.0 * u + 19.0 / 24.0 * u.powi(3) - 5.0 / 16.0 * u.powi(4)
+            } else {
+                0.0
             }
-            false => 0.0,
         };
         let (extent, d, beta) = ([80.0, 60.0], 6.0, 0.6);
         let b = |x: [f64; 2]| -0.01 * x[0];
@@ -281,7 +294,7 @@ mod tests {
             fixed_atoms: Vec::new(),
             well_paths: Vec::new(),
         };
-        for (evaluator, kappa, exact) in [
+        for (evaluator, kappa, tolerance) in [
             (Evaluator::Pairwise, 1.0, 1e-4),
             (Evaluator::Pairwise, 0.7, 1e-4),
             (Evaluator::Sampled, 1.0, 0.1),
@@ -293,51 +306,54 @@ mod tests {
             })
             .unwrap();
             let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
-            let mut atoms = OwnedAtoms::from_global(atoms, &WorldComm);
+            let mut atoms = OwnedAtoms::from_global(atoms, &SelfComm);
             let features = Features {
                 potential: potential.clone(),
                 ..Features::empty([81, 61], &DetectionOptions::default())
             };
-            let observer = &mut NoProgress;
-            let rest = optimise(&mut atoms, &params, &features, &shared, &frame, observer);
-            let found = optimisation_report(&rest.unwrap(), atoms.global_count);
+            let progress = &mut NoProgress;
+            let result = optimise(
+                &mut atoms, &params, &features, &shared, &frame, &SelfComm, progress,
+            );
+            let report = optimisation_report(&result.unwrap(), atoms.global_count);
             let x = &atoms.atoms.positions;
             let per_atom = 1.0 / x.len() as f64;
-            let pairs = |of: &dyn Fn(f64) -> f64| {
-                let of = |(i, j): (usize, usize)| of(distance2(&x[i], &x[j]).sqrt() / d);
+            let pairs = |pair_energy: &dyn Fn(f64) -> f64| {
+                let energy =
+                    |(i, j): (usize, usize)| pair_energy(distance2(&x[i], &x[j]).sqrt() / d);
                 let all = (0..x.len()).flat_map(|i| (0..x.len()).map(move |j| (i, j)));
-                0.5 * per_atom * all.filter(|(i, j)| i != j).map(of).sum::<f64>()
+                0.5 * per_atom * all.filter(|(i, j)| i != j).map(energy).sum::<f64>()
             };
             let a = pairs(&phi);
             let image = per_atom * x.iter().map(|&x| b(x)).sum::<f64>();
             let p = (1.0 - beta) * a + beta * image;
             let k = 20.0 * beta / (1.0 - beta);
             let stiffening = (1.0 - beta) * pairs(&|u| k / 3.0 * (1.0 - u).max(0.0).powi(3));
-            let near = |value: f64, want: f64| {
+            let assert_near = |value: f64, expected: f64| {
                 assert!(
-                    (value - want).abs() < exact * p.abs(),
-                    "{value} {want}: {found:?}"
+                    (value - expected).abs() < tolerance * p.abs(),
+                    "{value} {expected}: {report:?}"
                 );
             };
-            near(found.energy_lattice, a);
-            near(found.energy_image, image);
-            near(found.energy, p);
-            near(found.added_by_stiffening, stiffening);
+            assert_near(report.energy_lattice, a);
+            assert_near(report.energy_image, image);
+            assert_near(report.energy, p);
+            assert_near(report.added_by_stiffening, stiffening);
             assert!(stiffening > 0.001 * p.abs(), "{stiffening}");
-            let sum = found.energy + found.added_by_stiffening + found.added_by_laplacian;
-            assert!((sum - found.minimised).abs() < 1e-9, "{found:?}");
-            assert_eq!(found.added_by_laplacian == 0.0, kappa == 1.0);
+            let sum = report.energy + report.added_by_stiffening + report.added_by_laplacian;
+            assert!((sum - report.minimised).abs() < 1e-9, "{report:?}");
+            assert_eq!(report.added_by_laplacian == 0.0, kappa == 1.0);
         }
     }
 
     #[test]
     fn both_evaluators_have_the_energy_of_crowded_atoms() {
-        // Rows of atoms 0.6 d apart: what keeps them from crowding is most of their energy.
+        // Rows of atoms 0.6 d apart, whose repulsion is most of their energy.
         let (d, extent) = (10.0, [60.0, 60.0]);
         let atoms: Vec<[f64; 2]> = (0..49)
             .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
             .collect();
-        let atoms = OwnedAtoms::from_global(Atoms::from_positions(atoms, extent), &WorldComm);
+        let atoms = OwnedAtoms::from_global(Atoms::from_positions(atoms, extent), &SelfComm);
         let potential = ScalarField::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
         let potential = SparseField::from_field(&potential);
         let distance = Distance::Constant(d);
@@ -354,14 +370,14 @@ mod tests {
                 ..MeshSpec::default()
             })
             .unwrap();
-            let energy = job_energy(&params, &atoms, &potential, &distance, &frame);
+            let energy = job_energy(&params, &atoms, &potential, &distance, &frame, &SelfComm);
             let mut gradient = vec![[0.0; 2]; atoms.global_count];
             let x = &atoms.atoms.positions;
             energy.unwrap().evaluate(x, &mut gradient).unwrap()
         });
-        // On samples both are exact.
+        // Both evaluators are exact for atoms at samples.
         assert!(pairwise > 1.0, "{pairwise}");
-        let off = (pairwise - sampled).abs();
-        assert!(off < 1e-4 * pairwise, "{pairwise} {sampled}");
+        let difference = (pairwise - sampled).abs();
+        assert!(difference < 1e-4 * pairwise, "{pairwise} {sampled}");
     }
 }

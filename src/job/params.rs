@@ -1,4 +1,4 @@
-//! Parameters of a job: its options, and what the files that they name hold.
+//! Parameters of a job: its options, and the content of the files that they name.
 
 use std::array;
 use std::borrow::Cow;
@@ -18,10 +18,11 @@ use crate::image::{Geometry, Image, Modality};
 use crate::lattice::seeding::{self, Seeding};
 use crate::{Error, Result};
 
-/// How far atoms shall be apart, in the lengths of [`Params::metric`] (Canny's points: in samples).
+/// Nominal distance between atoms, in units of [`MeshSpec::metric`] (for Canny's points in
+/// samples).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Spacing {
-    /// The same everywhere.
+    /// A constant distance.
     Constant(f64),
     /// `min` on features, growing to `max` away from them.
     FromFeatures {
@@ -30,38 +31,38 @@ pub enum Spacing {
         /// Distance far from them.
         max: f64,
     },
-    /// `max`, but `min` at least where features run close together.
+    /// `max`, decreasing to `min` where features run close together.
     FromFeatureGaps {
-        /// Least distance.
+        /// Smallest distance.
         min: f64,
         /// Distance where no other feature is near.
         max: f64,
     },
-    /// Where the image is as dark as its features `min` (as bright, if they are bright), at the other end
-    /// `max`.
+    /// `min` where the image is as dark as its features (or as bright, if they are bright), and
+    /// `max` at the other extreme.
     FromImage {
-        /// Least distance.
+        /// Smallest distance.
         min: f64,
         /// Largest distance.
         max: f64,
     },
     /// From the Laplacian of b(x): `min` in its valleys, at most `max`.
     FromLaplacian {
-        /// Least distance.
+        /// Smallest distance.
         min: f64,
         /// Largest distance.
         max: f64,
     },
-    /// As the atoms lie that [`Seeding::Canny`] places.
+    /// The distances of the atoms that [`Seeding::Canny`] places.
     FromCannyAtoms {
-        /// The least distance between those on features.
+        /// Smallest distance between atoms on features.
         min: f64,
-        /// The distance where nothing else is.
+        /// Distance far from features.
         max: f64,
     },
-    /// As [`Params::distance_map`] says, clipped.
+    /// The distances of [`Params::distance_map`], clipped to the limits.
     FromDistanceMap {
-        /// Least distance.
+        /// Smallest distance.
         min: f64,
         /// Largest distance.
         max: f64,
@@ -69,12 +70,12 @@ pub enum Spacing {
 }
 
 impl Spacing {
-    /// The smallest distance asked for.
+    /// Returns the smallest distance.
     pub fn min(self) -> f64 {
         self.limits()[0]
     }
 
-    /// The largest distance asked for.
+    /// Returns the largest distance.
     pub fn max(self) -> f64 {
         self.limits()[1]
     }
@@ -91,7 +92,7 @@ impl Spacing {
         }
     }
 
-    /// That of [`Seeding::Canny`], in a space of `dimensions`.
+    /// Returns the spacing of [`Seeding::Canny`] in a space of `dimensions` dimensions.
     pub fn for_canny(dimensions: usize) -> Self {
         Self::FromCannyAtoms {
             min: seeding::canny::min_point_distance(dimensions),
@@ -140,13 +141,13 @@ fn geometric_mean<const D: usize>(lengths: [f64; D]) -> f64 {
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Weight<const D: usize = 3> {
-    /// The same everywhere.
+    /// A constant weight.
     Constant(f64),
-    /// An image of weights, of the same dims as the image to mesh.
+    /// An image of weights, with the dimensions of the image to mesh.
     Image(Box<Image<D>>),
 }
 
-/// Which evaluator of the lattice energy.
+/// Evaluators of the lattice energy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
@@ -160,34 +161,35 @@ pub enum Evaluator {
 /// An atom that a user placed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FixedAtom<const D: usize = 3> {
-    /// What to call it in an error, e.g. the line of the file it comes from.
+    /// Name of the atom in errors, e.g. the line of the file it comes from.
     pub name: String,
-    /// Where it is, in the image's physical coordinates.
+    /// Position in the image's physical coordinates.
     pub position: [f64; D],
 }
 
 /// A well, in the image's physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WellPath<const D: usize = 3> {
-    /// What to call it in an error, e.g. its file.
+    /// Name of the well in errors, e.g. its file.
     pub name: String,
-    /// The points of its way; in 2-D one may do.
+    /// Points of the trajectory; in 2-D one point is enough.
     pub points: Vec<[f64; D]>,
-    /// Its largest radius.
+    /// Largest radius of the well.
     pub radius: f64,
 }
 
-/// Everything that decides a mesh, beside the image: the options, and what the files that they name hold.
+/// Everything that determines a mesh, apart from the image: the options, and the content of the
+/// files that they name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Params<const D: usize = 3> {
     /// The options, [resolved](MeshSpec::resolved).
     pub spec: MeshSpec,
-    /// Where the image comes from, if its geometry alone does not tell.
+    /// Modality of the image, if its geometry does not show it.
     pub modality: Modality,
-    /// Points of an object and around it, for features by random shortest paths.
+    /// Points inside and outside an object, for features by random shortest paths.
     pub path_seeds: feature::PathSeeds<D>,
-    /// Distance between atoms, in samples, for each sample of the image; `None` unless the options take
-    /// it from a file.
+    /// Distance between atoms, in samples, for each sample of the image; `None` unless the options
+    /// name a file of distances.
     pub distance_map: Option<Box<Image<D>>>,
     /// Weight of the image.
     pub beta: Weight<D>,
@@ -207,10 +209,12 @@ impl<const D: usize> Default for Params<D> {
 }
 
 impl<const D: usize> Params<D> {
-    /// Returns the parameters for images of `D` axes. No file is read: what files hold, the caller adds.
+    /// Returns the parameters for images of `D` axes. It reads no file; the caller adds the content
+    /// of files.
     ///
     /// # Errors
-    /// [`Error::Job`] for options that make no sense ([`MeshSpec::validate`]), or not in `D` dimensions.
+    /// Returns [`Error::Job`] for options that make no sense ([`MeshSpec::validate`]), or not in
+    /// `D` dimensions.
     pub fn new(spec: MeshSpec) -> Result<Self> {
         spec.validate()?;
         if let Metric::Scales(scales) = &spec.metric
@@ -347,7 +351,7 @@ impl<const D: usize> Params<D> {
     /// Returns how features are detected where samples are `step` apart in lattice space.
     pub fn feature_options(&self, step: [f64; D]) -> feature::DetectionOptions<D> {
         let spec = &self.spec;
-        // Canny's points are, unless another feature is named, points of Canny's edges.
+        // Canny's points are points of Canny's edges, unless another feature is named.
         let kind = match (spec.feature, spec.seeding) {
             (feature::FeatureKind::Auto, SeedingKind::Canny) => feature::FeatureKind::Canny,
             (kind, _) => kind,
@@ -375,11 +379,11 @@ impl<const D: usize> Params<D> {
 
 /// Reads fixed atoms from a CSV file; each is named after its line.
 fn read_fixed_atoms<const D: usize>(path: &Path) -> Result<Vec<FixedAtom<D>>> {
-    let named = |(line, position)| FixedAtom {
+    let fixed_atom = |(line, position)| FixedAtom {
         name: format!("{}:{line}", path.display()),
         position,
     };
-    Ok(csv::points(path)?.into_iter().map(named).collect())
+    Ok(csv::points(path)?.into_iter().map(fixed_atom).collect())
 }
 
 /// Reads a well from a CSV file.
@@ -394,8 +398,8 @@ fn read_well<const D: usize>(path: &Path) -> Result<WellPath<D>> {
 
 /// Reads an image that an option names; `remedy` says what to give.
 fn read_image<const D: usize>(option: &str, path: &Path, remedy: &str) -> Result<Image<D>> {
-    let read = formats::read_any(path, &ReadOptions::default())?;
-    read.into_image().ok_or_else(|| {
+    let image = formats::read_any(path, &ReadOptions::default())?;
+    image.into_image().ok_or_else(|| {
         Error::Job(cause(
             format!("{option} {}", path.display()),
             format!("is not a {D}-D image"),

@@ -1,4 +1,4 @@
-//! Atoms at rest: placed on a lattice that then moves onto the features, or as Canny's points, which
+//! Placement of atoms: on a lattice that then moves onto the features, or at Canny's points, which
 //! lie on them from the start.
 
 use super::frame::JobDomain;
@@ -17,23 +17,25 @@ use crate::lattice::seeding::{self, Alignment, Seeding, wells};
 use crate::progress::{CancelToken, Stage};
 use crate::{Error, Result};
 
-/// Growth of a variable distance: the bound on |grad d|.
+/// Largest gradient |grad d| of a variable nominal distance.
 const MAX_DISTANCE_GROWTH: f64 = 0.1;
 
 /// Atoms at rest.
 pub(super) struct PlacedAtoms<const D: usize> {
-    /// The atoms, or this rank's share of them.
+    /// The atoms that this rank owns.
     pub atoms: OwnedAtoms<D>,
     /// The nominal distance between them.
     pub distance: DistributedDistance<D>,
-    /// What the optimiser did in its last pass, where there was one.
+    /// Result of the optimiser's last pass, if it ran.
     pub optimize_result: Option<optimize::OptimizeResult>,
 }
 
-/// Places atoms and brings them to rest: on a lattice that moves, or on Canny's points, which do not.
+/// Places atoms and brings them to rest: on a lattice that moves, or at Canny's points, which do
+/// not move.
 ///
 /// # Errors
-/// Those of distances and seeding; [`Error::Interrupted`] before there is a lattice.
+/// Returns the errors of distances and seeding, and [`Error::Interrupted`] if the job is stopped
+/// before there is a lattice.
 pub(super) fn place_atoms<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
@@ -61,14 +63,15 @@ where
     optimised_lattice(params, distance, &fixed, features, frame, stages)
 }
 
-/// Whether placing atoms and moving them takes no more of the potential than what is near to each.
+/// Returns `true` if placing and moving atoms needs the potential only near each atom.
 pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
     matches!(params.seeding(), Seeding::Fcc | Seeding::Grown)
         && !matches!(params.spacing(), Spacing::FromLaplacian { .. })
         && optimise::needs_only_local_potential(params)
 }
 
-/// The nominal distance between atoms, also at wells. Where it is shared, it is known everywhere if there are wells.
+/// Returns the nominal distance between atoms, also at wells. With wells or labels it is known
+/// everywhere on every rank.
 pub(super) fn nominal_distance<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
@@ -117,7 +120,7 @@ pub(super) fn nominal_distance<const D: usize>(
     Ok(distance)
 }
 
-/// The atoms that never move: those given, and those of wells.
+/// Returns the positions of atoms that never move: those that the user gives, and those of wells.
 pub(super) fn fixed_atoms<const D: usize>(
     distance: &Distance<D>,
     alignment: Alignment,
@@ -174,7 +177,8 @@ pub(super) fn optimised_lattice<const D: usize>(
     })
 }
 
-/// Where a distance from the image is least: where it looks as its features do; and why.
+/// Returns the brightness at which a distance from the image is smallest, which is that of the
+/// features, and the reason.
 fn densest_brightness<const D: usize>(
     image: &Image<D>,
     features: &Features<D>,
@@ -205,7 +209,7 @@ fn densest_brightness<const D: usize>(
     last.unwrap_or_else(|| (DenseRegion::Dark, "features neither bright nor dark".into()))
 }
 
-/// What whoever reads the report should know of how the distance came about.
+/// Returns the note of the report on how the distance was derived from the image.
 pub(super) fn distance_note<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
@@ -220,12 +224,12 @@ pub(super) fn distance_note<const D: usize>(
         DenseRegion::Bright => "brightest",
     };
     Ok(Some(format!(
-        "distance from image: least where it is {extreme}, for it has {why}"
+        "distance from image: smallest where it is {extreme}, as it has {why}"
     )))
 }
 
-/// A distance with that of each label in its samples, if one has its own: where it is less than the
-/// largest elsewhere it limits it; where it is more, all grows with it.
+/// Returns the distance with the distances of labels that have their own. A label's distance below
+/// the largest distance limits the distance in its samples; one above it scales the distance up.
 fn distance_with_labels<const D: usize>(
     distance: Distance<D>,
     params: &Params<D>,
@@ -272,7 +276,7 @@ fn distance_with_labels<const D: usize>(
     Distance::Field(field)
 }
 
-/// The nominal distance that the parameters ask for.
+/// Returns the nominal distance of the parameters, without wells and labels.
 fn base_distance<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
@@ -303,7 +307,7 @@ fn base_distance<const D: usize>(
             return gaps(min_with_labels(d), d.max(min_with_labels(d)));
         }
         Spacing::FromFeatureGaps { min, max } => {
-            // Parts of labels may be thinner than the least distance.
+            // Parts of labels may be thinner than the smallest distance.
             let spacing = features.spacing.iter().flatten();
             let min = match features.labels {
                 Some(_) => spacing.fold(min, |min, d| min.min(f64::from(*d))),

@@ -1,5 +1,5 @@
-//! The regions of a mesh of labels: which cells have which label, faces where labels change, and what
-//! became of each connected part.
+//! Regions of a mesh of a label image: the label of each cell, the faces where labels change, and a
+//! report on each label's connected parts.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,55 +19,55 @@ use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
 use crate::report::{Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary};
 
-/// A part of a label of which the cells with its label hold less than this share is lost.
+/// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
 const MIN_KEPT_SHARE: f64 = 0.25;
 
-/// Gives the cells of simplices their regions, and fits the faces between them; gives the number of each
-/// cell's label.
+/// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
+/// index of each cell.
 pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
-    made: &mut AnnotatedMesh<M>,
+    annotated: &mut AnnotatedMesh<M>,
     neighbors: &[u32],
     scene: &MeshScene<'_, D>,
     labelled: &LabelMap<D>,
     min_angle: Option<f64>,
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Vec<u32> {
-    let mut regions = regions::assign_labels(&made.mesh, neighbors, labelled);
+    let mut regions = regions::assign_labels(&annotated.mesh, neighbors, labelled);
     if let Some(min_angle) = min_angle {
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
             neighbors,
-            kinds: &made.node_kinds,
+            kinds: &annotated.node_kinds,
             extent: scene.extent,
             min_angle,
         };
-        regions::fit(&mut made.mesh, &fitting, patience);
-        regions = regions::remove_spikes(&made.mesh, &fitting);
-        made.feature_faces = regions::interface_marks::<D>(&regions, neighbors);
+        regions::fit(&mut annotated.mesh, &fitting, cancel);
+        regions = regions::remove_spikes(&annotated.mesh, &fitting);
+        annotated.feature_faces = regions::interface_marks::<D>(&regions, neighbors);
     }
-    let of_label = labelled.regions();
-    made.regions = regions.iter().map(|&n| of_label[n as usize]).collect();
+    let label_regions = labelled.regions();
+    annotated.regions = regions.iter().map(|&n| label_regions[n as usize]).collect();
     regions
 }
 
-/// The area over which cells of two labels touch, by their numbers, the smaller first.
+/// The area over which cells of two labels touch, by the indices of the labels, the smaller first.
 pub(super) type Contacts = BTreeMap<[u32; 2], f64>;
 
 /// Returns the contacts of labels in a mesh of simplices.
 pub(super) fn contacts_of_simplices<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
-    numbers: &[u32],
+    label_indices: &[u32],
 ) -> Contacts {
     let mut contacts = Contacts::new();
-    for (c, &here) in numbers.iter().enumerate() {
+    for (c, &label) in label_indices.iter().enumerate() {
         for k in 0..=D {
-            let beyond = neighbors[(D + 1) * c + k];
-            if beyond != NONE && here < numbers[beyond as usize] {
+            let neighbour = neighbors[(D + 1) * c + k];
+            if neighbour != NONE && label < label_indices[neighbour as usize] {
                 let corners = mesh.face(c, k).map(|n| mesh.nodes()[n as usize]);
                 *contacts
-                    .entry([here, numbers[beyond as usize]])
+                    .entry([label, label_indices[neighbour as usize]])
                     .or_default() += norm(normal(&corners));
             }
         }
@@ -76,11 +76,14 @@ pub(super) fn contacts_of_simplices<const D: usize, M: Simplices<D>>(
 }
 
 /// Returns the contacts of labels in a mesh of polyhedra or polygons.
-pub(super) fn contacts_of_cells<const D: usize>(mesh: &PolyMesh<D>, numbers: &[u32]) -> Contacts {
+pub(super) fn contacts_of_cells<const D: usize>(
+    mesh: &PolyMesh<D>,
+    label_indices: &[u32],
+) -> Contacts {
     let mut contacts = Contacts::new();
     for (f, cells) in mesh.face_cells.iter().enumerate() {
         if let FaceNeighbour::Cell(_) = mesh.face_neighbour(f) {
-            let mut pair = cells.map(|c| numbers[c as usize]);
+            let mut pair = cells.map(|c| label_indices[c as usize]);
             pair.sort_unstable();
             if pair[0] != pair[1] {
                 *contacts.entry(pair).or_default() += norm(mesh.face_shape(f).area_vector);
@@ -90,21 +93,23 @@ pub(super) fn contacts_of_cells<const D: usize>(mesh: &PolyMesh<D>, numbers: &[u
     contacts
 }
 
-/// Returns the pairs of labels that touch somewhere in an image, at a side, an edge or a corner of samples.
+/// Returns the pairs of labels whose samples touch in an image, at a side, an edge or a corner.
 fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 2]> {
     let mut pairs = BTreeSet::new();
     let strides = Volume::new(dims, &[]).strides();
-    // Half of the samples round one: the others see this one.
+    // Half of the neighbours of a sample are enough, as the others visit this sample.
     let count = 3usize.pow(D as u32);
     for_each_sample(dims, |i, at| {
         for number in count / 2 + 1..count {
             let step = |k: usize| number / 3usize.pow(k as u32) % 3;
-            let inside = (0..D).all(|k| at[k] + step(k) > 0 && at[k] + step(k) <= dims[k]);
-            if !inside {
+            let is_inside = (0..D).all(|k| at[k] + step(k) > 0 && at[k] + step(k) <= dims[k]);
+            if !is_inside {
                 continue;
             }
-            let there = (0..D).fold(i, |there, k| there + step(k) * strides[k] - strides[k]);
-            let [a, b] = [labels[i], labels[there]];
+            let neighbour = (0..D).fold(i, |neighbour, k| {
+                neighbour + step(k) * strides[k] - strides[k]
+            });
+            let [a, b] = [labels[i], labels[neighbour]];
             if a != b {
                 pairs.insert([a.min(b), a.max(b)]);
             }
@@ -113,64 +118,66 @@ fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet
     pairs
 }
 
-/// Returns what became of the labels of an image, from the places and contacts of cells whose labels have these
-/// `numbers`; `None` if there are too many labels, or if `patience` does not last.
+/// Returns the report on the labels of an image, from the sample points, the contacts and the label
+/// indices of cells. Returns `None` if there are too many labels, or if `cancel` is cancelled.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
-    wishes: &[LabelOptions],
-    (places, contacts): (&SamplePoints<'_, D>, &Contacts),
-    numbers: &[u32],
+    label_options: &[LabelOptions],
+    (sample_points, contacts): (&SamplePoints<'_, D>, &Contacts),
+    label_indices: &[u32],
     step: [f64; D],
-    patience: &CancelToken<'_>,
+    cancel: &CancelToken<'_>,
 ) -> Option<RegionSummary> {
     let (table, parts) = components(image)?;
     let LabelTable {
         values: labels,
-        indices: of_sample,
+        indices: sample_labels,
     } = table;
-    if patience.is_cancelled() {
+    if cancel.is_cancelled() {
         return None;
     }
     let dims = image.dims();
     let volume = Volume::new(dims, &[]);
     let world = image.geometry.determinant().abs() / step.iter().product::<f64>();
-    // Of each cell, how many of its places lie in which part of its own label.
-    let held: Vec<Vec<(u32, f64)>> = (0..numbers.len())
+    // For each cell, the volume that lies in each connected part of its own label.
+    let cell_parts: Vec<Vec<(u32, f64)>> = (0..label_indices.len())
         .into_par_iter()
         .map(|c| {
-            let (mut found, mut count) = (Vec::new(), 0.0f64);
-            places.for_each(c, |x| {
+            let (mut part_volumes, mut count) = (Vec::new(), 0.0f64);
+            sample_points.for_each(c, |x| {
                 let at = std::array::from_fn(|k| {
                     ((x[k] / step[k]).round().max(0.0) as usize).min(dims[k] - 1)
                 });
                 let i = volume.index(at);
                 count += 1.0;
-                if of_sample[i] == numbers[c] {
+                if sample_labels[i] == label_indices[c] {
                     let part = parts.component_of_sample[i];
-                    match found.iter_mut().find(|(known, _)| *known == part) {
+                    match part_volumes.iter_mut().find(|(known, _)| *known == part) {
                         Some((_, sum)) => *sum += 1.0,
-                        None => found.push((part, 1.0)),
+                        None => part_volumes.push((part, 1.0)),
                     }
                 }
             });
-            found
+            part_volumes
                 .iter_mut()
-                .for_each(|(_, sum)| *sum *= places.volumes[c] / count);
-            found
+                .for_each(|(_, sum)| *sum *= sample_points.volumes[c] / count);
+            part_volumes
         })
         .collect();
-    let mut inside = vec![0.0; parts.components.len()];
-    for &(part, volume) in held.iter().flatten() {
-        inside[part as usize] += volume;
+    let mut kept_volume = vec![0.0; parts.components.len()];
+    for &(part, volume) in cell_parts.iter().flatten() {
+        kept_volume[part as usize] += volume;
     }
     let sample: f64 = step.iter().product();
-    let samples = label_map::volumes(dims, step, &of_sample, labels.len());
+    let samples = label_map::volumes(dims, step, &sample_labels, labels.len());
     let name = |n: usize| {
-        let wish = wishes.iter().find(|wish| wish.label == labels[n]);
-        wish.and_then(|wish| wish.name.clone())
+        let options = label_options
+            .iter()
+            .find(|options| options.label == labels[n]);
+        options.and_then(|options| options.name.clone())
     };
     let regions = label_map::regions(&labels);
-    let mut all: Vec<RegionReport> = (0..labels.len())
+    let mut reports: Vec<RegionReport> = (0..labels.len())
         .map(|n| RegionReport {
             label: labels[n],
             region: regions[n],
@@ -184,37 +191,42 @@ pub(super) fn report<const D: usize>(
             distance: None,
         })
         .collect();
-    for (&n, size) in numbers.iter().zip(&places.volumes) {
-        all[n as usize].cells += 1;
-        all[n as usize].volume += size * world;
+    for (&n, size) in label_indices.iter().zip(&sample_points.volumes) {
+        reports[n as usize].cells += 1;
+        reports[n as usize].volume += size * world;
     }
-    for region in &mut all {
+    for region in &mut reports {
         region.volume_error_percent = 100.0 * (region.volume / region.sample_volume - 1.0);
     }
-    let given = |n: usize| {
-        let wish = wishes.iter().find(|wish| wish.label == labels[n]);
-        wish.and_then(|wish| wish.distance)
+    let requested_distance = |n: usize| {
+        let options = label_options
+            .iter()
+            .find(|options| options.label == labels[n]);
+        options.and_then(|options| options.distance)
     };
     let surface = surface_areas(&parts, step);
     let (mut lost, mut damaged) = (LossList::default(), LossList::default());
-    for (number, (part, inside)) in parts.components.iter().zip(&inside).enumerate() {
+    for (number, (part, kept_volume)) in parts.components.iter().zip(&kept_volume).enumerate() {
         let n = part.label as usize;
-        all[n].parts += 1;
-        all[n].samples += part.sample_count;
+        reports[n].parts += 1;
+        reports[n].samples += part.sample_count;
         let size = part.sample_count as f64 * sample;
-        let keeping = finer_distance(sufficient_distance::<D>(size, surface[number]), given(n));
+        let keeping_distance = finer_distance(
+            sufficient_distance::<D>(size, surface[number]),
+            requested_distance(n),
+        );
         if part.sample_count >= MIN_DAMAGED_SAMPLES {
-            let distance = &mut all[n].distance;
-            *distance = match (*distance, keeping) {
+            let distance = &mut reports[n].distance;
+            *distance = match (*distance, keeping_distance) {
                 (Some(a), Some(b)) => Some(a.min(b)),
                 (a, b) => a.or(b),
             };
         }
         let losses = match () {
-            () if *inside < MIN_KEPT_SHARE * size => &mut lost,
+            () if *kept_volume < MIN_KEPT_SHARE * size => &mut lost,
             () if part.sample_count >= MIN_DAMAGED_SAMPLES
                 && !part.touches_side(dims)
-                && *inside < (1.0 - MIN_MISSING_SHARE) * size =>
+                && *kept_volume < (1.0 - MIN_MISSING_SHARE) * size =>
             {
                 &mut damaged
             }
@@ -229,17 +241,17 @@ pub(super) fn report<const D: usize>(
             samples: part.sample_count,
             largest_samples: part.sample_count,
             first_sample: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
-            distance: keeping,
+            distance: keeping_distance,
         });
     }
     for lost in &mut lost.0 {
-        let place = all.partition_point(|region| region.label < lost.label);
-        lost.is_whole_label = all
+        let place = reports.partition_point(|region| region.label < lost.label);
+        lost.is_whole_label = reports
             .get(place)
             .is_some_and(|region| region.parts == lost.parts);
     }
     let sample_side = sample.powf((D - 1) as f64 / D as f64);
-    let touching = touching_labels(dims, &of_sample);
+    let touching = touching_labels(dims, &sample_labels);
     let mut holes: Vec<Hole> = (contacts.iter())
         .filter(|(pair, _)| !touching.contains(*pair))
         .map(|(pair, area)| Hole {
@@ -250,16 +262,16 @@ pub(super) fn report<const D: usize>(
     holes.sort_by(|a, b| b.area.total_cmp(&a.area));
     Some(RegionSummary {
         holes,
-        regions: all,
+        regions: reports,
         lost: lost.0,
         damaged: damaged.0,
     })
 }
 
-/// Parts of so many samples count as damaged where much of them is missing.
+/// Number of samples from which a part counts as damaged if much of it is missing.
 const MIN_DAMAGED_SAMPLES: usize = 50;
 
-/// Parts of labels of which something is to be said, by label.
+/// Lost or damaged parts of labels, merged by label.
 #[derive(Default)]
 struct LossList(Vec<LostParts>);
 
@@ -279,7 +291,7 @@ impl LossList {
     }
 }
 
-/// The area of the sides that each part shares with others, in lattice units.
+/// Returns the area of the sides that each part shares with others, in lattice units.
 fn surface_areas<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f64> {
     let mut areas = vec![0.0; parts.components.len()];
     let strides = Volume::new(parts.dims, &[]).strides();
@@ -299,34 +311,36 @@ fn surface_areas<const D: usize>(parts: &Components<D>, step: [f64; D]) -> Vec<f
     areas
 }
 
-/// Returns a distance between atoms at which a part of this volume and surface is kept, in two digits: about half
-/// the width of what is as wide as long, and 0.6 of the thickness of what is thin.
+/// Returns a distance between atoms, in two digits, at which a part of this volume and surface is
+/// kept: about half the width of a compact part, and 0.6 of the thickness of a thin one.
 fn sufficient_distance<const D: usize>(volume: f64, surface: f64) -> f64 {
-    let by_volume = 0.55 * volume.powf(1.0 / D as f64);
-    // Of a plate that is its thickness; the sides of samples are about 1.5 times (in the plane 1.27 times) those of a ball.
+    let volume_distance = 0.55 * volume.powf(1.0 / D as f64);
+    // 2 V / S is the thickness of a plate. The sides of samples have about 1.5 times (in the plane
+    // 1.27 times) the area of a ball.
     let thickness = 2.0 * volume / surface.max(1e-12);
-    let of_ball = match D {
+    let ball_thickness = match D {
         2 => 0.79 * (volume / std::f64::consts::PI).sqrt(),
         _ => 0.44 * (volume * 0.75 / std::f64::consts::PI).cbrt(),
     };
-    let compact = (thickness / of_ball).min(1.0).powi(4);
-    // Walls of a sample are raised to half as much again until they are fitted.
-    let of_wall = if thickness < 1.5 { 0.8 } else { 0.6 };
-    let of_thickness = of_wall + compact * (by_volume / of_ball - of_wall);
-    let d = by_volume.min(of_thickness * thickness);
+    let compact = (thickness / ball_thickness).min(1.0).powi(4);
+    // Walls of one sample become half as thick again before faces are fitted.
+    let wall_ratio = if thickness < 1.5 { 0.8 } else { 0.6 };
+    let ratio = wall_ratio + compact * (volume_distance / ball_thickness - wall_ratio);
+    let d = volume_distance.min(ratio * thickness);
     let tenths = 10f64.powf(1.0 - d.log10().floor());
     (d * tenths).floor() / tenths
 }
 
-/// Atoms are not nearer together than this, in lattice units.
+/// Smallest distance between atoms that is suggested, in lattice units.
 const MIN_ATOM_DISTANCE: f64 = 0.25;
 
-/// Returns a distance that is less than the one that was `given`; `None` if that is as small as can be.
-fn finer_distance(distance: f64, given: Option<f64>) -> Option<f64> {
-    match given {
-        Some(given) if distance >= given => {
-            let less = (70.0 * given).floor() / 100.0;
-            (less >= MIN_ATOM_DISTANCE).then_some(less)
+/// Returns `distance`, or a smaller one if `requested` was not larger than it. Returns `None` if
+/// that would be too small.
+fn finer_distance(distance: f64, requested: Option<f64>) -> Option<f64> {
+    match requested {
+        Some(requested) if distance >= requested => {
+            let finer = (70.0 * requested).floor() / 100.0;
+            (finer >= MIN_ATOM_DISTANCE).then_some(finer)
         }
         _ => Some(distance.max(MIN_ATOM_DISTANCE)),
     }
@@ -343,7 +357,8 @@ mod tests {
     use crate::mesh::boxes::kuhn_box;
     use crate::progress::NoProgress;
 
-    /// Balls of different sizes in two layers that a dyke cuts, somewhat different for each seed.
+    /// Returns an image of balls of different sizes in two layers that a dyke cuts. It differs
+    /// somewhat for each seed.
     fn test_image(seed: f64) -> Image<3> {
         let balls = [(9.0, 3.0), (4.0, 5.0), (2.0, 7.0)];
         let centre = |k: usize| {
@@ -355,26 +370,25 @@ mod tests {
         };
         image_of([52, 46, 42], |p| {
             for (k, (radius, label)) in balls.into_iter().enumerate() {
-                let off = (0..3).map(|i| (p[i] - centre(k)[i]).powi(2)).sum::<f64>();
-                if off < radius * radius {
+                let distance2 = (0..3).map(|i| (p[i] - centre(k)[i]).powi(2)).sum::<f64>();
+                if distance2 < radius * radius {
                     return label;
                 }
             }
             let dyke = (p[0] - 27.0) + 0.3 * (p[1] - 20.0) + 0.2 * seed * (p[2] - 20.0);
-            match dyke.abs() < 2.6 {
-                true => 9.0,
-                false => {
-                    1.0 + f64::from(u8::from(
-                        p[2] > 24.0 + 0.15 * p[0] + 2.0 * (p[1] / 9.0 + seed).sin(),
-                    ))
-                }
+            if dyke.abs() < 2.6 {
+                9.0
+            } else {
+                1.0 + f64::from(u8::from(
+                    p[2] > 24.0 + 0.15 * p[0] + 2.0 * (p[1] / 9.0 + seed).sin(),
+                ))
             }
         })
     }
 
     #[test]
-    fn labels_that_touch_only_in_the_mesh_are_told_with_the_area() {
-        // A wall of one sample between two labels, but for a gap at high y where these touch.
+    fn labels_that_touch_only_in_the_mesh_are_reported_with_the_area() {
+        // A wall of one sample between two labels, with a gap at high y where these touch.
         let walls = |gap: f64| {
             image_of([5, 5, 5], |p| match p[0] {
                 x if x < 2.0 => 1.0,
@@ -397,20 +411,27 @@ mod tests {
         let contacts = contacts_of_simplices(&mesh, &neighbors, &numbers);
         assert_eq!(contacts.keys().collect::<Vec<_>>(), [&[0, 2]]);
         assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
-        let of = |image: &Image<3>| {
-            let places = SamplePoints::from_simplices(&mesh);
-            let held = (&places, &contacts);
-            let found = report(image, &[], held, &numbers, [1.0; 3], &CancelToken::never());
-            found.unwrap().holes
+        let holes_of = |image: &Image<3>| {
+            let sample_points = SamplePoints::from_simplices(&mesh);
+            let points_and_contacts = (&sample_points, &contacts);
+            let summary = report(
+                image,
+                &[],
+                points_and_contacts,
+                &numbers,
+                [1.0; 3],
+                &CancelToken::never(),
+            );
+            summary.unwrap().holes
         };
-        let holes = of(&walls(9.0));
+        let holes = holes_of(&walls(9.0));
         assert_eq!(holes.len(), 1);
         assert_eq!(
             holes[0].labels,
             [LabelValue::Whole(1), LabelValue::Whole(3)]
         );
         assert!((holes[0].area - 16.0).abs() < 1e-9, "{holes:?}");
-        assert_eq!(of(&walls(3.5)), []);
+        assert_eq!(holes_of(&walls(3.5)), []);
     }
 
     fn mesh_image(image: &Image<3>, params: &Params<3>) -> Outcome<3> {
@@ -422,7 +443,7 @@ mod tests {
         for seed in [0.0, 1.0, 2.0] {
             let outcome = mesh_image(&test_image(seed), &Params::default());
             let regions = outcome.report.regions.as_ref().unwrap();
-            // Where stairs of two interfaces meet there are single samples.
+            // There are single samples where the stairs of two interfaces meet.
             assert!(
                 regions.lost.iter().all(|lost| lost.largest_samples < 3),
                 "{regions:?}"
@@ -430,19 +451,20 @@ mod tests {
             let labels: Vec<i32> = regions.regions.iter().map(|r| r.region).collect();
             assert_eq!(labels, [1, 2, 3, 5, 7, 9]);
             for region in &regions.regions {
-                // A ball of 33 samples is all of five small cells.
-                let most = if region.label == 7.0 { 25.0 } else { 0.5 };
+                // A ball of 33 samples consists of only five small cells.
+                let max_error = if region.label == 7.0 { 25.0 } else { 0.5 };
                 assert!(
-                    region.volume_error_percent.abs() < most,
+                    region.volume_error_percent.abs() < max_error,
                     "{seed}: {region:?}"
                 );
             }
-            let made = outcome.simplices().unwrap();
-            let neighbors = made.mesh.neighbors().unwrap();
+            let annotated = outcome.simplices().unwrap();
+            let neighbors = annotated.mesh.neighbors().unwrap();
             for (face, &n) in neighbors.iter().enumerate() {
                 let (c, k) = (face / 4, face % 4);
-                let parts = n != NONE && made.regions[c] != made.regions[n as usize];
-                assert_eq!(made.feature_faces[c] >> k & 1 == 1, parts);
+                let is_interface =
+                    n != NONE && annotated.regions[c] != annotated.regions[n as usize];
+                assert_eq!(annotated.feature_faces[c] >> k & 1 == 1, is_interface);
             }
             let angles = outcome.report.quality.as_ref().unwrap();
             assert!(
@@ -460,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_is_named_and_kept_by_the_option_that_is_named() {
+    fn lost_parts_are_reported_with_an_option_that_keeps_them() {
         let params = Params::new(MeshSpec {
             distance: NominalDistance::Constant(7.0),
             ..MeshSpec::default()
@@ -469,29 +491,29 @@ mod tests {
         let image = test_image(1.0);
         let outcome = mesh_image(&image, &params);
         let lost = &outcome.report.regions.as_ref().unwrap().lost;
-        let whole: Vec<&LostParts> = lost
+        let large: Vec<&LostParts> = lost
             .iter()
             .filter(|lost| lost.largest_samples > 2)
             .collect();
-        let [one] = whole[..] else {
+        let [ball] = large[..] else {
             panic!("{lost:?}");
         };
-        assert!(one.label == 7.0);
-        assert_eq!((one.parts, one.is_whole_label), (1, true));
+        assert!(ball.label == 7.0);
+        assert_eq!((ball.parts, ball.is_whole_label), (1, true));
         assert!(
-            one.largest_samples > 25 && one.largest_samples < 40,
-            "{one:?}"
+            ball.largest_samples > 25 && ball.largest_samples < 40,
+            "{ball:?}"
         );
-        assert!(one.message().contains("label 7") && one.message().contains("keeps it"));
-        let wish = one.remedy().unwrap();
-        let wish = LabelOptions::parse(wish.strip_prefix("--label ").unwrap()).unwrap();
-        let kept = Params::new(MeshSpec {
-            label: vec![wish],
+        assert!(ball.message().contains("label 7") && ball.message().contains("keeps it"));
+        let option = ball.remedy().unwrap();
+        let option = LabelOptions::parse(option.strip_prefix("--label ").unwrap()).unwrap();
+        let params_with_label = Params::new(MeshSpec {
+            label: vec![option],
             feature: FeatureKind::Labels,
             ..params.spec
         })
         .unwrap();
-        let outcome = mesh_image(&image, &kept);
+        let outcome = mesh_image(&image, &params_with_label);
         let regions = outcome.report.regions.as_ref().unwrap();
         assert!(
             regions.lost.iter().all(|lost| lost.largest_samples < 3),
@@ -499,18 +521,18 @@ mod tests {
             regions.lost
         );
         let small = regions.regions.iter().find(|r| r.label == 7.0).unwrap();
-        // It has 27 samples.
+        // The ball has 27 samples.
         assert!(small.volume_error_percent.abs() < 10.0, "{small:?}");
     }
 
     #[test]
     fn a_label_has_its_own_distance_and_name_or_becomes_part_of_another() {
-        let wishes = ["3:distance=2.5,name=core", "5:into=1", "9:distance=12"];
-        let wishes = wishes.map(|text| LabelOptions::parse(text).unwrap());
+        let label_options = ["3:distance=2.5,name=core", "5:into=1", "9:distance=12"];
+        let label_options = label_options.map(|text| LabelOptions::parse(text).unwrap());
         let params = Params::new(MeshSpec {
             distance: NominalDistance::Constant(7.0),
             feature: FeatureKind::Labels,
-            label: wishes.to_vec(),
+            label: label_options.to_vec(),
             ..MeshSpec::default()
         })
         .unwrap();
@@ -519,12 +541,12 @@ mod tests {
         assert!(regions.iter().all(|region| region.label != 5.0));
         let core = regions.iter().find(|region| region.label == 3.0).unwrap();
         assert_eq!(core.name.as_deref(), Some("core"));
-        // A cell of the densest lattice has d^3 / (6 sqrt 2).
-        let about = core.volume / (2.5f64.powi(3) / 8.485);
+        // The cell of an atom in the densest lattice has a volume of d^3 / (6 sqrt 2).
+        let expected = core.volume / (2.5f64.powi(3) / 8.485);
         let cells = core.cells as f64;
         assert!(
-            cells > 0.5 * about && cells < 2.0 * about,
-            "{cells} {about}"
+            cells > 0.5 * expected && cells < 2.0 * expected,
+            "{cells} {expected}"
         );
         assert!(outcome.distance.value_at([16.0, 18.0, 20.0]) < 2.6);
         assert!(outcome.distance.value_at([46.0, 40.0, 8.0]) < 7.1);
@@ -562,15 +584,18 @@ mod tests {
     }
 
     #[test]
-    fn labels_that_are_no_whole_numbers_are_numbered() {
-        let of = |labels: &[&str]| -> Vec<i32> {
+    fn labels_that_are_not_integers_are_numbered() {
+        let regions_of = |labels: &[&str]| -> Vec<i32> {
             let labels = labels.iter().map(|text| LabelValue::parse(text).unwrap());
             let labels: Vec<LabelValue> = labels.collect();
             label_map::regions(&labels)
         };
-        assert_eq!(of(&["-1", "0", "300"]), [-1, 0, 300]);
-        assert_eq!(of(&["0.25", "1"]), [0, 1]);
-        assert_eq!(of(&["16777216", "2147483647"]), [16_777_216, i32::MAX]);
-        assert_eq!(of(&["5", "2147483648"]), [0, 1]);
+        assert_eq!(regions_of(&["-1", "0", "300"]), [-1, 0, 300]);
+        assert_eq!(regions_of(&["0.25", "1"]), [0, 1]);
+        assert_eq!(
+            regions_of(&["16777216", "2147483647"]),
+            [16_777_216, i32::MAX]
+        );
+        assert_eq!(regions_of(&["5", "2147483648"]), [0, 1]);
     }
 }

@@ -1,4 +1,4 @@
-//! The one pass: image in, mesh out.
+//! Runs all stages of a job: image in, mesh out.
 
 use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
@@ -8,7 +8,7 @@ use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
     StageRunner, cells, estimate, simplices,
 };
-use crate::comm::{self, Comm, WorldComm};
+use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{self, Features, label_map};
 use crate::image::{Geometry, Image, ImageSource};
@@ -20,7 +20,7 @@ use crate::progress::{Progress, Stage};
 use crate::report::Report;
 use crate::{Error, Result};
 
-/// What a job made, in lattice space, and what led to it.
+/// Result of a job, in lattice space.
 #[derive(Debug, Clone)]
 pub struct Outcome<const D: usize = 3>
 where
@@ -30,27 +30,27 @@ where
     pub mesh: MeshResult<D>,
     /// The far corner of the box.
     pub extent: [f64; D],
-    /// Length of one sample along each axis.
+    /// Length of one sample along each axis of lattice space.
     pub step: [f64; D],
-    /// From samples to the world.
+    /// Geometry of the image, which maps samples to physical coordinates.
     pub geometry: Geometry<D>,
-    /// What of the mesh this rank has; none if it has all.
+    /// The part of the mesh that this rank holds; `None` if it holds the whole mesh.
     pub share: Option<MeshShare>,
-    /// What the mesh follows.
+    /// The features that the mesh follows.
     pub features: Features<D>,
-    /// Nominal distance between atoms; of a share of a mesh, what is known near it.
+    /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
-    /// What the optimiser did in its last pass, where atoms were moved.
+    /// Result of the optimiser's last pass, if atoms were moved.
     pub optimize_result: Option<optimize::OptimizeResult>,
-    /// What it was made from, for whoever reads the file; for the caller to fill in.
+    /// Provenance that is written into the file; the caller sets it.
     pub provenance: Provenance,
-    /// Why the job ended: [`StopPoint::Interrupted`] if any stage was stopped.
+    /// Reason for the end of the job: [`StopReason::Interrupted`] if any stage was stopped.
     pub stop: StopReason,
-    /// Figures of the mesh and of what it cost; where it comes from is for the caller to add.
+    /// Figures of the mesh and of its cost; the caller adds the input.
     pub report: Report,
 }
 
-/// What a result can be made again from.
+/// The data from which a result can be reproduced.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Provenance {
     /// All parameters, as the configuration file has them.
@@ -65,13 +65,13 @@ pub enum MeshResult<const D: usize = 3>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    /// Tetrahedra, triangles in the plane; the atoms are their nodes.
+    /// Tetrahedra, or triangles in the plane. The atoms are their nodes.
     Simplices(AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>),
-    /// Voronoi cells; the atoms are within them.
+    /// Voronoi cells. The atoms are inside them.
     Voronoi {
         /// The cells.
         mesh: PolyMesh<D>,
-        /// Share of the cells' size within which nodes are welded.
+        /// Fraction of the cells' size within which nodes are welded.
         weld: f64,
     },
 }
@@ -80,15 +80,15 @@ impl<const D: usize> Outcome<D>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    /// The tetrahedra or triangles, if these were asked for.
+    /// Returns the tetrahedra or triangles, if the mesh has them.
     pub fn simplices(&self) -> Option<&AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>> {
         match &self.mesh {
-            MeshResult::Simplices(marked) => Some(marked),
+            MeshResult::Simplices(annotated) => Some(annotated),
             MeshResult::Voronoi { .. } => None,
         }
     }
 
-    /// The Voronoi cells, if these were asked for.
+    /// Returns the Voronoi cells, if the mesh has them.
     pub fn voronoi(&self) -> Option<&PolyMesh<D>> {
         match &self.mesh {
             MeshResult::Simplices(_) => None,
@@ -106,8 +106,8 @@ where
 /// use atomesh::job::{self, CellKind, MeshSpec, Params};
 /// use atomesh::progress::NoProgress;
 ///
-/// let inside = |i: usize| (i % 40) as f64 - 20.0;
-/// let disc = (0..40 * 36).map(|i| f32::from(inside(i).hypot((i / 40) as f64 - 18.0) < 11.0));
+/// let offset = |i: usize| (i % 40) as f64 - 20.0;
+/// let disc = (0..40 * 36).map(|i| f32::from(offset(i).hypot((i / 40) as f64 - 18.0) < 11.0));
 /// let image = Image::new([40, 36], disc.collect(), Geometry::default());
 /// let params = Params::new(MeshSpec {
 ///     cells: Some(CellKind::Voronoi),
@@ -120,14 +120,15 @@ where
 /// ```
 ///
 /// # Errors
-/// The error of the stage that failed: an image that is constant or has no samples with data, a distance that
-/// does not fit the box, fixed atoms outside of it or at one place; for Voronoi cells also fixed atoms
-/// on a side of the box. [`Error::Interrupted`](crate::Error::Interrupted) if the observer asked to
-/// stop before there was a lattice; what a later stop gives, [`Progress`] says.
+/// Returns the error of the stage that failed: for an image that is constant or has no samples with
+/// data, for a distance that does not fit the box, and for fixed atoms outside the box or at the
+/// same place; for Voronoi cells also for fixed atoms on a side of the box. Returns
+/// [`Error::Interrupted`](crate::Error::Interrupted) if the job is stopped before there is a
+/// lattice; [`Progress`] describes the result of a later stop.
 pub fn run<const D: usize>(
     image: &Image<D>,
     params: &Params<D>,
-    observer: &mut dyn Progress,
+    progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
     MeshSpace<D>: Meshing<D>,
@@ -136,56 +137,76 @@ where
         ImageSource::InMemory(image),
         params,
         RunOptions::default(),
-        observer,
+        progress,
     )
 }
 
-/// How a job goes, which makes no difference to the mesh.
-#[derive(Debug, Clone, Copy, Default)]
+/// Options of a run that do not change the mesh.
+#[derive(Debug, Clone, Copy)]
 pub struct RunOptions<'a> {
-    /// What stages give is kept there, and what is there of the same job is taken up.
+    /// Folder in which results of stages are stored, and from which those of the same job are
+    /// loaded.
     pub checkpoint: Option<&'a Checkpoint>,
-    /// Each rank may have a part of the mesh only, if it is large ([`Outcome::share`]).
+    /// `true` if each rank may hold only a part of the mesh, if the mesh is large
+    /// ([`Outcome::share`]).
     pub may_partition: bool,
+    /// The ranks that share the job; by default this process alone.
+    pub comm: &'a dyn Comm,
 }
 
-/// The same of an image that need not be in memory.
+impl Default for RunOptions<'_> {
+    fn default() -> Self {
+        Self {
+            checkpoint: None,
+            may_partition: false,
+            comm: &SelfComm,
+        }
+    }
+}
+
+/// Makes a mesh of an image that need not be in memory.
 ///
 /// # Errors
-/// As [`run`], and [`Error::Io`](crate::Error::Io) if something cannot be kept or read.
+/// Returns the errors of [`run`], and [`Error::Io`](crate::Error::Io) if a file cannot be written
+/// or read.
 pub fn run_from<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
-    way: RunOptions<'_>,
-    observer: &mut dyn Progress,
+    run_options: RunOptions<'_>,
+    progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    MeshSpace::<D>::run(source, params, way, observer)
+    MeshSpace::<D>::run(source, params, run_options, progress)
 }
 
-/// The same, to be compiled in this crate.
+/// Runs a job like [`run_from`]. It is instantiated in this crate.
 pub(super) fn run_precompiled<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
-    way: RunOptions<'_>,
-    observer: &mut dyn Progress,
+    run_options: RunOptions<'_>,
+    progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
+    let comm = run_options.comm;
     params.spec.validate()?;
-    let in_pieces =
-        way.may_partition && comm::size() > 1 && params.spec.cell_kind() == CellKind::Simplices;
-    let checkpoint = way.checkpoint.map(|kept| kept.for_job(source, params));
+    let is_partitioned = run_options.may_partition
+        && comm.size() > 1
+        && params.spec.cell_kind() == CellKind::Simplices;
+    let checkpoint = run_options
+        .checkpoint
+        .map(|checkpoint| checkpoint.for_job(source, params, comm));
     let checkpoint = checkpoint.transpose()?;
-    let merged = match params.spec.label.is_empty() {
-        true => None,
-        false => label_map::merge_labels(&*source.to_image()?, &params.spec.label)?,
+    let merged = if params.spec.label.is_empty() {
+        None
+    } else {
+        label_map::merge_labels(&*source.to_image()?, &params.spec.label)?
     };
     let source = merged.as_ref().map_or(source, ImageSource::InMemory);
-    // What is computed of the image's values must not see what stands for missing samples.
+    // Values that mark missing samples must not enter computations on the image.
     let marked = match source {
         ImageSource::InMemory(image)
             if feature::fills_gaps(image, params.spec.feature, params.modality) =>
@@ -198,103 +219,113 @@ where
     let (dims, geometry) = (source.dims(), source.geometry());
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
-    // Before the work: the largest distance must fit, whatever the features are.
-    let room = match params.spacing() {
+    // The largest distance must fit the box, whatever the features are. This is checked before any
+    // work.
+    let box_extent = match params.spacing() {
         Spacing::FromCannyAtoms { .. } => extent,
         _ => lattice_extent(dims, params.spec.metric.lengths(geometry)),
     };
-    let fitted = params_for_thin_image(params, room);
+    let fitted = params_for_thin_image(params, box_extent);
     let params = fitted.as_ref().unwrap_or(params);
-    let wishes = params.spec.label.iter().filter_map(|wish| wish.distance);
-    let largest = wishes.fold(params.spacing().max(), f64::max);
-    Distance::Constant(largest).validate(room)?;
-    estimate::afford_features(source, params.spec.feature)?;
+    let label_distances = params
+        .spec
+        .label
+        .iter()
+        .filter_map(|options| options.distance);
+    let largest = label_distances.fold(params.spacing().max(), f64::max);
+    Distance::Constant(largest).validate(box_extent)?;
+    estimate::afford_features(source, params.spec.feature, comm.size())?;
     let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
     if !matches!(params.spacing(), Spacing::FromCannyAtoms { .. }) {
-        // As many as if they were nowhere closer.
+        // Number of atoms if all were at the largest distance.
         let sparsest = Distance::Constant(params.spacing().max());
         let mut estimate =
             estimate::estimate_from_distance(&sparsest, extent, params.spec.cell_kind());
-        if in_pieces {
+        if is_partitioned {
             estimate = estimate::estimate_per_rank(
                 estimate,
                 extent,
                 &sparsest,
                 params.seeding(),
-                comm::size(),
+                comm.size(),
             );
         }
         estimate::afford(&estimate)?;
     }
     let frame = JobDomain::new(dims, geometry, params)?;
-    let group: &dyn Comm = &WorldComm;
 
-    let mut stages = StageRunner::new(observer)
+    let mut stages = StageRunner::new(progress)
+        .with_comm(comm)
         .with_checkpoint(checkpoint)
-        .with_partitioning(in_pieces);
+        .with_partitioning(is_partitioned);
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
-    options.is_distributed =
-        in_pieces && way.checkpoint.is_none() && placement::needs_only_local_potential(params);
+    options.is_distributed = is_partitioned
+        && run_options.checkpoint.is_none()
+        && placement::needs_only_local_potential(params);
     let mut features = stages.load_or_run("1-features", |stages| {
-        stages.run_or_interrupt(Stage::Features, |patience| {
-            feature::detect_with_cancel(source, &options, patience)
+        stages.run_or_interrupt(Stage::Features, |cancel| {
+            feature::detect_with_cancel(source, &options, comm, cancel)
         })
     })?;
-    let (made, mut report, share, distance, optimised) = match params.spec.cell_kind() {
+    let (mesh, mut report, share, distance, optimised) = match params.spec.cell_kind() {
         CellKind::Simplices => {
             let PlacedAtoms {
                 mut atoms,
                 distance,
                 optimize_result: optimised,
             } = placement::place_atoms(source, params, &features, &frame, &mut stages)?;
-            let pieces = match in_pieces {
-                true => {
-                    features.keep_share(group);
-                    let outline = distance.outline();
-                    let scene = MeshScene {
-                        extent,
-                        features: &features,
-                        distance: &outline,
-                    };
-                    let target = params.spec.target();
-                    let (target, stages) = (target.as_ref(), &mut stages);
-                    MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target, stages)?
-                }
-                false => None,
+            let partition = if is_partitioned {
+                features.keep_share(comm);
+                let outline = distance.outline();
+                let scene = MeshScene {
+                    extent,
+                    features: &features,
+                    distance: &outline,
+                };
+                let target = params.spec.target();
+                let (target, stages) = (target.as_ref(), &mut stages);
+                MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target, stages)?
+            } else {
+                None
             };
-            let (made, report, share, distance) = match pieces {
-                Some(pieces) => {
-                    features.replace_points(pieces.near_points);
-                    let made = MeshResult::Simplices(pieces.annotated_mesh);
-                    (made, pieces.report, Some(pieces.share), pieces.distance)
+            let (mesh, report, share, distance) = match partition {
+                Some(partition) => {
+                    features.replace_points(partition.near_points);
+                    let mesh = MeshResult::Simplices(partition.annotated_mesh);
+                    (
+                        mesh,
+                        partition.report,
+                        Some(partition.share),
+                        partition.distance,
+                    )
                 }
                 None => {
-                    features.gather(group)?;
-                    let distance = distance.into_global(group)?;
+                    features.gather(comm)?;
+                    let distance = distance.into_global(comm)?;
                     let scene = MeshScene {
                         extent,
                         features: &features,
                         distance: &distance,
                     };
-                    let atoms = atoms.all_gather(group)?;
-                    let (made, report) =
+                    let atoms = atoms.all_gather(comm)?;
+                    let (mesh, report) =
                         simplices::make_simplices(atoms, &scene, source, params, &mut stages)?;
-                    (made, report, None, distance)
+                    (mesh, report, None, distance)
                 }
             };
-            (made, report, share, distance, optimised)
+            (mesh, report, share, distance, optimised)
         }
         CellKind::Voronoi => {
             let cells = cells::make_cells(source, params, &features, &frame, &mut stages)?;
-            let (made, report, distance, rest) = cells;
-            (made, report, None, distance, Some(rest))
+            let (mesh, report, distance, optimize_result) = cells;
+            (mesh, report, None, distance, Some(optimize_result))
         }
     };
-    if let (true, MeshResult::Simplices(made)) = (features.potential.is_distributed, &made) {
-        // What is written has it at nodes.
+    if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, &mesh) {
+        // The potential at nodes is written to the mesh file.
         features.potential =
-            (features.potential).gather_neighbourhood(made.mesh.nodes(), 0.0, group)?;
+            (features.potential).gather_neighbourhood(annotated.mesh.nodes(), 0.0, comm)?;
     }
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
         lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
@@ -320,7 +351,7 @@ where
         None => StopReason::Converged,
     };
     Ok(Outcome {
-        mesh: made,
+        mesh,
         extent,
         step,
         geometry: geometry.clone(),
@@ -334,24 +365,28 @@ where
     })
 }
 
-/// Returns the parameters with the default distance as large as a thin image, as of a few slices, has room for;
-/// `None` if it fits, or is not the default.
-fn params_for_thin_image<const D: usize>(params: &Params<D>, room: [f64; D]) -> Option<Params<D>> {
+/// Returns the parameters with the default distance reduced to what a thin image, such as one of a
+/// few slices, has room for. Returns `None` if the distance fits, or is not the default.
+fn params_for_thin_image<const D: usize>(
+    params: &Params<D>,
+    box_extent: [f64; D],
+) -> Option<Params<D>> {
     let [min, max] = DEFAULT_DISTANCES;
-    let most = 0.5 * room.iter().copied().fold(f64::INFINITY, f64::min);
-    let fits = most >= max || most < min;
+    let largest = 0.5 * box_extent.iter().copied().fold(f64::INFINITY, f64::min);
+    let fits = largest >= max || largest < min;
     if fits || params.spacing() != (Spacing::FromFeatureGaps { min, max }) {
         return None;
     }
     let mut params = params.clone();
-    params.spec.distance = NominalDistance::Range { min, max: most };
+    params.spec.distance = NominalDistance::Range { min, max: largest };
     Some(params)
 }
 
-/// The last safety net: a mesh that was measured and found invalid is an error, not a result.
+/// Checks the validity of the mesh. A mesh that was measured and found invalid is an error, not a
+/// result.
 fn check_validity(report: &Report) -> Result<()> {
-    let of_cells = report.voronoi.as_ref().map(|cells| &cells.check);
-    let check = report.box_check.as_ref().or(of_cells);
+    let voronoi_check = report.voronoi.as_ref().map(|cells| &cells.check);
+    let check = report.box_check.as_ref().or(voronoi_check);
     match check.and_then(|check| check.problems.first()) {
         None => Ok(()),
         Some(problem) => Err(Error::Mesh(cause(
@@ -373,7 +408,7 @@ mod tests {
     use crate::mesh::check::Check;
     use crate::progress::NoProgress;
 
-    /// A disc with a soft edge, whose samples are so long.
+    /// Returns an image of a disc with a soft edge; each sample has this side length.
     fn disc(sample: f64) -> Image<2> {
         let off = |i: usize| ((i % 60) as f32 - 30.0).hypot((i / 60) as f32 - 25.0) - 15.0;
         let samples = (0..60 * 50).map(|i| 50.0 - 20.0 * off(i).clamp(-2.0, 2.0));
@@ -384,7 +419,7 @@ mod tests {
 
     #[test]
     fn a_mesh_is_the_same_whatever_the_unit_of_length() {
-        let made = |sample: f64, metric: Metric, sizes: [f64; 2]| {
+        let make = |sample: f64, metric: Metric, sizes: [f64; 2]| {
             let [min, max] = sizes.map(|d| d * sample);
             let params = Params::new(MeshSpec {
                 metric,
@@ -399,18 +434,18 @@ mod tests {
             (mesh.clone(), outcome.step)
         };
         let sizes = [4.0, 6.0];
-        let expected = made(1.0, Metric::Samples, sizes);
+        let expected = make(1.0, Metric::Samples, sizes);
         // Powers of two, so that nothing is rounded: from micrometres to 10^60.
         for power in [-20, -3, 9, 20, 33, 200] {
             let sample = 2f64.powi(power);
-            assert_eq!(made(sample, Metric::Physical, sizes), expected, "{sample}");
+            assert_eq!(make(sample, Metric::Physical, sizes), expected, "{sample}");
         }
         let scales = Metric::Scales(vec![512.0; 2]);
-        assert_eq!(made(1.0, scales, sizes.map(|d| 512.0 * d)), expected);
+        assert_eq!(make(1.0, scales, sizes.map(|d| 512.0 * d)), expected);
     }
 
     #[test]
-    fn what_does_not_fit_is_said_in_the_units_of_the_user() {
+    fn a_distance_that_does_not_fit_is_reported_in_the_units_of_the_user() {
         let params = Params::<2>::new(MeshSpec {
             metric: Metric::Physical,
             distance: NominalDistance::Constant(16_000.0),
@@ -418,22 +453,22 @@ mod tests {
         })
         .unwrap();
         let error = run(&disc(400.0), &params, &mut NoProgress).unwrap_err();
-        let said = error.to_string();
+        let message = error.to_string();
         assert!(
-            said.contains("a side of 19600") && said.contains("at most 9800"),
-            "{said}"
+            message.contains("a side of 19600") && message.contains("at most 9800"),
+            "{message}"
         );
     }
 
     #[test]
     fn an_image_in_layers_gives_the_mesh_of_one_in_memory() {
-        let sheets = [ExactSurface::plane([1.0, 0.4, 0.2], [22.0; 3])];
-        let image = ridge_image([48, 44, 40], &sheets, 1.5, 0.1);
-        let by_layers = LayeredImage(&image);
+        let surfaces = [ExactSurface::plane([1.0, 0.4, 0.2], [22.0; 3])];
+        let image = ridge_image([48, 44, 40], &surfaces, 1.5, 0.1);
+        let layered = LayeredImage(&image);
         let folder = tempfile::tempdir().unwrap();
-        let [held, in_layers] = [
+        let [in_memory, in_layers] = [
             ImageSource::InMemory(&image),
-            ImageSource::Layered(&by_layers),
+            ImageSource::Layered(&layered),
         ]
         .map(|source| {
             let params = Params::new(MeshSpec {
@@ -441,26 +476,26 @@ mod tests {
                 ..MeshSpec::default()
             })
             .unwrap();
-            let kept = Checkpoint::new(&folder.path().join("kept")).unwrap();
-            let way = RunOptions {
-                checkpoint: Some(&kept),
+            let checkpoint = Checkpoint::new(&folder.path().join("kept")).unwrap();
+            let run_options = RunOptions {
+                checkpoint: Some(&checkpoint),
                 ..RunOptions::default()
             };
-            let outcome = run_from(source, &params, way, &mut NoProgress).unwrap();
-            // What was kept of the one is of the same job.
+            let outcome = run_from(source, &params, run_options, &mut NoProgress).unwrap();
+            // Stored results of the first run belong to the same job.
             assert!(
                 outcome
                     .report
                     .notes
                     .iter()
-                    .all(|note| !note.contains("anew"))
+                    .all(|note| !note.contains("run again"))
             );
             let path = folder.path().join("mesh.vtu");
             outcome.write_with_image(&path, source).unwrap();
             std::fs::read(path).unwrap()
         });
-        assert!(held == in_layers);
-        // Labels are found with all samples at hand.
+        assert!(in_memory == in_layers);
+        // Label detection needs all samples in memory.
         let label = |s: &f32| f32::from(u8::from(*s > 0.5));
         let samples = image.as_slice().iter().map(label).collect();
         let mask = Image::new(image.dims(), samples, Geometry::default());
@@ -475,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn an_invalid_mesh_is_no_result() {
+    fn an_invalid_mesh_is_an_error() {
         let problems = vec!["the triangles fill 4 instead of the box's 5".to_string()];
         let mut report = Report::default();
         assert!(check_validity(&report).is_ok());
@@ -485,7 +520,10 @@ mod tests {
             problems,
             ..Check::default()
         });
-        let said = check_validity(&report).unwrap_err().to_string();
-        assert!(said.contains("fill 4 instead of the box's 5"), "{said}");
+        let message = check_validity(&report).unwrap_err().to_string();
+        assert!(
+            message.contains("fill 4 instead of the box's 5"),
+            "{message}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Atoms at rest become tetrahedra, or triangles in the plane.
+//! Makes tetrahedra, or triangles in the plane, from atoms at rest.
 
 use super::canny::smooth_image;
 use super::join::{JoinedMesh, cell_neighbours, close_holes};
@@ -6,7 +6,6 @@ use super::measure::MeasuredMesh;
 use super::regions;
 use super::{MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
 use crate::Result;
-use crate::comm;
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::image::{Image, ImageSource, ScalarField};
@@ -39,89 +38,101 @@ where
         None => None,
     };
     let options = params.spec.target();
-    comm::ensure_identical("atoms at rest", &atoms)?;
+    let comm = stages.comm;
+    comm.ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbors) = stages.load_or_run("5-improved", |stages| {
         let joined =
             MeshSpace::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
         seal_mesh(joined, scene, stages)
     })?;
     let JoinedMesh {
-        annotated_mesh: mut made,
+        annotated_mesh: mut annotated,
         improvement,
-        baseline: rival,
+        baseline,
         ..
     } = joined;
-    comm::ensure_identical("the mesh", &made)?;
-    let numbers = scene.features.labels.as_ref().map(|labelled| {
+    comm.ensure_identical("the mesh", &annotated)?;
+    let label_indices = scene.features.labels.as_ref().map(|labelled| {
         let angle = improvement
             .is_some()
             .then_some(params.spec.target())
             .flatten()
             .map(|target| target.min_dihedral);
-        stages.run_cancellable(|patience| {
-            regions::assign_regions(&mut made, &neighbors, scene, labelled, angle, patience)
+        stages.run_cancellable(|cancel| {
+            regions::assign_regions(&mut annotated, &neighbors, scene, labelled, angle, cancel)
         })
     });
     stages.begin(Stage::Measuring);
-    let claimed = improvement.is_some().then_some(&*made.feature_faces);
-    let labelled = numbers.is_some().then(|| source.to_image()).transpose()?;
+    let tagged_faces = improvement.is_some().then_some(&*annotated.feature_faces);
+    let label_image = label_indices
+        .is_some()
+        .then(|| source.to_image())
+        .transpose()?;
     let measured = MeasuredMesh {
-        mesh: &made.mesh,
+        mesh: &annotated.mesh,
         neighbors: Some(&neighbors),
-        tagged_faces: claimed,
-        feature_faces: Some(&made.feature_faces),
+        tagged_faces,
+        feature_faces: Some(&annotated.feature_faces),
         scene,
     };
-    let report = stages.run_cancellable(|patience| {
-        let mut figures = measured.figures(patience)?;
-        let judged = figures.angle_assessment.take().unwrap_or_default();
-        if let Some(quality) = &mut figures.quality {
-            quality.angles = Some(judged.angles.clone());
-        }
-        let regions = numbers
-            .as_ref()
-            .zip(labelled.as_ref())
-            .and_then(|(numbers, image)| {
-                let places = SamplePoints::from_simplices(&made.mesh);
-                let contacts = regions::contacts_of_simplices(&made.mesh, &neighbors, numbers);
-                let held = (&places, &contacts);
-                regions::report(image, &params.spec.label, held, numbers, step, patience)
-            });
-        let mut report = Report {
-            quality: figures.quality,
-            box_check: figures.box_check,
-            fidelity: figures.fidelity,
-            lattice: figures.lattice,
-            regions,
-            ..Report::default()
-        };
-        if let Some((mesh, faces)) = rival {
-            let other = MeasuredMesh {
-                mesh: &mesh,
-                neighbors: None,
-                tagged_faces: Some(&faces),
-                feature_faces: None,
-                scene,
+    let report =
+        stages.run_cancellable(|cancel| {
+            let mut figures = measured.figures(comm, cancel)?;
+            let assessment = figures.angle_assessment.take().unwrap_or_default();
+            if let Some(quality) = &mut figures.quality {
+                quality.angles = Some(assessment.angles.clone());
+            }
+            let regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
+                |(label_indices, image)| {
+                    let sample_points = SamplePoints::from_simplices(&annotated.mesh);
+                    let contacts =
+                        regions::contacts_of_simplices(&annotated.mesh, &neighbors, label_indices);
+                    let points_and_contacts = (&sample_points, &contacts);
+                    regions::report(
+                        image,
+                        &params.spec.label,
+                        points_and_contacts,
+                        label_indices,
+                        step,
+                        cancel,
+                    )
+                },
+            );
+            let mut report = Report {
+                quality: figures.quality,
+                box_check: figures.box_check,
+                fidelity: figures.fidelity,
+                lattice: figures.lattice,
+                regions,
+                ..Report::default()
             };
-            let other = other.figures(patience)?;
-            report.baseline = other.quality.map(|quality| Baseline {
-                method: SliverMethod::Joe,
-                quality,
-                fidelity: other.fidelity,
-            });
-        }
-        Ok((report, judged))
-    });
-    let (report, judged) = report?;
-    made.angle_assessment = judged;
+            if let Some((mesh, faces)) = baseline {
+                let measured_baseline = MeasuredMesh {
+                    mesh: &mesh,
+                    neighbors: None,
+                    tagged_faces: Some(&faces),
+                    feature_faces: None,
+                    scene,
+                };
+                let baseline_figures = measured_baseline.figures(comm, cancel)?;
+                report.baseline = baseline_figures.quality.map(|quality| Baseline {
+                    method: SliverMethod::Joe,
+                    quality,
+                    fidelity: baseline_figures.fidelity,
+                });
+            }
+            Ok((report, assessment))
+        });
+    let (report, assessment) = report?;
+    annotated.angle_assessment = assessment;
     let report = Report {
         improvement,
         ..report
     };
-    Ok((MeshResult::Simplices(made), report))
+    Ok((MeshResult::Simplices(annotated), report))
 }
 
-/// Closes the holes of what was improved; gives the neighbours of cells besides.
+/// Closes the holes in the features of an improved mesh. Also returns the neighbours of cells.
 pub(super) fn seal_mesh<const D: usize>(
     mut joined: JoinedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>,
     scene: &MeshScene<'_, D>,
@@ -131,39 +142,39 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let JoinedMesh {
-        annotated_mesh: made,
+        annotated_mesh: annotated,
         neighbors,
         improvement,
         ..
     } = &mut joined;
     let neighbors = match neighbors.take() {
         Some(neighbors) => neighbors,
-        None => cell_neighbours(&made.mesh)?,
+        None => cell_neighbours(&annotated.mesh)?,
     };
     if let Some(improvement) = improvement {
-        improvement.sealed = stages.run_cancellable(|patience| {
-            let marks = &mut made.feature_faces;
-            close_holes(&made.mesh, &neighbors, scene, marks, patience)
+        improvement.sealed = stages.run_cancellable(|cancel| {
+            let marks = &mut annotated.feature_faces;
+            close_holes(&annotated.mesh, &neighbors, scene, marks, cancel)
         });
     }
     Ok((joined, neighbors))
 }
 
-/// How the triangles shall be smoothed.
+/// Returns the options for smoothing triangles.
 fn relaxation_options<const D: usize>(
     image: &Image<D>,
     scheme: relax::Scheme,
     params: &Params<D>,
     step: [f64; D],
 ) -> Relaxation<D> {
-    // It is of the plane, and soon done.
-    let patience = &CancelToken::never();
-    let image = smooth_image(image, step, params.spec.sigma.unwrap_or(1.0), patience);
-    let steepness = gradient_magnitude(Volume::new(image.dims, &image.samples), patience);
+    // Images of the plane are smoothed quickly, so that no cancellation is needed.
+    let cancel = &CancelToken::never();
+    let image = smooth_image(image, step, params.spec.sigma.unwrap_or(1.0), cancel);
+    let gradient = gradient_magnitude(Volume::new(image.dims, &image.samples), cancel);
     Relaxation {
         scheme,
         weight: relax::weight(ScalarField {
-            samples: steepness,
+            samples: gradient,
             ..image
         }),
         rounds: relax::DEFAULT_ROUNDS,

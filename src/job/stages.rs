@@ -1,94 +1,106 @@
-//! What clock and observer are told.
+//! Reports the stages of a job to the clock and the caller.
 
 use super::checkpoint::{Codec, JobCheckpoint, StoredStage};
 use crate::Result;
-use crate::comm::{self, WorldComm};
+use crate::comm::{Comm, SelfComm};
 use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 use crate::progress::{CancelToken, Progress, Stage, interrupted_error};
 use crate::report::{Clock, StageCost};
 
-/// Tells clock and observer of each stage, and remembers whether one was stopped.
+/// Runs the stages of a job: reports each to the clock and the caller, stores results in the
+/// checkpoint, and records whether a stage was stopped.
 pub struct StageRunner<'a> {
     clock: Clock,
-    pub(super) observer: &'a mut dyn Progress,
+    pub(super) progress: &'a mut dyn Progress,
     interrupted: bool,
     checkpoint: Option<JobCheckpoint>,
-    /// Each rank may have a part of the mesh only.
+    /// `true` if each rank may hold only a part of the mesh.
     pub(super) may_partition: bool,
+    /// The ranks that share the job.
+    pub(super) comm: &'a dyn Comm,
 }
 
 impl<'a> StageRunner<'a> {
-    /// No stage yet.
-    pub fn new(observer: &'a mut dyn Progress) -> Self {
+    /// Returns a runner that has not begun a stage.
+    pub fn new(progress: &'a mut dyn Progress) -> Self {
         Self {
             clock: Clock::new(),
-            observer,
+            progress,
             interrupted: false,
             checkpoint: None,
             may_partition: false,
+            comm: &SelfComm,
         }
     }
 
-    /// The same; what they give is kept there.
+    /// Shares the job among the ranks of `comm`.
+    pub(super) fn with_comm(self, comm: &'a dyn Comm) -> Self {
+        Self { comm, ..self }
+    }
+
+    /// Returns this runner with a checkpoint that stores the results of stages.
     pub(super) fn with_checkpoint(mut self, checkpoint: Option<JobCheckpoint>) -> Self {
         self.checkpoint = checkpoint;
         self
     }
 
-    /// The same; each rank may have a part of the mesh only.
-    pub(super) fn with_partitioning(self, in_pieces: bool) -> Self {
+    /// Returns this runner, which may distribute the mesh over ranks.
+    pub(super) fn with_partitioning(self, may_partition: bool) -> Self {
         Self {
-            may_partition: in_pieces,
+            may_partition,
             ..self
         }
     }
 
-    /// What `work` gives, or what was kept of it under this name when the job was run before.
+    /// Runs `work` and stores its result under this name, or loads the result that an earlier run
+    /// of the job stored.
     ///
     /// # Errors
-    /// Those of the work, and of keeping its result.
+    /// Returns the errors of the work, and those of storing its result.
     pub(super) fn load_or_run<T: Codec>(
         &mut self,
         name: &str,
         work: impl FnOnce(&mut Self) -> Result<T>,
     ) -> Result<T> {
         if self.checkpoint.is_some()
-            && let Some(value) = comm::broadcast_from_root(name, || Ok(self.load(name)))?
+            && let Some(value) = self
+                .comm
+                .broadcast_from_root(name, || Ok(self.load(name)))?
         {
             return Ok(value);
         }
         let value = work(self)?;
-        if comm::is_root() {
+        if self.comm.is_root() {
             self.save(name, &value)?;
         }
         Ok(value)
     }
 
-    /// What was kept under this name.
+    /// Loads the result of this name from the checkpoint.
     fn load<T: Codec>(&mut self, name: &str) -> Option<T> {
         match self.checkpoint.as_ref()?.load(name) {
             StoredStage::Complete(value) => Some(value),
-            StoredStage::Unusable(why) => {
-                self.observer.note(&why);
+            StoredStage::Unusable(reason) => {
+                self.progress.note(&reason);
                 None
             }
             StoredStage::Missing => None,
         }
     }
 
-    /// Keeps what a stage gave, unless it was stopped: then that is no whole result.
+    /// Stores the result of a stage, unless it was stopped and the result is incomplete.
     fn save<T: Codec>(&mut self, name: &str, value: &T) -> Result<()> {
-        let whole = self.checkpoint.is_some() && self.keep_going() && !self.interrupted;
-        let checkpoint = self.checkpoint.as_ref().filter(|_| whole);
+        let is_complete = self.checkpoint.is_some() && self.keep_going() && !self.interrupted;
+        let checkpoint = self.checkpoint.as_ref().filter(|_| is_complete);
         checkpoint.map_or(Ok(()), |checkpoint| checkpoint.save(name, value))
     }
 
-    /// The same of a lattice of which each rank has a share, and of what all have: only the first rank ever has all
-    /// atoms, and only where they are kept.
+    /// Runs `work` like [`load_or_run`](Self::load_or_run), for a lattice of which each rank has a
+    /// share. Only the root rank ever holds all atoms, and only if they are stored.
     ///
     /// # Errors
-    /// Those of the work, and of keeping its result.
+    /// Returns the errors of the work, and those of storing its result.
     pub(super) fn load_or_run_shares<const D: usize, T: Codec>(
         &mut self,
         name: &str,
@@ -98,42 +110,42 @@ impl<'a> StageRunner<'a> {
             return work(self);
         }
         let mut atoms = Atoms::default();
-        let found = comm::broadcast_from_root(name, || {
-            Ok(self.load(name).map(|(all, rest)| {
-                atoms = all;
-                rest
+        let stored = self.comm.broadcast_from_root(name, || {
+            Ok(self.load(name).map(|(loaded, value)| {
+                atoms = loaded;
+                value
             }))
         })?;
-        if let Some(rest) = found {
-            return Ok((OwnedAtoms::scatter_from_root(atoms, &WorldComm)?, rest));
+        if let Some(value) = stored {
+            return Ok((OwnedAtoms::scatter_from_root(atoms, self.comm)?, value));
         }
-        let (share, rest) = work(self)?;
-        let kept = (share.clone().gather_to_root(&WorldComm)?, rest);
-        if comm::is_root() {
-            self.save(name, &kept)?;
+        let (owned, value) = work(self)?;
+        let result = (owned.clone().gather_to_root(self.comm)?, value);
+        if self.comm.is_root() {
+            self.save(name, &result)?;
         }
-        Ok((share, kept.1))
+        Ok((owned, result.1))
     }
 
-    /// A stage begins.
+    /// Begins a stage.
     pub fn begin(&mut self, stage: Stage) {
         self.clock.begin(stage);
-        self.observer.stage(stage);
+        self.progress.stage(stage);
     }
 
-    /// A stage begins before there is a lattice.
+    /// Begins a stage before there is a lattice.
     ///
     /// # Errors
-    /// As [`need_to_go_on`](Self::check_interrupted).
+    /// Returns the errors of [`check_interrupted`](Self::check_interrupted).
     pub fn begin_unless_stopped(&mut self, stage: Stage) -> Result<()> {
         self.begin(stage);
         self.check_interrupted(stage)
     }
 
-    /// Asks whether to go on where there is no result to stop with.
+    /// Checks whether to continue, for stages without a result so far.
     ///
     /// # Errors
-    /// [`Error::Interrupted`](crate::Error::Interrupted) if the observer says no.
+    /// Returns [`Error::Interrupted`](crate::Error::Interrupted) if the caller has stopped the job.
     pub fn check_interrupted(&mut self, stage: Stage) -> Result<()> {
         if self.keep_going() {
             return Ok(());
@@ -141,47 +153,49 @@ impl<'a> StageRunner<'a> {
         Err(interrupted_error(stage))
     }
 
-    /// What `work` gives, which ends soon where the observer says no.
+    /// Runs `work`, which ends soon after the caller stops the job.
     pub(super) fn run_cancellable<T>(&mut self, work: impl FnOnce(&CancelToken<'_>) -> T) -> T {
-        let ask = &mut |share: Option<f64>| {
-            if let Some(share) = share {
-                self.observer.fraction_done(share);
+        let callback = &mut |fraction: Option<f64>| {
+            if let Some(fraction) = fraction {
+                self.progress.fraction_done(fraction);
             }
             self.keep_going()
         };
-        CancelToken::run_with_progress(ask, work)
+        CancelToken::run_with_progress(callback, work)
     }
 
-    /// The same where there is no result to stop with.
+    /// Runs `work`, for stages without a result so far.
     ///
     /// # Errors
-    /// Those of the work; [`Error::Interrupted`](crate::Error::Interrupted) if the observer says no.
+    /// Returns the errors of the work, and [`Error::Interrupted`](crate::Error::Interrupted) if the
+    /// caller stops the job.
     pub(super) fn run_or_interrupt<T>(
         &mut self,
         stage: Stage,
         work: impl FnOnce(&CancelToken<'_>) -> Result<T>,
     ) -> Result<T> {
-        self.run_cancellable(|patience| {
-            let done = work(patience);
-            // What was left undone may look like another fault.
-            patience.check(stage)?;
-            done
+        self.run_cancellable(|cancel| {
+            let result = work(cancel);
+            // Work that was left undone after an interruption may look like another error.
+            cancel.check(stage)?;
+            result
         })
     }
 
-    /// Whether to go on; if not, the outcome will say that it was interrupted.
+    /// Returns `true` if the job is to continue. Otherwise, it records that the job was
+    /// interrupted.
     pub fn keep_going(&mut self) -> bool {
-        let go_on = self.observer.keep_going();
-        self.interrupted |= !go_on;
-        go_on
+        let keeps_going = self.progress.keep_going();
+        self.interrupted |= !keeps_going;
+        keeps_going
     }
 
-    /// A stage has ended because the observer said no to it.
+    /// Records that a stage ended because the caller stopped the job.
     pub(super) fn mark_interrupted(&mut self) {
         self.interrupted = true;
     }
 
-    /// What every stage cost, and whether one was stopped.
+    /// Returns the cost of every stage, and `true` if a stage was stopped.
     pub(super) fn finish(mut self) -> (Vec<StageCost>, bool) {
         self.clock.end();
         (self.clock.costs().to_vec(), self.interrupted)
@@ -204,28 +218,30 @@ mod tests {
     use crate::lattice::optimize::{Method, StopReason};
     use crate::mesh::check::{CheckHints, check, check_with_hints};
 
-    /// Counts questions by stage; says no from some question of one stage on.
+    /// Counts polls by stage; stops the job from some poll of one stage on.
     #[derive(Default)]
-    struct CountingObserver {
+    struct CountingProgress {
         current: Option<Stage>,
-        questions: BTreeMap<Stage, usize>,
+        polls: BTreeMap<Stage, usize>,
         stop_at: Option<(Stage, usize)>,
-        is_over: bool,
+        is_stopped: bool,
     }
 
-    impl Progress for CountingObserver {
+    impl Progress for CountingProgress {
         fn stage(&mut self, stage: Stage) {
             self.current = Some(stage);
         }
 
         fn keep_going(&mut self) -> bool {
-            let Some(now) = self.current else { return true };
-            let asked = self.questions.entry(now).or_default();
-            *asked += 1;
-            self.is_over |= self
+            let Some(stage_now) = self.current else {
+                return true;
+            };
+            let count = self.polls.entry(stage_now).or_default();
+            *count += 1;
+            self.is_stopped |= self
                 .stop_at
-                .is_some_and(|(stage, after)| stage == now && *asked > after);
-            !self.is_over
+                .is_some_and(|(stage, after)| stage == stage_now && *count > after);
+            !self.is_stopped
         }
     }
 
@@ -233,32 +249,32 @@ mod tests {
         image: &Image<D>,
         params: &Params<D>,
         stop: Option<(Stage, usize)>,
-    ) -> (Result<Outcome<D>>, CountingObserver)
+    ) -> (Result<Outcome<D>>, CountingProgress)
     where
         MeshSpace<D>: Meshing<D>,
     {
-        let mut observer = CountingObserver {
+        let mut progress = CountingProgress {
             stop_at: stop,
-            ..CountingObserver::default()
+            ..CountingProgress::default()
         };
-        let outcome = job::run(image, params, &mut observer);
-        (outcome, observer)
+        let outcome = job::run(image, params, &mut progress);
+        (outcome, progress)
     }
 
-    /// Every stage named asks at least so often, and a stop at its first question, at its second and in
-    /// its midst gives what the stage promises.
+    /// Checks that every named stage polls at least this often, and that a stop at its first poll,
+    /// its second and in the middle has the documented result.
     fn assert_stops<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[(Stage, usize)])
     where
         MeshSpace<D>: Meshing<D>,
     {
         let (outcome, counted) = run(image, params, None);
         assert_ne!(outcome.unwrap().stop, StopReason::Interrupted);
-        for &(stage, least) in stages {
-            let asked = counted.questions.get(&stage).copied().unwrap_or(0);
-            assert!(asked >= least, "{stage}: asked {asked} times");
-            for after in [0, 1, asked / 2].into_iter().filter(|&n| n < asked) {
-                let (outcome, observer) = run(image, params, Some((stage, after)));
-                assert!(observer.is_over, "{stage}: never stopped after {after}");
+        for &(stage, min_count) in stages {
+            let count = counted.polls.get(&stage).copied().unwrap_or(0);
+            assert!(count >= min_count, "{stage}: polled {count} times");
+            for after in [0, 1, count / 2].into_iter().filter(|&n| n < count) {
+                let (outcome, progress) = run(image, params, Some((stage, after)));
+                assert!(progress.is_stopped, "{stage}: never stopped after {after}");
                 match outcome {
                     Err(error) => {
                         assert_eq!(error.kind(), ErrorKind::Interrupted, "{stage}: {error}");
@@ -273,25 +289,26 @@ mod tests {
                         );
                         let (low, tolerance) = ([0.0; D], BOX_TOLERANCE);
                         let check = match &outcome.mesh {
-                            MeshResult::Simplices(made) => {
-                                check(&made.mesh, low, outcome.extent, tolerance)
+                            MeshResult::Simplices(annotated) => {
+                                check(&annotated.mesh, low, outcome.extent, tolerance)
                             }
                             MeshResult::Voronoi { mesh, weld } => {
-                                let known = CheckHints {
+                                let hints = CheckHints {
                                     weld: *weld,
                                     ..CheckHints::default()
                                 };
-                                check_with_hints(mesh, known, low, outcome.extent, tolerance)
+                                check_with_hints(mesh, hints, low, outcome.extent, tolerance)
                             }
                         };
                         assert!(check.passed(), "{stage} after {after}: {check:?}");
-                        // It goes on saying no: only what was measured before is there.
+                        // The job stays stopped, so that only figures that were measured before are
+                        // present.
                         let report = outcome.report;
-                        let measured = report.box_check.is_some() || report.voronoi.is_some();
-                        let may = stage == Stage::Measuring && after > 0;
-                        assert!(may || !measured, "{stage} after {after}");
-                        let compared = report.fidelity.is_some();
-                        assert!(may || !compared, "{stage} after {after}");
+                        let is_measured = report.box_check.is_some() || report.voronoi.is_some();
+                        let may_measure = stage == Stage::Measuring && after > 0;
+                        assert!(may_measure || !is_measured, "{stage} after {after}");
+                        let is_compared = report.fidelity.is_some();
+                        assert!(may_measure || !is_compared, "{stage} after {after}");
                     }
                 }
             }
@@ -306,14 +323,15 @@ mod tests {
         synth::make(SyntheticKind::Sphere, &options).unwrap().image
     }
 
-    /// A disc with a soft edge.
+    /// Returns an image of a disc with a soft edge.
     fn disc() -> Image<2> {
         let off = |i: usize| ((i % 60) as f32 - 30.0).hypot((i / 60) as f32 - 25.0) - 15.0;
         let samples = (0..60 * 50).map(|i| 50.0 - 20.0 * off(i).clamp(-2.0, 2.0));
         Image::new([60, 50], samples.collect(), Geometry::default())
     }
 
-    /// Of that kind, and as fine at features as the sizes of these images allow.
+    /// Returns parameters with this feature and seeding, as fine at features as the sizes of these
+    /// images allow.
     fn params<const D: usize>(feature: FeatureKind, seeding: SeedingKind) -> Params<D> {
         Params::new(MeshSpec {
             feature,
@@ -326,10 +344,10 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_feature_is_stopped_while_it_is_sought() {
+    fn detection_of_every_kind_of_feature_can_be_stopped() {
         use FeatureKind::*;
         let image = ball();
-        // One question for each row of samples in each pass: there are at least three.
+        // One poll for each row of samples in each pass; there are at least three passes.
         let rows = 33 * 30;
         for kind in [
             Ridges,
@@ -342,38 +360,39 @@ mod tests {
         ] {
             let params = params::<3>(kind, SeedingKind::Fcc);
             let options = params.feature_options([1.0; 3]);
-            let seek = |stop: usize| {
-                let mut observer = CountingObserver {
+            let detect = |stop: usize| {
+                let mut progress = CountingProgress {
                     current: Some(Stage::Features),
                     stop_at: Some((Stage::Features, stop)),
-                    ..CountingObserver::default()
+                    ..CountingProgress::default()
                 };
-                let found = CancelToken::run(&mut || observer.keep_going(), |patience| {
+                let result = CancelToken::run(&mut || progress.keep_going(), |cancel| {
                     crate::feature::detect_with_cancel(
                         ImageSource::InMemory(&image),
                         &options,
-                        patience,
+                        &SelfComm,
+                        cancel,
                     )
                 });
-                (found, observer.questions[&Stage::Features])
+                (result, progress.polls[&Stage::Features])
             };
-            let (found, asked) = seek(usize::MAX);
+            let (result, count) = detect(usize::MAX);
             assert!(
-                found.is_ok() && asked > 3 * rows,
-                "{kind}: asked {asked} times"
+                result.is_ok() && count > 3 * rows,
+                "{kind}: polled {count} times"
             );
-            for stop in [0, 1, asked / 4, asked / 2, asked * 3 / 4] {
-                let (found, asked) = seek(stop);
-                let error = found.unwrap_err();
+            for stop in [0, 1, count / 4, count / 2, count * 3 / 4] {
+                let (result, count) = detect(stop);
+                let error = result.unwrap_err();
                 assert_eq!(error.kind(), ErrorKind::Interrupted, "{kind}: {error}");
-                assert_eq!(asked, stop + 1, "{kind} asks on");
+                assert_eq!(count, stop + 1, "{kind} polls again");
             }
         }
     }
 
     #[test]
     #[cfg(feature = "tetgen")]
-    fn tetrahedra_are_stopped_at_any_question_of_every_stage() {
+    fn tetrahedra_are_stopped_at_any_poll_of_every_stage() {
         use Stage::*;
         let params = params(FeatureKind::Edges, SeedingKind::Fcc);
         let stages = [
@@ -393,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_and_cells_are_stopped_at_any_question_of_every_stage() {
+    fn triangles_and_cells_are_stopped_at_any_poll_of_every_stage() {
         use Stage::*;
         let seedings = [
             SeedingKind::Grown,

@@ -1,4 +1,4 @@
-//! Wells along trajectories, as typed: CSV files of x, y, z and radius.
+//! CSV files of well trajectories: lines of x, y, z and radius.
 
 use std::path::Path;
 
@@ -6,16 +6,16 @@ use crate::error::cause;
 use crate::files::csv::rows;
 use crate::{Error, Result};
 
-/// A well's way as a file has it, in the mesh's coordinates.
+/// A well trajectory from a file, in the mesh's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WellFile<const D: usize> {
-    /// The file's name without its ending.
+    /// Name of the file without its ending.
     pub name: String,
-    /// For each point the line that it stands on, the point, and the radius of the bore there.
+    /// For each point its line number in the file, its position, and the radius of the bore.
     pub points: Vec<(usize, [f64; D], f64)>,
 }
 
-/// Whether a text names such a file.
+/// Returns `true` if a text names a CSV file.
 pub fn is_well_file(text: &str) -> bool {
     Path::new(text)
         .extension()
@@ -26,23 +26,23 @@ impl<const D: usize> WellFile<D> {
     /// Reads a file of lines `x,y,z,radius` (`x,y,radius` in 2-D).
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be read, [`Error::Job`] for a line that is something else, a point
-    /// twice, or fewer points than `least`.
-    pub fn read(path: &Path, least: usize) -> Result<Self> {
+    /// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`] for any other kind of
+    /// line, for a repeated point, or for fewer than `min_points` points.
+    pub fn read(path: &Path, min_points: usize) -> Result<Self> {
         let columns = if D == 2 { "x,y,radius" } else { "x,y,z,radius" };
-        let take = |row: &[f64]| {
+        let parse_row = |row: &[f64]| {
             let (radius, point) = row.split_last()?;
             Some((<[f64; D]>::try_from(point).ok()?, *radius)).filter(|_| *radius > 0.0)
         };
         let meaning = format!("a point of a well and its radius, {columns}");
         let remedy = format!("write {columns} in each line, the radius above 0");
-        let points: Vec<_> = rows(path, take, &meaning, &remedy)?
+        let points: Vec<_> = rows(path, parse_row, &meaning, &remedy)?
             .into_iter()
             .map(|(line, (point, radius))| (line, point, radius))
             .collect();
-        if points.len() < least {
+        if points.len() < min_points {
             let problem = format!(
-                "has {} points, but a trajectory needs at least {least}",
+                "has {} points, but a trajectory needs at least {min_points}",
                 points.len()
             );
             return Err(Error::Job(cause(path.display(), problem, remedy)));
@@ -77,7 +77,7 @@ mod tests {
             well.points,
             [(2, [1.0, 2.0, 3.0], 0.1), (4, [1.0, 2.0, 9.0], 0.1)]
         );
-        for (text, want) in [
+        for (text, expected) in [
             ("1,2,3\n4,5,6\n", "P1.csv:1: '1,2,3' is not a point"),
             ("1,2,3,0.1\n4,5,6,0\n", "P1.csv:2: "),
             ("1,2,3,0.1\n4,5,six,1\n", "P1.csv:2: "),
@@ -85,8 +85,8 @@ mod tests {
             ("1,2,3,0.1\n1,2,3,0.1\n", "P1.csv:2: is at the same place"),
         ] {
             std::fs::write(&path, text).unwrap();
-            let said = WellFile::<3>::read(&path, 2).unwrap_err().to_string();
-            assert!(said.contains(want), "{said}");
+            let message = WellFile::<3>::read(&path, 2).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
         }
         std::fs::write(&path, "1,2,0.1\n").unwrap();
         assert_eq!(WellFile::<2>::read(&path, 1).unwrap().points.len(), 1);

@@ -2,6 +2,7 @@
 //! along its diagonal.
 
 use super::{Simplices, TetMesh};
+use crate::geometry::grid_index::{index_at, offset_of};
 
 /// Returns a box from the origin to `extent` with `n` cubes along each axis. Inner nodes for which
 /// `is_movable` returns true are shifted by up to `jitter` of a cube.
@@ -18,20 +19,10 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as f64 / (1u64 << 30) as f64 - 1.0
     };
-    // Converts number `i` to an index along each axis, where the axes have `counts` entries and x
-    // varies fastest.
-    let multi_index = |i: usize, counts: [usize; D]| -> [usize; D] {
-        let mut remaining = i;
-        counts.map(|count| {
-            let index = remaining % count;
-            remaining /= count;
-            index
-        })
-    };
     let node_counts = n.map(|n| n + 1);
     let mut nodes = Vec::new();
     for i in 0..node_counts.iter().product() {
-        let index = multi_index(i, node_counts);
+        let index = index_at(node_counts, i);
         let inside = (0..D).all(|c| index[c] > 0 && index[c] < n[c]);
         let x: [f64; D] = std::array::from_fn(|c| index[c] as f64 * extent[c] / n[c] as f64);
         let shift = if inside && is_movable(x) { jitter } else { 0.0 };
@@ -39,7 +30,7 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
             x[c] + shift * noise() * extent[c] / n[c] as f64
         }));
     }
-    let node_at = |at: [usize; D]| (0..D).rev().fold(0, |i, c| i * node_counts[c] + at[c]) as u32;
+    let node_at = |index: [usize; D]| offset_of(node_counts, index) as u32;
     // Each permutation of the axes is a path of edges from the low corner of the cube to the high
     // one. The first half of the permutations is even, the second half odd.
     let paths: &[[usize; 3]] = match D {
@@ -56,7 +47,7 @@ pub fn jittered_box<const D: usize, M: Simplices<D>>(
     let mut corners = Vec::new();
     for i in 0..n.iter().product() {
         for (path, order) in paths.iter().enumerate() {
-            let mut index = multi_index(i, n);
+            let mut index = index_at(n, i);
             let mut cell = vec![node_at(index)];
             for &axis in &order[..D] {
                 index[axis] += 1;

@@ -8,6 +8,7 @@
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
 //! - `partition`: tetrahedra that are distributed over several MPI ranks
 //! - `view`: all of a mesh or one partition of it, for code that measures meshes
+//! - `renumber`: new numbers of the nodes or cells that are kept
 //! - `poly_columns`: geometry of cells that stand in columns
 //! - `poly_convert`: polyhedra made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
@@ -41,6 +42,7 @@ pub mod poly;
 mod poly_columns;
 pub(crate) mod poly_convert;
 pub mod quality;
+pub(crate) mod renumber;
 pub(crate) mod tri;
 pub(crate) mod view;
 pub mod voronoi;

@@ -51,9 +51,12 @@ impl MeshPartition {
         let cells = mesh.tets.len();
         let partition = |piece: usize| {
             let cells_of_part = piece * cells / count..(piece + 1) * cells / count;
-            let mut global_ids = mesh.tets[cells_of_part.clone()].as_flattened().to_vec();
-            global_ids.sort_unstable();
-            global_ids.dedup();
+            let global_ids = crate::geometry::sorted_distinct(
+                mesh.tets[cells_of_part.clone()]
+                    .as_flattened()
+                    .iter()
+                    .copied(),
+            );
             let local_id = |n: u32| global_ids.binary_search(&n).unwrap() as u32;
             let local_neighbor = |n: u32| match n as usize {
                 n if cells_of_part.contains(&n) => (n - cells_of_part.start) as u32,

@@ -8,6 +8,7 @@
 //!
 //! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q.
 
+use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::dot;
 use crate::parallel::prelude::*;
 
@@ -55,6 +56,14 @@ impl Lists {
     #[inline]
     pub fn get(&self, i: usize) -> &[u32] {
         &self.items[self.offsets[i] as usize..self.offsets[i + 1] as usize]
+    }
+
+    /// Returns for each of the numbers below `count` the tuples that contain it, ascending.
+    pub(super) fn inverse<const N: usize>(count: usize, tuples: &[[u32; N]]) -> Self {
+        let numbers = tuples.as_flattened().iter().map(|&n| n as usize);
+        let (offsets, mut items) = sort_by_group(count, numbers);
+        items.iter_mut().for_each(|item| *item /= N as u32);
+        Self { offsets, items }
     }
 
     /// Appends a list.
@@ -132,34 +141,24 @@ impl<const D: usize> PolyMesh<D> {
 
     /// Returns the faces of each cell, ascending.
     pub fn faces_of_cells(&self) -> Lists {
-        let mut offsets = vec![0u32; self.sites.len() + 1];
-        let cells_of_face = |c: &[u32; 2]| [Some(c[0]), (c[1] < FIRST_SIDE).then_some(c[1])];
-        for cell in self.face_cells.iter().flat_map(cells_of_face).flatten() {
-            offsets[cell as usize + 1] += 1;
+        Lists::inverse(self.sites.len(), &self.face_cells)
+    }
+
+    /// Returns the mean of the nodes of face `f`.
+    #[inline]
+    fn face_apex(&self, f: usize) -> [f64; D] {
+        let nodes = self.faces.get(f);
+        let mut sum = [0.0; D];
+        for &n in nodes {
+            sum = std::array::from_fn(|k| sum[k] + self.nodes[n as usize][k]);
         }
-        for i in 1..offsets.len() {
-            offsets[i] += offsets[i - 1];
-        }
-        let mut next = offsets.clone();
-        let mut items = vec![0u32; offsets.last().map_or(0, |&n| n as usize)];
-        for (f, cells) in self.face_cells.iter().enumerate() {
-            for cell in cells_of_face(cells).into_iter().flatten() {
-                let slot = &mut next[cell as usize];
-                items[*slot as usize] = f as u32;
-                *slot += 1;
-            }
-        }
-        Lists { offsets, items }
+        sum.map(|c| c / nodes.len() as f64)
     }
 
     /// Returns the area, normal and centroid of face `f`.
     pub fn face_shape(&self, f: usize) -> FaceShape<D> {
         let nodes = self.faces.get(f);
-        let mut apex = [0.0; D];
-        for &n in nodes {
-            apex = std::array::from_fn(|k| apex[k] + self.nodes[n as usize][k]);
-        }
-        apex = apex.map(|c| c / nodes.len() as f64);
+        let apex = self.face_apex(f);
         let mut area_vector = [0.0; D];
         let mut centroid = [0.0; D];
         let mut weight = 0.0;
@@ -232,11 +231,7 @@ impl<const D: usize> PolyMesh<D> {
                 -1.0
             };
             let nodes = self.faces.get(f as usize);
-            let mut apex = [0.0; D];
-            for &n in nodes {
-                apex = std::array::from_fn(|k| apex[k] + self.nodes[n as usize][k]);
-            }
-            apex = apex.map(|c| c / nodes.len() as f64);
+            let apex = self.face_apex(f as usize);
             let from_site: [f64; D] = std::array::from_fn(|k| apex[k] - site[k]);
             let triangles = if D == 2 { 1 } else { nodes.len() };
             for i in 0..triangles {

@@ -337,7 +337,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn blocks_are_measured_as_single_ones(
+        fn blocks_are_measured_like_single_tetrahedra(
             c in proptest::collection::vec(-1.0f64..1.0, 3 * 40),
             picks in proptest::collection::vec(0u32..40, 4 * 50)
         ) {
@@ -358,7 +358,7 @@ mod tests {
         }
 
         #[test]
-        fn shapes_are_the_single_figures(c in proptest::array::uniform12(-1.0f64..1.0)) {
+        fn shapes_have_the_values_of_single_functions(c in proptest::array::uniform12(-1.0f64..1.0)) {
             let p = [[c[0], c[1], c[2]], [c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];
             prop_assume!(volume6(&p).abs() > 1e-4);
             let shape = SimplexShape::from_corners(&p);

@@ -8,6 +8,7 @@
 //! ```
 
 use super::complex::NONE;
+use crate::geometry::counting_sort::sort_by_group;
 
 /// A triangle mesh in one space: lattice or physical, as the code that owns the mesh documents.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -92,31 +93,25 @@ pub fn radius_edge_ratio(p: &[[f64; 2]; 3]) -> f64 {
 /// Returns the first edge (nodes ascending) that more than two triangles share, or that two
 /// triangles have in the same direction, so that they overlap.
 pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, [u32; 2]> {
-    let side = |t: usize, k: usize| SIDES[k].map(|i| triangles[t][i]);
-    let lower_node = |t: usize, k: usize| side(t, k).into_iter().min().unwrap_or(0) as usize;
+    let side_of = |code: u32| SIDES[code as usize % 3].map(|i| triangles[code as usize / 3][i]);
     // A counting sort by the smaller node leaves only a few edges in each bucket.
-    let mut start = vec![0u32; node_count + 1];
-    for t in 0..triangles.len() {
-        for k in 0..3 {
-            start[lower_node(t, k) + 1] += 1;
-        }
-    }
-    for i in 0..node_count {
-        start[i + 1] += start[i];
-    }
-    let mut bucket = vec![(0u32, 0u32, false); 3 * triangles.len()];
-    let mut next = start.clone();
-    for t in 0..triangles.len() {
-        for k in 0..3 {
-            let [a, b] = side(t, k);
-            let slot = &mut next[a.min(b) as usize];
-            bucket[*slot as usize] = (a.max(b), (3 * t + k) as u32, a < b);
-            *slot += 1;
-        }
-    }
+    let smaller_nodes = (0..3 * triangles.len() as u32).map(|code| {
+        let [a, b] = side_of(code);
+        a.min(b) as usize
+    });
+    let (start, bucket) = sort_by_group(node_count, smaller_nodes);
     let mut result = vec![[NONE; 3]; triangles.len()];
+    let mut edges: Vec<(u32, u32, bool)> = Vec::new();
     for i in 0..node_count {
-        let edges = &mut bucket[start[i] as usize..start[i + 1] as usize];
+        edges.clear();
+        edges.extend(
+            bucket[start[i] as usize..start[i + 1] as usize]
+                .iter()
+                .map(|&code| {
+                    let [a, b] = side_of(code);
+                    (a.max(b), code, a < b)
+                }),
+        );
         edges.sort_unstable();
         let mut j = 0;
         while j < edges.len() {

@@ -12,9 +12,9 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use crate::geometry::union_find::UnionFind;
+use crate::mesh::complex::NONE;
 use crate::model::geodesics::{Arrivals, GeodesicSource, Geodesics};
 use crate::model::surface::adjacency::CellAdjacency;
-use crate::model::surface::facets::NONE;
 
 /// Returns for each cell the distance to the nearest surface, along paths between cell centres that
 /// cross no surface. It is infinite where no surface can be reached.

@@ -187,10 +187,14 @@ fn percent(share: f64) -> String {
     }
 }
 
+/// Number of the format of reports in JSON; it grows when keys are renamed.
+const JSON_FORMAT: u32 = 2;
+
 impl Report {
-    /// Returns the report as JSON, with the [`Verdict`] first.
+    /// Returns the report as JSON, with its format number and the [`Verdict`] first.
     pub fn to_json(&self) -> serde_json::Value {
         let mut json = serde_json::Map::new();
+        json.insert("format".into(), JSON_FORMAT.into());
         let verdict = serde_json::to_value(Verdict::from_report(self));
         json.insert("verdict".into(), verdict.unwrap_or_default());
         if let Ok(serde_json::Value::Object(fields)) = serde_json::to_value(self) {

@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_in_time_lies_where_its_mesh_in_depth_does() {
+    fn an_image_in_time_gets_the_position_of_its_mesh_in_depth() {
         let (mut time, space) = file(two_cells::<3>(0.75), -4.0);
         set_time_axis(&mut time);
         let names = ["sample", "crossline", "inline"].map(String::from);
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn nodes_sink_each_by_its_own_column_and_cells_stay_upright() {
+    fn each_node_is_converted_by_its_own_trace() {
         for sample_interval in [2.0, -2.0] {
             let mut stored = depth_converted_cell([0.0, 0.0, 2.0], sample_interval, |x, t| {
                 2000.0 + 10.0 * x + 400.0 * t

@@ -3,8 +3,8 @@
 
 use super::polyhedra::{CellFaces, node_means};
 use crate::geometry::{dot, sub};
-use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::renumber::{new_numbers, used_items};
 
 /// VTK's type of polyhedra.
 const VTK_POLYHEDRON: i64 = 42;
@@ -126,17 +126,12 @@ impl SolidAssembler {
         if rings.items.iter().any(|&n| n as usize >= nodes.len()) {
             return Err("has a cell with a node that does not exist".into());
         }
-        let mut new_index = vec![NONE; nodes.len()];
-        rings.items.iter().for_each(|&n| new_index[n as usize] = 0);
-        let mut kept = Vec::new();
-        for (n, new_index) in (0..).zip(&mut new_index).filter(|(_, place)| **place == 0) {
-            *new_index = kept.len() as u32;
-            kept.push(n);
-        }
+        let kept = used_items(nodes.len(), rings.items.iter().copied());
+        let new_index = new_numbers(nodes.len(), &kept);
         for n in &mut rings.items {
             *n = new_index[*n as usize];
         }
-        let nodes: Vec<[f64; 3]> = kept.iter().map(|&n: &u32| nodes[n as usize]).collect();
+        let nodes: Vec<[f64; 3]> = kept.iter().map(|&n| nodes[n as usize]).collect();
         let count = self.count as usize;
         let mut mesh = (self.faces.into_mesh::<3>(nodes, count))
             .ok_or("has a face that more than two cells share")?;

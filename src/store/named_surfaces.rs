@@ -1,6 +1,7 @@
 //! Surfaces that have names in the file of another program, as our files store them.
 
 use super::{FieldValue, MeshFile};
+use crate::geometry::sorted_distinct;
 
 /// Field with the names of the surfaces, one per line.
 pub const SURFACE_NAMES_FIELD: &str = "surface_names";
@@ -23,9 +24,7 @@ impl NamedSurfaces {
     pub fn new(names: &[String], mut faces: Vec<([u32; 2], u32)>) -> Self {
         faces.sort_unstable();
         faces.dedup_by_key(|(cells, _)| *cells);
-        let mut used: Vec<u32> = faces.iter().map(|face| face.1).collect();
-        used.sort_unstable();
-        used.dedup();
+        let used = sorted_distinct(faces.iter().map(|face| face.1));
         let surface_number = |index: u32| used.partition_point(|&other| other < index) as u32 + 1;
         Self {
             faces: (faces.iter())
@@ -79,6 +78,6 @@ impl NamedSurfaces {
     pub fn surface_between(&self, mut cells: [u32; 2]) -> Option<u32> {
         cells.sort_unstable();
         let found = self.faces.binary_search_by_key(&cells, |face| face.0);
-        found.ok().map(|at| self.faces[at].1)
+        found.ok().map(|i| self.faces[i].1)
     }
 }

@@ -9,7 +9,7 @@ use super::cell_output::cell_mesh_file;
 use super::labels::labels_field;
 use super::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
 use super::{write_cells_vtu, write_lines, write_vtu};
-use crate::comm::WorldComm;
+use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::ResolvedOptions;
 use crate::files::vtk::DataArray;
@@ -24,7 +24,7 @@ use crate::report::{Quality, quality, quality_of_partition, smallest_angles};
 use crate::store::{
     AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
 };
-use crate::{Error, Result, comm};
+use crate::{Error, Result};
 
 /// Returns the mesh of a job in world coordinates, with the data of each node and cell.
 pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
@@ -122,14 +122,14 @@ where
     }
 
     /// Writes the mesh with all its data in world coordinates as a VTU file. The file is written
-    /// completely or not at all. If `path` ends in `.pvtu`, each rank writes its part of the
-    /// tetrahedra or triangles; a distributed mesh can be written only so.
+    /// completely or not at all. If `path` ends in `.pvtu`, the tetrahedra or triangles are written
+    /// as one part.
     ///
     /// # Errors
     /// Returns [`Error::Io`] if the file cannot be written, and [`Error::Job`] for distributed
     /// Voronoi cells.
     pub fn write(&self, path: &Path) -> Result<()> {
-        self.write_file(path, None)
+        self.write_file(path, None, &SelfComm)
     }
 
     /// Writes the mesh as [`write`](Self::write) does, and the image's value at each node and at
@@ -138,14 +138,34 @@ where
     /// # Errors
     /// Returns the errors of [`write`](Self::write) and of reading the image.
     pub fn write_with_image(&self, path: &Path, image: ImageSource<'_, D>) -> Result<()> {
-        self.write_file(path, Some(image))
+        self.write_file(path, Some(image), &SelfComm)
     }
 
-    fn write_file(&self, path: &Path, image: Option<ImageSource<'_, D>>) -> Result<()> {
+    /// Writes the mesh as [`write_with_image`](Self::write_with_image) does, if several ranks made
+    /// it. If `path` ends in `.pvtu`, each rank writes its part of the tetrahedra or triangles; a
+    /// distributed mesh can be written only so.
+    ///
+    /// # Errors
+    /// Returns the errors of [`write_with_image`](Self::write_with_image).
+    pub(crate) fn write_distributed(
+        &self,
+        path: &Path,
+        image: ImageSource<'_, D>,
+        comm: &dyn Comm,
+    ) -> Result<()> {
+        self.write_file(path, Some(image), comm)
+    }
+
+    fn write_file(
+        &self,
+        path: &Path,
+        image: Option<ImageSource<'_, D>>,
+        comm: &dyn Comm,
+    ) -> Result<()> {
         let in_parts = is_pvtu(path);
         match &self.mesh {
             MeshResult::Simplices(annotated) if in_parts => {
-                let (part, count) = (comm::rank(), comm::size());
+                let (part, count) = (comm.rank(), comm.size());
                 let file = simplex_mesh_file(self, annotated);
                 let file = match &self.share {
                     Some(share) => with_global_nodes(file, &share.nodes),
@@ -170,7 +190,7 @@ where
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub fn quality_in_world(&self) -> Result<Option<Quality>> {
+    pub(crate) fn quality_in_world(&self, comm: &dyn Comm) -> Result<Option<Quality>> {
         let Some(annotated) = self.simplices() else {
             return Ok(None);
         };
@@ -181,7 +201,7 @@ where
         Ok(Some(match &self.share {
             None => quality(&mesh),
             Some(share) => quality_of_partition(
-                &MeshView::from_cells(&mesh, share.first_cell, share.global_counts, &WorldComm),
+                &MeshView::from_cells(&mesh, share.first_cell, share.global_counts, comm),
                 &CancelToken::never(),
             )?,
         }))

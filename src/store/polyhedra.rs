@@ -348,6 +348,17 @@ fn read_face_lists(
     Some((stream, ends))
 }
 
+/// Calls `visit` with each face in a polyhedron's stream; returns `None` if the stream is invalid.
+pub(super) fn for_each_face(stream: &[u32], mut visit: impl FnMut(&[u32])) -> Option<()> {
+    let (&count, mut remaining) = stream.split_first()?;
+    for _ in 0..count {
+        let (&size, tail) = remaining.split_first()?;
+        visit(tail.get(..size as usize).filter(|ring| ring.len() >= 3)?);
+        remaining = &tail[size as usize..];
+    }
+    remaining.is_empty().then_some(())
+}
+
 /// The faces of all cells of a file; faces between two cells appear twice.
 #[derive(Default)]
 pub(super) struct CellFaces {
@@ -375,13 +386,7 @@ impl CellFaces {
             add_face(&[last, first]);
             return (stream.len() >= 3).then_some(());
         }
-        let (&count, mut remaining) = stream.split_first()?;
-        for _ in 0..count {
-            let (&size, tail) = remaining.split_first()?;
-            add_face(tail.get(..size as usize).filter(|ring| ring.len() >= 3)?);
-            remaining = &tail[size as usize..];
-        }
-        remaining.is_empty().then_some(())
+        for_each_face(stream, add_face)
     }
 
     /// Returns the three lowest nodes of a face (both nodes of an edge), ascending. Different faces
@@ -548,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn streams_that_make_no_sense_are_refused() {
+    fn invalid_streams_are_refused() {
         let add = |stream: &[u32]| CellFaces::default().push_stream::<3>(0, stream);
         for stream in [
             &[][..],
@@ -570,7 +575,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_of_faces_that_make_no_sense_are_refused() {
+    fn invalid_lists_of_faces_are_refused() {
         let nodes = [0, 2, 1, 0, 1, 3];
         let stream = read_face_lists(&nodes, &[3, 6], &[0, 1], &[2]).unwrap();
         assert_eq!(stream, (vec![2, 3, 0, 2, 1, 3, 0, 1, 3], vec![9]));
@@ -585,7 +590,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_with_the_same_least_nodes_are_told_apart() {
+    fn faces_with_the_same_lowest_nodes_are_distinguished() {
         // Two faces of one cell each, and one face of two cells; all have the nodes 0, 1, 2.
         let mut sides = CellFaces::default();
         sides

@@ -5,6 +5,8 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crate::geometry::sorted_distinct;
+use crate::mesh::renumber::new_numbers;
 use super::vtu::{MeshFile, add_vtu, read_any_vtu};
 use super::{AnyMesh, Storable};
 use crate::error::cause;
@@ -47,13 +49,8 @@ pub fn extract_partition<const D: usize, M: Simplices<D>>(
     let cells_of_part = part * cells / count..(part + 1) * cells / count;
     let size = D + 1;
     let corners = &file.mesh.connectivity()[cells_of_part.start * size..cells_of_part.end * size];
-    let mut nodes = corners.to_vec();
-    nodes.sort_unstable();
-    nodes.dedup();
-    let mut new_index = vec![0; file.mesh.nodes().len()];
-    for (i, &node) in nodes.iter().enumerate() {
-        new_index[node as usize] = i as u32;
-    }
+    let nodes = sorted_distinct(corners.iter().copied());
+    let new_index = new_numbers(file.mesh.nodes().len(), &nodes);
     let cells_of_part: Vec<u32> = cells_of_part.map(|cell| cell as u32).collect();
     let select = |arrays: &[DataArray], indices: &[u32]| -> Vec<DataArray> {
         let select_array = |array: &DataArray| DataArray {
@@ -288,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_put_together_are_the_mesh() {
+    fn concatenated_parts_are_the_mesh() {
         let folder = tempfile::tempdir().unwrap();
         let global = mesh();
         for count in [1, 2, 3, 8, 11] {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::geometry::bounding_box;
 use super::depth::velocity_file;
 use super::labels::remove_labels;
 use super::named_surfaces::NamedSurfaces;
@@ -213,7 +214,7 @@ impl<const D: usize> LatticeSpace<D> {
         let known =
             ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
         if known == [false; 4] {
-            let (low, high) = bounding_box(nodes);
+            let [low, high] = bounding_box(nodes);
             return Some(Self {
                 extent: std::array::from_fn(|k| high[k] - low[k]),
                 step: [1.0; D],
@@ -306,7 +307,7 @@ impl<const D: usize> LatticeSpace<D> {
         }
         Err(Error::Image(cause(
             place,
-            format!("is of {dims:?} samples, the mesh of {:?}", self.dims()),
+            format!("has {dims:?} samples, but the mesh has {:?}", self.dims()),
             "give the image that was meshed, or one of the same dimensions",
         )))
     }
@@ -408,19 +409,6 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
 
 /// Largest relative difference between the volume of the cells and that of their box.
 const VOLUME_TOLERANCE: f64 = 1e-6;
-
-/// Returns the smallest box that contains all points.
-pub fn bounding_box<const D: usize>(points: &[[f64; D]]) -> ([f64; D], [f64; D]) {
-    points.iter().fold(
-        ([f64::INFINITY; D], [f64::NEG_INFINITY; D]),
-        |(low, high), p| {
-            (
-                std::array::from_fn(|k| low[k].min(p[k])),
-                std::array::from_fn(|k| high[k].max(p[k])),
-            )
-        },
-    )
-}
 
 #[cfg(test)]
 pub(super) mod tests {

@@ -1,31 +1,34 @@
-//! What the black-box tests share: small input files made on the spot, and running the binary.
+//! Helpers of the integration tests: small input files, and runs of the program and of other
+//! programs.
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-/// The binary under test, in `folder`.
+/// Returns a command that runs the program under test in `folder`.
 pub fn atomesh(folder: &Path) -> Command {
     let mut command = Command::new(crate::PROGRAM);
     command.current_dir(folder);
     command
 }
 
-/// Runs and asserts exit code 0; gives standard output.
+/// Runs the program, asserts exit code 0 and returns the standard output.
 pub fn run_args(folder: &Path, arguments: &[&str]) -> String {
     let output = atomesh(folder).args(arguments).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(
         output.status.code(),
         Some(0),
-        "atomesh {}\n{said}",
+        "atomesh {}\n{stderr}",
         arguments.join(" ")
     );
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Runs and asserts what every refused job shares: exit code 1, one line on standard error, nothing
-/// on standard output, no file made or changed. Gives the line.
+/// Runs a job that must be refused and returns the error line.
+///
+/// Asserts exit code 1, one line on standard error with place, problem and remedy, no standard
+/// output, and that no file was written or changed.
 pub fn expect_refusal(folder: &Path, arguments: &[&str]) -> String {
     let before = files_below(folder);
     let output = atomesh(folder)
@@ -33,18 +36,22 @@ pub fn expect_refusal(folder: &Path, arguments: &[&str]) -> String {
         .arg("--quiet")
         .output()
         .unwrap();
-    let said = lines(&output);
-    let shown = format!("atomesh {}\n{}", arguments.join(" "), said.join("\n"));
-    assert_eq!(output.status.code(), Some(1), "{shown}");
-    assert_eq!(said.len(), 1, "{shown}");
-    let parts = said[0].strip_prefix("error: ").expect(&shown);
+    let stderr = lines(&output);
+    let context = format!("atomesh {}\n{}", arguments.join(" "), stderr.join("\n"));
+    assert_eq!(output.status.code(), Some(1), "{context}");
+    assert_eq!(stderr.len(), 1, "{context}");
+    let parts = stderr[0].strip_prefix("error: ").expect(&context);
     assert!(
         parts.contains(": ") && parts.contains("; "),
-        "no place, problem, remedy: {shown}"
+        "no place, problem, remedy: {context}"
     );
-    assert!(output.stdout.is_empty(), "{shown}");
-    assert_eq!(files_below(folder), before, "something was left behind: {shown}");
-    said[0].clone()
+    assert!(output.stdout.is_empty(), "{context}");
+    assert_eq!(
+        files_below(folder),
+        before,
+        "something was left behind: {context}"
+    );
+    stderr[0].clone()
 }
 
 fn lines(output: &Output) -> Vec<String> {
@@ -54,20 +61,20 @@ fn lines(output: &Output) -> Vec<String> {
         .collect()
 }
 
-/// Every file below a folder, with its bytes.
+/// Returns every file below a folder with its bytes, sorted.
 pub fn files_below(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut all = Vec::new();
+    let mut list = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {
-            all.extend(files_below(&path));
+            list.extend(files_below(&path));
         } else {
             let bytes = std::fs::read(&path).unwrap();
-            all.push((path, bytes));
+            list.push((path, bytes));
         }
     }
-    all.sort();
-    all
+    list.sort();
+    list
 }
 
 /// Writes a NumPy file of float32, shape `(nz, ny, nx)`.
@@ -96,16 +103,18 @@ fn write_npy_samples(path: &Path, shape: &str, samples: impl Iterator<Item = f32
     std::fs::write(path, bytes).unwrap();
 }
 
-/// A fault image with one bright sheet, slightly tilted, across the middle of the box.
+/// Returns the sample values of an image with one bright, slightly tilted plane across the middle
+/// of the box: a fault.
 pub fn planar_fault(dims: [usize; 3]) -> impl Fn([usize; 3]) -> f32 {
     let middle = dims[0] as f32 / 2.0;
     move |[x, y, z]| {
-        let off = x as f32 - middle - 0.1 * y as f32 + 0.1 * z as f32;
-        (-0.5 * (off / 1.5).powi(2)).exp()
+        let distance = x as f32 - middle - 0.1 * y as f32 + 0.1 * z as f32;
+        (-0.5 * (distance / 1.5).powi(2)).exp()
     }
 }
 
-/// A survey for [`segy`]: sample interval 4 ms, inlines 25 m and crosslines 12.5 m apart, rotated.
+/// A rotated survey for [`write_segy`] with a sample interval of 4 ms and a spacing of 25 m between inlines and
+/// of 12.5 m between crosslines.
 pub struct Survey {
     pub inlines: usize,
     pub crosslines: usize,
@@ -113,7 +122,8 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Physical position of a trace, in metres: what the headers of [`segy`] say (to a centimetre).
+    /// Returns the physical position of a trace in metres. The headers of [`write_segy`] hold it,
+    /// rounded to centimetres.
     pub fn position(&self, inline: usize, crossline: usize) -> [f64; 2] {
         let (along, across) = (12.5 * crossline as f64, 25.0 * inline as f64);
         let (cos, sin) = (0.8, 0.6);
@@ -124,16 +134,18 @@ impl Survey {
     }
 }
 
-/// Writes a SEG-Y file, rev 1, IEEE floats, inline-sorted. `value` takes sample, crossline, inline.
+/// Writes a SEG-Y file: revision 1, IEEE floats, sorted by inline. `value` takes sample, crossline
+/// and inline.
 pub fn write_segy(path: &Path, survey: &Survey, value: impl FnMut([usize; 3]) -> f32) {
     write_segy_without(path, survey, |_, _| false, value);
 }
 
-/// The same without the traces that the survey `lacks` at a crossline and an inline.
+/// Writes a SEG-Y file as [`write_segy`] does, without the traces for which `is_missing` is true at
+/// a crossline and an inline.
 pub fn write_segy_without(
     path: &Path,
     survey: &Survey,
-    lacks: impl Fn(usize, usize) -> bool,
+    is_missing: impl Fn(usize, usize) -> bool,
     mut value: impl FnMut([usize; 3]) -> f32,
 ) {
     let mut bytes = vec![0x40u8; 3200];
@@ -146,24 +158,24 @@ pub fn write_segy_without(
     bytes.extend(header);
     for inline in 0..survey.inlines {
         for crossline in 0..survey.crosslines {
-            if lacks(crossline, inline) {
+            if is_missing(crossline, inline) {
                 continue;
             }
             let [x, y] = survey
                 .position(inline, crossline)
                 .map(|c| (c * 100.0).round() as i32);
             let mut trace = [0u8; 240];
-            let mut put = |byte: usize, value: &[u8]| {
+            let mut write_field = |byte: usize, value: &[u8]| {
                 trace[byte - 1..byte - 1 + value.len()].copy_from_slice(value);
             };
-            put(29, &1i16.to_be_bytes());
-            put(71, &(-100i16).to_be_bytes());
-            put(115, &(survey.samples as u16).to_be_bytes());
-            put(117, &4000u16.to_be_bytes());
-            put(181, &x.to_be_bytes());
-            put(185, &y.to_be_bytes());
-            put(189, &(100 + inline as i32).to_be_bytes());
-            put(193, &(300 + crossline as i32).to_be_bytes());
+            write_field(29, &1i16.to_be_bytes());
+            write_field(71, &(-100i16).to_be_bytes());
+            write_field(115, &(survey.samples as u16).to_be_bytes());
+            write_field(117, &4000u16.to_be_bytes());
+            write_field(181, &x.to_be_bytes());
+            write_field(185, &y.to_be_bytes());
+            write_field(189, &(100 + inline as i32).to_be_bytes());
+            write_field(193, &(300 + crossline as i32).to_be_bytes());
             bytes.extend(trace);
             for sample in 0..survey.samples {
                 bytes.extend(value([sample, crossline, inline]).to_be_bytes());
@@ -173,47 +185,51 @@ pub fn write_segy_without(
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Opens files with VTK itself: what a Python program prints, as JSON.
+/// Runs a Python program that uses VTK on files, and returns the JSON that it prints.
 pub fn run_vtk_program(program: &str, arguments: &[&Path]) -> serde_json::Value {
-    let mut all: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
-    all.extend(arguments.iter().map(|path| path.as_os_str()));
-    serde_json::from_str(&run_python("VTK", &all)).unwrap()
+    let mut python_arguments: Vec<&OsStr> = vec!["-c".as_ref(), program.as_ref()];
+    python_arguments.extend(arguments.iter().map(|path| path.as_os_str()));
+    serde_json::from_str(&run_python("VTK", &python_arguments)).unwrap()
 }
 
-/// What a script of tests/data/export prints, as JSON. `needs` names the modules that it imports.
+/// Runs a script of tests/data/export and returns the JSON that it prints. `needs` names the Python
+/// modules that the script imports, for the error message.
 pub fn run_validator(needs: &str, script: &str, arguments: &[&OsStr]) -> serde_json::Value {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/export");
     let script = folder.join(script);
-    let all = [&[script.as_os_str()], arguments].concat();
-    serde_json::from_str(&run_python(needs, &all)).unwrap()
+    let python_arguments = [&[script.as_os_str()], arguments].concat();
+    serde_json::from_str(&run_python(needs, &python_arguments)).unwrap()
 }
 
-/// What Python prints, run from the environment that `make validators` makes. `needs` names the modules that
-/// the program imports.
+/// Runs Python from the environment that `make validators` makes, and returns its standard output.
+/// `needs` names the modules that the program imports.
 pub fn run_python(needs: &str, arguments: &[&OsStr]) -> String {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
     let output = Command::new(python).args(arguments).output();
     let output =
         output.unwrap_or_else(|error| panic!("{needs}: {error}; run `make validators` first"));
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}");
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What a simulator that `make validators` installs prints. Its exit code must be 0.
+/// Runs a simulator that `make validators` installs, asserts exit code 0 and returns its standard
+/// output.
 pub fn run_simulator(command: &mut Command) -> String {
     let name = command.get_program().to_string_lossy().into_owned();
     let output = command.output();
     let output =
         output.unwrap_or_else(|error| panic!("{name}: {error}; run `make validators` first"));
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    let failed = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{name}\n{said}\n{failed}");
-    said
+    let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{name}\n{stdout}\n{stderr}");
+    stdout
 }
 
-/// A file or folder of images made by others, which are not kept here: in the folder that the variable
-/// `ATOMESH_DATA` names, else in `../shared/data`. Tests that use it are ignored unless asked for.
+/// Returns the path of an image of another project, or of a folder of such images.
+///
+/// These images are not in the repository. They are looked for in the folder that the variable
+/// `ATOMESH_DATA` names, else in `../shared/data`. Tests that use them are ignored by default.
 pub fn data_path(name: &str) -> PathBuf {
     let root = std::env::var_os("ATOMESH_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -228,15 +244,16 @@ pub fn data_path(name: &str) -> PathBuf {
     path
 }
 
-/// Runs a line of words; gives standard output.
+/// Runs the program with the words of `line` as arguments, asserts exit code 0 and returns the
+/// standard output.
 pub fn run(folder: &Path, line: &str) -> String {
     run_args(folder, &line.split_whitespace().collect::<Vec<_>>())
 }
 
-/// Samples of the image in [`sheet_folder`].
+/// Dimensions of the image in [`folder_with_meshes`].
 pub const FAULT_DIMS: [usize; 3] = [40, 36, 32];
 
-/// Files that several tests start from: made once, and copied for each of them.
+/// Input files of several tests, which are made once and copied for each test.
 pub struct SharedFiles(OnceLock<Vec<(PathBuf, Vec<u8>)>>);
 
 impl SharedFiles {
@@ -244,41 +261,46 @@ impl SharedFiles {
         Self(OnceLock::new())
     }
 
-    /// Returns a new folder with a copy of the files that `make` makes in a folder.
+    /// Returns a new folder with a copy of the files that `make` writes to a folder.
     pub fn folder(&self, make: impl FnOnce(&Path)) -> tempfile::TempDir {
-        let made = self.0.get_or_init(|| {
+        let files = self.0.get_or_init(|| {
             let folder = tempfile::tempdir().unwrap();
             make(folder.path());
             let name = |path: PathBuf| path.strip_prefix(folder.path()).unwrap().to_path_buf();
-            let files = files_below(folder.path()).into_iter();
-            files.map(|(path, bytes)| (name(path), bytes)).collect()
+            let entries = files_below(folder.path()).into_iter();
+            entries.map(|(path, bytes)| (name(path), bytes)).collect()
         });
         let folder = tempfile::tempdir().unwrap();
-        for (name, bytes) in made {
+        for (name, bytes) in files {
             std::fs::write(folder.path().join(name), bytes).unwrap();
         }
         folder
     }
 }
 
-/// A folder with meshes of a sheet across the box: `cells.vtu` of Voronoi cells, `tets.vtu`.
+/// Returns a folder with meshes of a planar fault across the box: `cells.vtu` of Voronoi cells and
+/// `tets.vtu` of tetrahedra.
 pub fn folder_with_meshes() -> tempfile::TempDir {
-    static MADE: SharedFiles = SharedFiles::new();
-    MADE.folder(|folder| {
-        write_npy(&folder.join("sheet.npy"), FAULT_DIMS, planar_fault(FAULT_DIMS));
+    static FILES: SharedFiles = SharedFiles::new();
+    FILES.folder(|folder| {
+        write_npy(
+            &folder.join("sheet.npy"),
+            FAULT_DIMS,
+            planar_fault(FAULT_DIMS),
+        );
         let mesh = "mesh sheet.npy --distance 6 --quiet -o";
         run(folder, &format!("{mesh} cells.vtu --cells voronoi"));
         run(folder, &format!("{mesh} tets.vtu"));
     })
 }
 
-/// The numbers of a list.
+/// Returns the numbers of a JSON array.
 pub fn numbers(value: &serde_json::Value) -> Vec<f64> {
     let items = value.as_array().unwrap().iter();
     items.map(|v| v.as_f64().unwrap()).collect()
 }
 
-/// Whether two numbers agree to a share of the larger.
+/// Returns `true` if the relative difference of two numbers is at most `tolerance`.
 pub fn is_close(a: f64, b: f64, tolerance: f64) -> bool {
     (a - b).abs() <= tolerance * a.abs().max(b.abs())
 }

@@ -1,9 +1,10 @@
 // See tetgen_shim.h.
 //
 // TetGen reports errors by calling terminatetetgen, which frees the mesh and then throws an int.
-// Unwinding runs the mesh's destructor, which frees the mesh again and crashes. The symbol is weak in
-// libtet and called through the PLT, so the definition below replaces it: it only throws, and only the
-// destructor frees. The header has an inline definition of the same name, which is renamed here.
+// Unwinding runs the mesh's destructor, which frees the mesh again and crashes. The symbol is weak
+// in libtet and called through the PLT, so the definition below replaces it: it only throws, and
+// only the destructor frees. The header has an inline definition of the same name, which is renamed
+// here.
 
 #define TETLIBRARY
 #define terminatetetgen terminatetetgen_of_the_header

@@ -3,6 +3,13 @@
 //!
 //! TetGen itself is neither re-entrant nor safe on degenerate input; the shim's header lists what a
 //! caller must guarantee. Safe code uses `atomesh::mesh::delaunay`.
+//!
+//! The crate is built and tested with `libtet1.5` and `libtet1.5-dev` 1.5.0-5 of Debian 12 (bookworm)
+//! on amd64. No other version of Debian or Ubuntu has been tried. The shim depends on one property of
+//! the library that another build may lack: `terminatetetgen` is a weak symbol that the library calls
+//! through the PLT, so that the shim can replace it (see `cpp/tetgen_shim.cpp`). The test
+//! `exceptions_come_back_as_statuses_and_leave_tetgen_usable` shows whether a library has it:
+//! `cargo test -p tetgen-sys`.
 
 #![allow(non_camel_case_types)]
 

@@ -1,5 +1,5 @@
-//! The `atomesh-mpi` binary: the command line of `atomesh`, whose `mesh` several processes share when `mpirun`
-//! starts it.
+//! The `atomesh-mpi` program: the command line of `atomesh`, with `mesh` on several processes if `mpirun` starts
+//! it.
 
 mod mpi_comm;
 

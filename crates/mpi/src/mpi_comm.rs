@@ -1,4 +1,4 @@
-//! MPI, as the processes among which atomesh shares a job.
+//! Implements the communicator of atomesh by MPI.
 
 use atomesh::cli::world::World;
 use atomesh::error::{Error, Result, cause};
@@ -7,16 +7,13 @@ use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
 use mpi::traits::{Communicator, CommunicatorCollectives, Destination, Root, Source};
 
-/// Most bytes that one call sends: MPI counts them with 31 bits.
+/// Maximum number of bytes in one call, since MPI counts bytes with 31 bits.
 const MAX_BYTES_PER_CALL: usize = 1 << 28;
 
-/// All processes that `mpirun` has started. MPI ends when it is dropped.
-struct MpiComm(Universe);
+/// All processes that `mpirun` has started. MPI is finalised when the value is dropped.
+struct MpiWorld(Universe);
 
-/// Joins the other processes.
-///
-/// # Errors
-/// [`Error::Job`] if MPI does not start.
+/// Starts MPI and returns the communicator of all processes.
 pub fn join() -> Result<Box<dyn World>> {
     let refuse = |problem: &str| {
         let remedy = "start it with the mpirun of the MPI library that it was built with";
@@ -29,10 +26,10 @@ pub fn join() -> Result<Box<dyn World>> {
             "does not take calls from other threads than the first",
         ));
     }
-    Ok(Box::new(MpiComm(universe)))
+    Ok(Box::new(MpiWorld(universe)))
 }
 
-impl World for MpiComm {
+impl World for MpiWorld {
     fn rank(&self) -> usize {
         self.0.world().rank() as usize
     }
@@ -41,27 +38,27 @@ impl World for MpiComm {
         self.0.world().size() as usize
     }
 
-    fn all_gather_headers(&self, own: [u64; 3]) -> Vec<[u64; 3]> {
-        let mut all = vec![[0u64; 3]; self.size()];
-        (self.0.world()).all_gather_into(&own[..], all.as_flattened_mut());
-        all
+    fn all_gather_headers(&self, local: [u64; 3]) -> Vec<[u64; 3]> {
+        let mut gathered = vec![[0u64; 3]; self.size()];
+        (self.0.world()).all_gather_into(&local[..], gathered.as_flattened_mut());
+        gathered
     }
 
-    fn all_gather(&self, own: &[u8], lengths: &[usize]) -> Vec<u8> {
-        let mut all = vec![0; lengths.iter().sum()];
-        if all.is_empty() {
-            return all;
+    fn all_gather(&self, local: &[u8], lengths: &[usize]) -> Vec<u8> {
+        let mut gathered = vec![0; lengths.iter().sum()];
+        if gathered.is_empty() {
+            return gathered;
         }
         let counts: Vec<i32> = lengths.iter().map(|&length| length as i32).collect();
-        let begins = counts.iter().scan(0, |sum, count| {
-            let begin = *sum;
+        let offsets = counts.iter().scan(0, |sum, count| {
+            let offset = *sum;
             *sum += count;
-            Some(begin)
+            Some(offset)
         });
-        let begins: Vec<i32> = begins.collect();
-        let mut parts = PartitionMut::new(&mut all[..], counts, begins);
-        (self.0.world()).all_gather_varcount_into(own, &mut parts);
-        all
+        let offsets: Vec<i32> = offsets.collect();
+        let mut parts = PartitionMut::new(&mut gathered[..], counts, offsets);
+        (self.0.world()).all_gather_varcount_into(local, &mut parts);
+        gathered
     }
 
     fn broadcast(&self, root: usize, bytes: &mut [u8]) {
@@ -71,26 +68,32 @@ impl World for MpiComm {
         }
     }
 
-    /// Exchanges with two others at a time, since all at once is more than some networks take.
-    fn all_to_all(&self, to: &[Vec<u8>], lengths: &[usize]) -> Vec<Vec<u8>> {
-        let (world, own, count) = (self.0.world(), self.rank(), self.size());
+    /// Exchanges with two other ranks at a time, since some networks fail if all ranks exchange at
+    /// once.
+    fn all_to_all(&self, outgoing: &[Vec<u8>], lengths: &[usize]) -> Vec<Vec<u8>> {
+        let (world, rank, count) = (self.0.world(), self.rank(), self.size());
         let mut received: Vec<Vec<u8>> = vec![Vec::new(); count];
-        received[own].clone_from(&to[own]);
+        received[rank].clone_from(&outgoing[rank]);
         for step in 1..count {
-            let (next, before) = ((own + step) % count, (own + count - step) % count);
-            let (sent, got) = (&to[next], &mut received[before]);
-            got.resize(lengths[before], 0);
-            let parts = sent.len().max(got.len()).div_ceil(MAX_BYTES_PER_CALL);
-            let (mut sent, mut got) = (
-                sent.chunks(MAX_BYTES_PER_CALL),
-                got.chunks_mut(MAX_BYTES_PER_CALL),
+            let (next, previous) = ((rank + step) % count, (rank + count - step) % count);
+            let (outgoing_chunks, incoming) = (&outgoing[next], &mut received[previous]);
+            incoming.resize(lengths[previous], 0);
+            let parts = outgoing_chunks
+                .len()
+                .max(incoming.len())
+                .div_ceil(MAX_BYTES_PER_CALL);
+            let (mut outgoing_chunks, mut incoming) = (
+                outgoing_chunks.chunks(MAX_BYTES_PER_CALL),
+                incoming.chunks_mut(MAX_BYTES_PER_CALL),
             );
             for _ in 0..parts {
                 mpi::request::scope(|scope| {
                     let next = world.process_at_rank(next as i32);
-                    let sending = sent.next().map(|part| next.immediate_send(scope, part));
-                    if let Some(part) = got.next() {
-                        world.process_at_rank(before as i32).receive_into(part);
+                    let sending = outgoing_chunks
+                        .next()
+                        .map(|part| next.immediate_send(scope, part));
+                    if let Some(part) = incoming.next() {
+                        world.process_at_rank(previous as i32).receive_into(part);
                     }
                     if let Some(sending) = sending {
                         sending.wait_without_status();

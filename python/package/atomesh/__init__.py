@@ -6,9 +6,9 @@
     mesh.to_pyvista(), mesh.to_meshio(), mesh.save("mesh.vtu")
     cells = atomesh.voronoi(volume); cells.flow(injectors=[...], producers=[...])
 
-Every verb of the command line is here: mesh and voronoi, feature, read (an image), convert, info, synth, load
-(a mesh); the others are methods of Mesh. Their options are those of the command line, with underscores:
-`options("mesh")` tells them. What is wrong is said by one exception, Error.
+The module has a function or a method for every verb of the command line. mesh, voronoi, feature, convert, info and
+synth are functions, as are read (an image) and load (a mesh); the other verbs are methods of Mesh. Options have the
+names of the command line, with underscores: `options("mesh")` lists them. All errors are of the exception Error.
 """
 
 from __future__ import annotations
@@ -57,41 +57,97 @@ _native.run_tetgen_in(Path(__file__).parent / "atomesh-tetgen")
 
 
 def feature(volume: Volume, *, progress: Progress = False, **options: Unpack[FeatureOptions]) -> Image:
-    """The potential b(x) of an image's features, -1 on them and 0 far away: `atomesh feature`.
+    """Computes the potential b(x) of an image's features: `atomesh feature`.
 
-    The image's attribute `report` tells what was found.
+    Parameters
+    ----------
+    volume
+        The image, in any form that `Image.of` accepts.
+    progress
+        True to show the progress, or a callable that receives the name of the stage and the fraction of it that is
+        done.
+    **options
+        Options of the verb; `atomesh.options("feature")` lists them.
+
+    Returns
+    -------
+    Image
+        The potential: -1 on features and 0 far away from them. Its attribute `report` holds the report of the verb.
     """
-    held = {_NAME: Image.of(volume)._native}
-    made = "<potential>.vti"
-    answer = _call("feature", [_NAME], {"output": made, **options}, held, [made], progress)
-    image = Image(answer.kept[made])
+    objects = {_NAME: Image.of(volume)._native}
+    output = "<potential>.vti"
+    answer = _call("feature", [_NAME], {"output": output, **options}, objects, [output], progress)
+    image = Image(answer.kept[output])
     image.report = answer.report
     return image
 
 
 def synth(kind: str, **options: Unpack[SynthOptions]) -> Image:
-    """A synthetic image whose features are known exactly: `atomesh synth`.
+    """Makes a synthetic image whose features are known exactly: `atomesh synth`.
 
-    `kind`: "faults", "sphere", "amplitude" ...; `truth="distance.npy"` writes the exact distances.
+    Parameters
+    ----------
+    kind
+        The kind of image: "faults", "sphere", "amplitude" ...
+    **options
+        Options of the verb. With `truth="distance.npy"`, the exact distances to the features are written, too.
+
+    Returns
+    -------
+    Image
+        The image.
     """
-    made = "<image>.vti"
-    answer = _call("synth", [kind], {"output": made, **options}, keep=[made])
-    return Image(answer.kept[made])
+    output = "<image>.vti"
+    answer = _call("synth", [kind], {"output": output, **options}, keep=[output])
+    return Image(answer.kept[output])
 
 
 def convert(volume: Volume, path: str | os.PathLike[str]) -> None:
-    """Writes an image in another format, by the ending: .vti, .npy, .nrrd, .mha, .nii, .nii.gz, in 2-D .png."""
+    """Writes an image in the format of the file's ending.
+
+    Parameters
+    ----------
+    volume
+        The image, in any form that `Image.of` accepts.
+    path
+        The file to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz, in 2-D also .png.
+    """
     Image.of(volume).save(path)
 
 
 def info(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
-    """What a file holds, an image or a mesh: dimensions, geometry, units, range, SEG-Y headers: `atomesh info`."""
+    """Describes a file of an image or a mesh: `atomesh info`.
+
+    Parameters
+    ----------
+    path
+        The file.
+    **options
+        Options of the verb, which say how to read the file.
+
+    Returns
+    -------
+    dict
+        Dimensions, geometry, units, range, SEG-Y headers and more.
+    """
     return _call("info", [path], options).report
 
 
 def options(verb: str) -> dict[str, str]:
-    """The options of a verb ("mesh", "flow", "export" ...), as keyword arguments, and what they mean."""
-    def told(option: dict[str, Any]) -> str:
+    """Returns the options of a verb.
+
+    Parameters
+    ----------
+    verb
+        The name of the verb: "mesh", "flow", "export" ...
+
+    Returns
+    -------
+    dict
+        The help text of each option, by its name as a keyword argument.
+    """
+
+    def help_text(option: dict[str, Any]) -> str:
         text = option["help"] or ""
         if option["choices"] and not option["flag"]:
             text += f" [one of: {', '.join(option['choices'])}]"
@@ -99,4 +155,4 @@ def options(verb: str) -> dict[str, str]:
             text += f" [default: {option['default']}]"
         return text
 
-    return {name: told(option) for name, option in _options_of(verb).items()}
+    return {name: help_text(option) for name, option in _options_of(verb).items()}

@@ -1,4 +1,4 @@
-"""From a Python call to a verb of the command line, and back."""
+"""Translates a Python call to a verb of the command line, and its results back."""
 
 from __future__ import annotations
 
@@ -27,55 +27,79 @@ log = logging.getLogger("atomesh")
 
 
 def error(place: str, problem: str, remedy: str) -> Error:
-    """What is wrong, where, and what to do about it."""
-    made = Error(f"{place}: {problem}; {remedy}")
-    made.place, made.problem, made.remedy, made.kind = place, problem, remedy, "Usage"
-    return made
+    """Returns the exception with this place, problem and remedy."""
+    exception = Error(f"{place}: {problem}; {remedy}")
+    exception.place, exception.problem, exception.remedy, exception.kind = place, problem, remedy, "Usage"
+    return exception
 
 
 @functools.lru_cache(maxsize=1)
 def verbs() -> dict[str, Any]:
-    """What verbs there are and the options of each."""
+    """Returns the descriptions of all verbs and their options."""
     described: dict[str, Any] = json.loads(_native.describe())
     return described
 
 
 @functools.lru_cache(maxsize=None)
 def options_of(verb: str) -> dict[str, dict[str, Any]]:
-    """The options of a verb by their names as keyword arguments."""
+    """Returns the options of a verb by their names as keyword arguments."""
     return {argument(option["name"]): option for option in verbs()[verb]["options"]}
 
 
 def argument(name: str) -> str:
-    """An option's name as a keyword argument: `lambda` has an underscore at its end."""
+    """Returns an option's name as a keyword argument. A keyword such as `lambda` gets an underscore at its end."""
     name = name.replace("-", "_")
     return f"{name}_" if keyword.iskeyword(name) else name
 
 
 class Answer:
-    """What a verb has said and given back."""
+    """The messages and results of a verb."""
 
-    def __init__(self, said: dict[str, Any]) -> None:
-        self.text: str = said["text"]
-        self.report: dict[str, Any] = json.loads(said["json"]) or {}
-        self.notes: list[str] = said["notes"]
-        self.interrupted: bool = said["interrupted"]
-        self.kept: dict[str, Any] = said["kept"]
+    def __init__(self, results: dict[str, Any]) -> None:
+        self.text: str = results["text"]
+        self.report: dict[str, Any] = json.loads(results["json"]) or {}
+        self.notes: list[str] = results["notes"]
+        self.interrupted: bool = results["interrupted"]
+        self.kept: dict[str, Any] = results["kept"]
 
 
 def call(
     verb: str,
-    given: Iterable[str | os.PathLike[str]],
+    arguments: Iterable[str | os.PathLike[str]],
     options: Mapping[str, Any],
-    held: Mapping[str, Any] | None = None,
+    objects: Mapping[str, Any] | None = None,
     keep: Iterable[str] = (),
     progress: Progress = False,
     threads: int | None = None,
 ) -> Answer:
-    """Runs a verb; `given` are its positional arguments, `held` what goes by a name instead of a file."""
+    """Runs a verb.
+
+    Parameters
+    ----------
+    verb
+        The name of the verb.
+    arguments
+        Its positional arguments.
+    options
+        Its options by their names as keyword arguments.
+    objects
+        Meshes and images in memory, by the names under which the arguments refer to them.
+    keep
+        Names of outputs that are returned and not written to files.
+    progress
+        True to show the progress, or a callable that receives the name of the stage and the fraction of it that is
+        done.
+    threads
+        Number of threads; by default all processors.
+
+    Returns
+    -------
+    Answer
+        The messages and results of the verb.
+    """
     known = options_of(verb)
     words = [verb]
-    with tempfile.TemporaryDirectory(prefix="atomesh-") as folder, _Teller(progress) as tell:
+    with tempfile.TemporaryDirectory(prefix="atomesh-") as folder, _ProgressDisplay(progress) as display:
         for name, value in options.items():
             option = known.get(name)
             if option is None:
@@ -84,12 +108,12 @@ def call(
                 raise error(f"{verb}()", f"has no option {name}", remedy)
             words += _words(option, value, Path(folder))
         words.append("--")
-        words += [os.fspath(path) for path in given]
-        return Answer(_native.run(words, dict(held or {}), list(keep), tell, threads))
+        words += [os.fspath(path) for path in arguments]
+        return Answer(_native.run(words, dict(objects or {}), list(keep), display, threads))
 
 
 def _words(option: Mapping[str, Any], value: Any, folder: Path) -> list[str]:
-    """An option as the command line has it."""
+    """Returns an option in the syntax of the command line."""
     name = f"--{option['name']}"
     if value is None or value is False:
         return []
@@ -98,26 +122,26 @@ def _words(option: Mapping[str, Any], value: Any, folder: Path) -> list[str]:
     values = [value]
     if option["repeated"]:
         if isinstance(value, Mapping):
-            # X,Y,Z[:RATE], N:X,Y,Z, [NAME=]X,Y,Z:VALUE, but SIDE=P: what stands between the two parts.
-            between = ":" if ":" in (option["value"] or ":") else "="
-            values = [f"{_text(a)}{between}{_text(b)}" for a, b in value.items()]
+            # The separator is a colon in X,Y,Z[:RATE], N:X,Y,Z and [NAME=]X,Y,Z:VALUE, but = in SIDE=P.
+            separator = ":" if ":" in (option["value"] or ":") else "="
+            values = [f"{_text(a)}{separator}{_text(b)}" for a, b in value.items()]
         elif isinstance(value, (list, tuple)) and not _is_point(value):
             values = list(value)
         elif isinstance(value, np.ndarray) and value.ndim == 2 and "csv" not in (option["value"] or ""):
             values = list(value)
     number = len(list(folder.iterdir()))
     return [
-        f"{name}={_text(_in_file(option, one, folder, number + i))}" for i, one in enumerate(values)
+        f"{name}={_text(_in_file(option, item, folder, number + i))}" for i, item in enumerate(values)
     ]
 
 
 def _is_point(value: Any) -> bool:
-    """Whether these are the coordinates of one point."""
+    """Returns True if these are the coordinates of one point."""
     return all(isinstance(c, (int, float, np.number)) for c in value)
 
 
 def _in_file(option: Mapping[str, Any], value: Any, folder: Path, number: int) -> Any:
-    """An array or an image where a file is asked for."""
+    """Writes an array or an image to a file and returns its path; returns any other value as it is."""
     if isinstance(value, (str, os.PathLike, bool, int, float, np.number, tuple, list)):
         return value
     if "csv" in (option["value"] or ""):
@@ -138,20 +162,20 @@ def _in_file(option: Mapping[str, Any], value: Any, folder: Path, number: int) -
 
 
 def _text(value: Any) -> str:
-    """A value as the command line has it: a point is X,Y,Z, a box X,Y,Z:X,Y,Z."""
+    """Returns a value in the syntax of the command line: a point is X,Y,Z, a box X,Y,Z:X,Y,Z."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, (list, tuple, np.ndarray)):
         parts = list(value)
-        between = "," if _is_point(parts) or any(isinstance(p, str) for p in parts) else ":"
-        return between.join(_text(part) for part in parts)
+        separator = "," if _is_point(parts) or any(isinstance(p, str) for p in parts) else ":"
+        return separator.join(_text(part) for part in parts)
     if isinstance(value, float):
         return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
     return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
 
 
-class _Teller:
-    """Shows what a verb says while it runs: a bar of tqdm, lines, or what a callable makes of it."""
+class _ProgressDisplay:
+    """Shows the progress of a verb: as a bar of tqdm, as lines, or through a callable."""
 
     def __init__(self, progress: Progress) -> None:
         self._callable = progress if callable(progress) else None
@@ -160,7 +184,7 @@ class _Teller:
         self._lines = progress is True
         if progress is True:
             try:
-                # Without ipywidgets it warns in notebooks, and then shows a bar of text.
+                # Without ipywidgets, tqdm warns in notebooks and shows a bar of text.
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     from tqdm.auto import tqdm
@@ -168,14 +192,14 @@ class _Teller:
                 return
             self._bar = tqdm(total=100, bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}{postfix}")
 
-    def __enter__(self) -> _Teller:
+    def __enter__(self) -> _ProgressDisplay:
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.close()
 
-    def __call__(self, kind: str, share: float, text: str) -> None:
+    def __call__(self, kind: str, fraction: float, text: str) -> None:
         if kind == "note":
             log.info(text)
             if text.startswith("WARNING: "):
@@ -184,10 +208,10 @@ class _Teller:
         if kind == "stage":
             self._stage = text
         if self._callable is not None:
-            self._callable(self._stage, share)
+            self._callable(self._stage, fraction)
         elif self._bar is not None:
             self._bar.set_description_str(self._stage, refresh=False)
-            self._bar.n = round(100 * share)
+            self._bar.n = round(100 * fraction)
             self._bar.set_postfix_str(text if kind == "progress" else "", refresh=True)
         elif self._lines and kind == "stage":
             print(f"{text} ...", file=sys.stderr)

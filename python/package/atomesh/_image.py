@@ -1,4 +1,4 @@
-"""Images: samples, and where they lie in the world."""
+"""Images: samples, and their position in the world."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
     Volume = Union[str, os.PathLike[str], "Image", npt.NDArray[Any], Any]
 
-#: The name under which verbs know the image of a call.
+#: The name by which verbs refer to the image of a call.
 NAME = "<volume>"
 
 
 class Image:
-    """A 2-D or 3-D image and where its samples lie.
+    """A 2-D or 3-D image, and the position of its samples.
 
-    `samples` has shape (nz, ny, nx), in 2-D (ny, nx), as ITK and VTK have it: x is the array's last
-    axis. `spacing`, `origin` and `units` are in the order x, y, z.
+    `samples` has the shape (nz, ny, nx), in 2-D (ny, nx), as in ITK and VTK: x is the last axis of the array.
+    `spacing`, `origin` and `units` are in the order x, y, z.
     """
 
     def __init__(self, native: _native.Image) -> None:
         self._native = native
-        #: What the verb that made it reports.
+        #: The report of the verb that made the image.
         self.report: dict[str, Any] = {}
 
     @classmethod
@@ -41,42 +41,55 @@ class Image:
         origin: Sequence[float] | None = None,
         units: str | Sequence[str] | None = None,
     ) -> Image:
-        """An image of whatever holds one.
+        """Creates an image from any object that holds one.
 
-        `volume`: a file's path, a NumPy array of shape (nz, ny, nx) or (ny, nx), an xarray.DataArray, a
-        pyvista.ImageData or vtkImageData, a SimpleITK or a nibabel image. What a masked array masks is
-        missing (NaN). `spacing` (the distance of samples), `origin` (the position of the first one), each
-        x, y, z, and `units` replace what it says of itself.
+        Parameters
+        ----------
+        volume
+            The path of a file, a NumPy array of shape (nz, ny, nx) or (ny, nx), an xarray.DataArray, a
+            pyvista.ImageData or vtkImageData, a SimpleITK image or a nibabel image. Masked samples of a masked
+            array are missing (NaN).
+        spacing
+            The distances between samples along x, y, z. They replace those of the volume.
+        origin
+            The position of the first sample: x, y, z. It replaces that of the volume.
+        units
+            The units of the axes, or one unit for all. They replace those of the volume.
+
+        Returns
+        -------
+        Image
+            The image.
         """
         if isinstance(volume, (str, os.PathLike)):
             return cls.of(read(volume), spacing, origin, units)
         if isinstance(volume, Image):
-            found = _Found(volume.samples, volume.origin, volume.axes, volume.units)
+            source = _Source(volume.samples, volume.origin, volume.axes, volume.units)
         else:
-            found = _found(volume)
-        array = _filled(found.array)
+            source = _source(volume)
+        array = _filled(source.array)
         if array.ndim == 3 and array.shape[0] == 1:
             array = array[0]
-            found.origin, found.axes = found.origin[:2], found.axes[:2, :2]
+            source.origin, source.axes = source.origin[:2], source.axes[:2, :2]
         if array.ndim not in (2, 3):
             shape = "x".join(map(str, array.shape))
             raise error(NAME, f"has shape {shape}", "give an array of two axes or three")
         if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
             raise error(NAME, f"holds {array.dtype}", "give real numbers")
         count = array.ndim
-        axes = np.array(found.axes, dtype=float)
+        axes = np.array(source.axes, dtype=float)
         if spacing is not None:
             lengths = np.linalg.norm(axes, axis=1)[:, None]
             axes = axes / lengths * _numbers("spacing", spacing, count)[:, None]
-        place = found.origin if origin is None else _numbers("origin", origin, count)
+        place = source.origin if origin is None else _numbers("origin", origin, count)
         if units is None:
-            units = found.units or [""] * count
+            units = source.units or [""] * count
         units = [units] * count if isinstance(units, str) else list(units)
         names = ["x", "y", "z"][:count]
         samples = np.ascontiguousarray(array, dtype=np.float32)
         labels = None
         if array.dtype.kind in "iu" and array.dtype.itemsize > 2 and (np.abs(samples) >= 2**24).any():
-            # 32-bit floats round them: labels beside them do not.
+            # 32-bit floats cannot represent these integers, so that they are also passed as exact labels.
             values, index = np.unique(array, return_inverse=True)
             labels = [int(value) for value in values], index.ravel().astype(np.uint32)
         try:
@@ -89,7 +102,7 @@ class Image:
 
     @property
     def samples(self) -> npt.NDArray[np.float32]:
-        """The samples, float32, shape (nz, ny, nx) or (ny, nx); read-only, no copy."""
+        """The samples: a read-only float32 array of shape (nz, ny, nx) or (ny, nx), without a copy."""
         return self._native.samples
 
     @property
@@ -99,29 +112,29 @@ class Image:
 
     @property
     def axes(self) -> npt.NDArray[np.float64]:
-        """From one sample to the next along each image axis, an axis a row."""
+        """The vector from one sample to the next along each image axis, one axis per row."""
         return np.array(self._native.place[1])
 
     @property
     def spacing(self) -> npt.NDArray[np.float64]:
-        """The distance of samples along each axis."""
+        """The distance between samples along each axis."""
         lengths: npt.NDArray[np.float64] = np.linalg.norm(self.axes, axis=1)
         return lengths
 
     @property
     def units(self) -> list[str]:
-        """The units of the axes; empty where unknown."""
+        """The units of the axes; an unknown unit is empty."""
         return self._native.place[2]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return np.array(self.samples, dtype=dtype, copy=copy if copy else None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes .vti, .npy, .nrrd, .mha, .nii or .nii.gz, in 2-D .png, too."""
+        """Writes the image to a file: .vti, .npy, .nrrd, .mha, .nii or .nii.gz, in 2-D also .png."""
         call("convert", [NAME, path], {}, {NAME: self._native})
 
     def to_pyvista(self) -> Any:
-        """A pyvista.ImageData with the samples as the point array `samples`."""
+        """Returns a pyvista.ImageData with the samples as the point array `samples`."""
         import pyvista
 
         samples, axes = self.samples, np.eye(3)
@@ -144,21 +157,34 @@ class Image:
 
 
 def read(path: str | os.PathLike[str], **options: Any) -> Image:
-    """Reads an image file of any format that atomesh knows; options as those of `atomesh convert`."""
+    """Reads an image file of any format that atomesh supports.
+
+    Parameters
+    ----------
+    path
+        The file.
+    **options
+        Options of `atomesh convert`, which say how to read the file.
+
+    Returns
+    -------
+    Image
+        The image.
+    """
     answer = call("convert", [path, "<image>.vti"], options, keep=["<image>.vti"])
     return Image(answer.kept["<image>.vti"])
 
 
-def _numbers(what: str, values: Sequence[float], count: int) -> npt.NDArray[np.float64]:
+def _numbers(name: str, values: Sequence[float], count: int) -> npt.NDArray[np.float64]:
     numbers = np.atleast_1d(np.asarray(values, dtype=float))
-    if numbers.shape != (count,) or not np.isfinite(numbers).all() or (what == "spacing" and (numbers <= 0).any()):
+    if numbers.shape != (count,) or not np.isfinite(numbers).all() or (name == "spacing" and (numbers <= 0).any()):
         order = "x, y, z" if count == 3 else "x, y"
-        raise error(f"{what}={values}", f"is not {count} numbers", f"give {order}")
+        raise error(f"{name}={values}", f"is not {count} numbers", f"give {order}")
     return numbers
 
 
 def _filled(array: Any) -> npt.NDArray[Any]:
-    """The array, NaN where it is masked."""
+    """Returns the array with NaN in place of masked values."""
     if isinstance(array, np.ma.MaskedArray):
         if not np.ma.getmaskarray(array).any():
             return np.asarray(array.data)
@@ -167,8 +193,8 @@ def _filled(array: Any) -> npt.NDArray[Any]:
     return np.asarray(array)
 
 
-class _Found:
-    """An array, x the last axis, and where it lies."""
+class _Source:
+    """An array, whose last axis is x, and its position."""
 
     def __init__(self, array: Any, origin: Any = None, axes: Any = None, units: Any = None) -> None:
         self.array = array
@@ -178,22 +204,22 @@ class _Found:
         self.units: list[str] | None = units
 
 
-def _found(volume: Any) -> _Found:
-    """By what it can do, not by what it is: nothing needs to be imported."""
+def _source(volume: Any) -> _Source:
+    """Returns the array and the position of a volume. Its type is recognised by its attributes, without imports."""
     if all(hasattr(volume, name) for name in ("dims", "coords", "values", "transpose")):
-        return _of_xarray(volume)
+        return _from_xarray(volume)
     if all(hasattr(volume, name) for name in ("dimensions", "spacing", "origin", "point_data", "active_scalars")):
-        return _of_pyvista(volume)
+        return _from_pyvista(volume)
     if hasattr(volume, "IsA") and volume.IsA("vtkImageData"):
-        return _of_vtk(volume)
+        return _from_vtk(volume)
     if all(hasattr(volume, name) for name in ("GetSpacing", "GetOrigin", "GetDirection")):
-        return _of_simpleitk(volume)
+        return _from_simpleitk(volume)
     if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
-        return _of_nibabel(volume)
-    return _Found(volume)
+        return _from_nibabel(volume)
+    return _Source(volume)
 
 
-def _of_xarray(volume: Any) -> _Found:
+def _from_xarray(volume: Any) -> _Source:
     dims = [str(dim) for dim in volume.dims]
     letters = {dim.lower(): dim for dim in dims}
     if set(letters) in ({"x", "y", "z"}, {"x", "y"}):
@@ -218,13 +244,13 @@ def _of_xarray(volume: Any) -> _Found:
         origin.append(start)
         spacing.append(step)
         units.append(unit)
-    return _Found(volume.values, origin, np.diag(spacing), units)
+    return _Source(volume.values, origin, np.diag(spacing), units)
 
 
-def _of_pyvista(volume: Any) -> _Found:
+def _from_pyvista(volume: Any) -> _Source:
     dimensions, spacing = np.array(volume.dimensions), np.array(volume.spacing, dtype=float)
     origin = np.array(volume.origin, dtype=float)
-    turn = np.array(getattr(volume, "direction_matrix", np.eye(3)), dtype=float)
+    direction = np.array(getattr(volume, "direction_matrix", np.eye(3)), dtype=float)
     values = volume.active_scalars
     if values is None:
         arrays = list(volume.point_data.values()) or list(volume.cell_data.values())
@@ -232,21 +258,21 @@ def _of_pyvista(volume: Any) -> _Found:
             raise error(NAME, "is ImageData without an array", "give it point data")
         values = arrays[0]
     values = np.asarray(values)
-    axes = (turn * spacing).T
+    axes = (direction * spacing).T
     if len(values) != dimensions.prod():
-        # Cell data: samples in the middle of cells.
+        # Cell data: samples are at the centres of cells.
         dimensions = np.maximum(dimensions - 1, 1)
         origin = origin + 0.5 * axes.sum(axis=0)
-    return _Found(values.reshape(dimensions[::-1]), origin, axes)
+    return _Source(values.reshape(dimensions[::-1]), origin, axes)
 
 
-def _of_vtk(volume: Any) -> _Found:
+def _from_vtk(volume: Any) -> _Source:
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     dimensions, extent = np.array(volume.GetDimensions()), np.array(volume.GetExtent())
-    turn = volume.GetDirectionMatrix()
-    turn = np.array([[turn.GetElement(row, column) for column in range(3)] for row in range(3)])
-    axes = (turn * np.array(volume.GetSpacing())).T
+    direction = volume.GetDirectionMatrix()
+    direction = np.array([[direction.GetElement(row, column) for column in range(3)] for row in range(3)])
+    axes = (direction * np.array(volume.GetSpacing())).T
     origin = np.array(volume.GetOrigin()) + extent[::2] @ axes
     for data, on_cells in ((volume.GetPointData(), False), (volume.GetCellData(), True)):
         if data.GetNumberOfArrays() == 0:
@@ -257,27 +283,27 @@ def _of_vtk(volume: Any) -> _Found:
         if values.GetNumberOfComponents() != 1:
             raise error(NAME, f"has {values.GetNumberOfComponents()} components", "give one scalar per sample")
         if on_cells:
-            # Samples in the middle of cells.
+            # Samples are at the centres of cells.
             origin = origin + 0.5 * (dimensions > 1) @ axes
             dimensions = np.maximum(dimensions - 1, 1)
-        return _Found(vtk_to_numpy(values).reshape(dimensions[::-1]), origin, axes)
+        return _Source(vtk_to_numpy(values).reshape(dimensions[::-1]), origin, axes)
     raise error(NAME, "is vtkImageData without an array", "give it point data")
 
 
-def _of_simpleitk(volume: Any) -> _Found:
+def _from_simpleitk(volume: Any) -> _Source:
     array = sys.modules[type(volume).__module__.split(".")[0]].GetArrayFromImage(volume)
     count = volume.GetDimension()
-    turn = np.array(volume.GetDirection()).reshape(count, count)
-    axes = (turn * np.array(volume.GetSpacing())).T
-    return _Found(array, volume.GetOrigin(), axes, ["mm"] * count)
+    direction = np.array(volume.GetDirection()).reshape(count, count)
+    axes = (direction * np.array(volume.GetSpacing())).T
+    return _Source(array, volume.GetOrigin(), axes, ["mm"] * count)
 
 
-def _of_nibabel(volume: Any) -> _Found:
-    # nibabel's x grows to the right and y to the front; ours, ITK's and of files read by `read`, the other way.
+def _from_nibabel(volume: Any) -> _Source:
+    # In nibabel, x points to the right and y to the front; in atomesh and ITK, they point the other way.
     affine = np.diag([-1.0, -1.0, 1.0, 1.0]) @ np.asarray(volume.affine)
     array = np.asarray(volume.dataobj)
     while array.ndim > 3 and array.shape[-1] == 1:
         array = array[..., 0]
     unit = volume.header.get_xyzt_units()[0]
     units = [{"unknown": "", "meter": "m", "micron": "um"}.get(unit, unit)] * 3
-    return _Found(array.T, affine[:3, 3], affine[:3, :3].T, units)
+    return _Source(array.T, affine[:3, 3], affine[:3, :3].T, units)

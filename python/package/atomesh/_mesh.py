@@ -1,4 +1,4 @@
-"""Meshes, and what is done with them."""
+"""Meshes, and the verbs that work on them."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ if TYPE_CHECKING:
         SurfaceOptions,
     )
 
-    #: x, y, z; in the plane x, y.
+    #: A point x, y, z; in the plane x, y.
     Point = Sequence[float]
     #: Points, or points with rates in m^3/s.
     Wells = Union[Point, Sequence[Point], Mapping[tuple[float, ...], float], Sequence[str], str]
 
-#: The name under which verbs know the mesh of a call, and that of a mesh that they make.
-MESH, MADE = "<mesh>", "<result>.vtu"
+#: The names by which verbs refer to the mesh of a call, and to the mesh that they make.
+MESH, RESULT = "<mesh>", "<result>.vtu"
 FACETS = "<surfaces>.vtp"
 
 
 class Picture:
-    """A picture as PNG; notebooks show it."""
+    """A picture as PNG, which notebooks display."""
 
     def __init__(self, png: bytes) -> None:
         self.png = png
@@ -58,14 +58,14 @@ class Picture:
         return self.png
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the PNG."""
+        """Writes the picture to a PNG file."""
         Path(path).write_bytes(self.png)
 
 
 class Mesh:
-    """A mesh in the image's physical coordinates, with all that is known of it.
+    """A mesh in the image's physical coordinates, with its arrays and its report.
 
-    Arrays are NumPy's, read-only, without copies of what the mesh holds.
+    Arrays are read-only NumPy arrays that share the memory of the mesh.
     """
 
     def __init__(
@@ -77,37 +77,40 @@ class Mesh:
         self._native = native
         self._image = image
         self._text = answer.text if answer else ""
-        self._said: dict[str, Any] = answer.report if answer else {}
+        self._report: dict[str, Any] = answer.report if answer else {}
         self._measured: dict[str, Any] | None = None
-        #: Whether it was stopped before its end: then it is what there was by then.
+        #: True if the job was stopped; the mesh is then the one so far.
         self.interrupted: bool = bool(answer and answer.interrupted)
 
-    # What it holds
+    # Content
 
     @property
     def kind(self) -> str:
-        """What its cells are: "tetra", "triangle", "polyhedron" or "polygon"."""
+        """The kind of the cells: "tetra", "triangle", "polyhedron" or "polygon"."""
         return self._native.kind
 
     @property
     def n_points(self) -> int:
-        """Number of points."""
+        """The number of points."""
         return len(self.points)
 
     @property
     def n_cells(self) -> int:
-        """Number of cells."""
+        """The number of cells."""
         return self._native.n_cells
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """Positions in physical coordinates, shape (n, 3), in the plane (n, 2)."""
+        """The points in physical coordinates, an array of shape (n, 3), in the plane (n, 2)."""
         return self._native.points
 
     @property
     def cells(self) -> npt.NDArray[np.uint32] | list[npt.NDArray[np.uint32]]:
-        """The points of each cell: shape (m, 4) of tetrahedra, (m, 3) of triangles; of Voronoi cells a list
-        of arrays, in the plane in order round the cell."""
+        """The points of each cell.
+
+        An array of shape (m, 4) for tetrahedra and (m, 3) for triangles. For Voronoi cells a list of arrays; in the
+        plane, the points are in order around the cell.
+        """
         simplices = self._native.simplices
         if simplices is not None:
             return simplices
@@ -121,76 +124,92 @@ class Mesh:
 
     @property
     def feature_faces(self) -> npt.NDArray[np.uint32]:
-        """The faces that lie on features, each once: points of triangles, shape (k, 3); in the plane edges,
-        shape (k, 2)."""
+        """The faces that lie on features, each once.
+
+        The points of triangles, an array of shape (k, 3); in the plane those of edges, an array of shape (k, 2).
+        """
         return self._native.feature_faces
 
     @property
     def faces(self) -> list[npt.NDArray[np.uint32]]:
-        """Of Voronoi cells the points of each face in order round it; faces between cells come first."""
+        """The points of each face of Voronoi cells, in order around the face. Faces between two cells come first."""
         items, offsets, _, _ = self._voronoi()
         return np.split(items, offsets[1:-1].astype(np.int64))
 
     @property
     def face_cells(self) -> npt.NDArray[np.uint32]:
-        """Of Voronoi cells the two cells of each face, shape (f, 2); from `2**32 - 7` on, the second is a
-        side of the box: xmin, xmax, ymin ..."""
+        """The two cells of each face of Voronoi cells, an array of shape (f, 2).
+
+        If the second is `2**32 - 7` or more, it is a side of the box: xmin, xmax, ymin ...
+        """
         return self._voronoi()[2]
 
     @property
     def sites(self) -> npt.NDArray[np.float64]:
-        """Of Voronoi cells the point that each belongs to, shape (m, 3), in the plane (m, 2)."""
+        """The site (atom) of each Voronoi cell, an array of shape (m, 3), in the plane (m, 2)."""
         return self._voronoi()[3]
 
     def _voronoi(self) -> list[npt.NDArray[Any]]:
-        found = self._native.faces
-        if found is None:
+        arrays = self._native.faces
+        if arrays is None:
             raise error("the mesh", f"has no Voronoi cells but {self.kind} cells", "make it by atomesh.voronoi")
-        return found
+        return arrays
 
     @property
     def point_data(self) -> dict[str, npt.NDArray[Any]]:
-        """Arrays with a value, or a row, for each point."""
+        """The arrays with a value, or a row, for each point."""
         return self._native.point_data
 
     @property
     def cell_data(self) -> dict[str, npt.NDArray[Any]]:
-        """Arrays with a value, or a row, for each cell."""
+        """The arrays with a value, or a row, for each cell."""
         return self._native.cell_data
 
     @property
     def fields(self) -> dict[str, Any]:
-        """What belongs to the whole mesh: units, version, parameters, where its lattice is ..."""
+        """The field data of the whole mesh: units, version, parameters, position of its lattice ..."""
         return self._native.fields
 
     @property
     def image(self) -> Image | None:
-        """The image that was meshed, if it is at hand; read anew if it was given as a file."""
+        """The image that was meshed, or None. If it was given as a file, it is read again at the first use."""
         if callable(self._image):
             self._image = self._image()
         return self._image
 
-    # How good it is
+    # Quality
 
     @property
     def report(self) -> dict[str, Any]:
-        """What the verb that made it reports: of `mesh` everything, of `flow` rates and balance ..."""
-        return self._said
+        """The report of the verb that made the mesh: everything for `mesh`, rates and balance for `flow` ..."""
+        return self._report
 
     @property
     def quality(self) -> dict[str, Any]:
         """Angles, sizes and shapes of the cells."""
-        measured = self._said if self._said.get("quality") or self._said.get("voronoi") else self.measure()
+        has_quality = self._report.get("quality") or self._report.get("voronoi")
+        measured = self._report if has_quality else self.measure()
         quality: dict[str, Any] = measured.get("quality") or measured["voronoi"]
         return quality
 
     @property
     def fidelity(self) -> dict[str, Any]:
-        """How well faces lie on the image's features, and cover them; empty where that is not known."""
-        return self._said.get("fidelity") or {}
+        """The precision with which faces lie on the image's features, and their coverage; empty if unknown."""
+        return self._report.get("fidelity") or {}
 
     def measure(self, **options: Unpack[QualityOptions]) -> dict[str, Any]:
-        """Quality, and with `truth` (as `synth` writes it) fidelity: `atomesh quality`."""
+        """Measures the quality of the mesh, and with `truth` its fidelity: `atomesh quality`.
+
+        Parameters
+        ----------
+        **options
+            Options of the verb. `truth` is the file or array of exact distances that `synth` writes.
+
+        Returns
+        -------
+        dict
+            The report of the verb.
+        """
         if options or self._measured is None:
             answer = self._call("quality", [MESH], options)
             if options:
@@ -199,17 +218,32 @@ class Mesh:
         return self._measured
 
     def validate(self) -> dict[str, Any]:
-        """What our own checker, TetGen (or spade) and CGAL say: `atomesh validate`.
+        """Checks the mesh with atomesh's own checker, TetGen (or spade) and CGAL: `atomesh validate`.
 
-        Raises atomesh.Error if the mesh is not valid.
+        Returns
+        -------
+        dict
+            The verdicts of the checkers.
+
+        Raises
+        ------
+        Error
+            If the mesh is not valid.
         """
         return self._call("validate", [MESH], {}).report
 
-    # Out of it
+    # Output
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a .vtu file with all that is known of the mesh, for ParaView, `load` and the command line;
-        for other programs see `export`."""
+        """Writes a .vtu file with all arrays of the mesh, for ParaView, `load` and the command line.
+
+        For other programs see `export`.
+
+        Parameters
+        ----------
+        path
+            The file to write, which ends in .vtu.
+        """
         if Path(path).suffix.lower() != ".vtu":
             raise error(os.fspath(path), "does not end in .vtu", "give such a name, or use export(format, path)")
         self._native.write(Path(path))
@@ -217,15 +251,30 @@ class Mesh:
     def export(
         self, to: str, path: str | os.PathLike[str], *, threads: int | None = None, **options: Unpack[ExportOptions]
     ) -> dict[str, Any]:
-        """The mesh for a simulator or another mesher: `atomesh export`. Gives the checks of the model.
+        """Writes the mesh for a simulator or another mesher: `atomesh export`.
 
-        `to`: opm, grdecl, mrst, geos, openfoam, disv, msh ...; `atomesh.options("export")["to"]` lists them.
+        Parameters
+        ----------
+        to
+            The format: opm, grdecl, mrst, geos, openfoam, disv, msh ...; `atomesh.options("export")["to"]` lists
+            all formats.
+        path
+            The file to write, or the folder for formats with several files.
+        threads
+            Number of threads; by default all processors.
+        **options
+            Options of the verb; `atomesh.options("export")` lists them.
+
+        Returns
+        -------
+        dict
+            The report of the verb, with the checks of the model.
         """
         words = {"to": to, "output": os.fspath(path), **options}
         return self._call("export", [MESH], words, threads=threads).report
 
     def to_pyvista(self) -> Any:
-        """A pyvista.UnstructuredGrid with all arrays; in the plane z = 0."""
+        """Returns a pyvista.UnstructuredGrid with all arrays. A mesh of the plane lies at z = 0."""
         import pyvista
 
         if self.kind == "polyhedron":
@@ -250,8 +299,11 @@ class Mesh:
         return grid
 
     def to_meshio(self) -> Any:
-        """A meshio.Mesh with all arrays. meshio has polyhedra and polygons by their number of points: cells
-        come in another order, which the cell array `cell` tells."""
+        """Returns a meshio.Mesh with all arrays.
+
+        meshio groups polyhedra and polygons by their number of points. The cell array `cell` holds the index of each
+        cell in this mesh.
+        """
         import meshio
 
         points = self._points_in_space()
@@ -263,28 +315,28 @@ class Mesh:
         corners, ends = self._corners()
         sizes = np.diff(ends.astype(np.int64), prepend=0)
         polygons = self.kind == "polygon"
-        of_cells = [] if polygons else self._faces_of_cells()
+        cell_faces = [] if polygons else self._faces_of_cells()
         cells, order = [], []
-        every = self.cells
+        all_cells = self.cells
         for size in np.unique(sizes):
             numbers = np.flatnonzero(sizes == size)
             order.append(numbers)
             if polygons:
-                cells.append(("polygon", np.array([every[i] for i in numbers])))
+                cells.append(("polygon", np.array([all_cells[i] for i in numbers])))
             else:
-                cells.append((f"polyhedron{size}", [of_cells[i] for i in numbers]))
+                cells.append((f"polyhedron{size}", [cell_faces[i] for i in numbers]))
         data = {name: [values[numbers] for numbers in order] for name, values in self.cell_data.items()}
         data["cell"] = order
         return meshio.Mesh(points, cells, point_data, data)
 
     def _faces_of_cells(self) -> list[list[npt.NDArray[np.uint32]]]:
-        """The faces of each polyhedron, outwards."""
-        found: list[list[npt.NDArray[np.uint32]]] = [[] for _ in range(self.n_cells)]
-        for ring, (owner, beyond) in zip(self.faces, self.face_cells.tolist()):
-            found[owner].append(ring)
-            if beyond < self.n_cells:
-                found[beyond].append(ring[::-1])
-        return found
+        """Returns the faces of each polyhedron, oriented outwards."""
+        faces: list[list[npt.NDArray[np.uint32]]] = [[] for _ in range(self.n_cells)]
+        for ring, (owner, neighbour) in zip(self.faces, self.face_cells.tolist()):
+            faces[owner].append(ring)
+            if neighbour < self.n_cells:
+                faces[neighbour].append(ring[::-1])
+        return faces
 
     def _points_in_space(self) -> npt.NDArray[np.float64]:
         points = np.zeros((self.n_points, 3))
@@ -292,15 +344,22 @@ class Mesh:
         return points
 
     def plot(self, clip: bool = True, **options: Any) -> Any:
-        """Draws it with PyVista: a corner cut away (`clip`), and the faces on features in it; `options` are
-        those of pyvista.Plotter.show."""
+        """Draws the mesh and its faces on features with PyVista.
+
+        Parameters
+        ----------
+        clip
+            True to cut a corner away, so that the faces on features are visible.
+        **options
+            Options of pyvista.Plotter.show.
+        """
         import pyvista
 
         grid = self.to_pyvista()
         plotter = pyvista.Plotter()
         flat = self.kind in ("triangle", "polygon")
         if clip and not flat:
-            # The corner towards PyVista's camera.
+            # The corner that faces PyVista's camera.
             middle = 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
             in_corner = (grid.cell_centers().points > middle).all(axis=1)
             grid = grid.extract_cells(np.flatnonzero(~in_corner))
@@ -319,13 +378,28 @@ class Mesh:
     def slice(
         self, image: Volume | None = None, at: Point | None = None, path: str | os.PathLike[str] | None = None
     ) -> Picture:
-        """A picture of the mesh over its image: `atomesh slice`."""
+        """Draws the mesh over its image: `atomesh slice`.
+
+        Parameters
+        ----------
+        image
+            The image that was meshed; by default the one that the mesh holds.
+        at
+            The point where the planes meet, in physical coordinates; by default the middle.
+        path
+            A file to which the picture is also written.
+
+        Returns
+        -------
+        Picture
+            The picture.
+        """
         image = self._needs_image("slice", image)
         with tempfile.TemporaryDirectory(prefix="atomesh-") as folder:
-            drawn = Path(folder) / "slice.png"
-            held = {NAME: image._native, MESH: self._native}
-            call("slice", [NAME, MESH], {"output": drawn, "at": at}, held)
-            picture = Picture(drawn.read_bytes())
+            output = Path(folder) / "slice.png"
+            objects = {NAME: image._native, MESH: self._native}
+            call("slice", [NAME, MESH], {"output": output, "at": at}, objects)
+            picture = Picture(output.read_bytes())
         if path is not None:
             picture.save(path)
         return picture
@@ -333,34 +407,59 @@ class Mesh:
     def page(
         self, path: str | os.PathLike[str], image: Volume | None = None, **options: Unpack[ReportOptions]
     ) -> dict[str, Any]:
-        """Writes a page to look at, one HTML file for any browser, and says how large it is: `atomesh report`.
+        """Writes a page with mesh, image and figures, one HTML file for any browser: `atomesh report`.
 
-        Its figures are those of `report` where the mesh was made here, else they are measured.
+        The figures are those of `report` if the mesh was made in this session, otherwise they are measured.
+
+        Parameters
+        ----------
+        path
+            The file to write.
+        image
+            The image that was meshed; by default the one that the mesh holds.
+        **options
+            Options of the verb; `atomesh.options("report")` lists them.
+
+        Returns
+        -------
+        dict
+            The size of the page.
         """
         image = self._needs_image("page", image)
         with tempfile.TemporaryDirectory(prefix="atomesh-") as folder:
             words: dict[str, Any] = {"output": path, **options}
-            if words.get("figures") is None and "verdict" in self._said:
-                words["solver"] = Path(folder) / "report.json"
-                words["solver"].write_text(json.dumps(self._said))
+            if words.get("figures") is None and "verdict" in self._report:
+                words["figures"] = Path(folder) / "report.json"
+                words["figures"].write_text(json.dumps(self._report))
             return self._call("report", [NAME, MESH], words, {NAME: image._native}).report
 
-    # What is made of it
+    # Verbs
 
     def surfaces(
         self, kind: str | Sequence[str] | None = None, image: Volume | None = None, **options: Unpack[SurfaceOptions]
     ) -> Surfaces:
-        """Faces on features, grouped into labelled surfaces: `atomesh surface`.
+        """Groups the faces on features into labelled surfaces: `atomesh surface`.
 
-        `kind`: only those of this kind, such as "fault" or "horizon". `image`: look for faces on the features
-        of this image instead of those that the mesh declares.
+        Parameters
+        ----------
+        kind
+            The kind of the surfaces that are returned, such as "fault" or "horizon"; by default all.
+        image
+            An image; faces on its features are used and not those that the mesh declares.
+        **options
+            Options of the verb; `atomesh.options("surface")` lists them.
+
+        Returns
+        -------
+        Surfaces
+            The surfaces.
         """
-        held: dict[str, Any] = {}
-        given = [MESH]
+        objects: dict[str, Any] = {}
+        arguments = [MESH]
         if image is not None:
-            given.append(NAME)
-            held[NAME] = Image.of(image)._native
-        answer = self._call("surface", given, {"output": FACETS, **options}, held, keep=[FACETS])
+            arguments.append(NAME)
+            objects[NAME] = Image.of(image)._native
+        answer = self._call("surface", arguments, {"output": FACETS, **options}, objects, keep=[FACETS])
         kinds = [kind] if isinstance(kind, str) else kind
         return Surfaces(answer.kept[FACETS], answer.report, kinds)
 
@@ -373,37 +472,80 @@ class Mesh:
         threads: int | None = None,
         **options: Unpack[FlowOptions],
     ) -> Mesh:
-        """Steady flow from injectors to producers, or between sides with a `pressure`: `atomesh flow`.
+        """Computes steady flow from injectors to producers, or between sides with a `pressure`: `atomesh flow`.
 
-        Gives the mesh, split along faults, with the cell arrays of pressure (Pa) and Darcy velocity (m/s), and
-        a report. Wells are points, or a dict from points to rates in m^3/s.
+        Parameters
+        ----------
+        injectors
+            Points where fluid enters, or a dict from points to rates in m^3/s.
+        producers
+            Points where fluid leaves, or a dict from points to rates in m^3/s.
+        progress
+            True to show the progress, or a callable that receives the name of the stage and the fraction of it that
+            is done.
+        threads
+            Number of threads; by default all processors.
+        **options
+            Options of the verb; `atomesh.options("flow")` lists them.
+
+        Returns
+        -------
+        Mesh
+            The mesh, split along faults, with the cell arrays of pressure (Pa) and Darcy velocity (m/s), and a report.
         """
         words = {"source": injectors, "sink": producers, **options}
-        return self._made("flow", [MESH], words, progress=progress, threads=threads)
+        return self._run("flow", [MESH], words, progress=progress, threads=threads)
 
     def paint(
         self, seed: Any = "auto", image: Volume | None = None, **options: Unpack[PaintOptions]
     ) -> Mesh:
-        """Cells painted from seeds, within layers but not across surfaces, as the cell array `region`:
-        `atomesh paint`. `seed`: points, a dict from points to regions, or "auto" for every block. Where `image`
-        changes, paint flows less easily."""
+        """Paints cells from seeds, within layers but not across surfaces: `atomesh paint`.
+
+        Parameters
+        ----------
+        seed
+            Points, a dict from points to regions, or "auto" for every block.
+        image
+            An image; paint flows less easily where its values change.
+        **options
+            Options of the verb; `atomesh.options("paint")` lists them.
+
+        Returns
+        -------
+        Mesh
+            The mesh with the painted regions as the cell array `region`.
+        """
         words: dict[str, Any] = {"seed": seed, **options}
-        held = {}
+        objects = {}
         if image is not None:
             words["image"] = NAME
-            held[NAME] = Image.of(image)._native
-        return self._made("paint", [MESH], words, held)
+            objects[NAME] = Image.of(image)._native
+        return self._run("paint", [MESH], words, objects)
 
     def segment(
         self, object: Any, background: Any, image: Volume | None = None, **options: Unpack[SegmentOptions]
     ) -> Mesh:
-        """Object and background by a minimum cut on the cells, as the cell array `label`: `atomesh segment`.
+        """Separates an object from the background by a minimum cut on the cells: `atomesh segment`.
 
-        `object` and `background`: points, or boxes as pairs of points.
+        Parameters
+        ----------
+        object
+            Places in the object: points, or boxes as pairs of points.
+        background
+            Places in the background, in the same form.
+        image
+            The image that was meshed; by default the one that the mesh holds.
+        **options
+            Options of the verb; `atomesh.options("segment")` lists them.
+
+        Returns
+        -------
+        Mesh
+            The mesh with the cell array `label`: 1 object, 0 background.
         """
         image = self._needs_image("segment", image)
         words = {"object": object, "background": background, **options}
-        return self._made("segment", [NAME, MESH], words, {NAME: image._native}, image)
+        return self._run("segment", [NAME, MESH], words, {NAME: image._native}, image)
 
     def edit(
         self,
@@ -415,18 +557,50 @@ class Mesh:
         progress: Progress = False,
         **options: Unpack[EditOptions],
     ) -> Mesh:
-        """Atoms added, moved and removed; only their neighbourhood changes: `atomesh edit`."""
+        """Adds, moves and removes atoms; only their neighbourhood changes: `atomesh edit`.
+
+        Parameters
+        ----------
+        add
+            Positions of new atoms.
+        move
+            A dict from the numbers of atoms to their new positions.
+        remove
+            Numbers of atoms to remove.
+        image
+            The image that was meshed; by default the one that the mesh holds.
+        progress
+            True to show the progress, or a callable that receives the name of the stage and the fraction of it that
+            is done.
+        **options
+            Options of the verb; `atomesh.options("edit")` lists them.
+
+        Returns
+        -------
+        Mesh
+            The edited mesh.
+        """
         image = self._needs_image("edit", image)
-        gone = [remove] if isinstance(remove, int) else remove
-        words = {"add": add, "move": move, "remove": None if gone is None else [str(n) for n in gone], **options}
-        return self._made("edit", [MESH, NAME], words, {NAME: image._native}, image, progress=progress)
+        removed = [remove] if isinstance(remove, int) else remove
+        words = {"add": add, "move": move, "remove": None if removed is None else [str(n) for n in removed], **options}
+        return self._run("edit", [MESH, NAME], words, {NAME: image._native}, image, progress=progress)
 
     def columns(self, horizon: Sequence[Any], **options: Unpack[ColumnsOptions]) -> Mesh:
-        """The Voronoi cells of a map, extended down through layers between horizons: `atomesh columns`.
+        """Extends the Voronoi cells of a map down through layers between horizons: `atomesh columns`.
 
-        `horizon`: from the top down, each z as a number, a 2-D array of z, or a surface's file.
+        Parameters
+        ----------
+        horizon
+            Horizons from the top down, each a number z, a 2-D array of z, or the file of a surface.
+        **options
+            Options of the verb; `atomesh.options("columns")` lists them.
+
+        Returns
+        -------
+        Mesh
+            The mesh of columns.
         """
-        return self._made("columns", [MESH], {"horizon": list(horizon), **options})
+        return self._run("columns", [MESH], {"horizon": list(horizon), **options})
 
     def _needs_image(self, verb: str, image: Volume | None) -> Image:
         if image is not None:
@@ -435,17 +609,20 @@ class Mesh:
             raise error(f"{verb}()", "needs the image that was meshed", "give image=")
         return self.image
 
-    def _call(self, verb: str, given: Sequence[str], options: Mapping[str, Any], held: Any = None, **more: Any) -> Answer:
-        return call(verb, given, options, {MESH: self._native, **(held or {})}, **more)
+    def _call(
+        self, verb: str, arguments: Sequence[str], options: Mapping[str, Any], objects: Any = None, **call_options: Any
+    ) -> Answer:
+        return call(verb, arguments, options, {MESH: self._native, **(objects or {})}, **call_options)
 
-    def _made(
-        self, verb: str, given: Sequence[str], options: Mapping[str, Any], held: Any = None,
-        image: Image | None = None, **more: Any,
+    def _run(
+        self, verb: str, arguments: Sequence[str], options: Mapping[str, Any], objects: Any = None,
+        image: Image | None = None, **call_options: Any,
     ) -> Mesh:
-        answer = self._call(verb, given, {"output": MADE, **options}, held, keep=[MADE], **more)
-        return Mesh(answer.kept[MADE], answer, image or self._image)
+        """Runs a verb that makes a mesh of this one."""
+        answer = self._call(verb, arguments, {"output": RESULT, **options}, objects, keep=[RESULT], **call_options)
+        return Mesh(answer.kept[RESULT], answer, image or self._image)
 
-    # How it shows
+    # Display
 
     def __repr__(self) -> str:
         head = f"<atomesh.Mesh: {self.n_points} points, {self.n_cells} {_PLURAL[self.kind]}>"
@@ -464,8 +641,20 @@ _PLURAL = {"tetra": "tetrahedra", "triangle": "triangles", "polyhedron": "polyhe
 
 
 def load(path: str | os.PathLike[str], image: Volume | None = None) -> Mesh:
-    """Reads a .vtu file that atomesh, meshio, VTK or ParaView wrote; `image` is the image that was meshed, for
-    pictures and edits."""
+    """Reads a .vtu file that atomesh, meshio, VTK or ParaView wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+    image
+        The image that was meshed, for pictures and edits.
+
+    Returns
+    -------
+    Mesh
+        The mesh.
+    """
     return Mesh(_native.Mesh.read(Path(path)), None, None if image is None else Image.of(image))
 
 
@@ -479,33 +668,64 @@ def mesh(
     threads: int | None = None,
     **options: Unpack[MeshOptions],
 ) -> Mesh:
-    """An image's mesh, aligned with its features: `atomesh mesh`.
+    """Makes a mesh of an image that is aligned with the image's features: `atomesh mesh`.
 
-    `volume`: a NumPy array of shape (nz, ny, nx), or (ny, nx); a file's path; an xarray.DataArray, a
-    pyvista.ImageData, a SimpleITK or a nibabel image. `spacing`, `origin` (x, y, z) and `units` say where the
-    samples of an array lie, or replace what the image says.
+    Ctrl-C stops the job. If there is a lattice already, it becomes the mesh, whose `interrupted` is then True;
+    otherwise KeyboardInterrupt is raised.
 
-    `progress`: True, or a callable of the stage's name and the share of it that is done. Ctrl-C stops: what there
-    is becomes the mesh (`interrupted` is True then), or KeyboardInterrupt is raised where there is none yet.
+    Parameters
+    ----------
+    volume
+        A NumPy array of shape (nz, ny, nx) or (ny, nx), the path of a file, an xarray.DataArray, a
+        pyvista.ImageData, a SimpleITK image or a nibabel image.
+    spacing
+        The distances between samples along x, y, z. They replace those of the volume.
+    origin
+        The position of the first sample: x, y, z. It replaces that of the volume.
+    units
+        The units of the axes, or one unit for all. They replace those of the volume.
+    progress
+        True to show the progress, or a callable that receives the name of the stage and the fraction of it that is
+        done.
+    threads
+        Number of threads; by default all processors.
+    **options
+        Options of the verb. The most usual ones are `distance` (between atoms, in samples; "4:10" for a range),
+        `feature` ("faults", "horizons", "edges", "labels" ...) and `beta`; `atomesh.options("mesh")` lists all.
 
-    Of the options the usual ones are `distance` (between atoms, in samples, "4:10" for a range), `feature`
-    ("faults", "horizons", "edges", "labels" ...) and `beta`; `atomesh.options("mesh")` lists all.
+    Returns
+    -------
+    Mesh
+        The mesh, with its report.
     """
-    held: dict[str, Any] = {}
+    objects: dict[str, Any] = {}
     image: Image | Callable[[], Image] | None = None
     if isinstance(volume, (str, os.PathLike)) and spacing is None and origin is None and units is None:
-        given = os.fspath(volume)
-        # With a velocity the mesh lies in depth, the image in time.
+        name = os.fspath(volume)
+        # With a velocity, the mesh is in depth, while the image is in time.
         if options.get("velocity") is None:
             known = options_of("convert")
-            image = functools.partial(read, given, **{k: v for k, v in options.items() if k in known})
+            image = functools.partial(read, name, **{k: v for k, v in options.items() if k in known})
     else:
         image = Image.of(volume, spacing, origin, units)
-        given, held = NAME, {NAME: image._native}
-    answer = call("mesh", [given], {"output": MADE, **options}, held, [MADE], progress, threads)
-    return Mesh(answer.kept[MADE], answer, image)
+        name, objects = NAME, {NAME: image._native}
+    answer = call("mesh", [name], {"output": RESULT, **options}, objects, [RESULT], progress, threads)
+    return Mesh(answer.kept[RESULT], answer, image)
 
 
 def voronoi(volume: Volume, **options: Any) -> Mesh:
-    """Voronoi cells (PEBI) alongside an image's features; arguments as those of `mesh`."""
+    """Makes Voronoi cells (PEBI) that conform to an image's features.
+
+    Parameters
+    ----------
+    volume
+        The image, as for `mesh`.
+    **options
+        The other arguments of `mesh`.
+
+    Returns
+    -------
+    Mesh
+        The mesh of Voronoi cells, with its report.
+    """
     return mesh(volume, cells="voronoi", **options)

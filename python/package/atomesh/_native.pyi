@@ -1,4 +1,4 @@
-"""The extension module: verbs at a desk where meshes and images are in memory."""
+"""The extension module: runs verbs on meshes and images in memory."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -10,15 +10,15 @@ import numpy.typing as npt
 __version__: str
 
 class Error(Exception):
-    """What is wrong, where, and what to do about it."""
+    """An error: the place, the problem and the remedy."""
 
     #: The file, argument or item that is at fault.
     place: str
-    #: What is wrong with it.
+    #: What is wrong.
     problem: str
     #: What to do.
     remedy: str
-    #: Such as "Io", "Image", "Mesh", "Usage".
+    #: The kind of the error: "Io", "Image", "Mesh", "Usage" ...
     kind: str
 
 class Mesh:
@@ -73,10 +73,10 @@ class Surfaces:
     def cell_data(self) -> dict[str, npt.NDArray[Any]]: ...
 
 def run(
-    words: Sequence[str],
-    held: Mapping[str, Mesh | Image],
+    args: Sequence[str],
+    objects: Mapping[str, Mesh | Image],
     keep: Sequence[str],
-    tell: Callable[[str, float, str], object] | None,
+    on_event: Callable[[str, float, str], object] | None,
     threads: int | None,
 ) -> dict[str, Any]: ...
 def run_tetgen_in(program: Path) -> None: ...

@@ -1,4 +1,7 @@
-"""`image.atomesh` of PyVista's images, from PyVista 0.48 on, which finds this module by its entry point."""
+"""The accessor `image.atomesh` of PyVista's images.
+
+PyVista finds this module by its entry point, from version 0.48 on.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +17,21 @@ if TYPE_CHECKING:
 
 
 class Accessor:
-    """What atomesh makes of a pyvista.ImageData: `image.atomesh.mesh(distance=8)`."""
+    """Functions of atomesh for a pyvista.ImageData, such as `image.atomesh.mesh(distance=8)`."""
 
     def __init__(self, image: Any) -> None:
         self._image = image
 
     def mesh(self, **options: Any) -> Mesh:
-        """As atomesh.mesh."""
+        """Calls atomesh.mesh for the image."""
         return mesh(self._image, **options)
 
     def voronoi(self, **options: Any) -> Mesh:
-        """As atomesh.voronoi."""
+        """Calls atomesh.voronoi for the image."""
         return voronoi(self._image, **options)
 
     def feature(self, **options: Any) -> Any:
-        """As atomesh.feature, as a pyvista.ImageData."""
+        """Calls atomesh.feature for the image; returns a pyvista.ImageData."""
         return feature(self._image, **options).to_pyvista()
 
 

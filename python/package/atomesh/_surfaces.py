@@ -14,36 +14,36 @@ if TYPE_CHECKING:
 
 
 class Surface:
-    """One surface: triangles, in the plane the segments of a curve, with what is known of it."""
+    """One surface and its measures: triangles, or in the plane the segments of a curve."""
 
-    def __init__(self, all_of_them: Surfaces, number: int, measures: Mapping[str, Any]) -> None:
-        self._all, self._number = all_of_them, number
-        #: What is known of it: `kind`, `area`, `dip`, `strike`, `meets` ...
+    def __init__(self, surfaces: Surfaces, number: int, measures: Mapping[str, Any]) -> None:
+        self._all, self._number = surfaces, number
+        #: Measures of the surface: `kind`, `area`, `dip`, `strike`, `meets` ...
         self.measures: dict[str, Any] = dict(measures)
 
     @property
     def name(self) -> str:
-        """Its kind and number, such as fault1."""
+        """The kind and the number of the surface, such as fault1."""
         return self._all._native.names[self._number]
 
     @property
     def kind(self) -> str:
-        """fault, horizon, ..."""
+        """The kind of the surface: fault, horizon ..."""
         return str(self.measures.get("kind", self.name.rstrip("0123456789")))
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """The points of all surfaces, shape (n, 3)."""
+        """The points of all surfaces, an array of shape (n, 3)."""
         return self._all.points
 
     @property
     def faces(self) -> npt.NDArray[np.uint32]:
-        """The points of each face, shape (m, 3), in the plane (m, 2)."""
+        """The points of each face, an array of shape (m, 3), in the plane (m, 2)."""
         start = self._all._native.start
         return self._all._native.faces[start[self._number] : start[self._number + 1]]
 
     def to_pyvista(self) -> Any:
-        """A pyvista.PolyData."""
+        """Returns a pyvista.PolyData of the surface."""
         return _polydata(self.points, self.faces).clean()
 
     def __repr__(self) -> str:
@@ -51,7 +51,7 @@ class Surface:
 
 
 class Surfaces(Sequence[Surface]):
-    """Surfaces, the largest first; `points` are shared by all."""
+    """Surfaces, the largest first. All share the array `points`."""
 
     def __init__(
         self, native: _native.Surfaces, report: Mapping[str, Any], kinds: Sequence[str] | None = None
@@ -59,12 +59,12 @@ class Surfaces(Sequence[Surface]):
         self._native = native
         self.report: dict[str, Any] = dict(report)
         measures = report.get("surfaces") or [{}] * len(native.names)
-        everyone = [Surface(self, number, measures[number]) for number in range(len(native.names))]
-        self._some = [one for one in everyone if kinds is None or one.kind in kinds]
+        all_surfaces = [Surface(self, number, measures[number]) for number in range(len(native.names))]
+        self._selected = [surface for surface in all_surfaces if kinds is None or surface.kind in kinds]
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """The points of all surfaces, shape (n, 3); read-only, no copy."""
+        """The points of all surfaces: a read-only array of shape (n, 3), without a copy."""
         return self._native.points
 
     @overload
@@ -72,28 +72,28 @@ class Surfaces(Sequence[Surface]):
     @overload
     def __getitem__(self, index: slice) -> list[Surface]: ...
     def __getitem__(self, index: int | slice) -> Surface | list[Surface]:
-        return self._some[index]
+        return self._selected[index]
 
     def __len__(self) -> int:
-        return len(self._some)
+        return len(self._selected)
 
     def __iter__(self) -> Iterator[Surface]:
-        return iter(self._some)
+        return iter(self._selected)
 
     def to_pyvista(self) -> Any:
-        """A pyvista.PolyData with the cell arrays `surface`, `dip`, `strike`, `area` ..."""
-        numbers = [one._number for one in self._some]
+        """Returns a pyvista.PolyData with the cell arrays `surface`, `dip`, `strike`, `area` ..."""
+        numbers = [surface._number for surface in self._selected]
         start = self._native.start
-        chosen = np.array([face for n in numbers for face in range(start[n], start[n + 1])], dtype=int)
-        data = _polydata(self.points, self._native.faces[chosen])
+        faces = np.array([face for n in numbers for face in range(start[n], start[n + 1])], dtype=int)
+        data = _polydata(self.points, self._native.faces[faces])
         sizes = [start[n + 1] - start[n] for n in numbers]
         data.cell_data["surface"] = np.repeat(np.array(numbers, dtype=np.int32) + 1, sizes)
         for name, values in self._native.cell_data.items():
-            data.cell_data[name] = np.array(values[chosen])
+            data.cell_data[name] = np.array(values[faces])
         return data.clean()
 
     def __repr__(self) -> str:
-        return f"<atomesh.Surfaces: {', '.join(one.name for one in self._some) or 'none'}>"
+        return f"<atomesh.Surfaces: {', '.join(surface.name for surface in self._selected) or 'none'}>"
 
 
 def _polydata(points: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32]) -> Any:

@@ -1,4 +1,5 @@
-//! `--velocity`: depth of two-way time, by one velocity or by a file of them.
+//! The option `--velocity`: conversion of two-way time to depth, with one velocity or a file of
+//! velocities.
 
 use std::path::Path;
 
@@ -11,8 +12,8 @@ use crate::job::depth::{self, read_velocities};
 use crate::job::spec::NumberOrFile;
 use crate::store::{self, MeshFile, Storable, StoredMesh};
 
-/// Converts an image to depth if a velocity is given. Returns the image, and the conversion if it was
-/// resampled. `is_labels` tells that values must not be mixed.
+/// Converts an image to depth if a velocity is given. Returns the image, and the conversion if the
+/// image was resampled. Values of an image with `is_labels` are not interpolated.
 ///
 /// # Errors
 /// Returns [`Error::Image`](crate::Error::Image) for velocities that do not fit the image.
@@ -26,10 +27,12 @@ pub fn image_in_depth<const D: usize>(
     depth::image_in_depth(image, velocity, is_labels, &read).map_err(with_option_name)
 }
 
-/// A mesh from a file, in depth if a velocity is given; `place` names it in errors.
+/// Prepares a mesh from a file, and converts it to depth if a velocity is given. `place` names the
+/// mesh in errors.
 ///
 /// # Errors
-/// Those of [`StoredMesh::new`]; [`Error::Image`] for velocities that make no depth of it.
+/// Returns the errors of [`StoredMesh::new`], and [`Error::Image`](crate::Error::Image) for
+/// velocities that do not fit the mesh.
 pub fn mesh_in_depth<const D: usize, M: Storable<D>>(
     file: MeshFile<M>,
     velocity: Option<&NumberOrFile>,
@@ -61,7 +64,7 @@ pub fn mesh_in_depth<const D: usize, M: Storable<D>>(
     }
 }
 
-/// Says so if a coordinate is time.
+/// Prints a warning if a coordinate is time.
 pub fn warn_if_time<const D: usize>(geometry: &Geometry<D>, console: &Console) {
     if let Some(axis) = geometry.time_coordinate() {
         console.note(format_args!(

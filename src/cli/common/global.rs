@@ -1,4 +1,4 @@
-//! What every verb has: a few options, and an ending.
+//! Options that every verb has, and the status with which a verb ends.
 
 use clap::Args;
 
@@ -11,18 +11,18 @@ pub struct CommonOptions {
     /// Print the result as JSON on standard output
     #[arg(long, global = true, display_order = 900)]
     pub json: bool,
-    /// Number of threads; all processors by default. The result does not depend on it
+    /// Number of threads [default: all processors]. The result does not depend on it
     #[arg(long, global = true, value_name = "N", display_order = 900)]
     pub threads: Option<usize>,
-    /// Memory that may be taken, e.g. 8G or 500M; what would take more is refused before it is begun
-    /// [default: what is free]
+    /// Largest memory to use, such as 8G or 500M. A job that would need more is refused before it
+    /// begins [default: the free memory]
     #[arg(long, global = true, value_name = "SIZE", display_order = 900, value_parser = parse_bytes)]
     pub max_memory: Option<u64>,
 }
 
-/// A number of bytes: 500M, 8G, 1.5T; without a letter, of bytes.
+/// Parses a number of bytes: 500M, 8G, 1.5T, or a number without a unit.
 fn parse_bytes(text: &str) -> Result<u64, String> {
-    let wrong = || format!("{text} is no size of memory; give one such as 8G or 500M");
+    let wrong = || format!("{text} is not a size of memory; give one such as 8G or 500M");
     let digits = text.trim_end_matches(['b', 'B']).trim_end_matches('i');
     let (number, unit) = match digits.char_indices().next_back() {
         Some((at, letter)) if letter.is_ascii_alphabetic() => {
@@ -33,9 +33,10 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
     };
     let number: f64 = number.trim().parse().map_err(|_| wrong())?;
     let bytes = number * unit;
-    match bytes.is_finite() && bytes >= 1.0 {
-        true => Ok(bytes as u64),
-        false => Err(wrong()),
+    if bytes.is_finite() && bytes >= 1.0 {
+        Ok(bytes as u64)
+    } else {
+        Err(wrong())
     }
 }
 
@@ -44,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_of_memory_are_understood() {
+    fn memory_sizes_are_parsed() {
         let good = [
             ("8G", 8 << 30),
             ("1.5k", 1536),
@@ -61,11 +62,11 @@ mod tests {
     }
 }
 
-/// How a verb ended that did not fail.
+/// The status of a verb that did not fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VerbStatus {
-    /// All done.
+    /// The verb is complete.
     Done,
-    /// The user interrupted it; what it had is written.
+    /// The user interrupted the verb; the mesh so far is written.
     Interrupted,
 }

@@ -1,9 +1,9 @@
-//! What verbs share.
+//! Code that several verbs share.
 //!
 //! - [`global`]: options that every verb has
-//! - [`options`]: settings in the words of the command line
-//! - [`output`]: what may be written where
-//! - [`depth`]: depth of two-way time
+//! - [`options`]: options of the command line, and errors of the library about them
+//! - [`output`]: checks of output files, and the output of images
+//! - [`depth`]: conversion of two-way time to depth
 
 pub mod depth;
 pub mod global;

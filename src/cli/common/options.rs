@@ -56,12 +56,12 @@ impl<T: FromArgMatches> FromArgMatches for Typed<T> {
 }
 
 impl Typed<MeshSpec> {
-    /// Returns the options that were typed, and those of `below` for all others.
+    /// Returns the options that were typed, and those of `fallback` for all others.
     ///
     /// # Errors
-    /// [`Error::Job`] if the name of a file is not valid UTF-8.
-    pub fn over(&self, below: &MeshSpec) -> Result<MeshSpec> {
-        let mut merged = below.to_table()?;
+    /// Returns [`Error::Job`] if the name of a file is not valid UTF-8.
+    pub fn with_fallback(&self, fallback: &MeshSpec) -> Result<MeshSpec> {
+        let mut merged = fallback.to_table()?;
         let is_typed = |name: &str| self.names.contains(name);
         for (name, value) in self.options.to_table()? {
             match (merged.get_mut(&name), value) {
@@ -74,13 +74,13 @@ impl Typed<MeshSpec> {
                 _ => {}
             }
         }
-        // Both halves were written by the type that reads them.
+        // Both tables were written by the type that reads them.
         Ok(merged.try_into().unwrap_or_else(|_| self.options.clone()))
     }
 }
 
-/// Returns an error of the library in the words of the command line: a place that begins with the name
-/// of an option gets its two hyphens.
+/// Returns an error of the library with option names as on the command line: a place that begins
+/// with the name of an option gets its two hyphens.
 pub fn with_option_name(error: Error) -> Error {
     match option_name(&error.cause().place) {
         Some(_) => {
@@ -101,10 +101,11 @@ pub fn option_name(place: &str) -> Option<&str> {
     is_known.then_some(name)
 }
 
-/// Returns how to read an image, from the options for it and its file's name.
+/// Returns the options for reading an image, from its file name and the typed options.
 ///
 /// # Errors
-/// Those of [`InputOptions::read_options_for`], in the words of the command line.
+/// Returns the errors of [`InputOptions::read_options_for`], with option names as on the command
+/// line.
 pub fn read_options(input: &InputOptions, path: &Path) -> Result<ReadOptions> {
     input.read_options_for(path).map_err(with_option_name)
 }
@@ -126,7 +127,7 @@ mod tests {
             "distance = 5\nsigma = 1.0\nbeta = 0.25\nkappa = 0.7\n[input]\nraw = \"2x3x4:u8\"";
         let file: MeshSpec = toml::from_str(file).unwrap();
         let merged = typed(&["--sigma", "2", "--kappa", "1", "--spacing", "3"])
-            .over(&file)
+            .with_fallback(&file)
             .unwrap();
         assert_eq!(merged.sigma, Some(2.0));
         assert_eq!(merged.distance, NominalDistance::Constant(5.0));

@@ -1,4 +1,4 @@
-//! What verbs write: whether they may, and the images among it.
+//! Checks of output files, and the output of images.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::error::cause;
 use crate::image::{Geometry, Image, ScalarField};
 use crate::{Error, Result};
 
-/// The endings of the image formats that are written.
+/// File endings of the image formats that can be written.
 pub const IMAGE_EXTENSIONS: [&str; 11] = [
     "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3",
 ];
@@ -17,14 +17,14 @@ pub const IMAGE_EXTENSIONS: [&str; 11] = [
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
 ///
 /// # Errors
-/// [`Error::Job`] or [`Error::Io`] that names the option or the path.
+/// Returns [`Error::Job`] or [`Error::Io`] that names the option or the path.
 pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path]) -> Result<()> {
     let ending = path
         .extension()
         .and_then(|e| e.to_str())
         .map(str::to_ascii_lowercase);
     match ending.as_deref() {
-        // A folder.
+        // A Zarr image is a folder.
         Some("zarr") if endings.contains(&"zarr") => crate::files::check_tree(path, "zarr.json")?,
         _ => crate::files::check_target(path)?,
     }
@@ -48,7 +48,7 @@ pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path
     Ok(())
 }
 
-/// Whether two paths name the same file, which need not exist yet.
+/// Returns `true` if two paths name the same file, which need not exist yet.
 pub fn same_file(a: &Path, b: &Path) -> bool {
     let resolve = |path: &Path| {
         path.canonicalize().ok().or_else(|| {
@@ -60,7 +60,8 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
     a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
 }
 
-/// A potential, or what else there is a value of for every sample, as an image that lies where the image it came from lies.
+/// Converts a potential, or another field with a value for every sample, to an image with this
+/// geometry.
 pub fn potential_image<const D: usize>(
     potential: ScalarField<D>,
     geometry: &Geometry<D>,
@@ -68,10 +69,10 @@ pub fn potential_image<const D: usize>(
     Image::new(potential.dims, potential.samples, geometry.clone())
 }
 
-/// Writes an image and says which.
+/// Writes an image and reports it.
 ///
 /// # Errors
-/// As [`Console::write_image`].
+/// Returns the errors of [`Console::write_image`].
 pub fn write_image<const D: usize>(
     console: &mut Console,
     path: &Path,
@@ -83,7 +84,7 @@ pub fn write_image<const D: usize>(
     Ok(())
 }
 
-/// Says which image was written, and of how many samples.
+/// Reports the name and the number of samples of an image that was written.
 pub fn report_written_image(console: &mut Console, path: &Path, dims: &[usize]) {
     console.result(
         format_args!("wrote {}: {} samples", path.display(), format_dims(dims)),
@@ -91,12 +92,12 @@ pub fn report_written_image(console: &mut Console, path: &Path, dims: &[usize]) 
     );
 }
 
-/// A path as text, for JSON, which has no place for names that are not UTF-8.
+/// Returns a path as text for JSON, which cannot hold names that are not UTF-8.
 pub fn path_text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// 3 x 4 x 5.
+/// Formats dimensions as `3 x 4 x 5`.
 pub fn format_dims(dims: &[usize]) -> String {
     let words: Vec<String> = dims.iter().map(usize::to_string).collect();
     words.join(" x ")
@@ -107,13 +108,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_are_told_apart_by_where_they_are() {
+    fn different_paths_of_one_file_are_recognised() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vtu");
-        let twin = folder.path().join(".").join("a.vtu");
-        assert!(same_file(&path, &twin));
+        let same_path = folder.path().join(".").join("a.vtu");
+        assert!(same_file(&path, &same_path));
         std::fs::write(&path, "").unwrap();
-        assert!(same_file(&path, &twin));
+        assert!(same_file(&path, &same_path));
         assert!(!same_file(&path, &folder.path().join("b.vtu")));
     }
 }

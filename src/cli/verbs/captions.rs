@@ -1,4 +1,4 @@
-//! What is written over pictures: of which files they are, and where they lie.
+//! Captions of pictures: the names of their files, and their position.
 
 use std::path::Path;
 
@@ -9,27 +9,28 @@ use crate::mesh::Mesh;
 use crate::model::slice::Caption;
 use crate::store::{FieldValue, MeshFile};
 
-/// The names of files, and of the image that they are drawn over.
-pub(super) fn title(above: &[&Path], image: Option<&Path>) -> String {
+/// Returns the title of a picture: the names of its files, and of the image over which they are
+/// drawn.
+pub(super) fn title(foreground: &[&Path], image: Option<&Path>) -> String {
     let name = |path: &Path| match path.file_name() {
         Some(name) => name.to_string_lossy().into_owned(),
         None => path_text(path),
     };
-    let above: Vec<String> = above.iter().map(|path| name(path)).collect();
-    match (above.join(", "), image.map(name)) {
-        (above, None) => above,
-        (above, Some(image)) if above.is_empty() => image,
-        (above, Some(image)) => format!("{above} over {image}"),
+    let foreground: Vec<String> = foreground.iter().map(|path| name(path)).collect();
+    match (foreground.join(", "), image.map(name)) {
+        (foreground, None) => foreground,
+        (foreground, Some(image)) if foreground.is_empty() => image,
+        (foreground, Some(image)) => format!("{foreground} over {image}"),
     }
 }
 
-/// How many cells a mesh has, and how far apart atoms were asked to be.
+/// Returns the number of cells of a mesh, and the nominal distance of its atoms if it is recorded.
 pub(super) fn cells_caption<const D: usize, M: Mesh<D>>(file: &MeshFile<M>) -> String {
     let distance = distance_text(file).map_or(String::new(), |d| format!(", d = {d} samples"));
     format!("{} {}{distance}", file.mesh.len(), M::CELLS_NAME)
 }
 
-/// The distance of atoms that was asked for, as it was typed.
+/// Returns the nominal distance of atoms as it was typed, from the record in the mesh.
 fn distance_text<M>(file: &MeshFile<M>) -> Option<String> {
     let Some(FieldValue::Text(text)) = file.field_value("parameters") else {
         return None;
@@ -38,7 +39,7 @@ fn distance_text<M>(file: &MeshFile<M>) -> Option<String> {
     Some(table.get("distance")?.as_str()?.to_string())
 }
 
-/// An image axis that is read off by line numbers: of a survey's inlines or crosslines.
+/// Returns the scale of an image axis with line numbers: the inlines or crosslines of a survey.
 pub(super) fn line_ruler<const D: usize>(head: &ImageHeader<D>, k: usize) -> Option<AxisScale> {
     let [inlines, crosslines] = head.line_numbers?;
     let geometry = &head.geometry;
@@ -50,15 +51,15 @@ pub(super) fn line_ruler<const D: usize>(head: &ImageHeader<D>, k: usize) -> Opt
     };
     let level = geometry.axes[k].iter().position(|&step| step != 0.0)?;
     let unit = &geometry.units[level];
-    let apart = geometry.spacing()[k] / lines.step as f64;
+    let spacing = geometry.spacing()[k] / lines.step as f64;
     let label = match &**unit {
         "line" | "trace" => name.clone(),
         unit => {
-            // Three digits are enough.
-            let digits = 2 - apart.abs().max(1e-9).log10().floor() as i32;
-            let ten = 10f64.powi(digits);
-            let apart = (apart * ten).round() / ten;
-            format!("{name} ({} apart)", format!("{apart} {unit}").trim())
+            // Three significant digits are enough.
+            let digits = 2 - spacing.abs().max(1e-9).log10().floor() as i32;
+            let scale = 10f64.powi(digits);
+            let spacing = (spacing * scale).round() / scale;
+            format!("{name} ({} apart)", format!("{spacing} {unit}").trim())
         }
     };
     Some(AxisScale {
@@ -68,13 +69,13 @@ pub(super) fn line_ruler<const D: usize>(head: &ImageHeader<D>, k: usize) -> Opt
     })
 }
 
-/// Where the sections of a survey meet: lines, and coordinates.
+/// Returns the line numbers and the coordinates of the point where the sections of a survey meet.
 pub(super) fn crossing_caption(head: &ImageHeader<3>, at: [f64; 3], caption: &Caption) -> String {
     let dims = head.dims;
     let number = |k: usize| {
         let ruler = caption.rulers[k].as_ref()?;
-        let share = at[k] / (dims[k].max(2) - 1) as f64;
-        let line = ruler.first + share * (ruler.last - ruler.first);
+        let fraction = at[k] / (dims[k].max(2) - 1) as f64;
+        let line = ruler.first + fraction * (ruler.last - ruler.first);
         Some(format!("{} {line:.0}", head.geometry.names[k]))
     };
     let lines: Vec<String> = (0..3).rev().filter_map(number).collect();

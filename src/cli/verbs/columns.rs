@@ -1,4 +1,4 @@
-//! The verb `columns`: the Voronoi cells of a map, extended down through layers between horizons.
+//! The verb `columns`: extends the Voronoi cells of a map down through layers between horizons.
 
 use std::path::{Path, PathBuf};
 
@@ -23,27 +23,27 @@ use crate::model::columns::file::columns_to_file;
 use crate::store::output::Provenance;
 use crate::{Error, Result};
 
-/// `atomesh columns`.
+/// Arguments of `atomesh columns`.
 #[derive(Debug, Args)]
 pub struct ColumnsArgs {
-    /// The map: Voronoi cells of a 2-D image, as `atomesh mesh MAP --cells voronoi` makes them
+    /// The map: a mesh of Voronoi cells of a 2-D image, made by `atomesh mesh MAP --cells voronoi`
     #[arg(value_name = "MAP.vtu")]
     pub map: PathBuf,
     /// The mesh to write
     #[arg(short, long, value_name = "CELLS.vtu")]
     pub output: PathBuf,
-    /// A horizon, from the top down; at least two: z as a number, a 2-D image of z (of the same
-    /// dimensions as the image that was meshed, or one with its own position), or a surface
+    /// A horizon; give at least two, from the top down. Each is a number z, a 2-D image of z (with
+    /// the dimensions of the meshed image, or with its own position), or a surface
     /// FILE.vtp[:NUMBER]
     #[arg(long, value_name = "Z", required = true, allow_hyphen_values = true)]
     pub horizon: Vec<String>,
-    /// Number of layers between horizons: one for all, or N,N,... [default: 1]
+    /// Number of layers between two horizons: one number for all intervals, or N,N,... [default: 1]
     #[arg(long, value_name = "N,...", conflicts_with = "layer_thickness")]
     pub layers: Option<String>,
-    /// Mean thickness of the layers, instead of their number
+    /// Mean thickness of the layers; replaces --layers
     #[arg(long, value_name = "T", allow_hyphen_values = true)]
     pub layer_thickness: Option<f64>,
-    /// Layers thinner than this vanish there
+    /// Smallest thickness of a layer; thinner layers vanish at that place
     #[arg(
         long,
         value_name = "T",
@@ -51,7 +51,7 @@ pub struct ColumnsArgs {
         allow_hyphen_values = true
     )]
     pub least_thickness: f64,
-    /// Unit of z [default: that of the map's x]
+    /// Unit of z [default: the unit of the map's x]
     #[arg(long, value_name = "UNIT")]
     pub z_unit: Option<String>,
     /// How to read the images.
@@ -90,15 +90,15 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
         z.push(values);
     }
     console.begin_stage("building columns");
-    let least = args.least_thickness;
-    let found = columns(&map, &z, &args.horizon, &division, least)?;
-    let table = table(&found, &map);
+    let min_thickness = args.least_thickness;
+    let built = columns(&map, &z, &args.horizon, &division, min_thickness)?;
+    let table = table(&built, &map);
     let result = json!({
-        "cells": found.column.len(),
+        "cells": built.column.len(),
         "columns": map.sites.len(),
-        "layers": found.layer_counts,
-        "missing": found.missing_counts,
-        "z_grows": if found.is_z_up { "upwards" } else { "downwards" },
+        "layers": built.layer_counts,
+        "missing": built.missing_counts,
+        "z_grows": if built.is_z_up { "upwards" } else { "downwards" },
         "file": path_text(&args.output),
     });
     console.begin_stage("writing");
@@ -107,7 +107,7 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
         input_sha256: console.hash(&args.map)?,
     };
     let z_unit = args.z_unit.as_ref().unwrap_or(&space.geometry.units[0]);
-    let file = columns_to_file(found, &map.region, &space, z_unit, &provenance);
+    let file = columns_to_file(built, &map.region, &space, z_unit, &provenance);
     console.write_mesh(&args.output, file)?;
     console.result(
         format_args!("{table}\nwrote {}", args.output.display()),
@@ -116,12 +116,12 @@ pub fn run(args: &ColumnsArgs, console: &mut Console) -> Result<()> {
     Ok(())
 }
 
-fn table(found: &Columns, map: &PolyMesh<2>) -> String {
-    let layers: Vec<String> = found.layer_counts.iter().map(usize::to_string).collect();
+fn table(columns: &Columns, map: &PolyMesh<2>) -> String {
+    let layers: Vec<String> = columns.layer_counts.iter().map(usize::to_string).collect();
     let mut lines = vec![
         format!(
             "cells          {} in {} columns",
-            found.column.len(),
+            columns.column.len(),
             map.sites.len()
         ),
         format!(
@@ -130,14 +130,18 @@ fn table(found: &Columns, map: &PolyMesh<2>) -> String {
         ),
         format!(
             "z              grows {}",
-            if found.is_z_up {
+            if columns.is_z_up {
                 "upwards"
             } else {
                 "downwards: export it with --down z"
             }
         ),
     ];
-    let missing = found.missing_counts.iter().enumerate().filter(|m| *m.1 > 0);
+    let missing = columns
+        .missing_counts
+        .iter()
+        .enumerate()
+        .filter(|m| *m.1 > 0);
     let missing: Vec<String> = missing
         .map(|(layer, count)| format!("layer {layer} in {count} columns"))
         .collect();
@@ -159,9 +163,9 @@ fn division(args: &ColumnsArgs) -> Result<LayerDivision> {
     })
 }
 
-/// The map, where its file has it, and where its lattice space is.
+/// Reads the map and its lattice space.
 fn read_map(path: &Path, console: &Console) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
-    let what = match console.read_mesh(path)? {
+    let problem = match console.read_mesh(path)? {
         AnyMesh::Polygons(file) => {
             let stored = StoredMesh::new(file, &path.display().to_string())?;
             let space = stored.space.clone();
@@ -172,12 +176,12 @@ fn read_map(path: &Path, console: &Console) -> Result<(PolyMesh<2>, LatticeSpace
     };
     Err(Error::Mesh(cause(
         path.display(),
-        what,
+        problem,
         "mesh a 2-D image of the map with --cells voronoi",
     )))
 }
 
-/// A horizon as typed.
+/// Reads a horizon from the value of `--horizon`.
 fn read_horizon(
     text: &str,
     space: &LatticeSpace<2>,
@@ -191,13 +195,13 @@ fn read_horizon(
             "give a finite z",
         )?));
     }
-    let (path, which) = match text.rsplit_once(':') {
-        Some((path, which)) if path.ends_with(".vtp") => {
-            let which = which.parse().map_err(|_| {
+    let (path, number) = match text.rsplit_once(':') {
+        Some((path, number)) if path.ends_with(".vtp") => {
+            let number = number.parse().map_err(|_| {
                 let remedy = "give FILE.vtp or FILE.vtp:NUMBER";
                 option_error("--horizon", text, "names no surface", remedy)
             })?;
-            (Path::new(path), Some(which))
+            (Path::new(path), Some(number))
         }
         _ => (Path::new(text), None),
     };
@@ -205,7 +209,7 @@ fn read_horizon(
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("vtp"))
     {
-        let triangles = read_triangles(path, which)?;
+        let triangles = read_triangles(path, number)?;
         if triangles.is_empty() {
             let remedy = "give a surface of `atomesh surface`: FILE.vtp, or FILE.vtp:NUMBER";
             return Err(option_error(
@@ -226,7 +230,7 @@ fn read_horizon(
             return Err(option_error(
                 "--horizon",
                 text,
-                "holds lines, no surface",
+                "holds lines and no surface",
                 remedy,
             ));
         };
@@ -243,10 +247,11 @@ fn read_horizon(
     };
     loaded.notes.iter().for_each(|note| console.note(note));
     let mut image = loaded.image;
-    // Samples that say nowhere where they lie are those of the map.
-    let bare = Geometry::<2>::default();
-    let placed = (image.geometry.origin, image.geometry.axes) != (bare.origin, bare.axes);
-    if !placed && space.fits_dims(image.dims()) {
+    // An image without a position has the position of the map.
+    let unplaced = Geometry::<2>::default();
+    let is_placed =
+        (image.geometry.origin, image.geometry.axes) != (unplaced.origin, unplaced.axes);
+    if !is_placed && space.fits_dims(image.dims()) {
         image.geometry = space.geometry.clone();
     }
     Ok(Horizon::Grid(image))

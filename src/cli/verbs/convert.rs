@@ -1,4 +1,4 @@
-//! `atomesh convert`: from one format to another: images, grids of heights, surfaces.
+//! The verb `convert`: converts images, grids of heights and surfaces from one format to another.
 
 use std::path::{Path, PathBuf};
 
@@ -19,18 +19,19 @@ use crate::image::formats::{AnyImage, InputOptions, LoadedImage, StreamedImage, 
 use crate::job::spec::NumberOrFile;
 use crate::{Error, Result};
 
-/// `atomesh convert`.
+/// Arguments of `atomesh convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// The image or grid to read; or surfaces: .vtp, GOCAD's .ts or .pl, or .csv of fault sticks
+    /// The image or grid to read, or surfaces: .vtp, GOCAD's .ts or .pl, or .csv of fault sticks
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
-    /// What to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png), a grid (.irap, .zmap,
-    /// .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
+    /// The file to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png), a
+    /// grid (.irap, .zmap, .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
-    /// Makes depth in metres of an image in two-way time: one velocity in m/s, or a file of interval velocities
-    /// in m/s on a grid of its own in two-way time, by which the image is stretched
+    /// Convert an image from two-way time to depth in metres, with one velocity in m/s or a file of
+    /// interval velocities in m/s. Such a file is a grid in two-way time, and the image is
+    /// resampled
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// How to read the image.
@@ -38,7 +39,7 @@ pub struct ConvertArgs {
     pub input: InputOptions,
 }
 
-/// The endings of surfaces that are read and of those that are written.
+/// File endings of surfaces that can be read, and of those that can be written.
 const SURFACE_INPUT_EXTENSIONS: [&str; 4] = ["vtp", "ts", "pl", "csv"];
 const SURFACE_OUTPUT_EXTENSIONS: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
 
@@ -48,8 +49,8 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
         args.input.refuse_unused("surfaces are read")?;
         if let Some(velocity) = &args.velocity {
             let place = format!("--velocity {velocity}");
-            let problem = "makes depth of images, but surfaces are read";
-            let remedy = "make the surfaces in depth, by atomesh surface --velocity";
+            let problem = "converts images to depth, but the input holds surfaces";
+            let remedy = "extract the surfaces in depth with atomesh surface --velocity";
             return Err(Error::Job(cause(place, problem, remedy)));
         }
         check_output(
@@ -85,24 +86,24 @@ fn rewrite<const D: usize>(
     args: &ConvertArgs,
     console: &mut Console,
 ) -> Result<()> {
-    let (image, stretch) = image_in_depth(loaded.image, args.velocity.as_ref(), false, console)?;
-    let stretched = stretch.iter().flat_map(|stretch| &stretch.notes);
-    for note in loaded.notes.iter().chain(stretched) {
+    let (image, conversion) = image_in_depth(loaded.image, args.velocity.as_ref(), false, console)?;
+    let conversion_notes = conversion.iter().flat_map(|conversion| &conversion.notes);
+    for note in loaded.notes.iter().chain(conversion_notes) {
         console.note(note);
     }
-    let (to, dims) = (args.output.as_path(), image.dims());
-    console.write_survey(to, image, loaded.line_numbers)?;
-    report_written_image(console, to, &dims);
+    let (output, dims) = (args.output.as_path(), image.dims());
+    console.write_survey(output, image, loaded.line_numbers)?;
+    report_written_image(console, output, &dims);
     Ok(())
 }
 
-/// Whether what goes to `to` is written part by part.
-fn is_streamed(to: &Path, console: &Console) -> bool {
-    !console.keeps_in_memory(to) && can_stream(to)
+/// Returns `true` if output to `path` is written slab by slab.
+fn is_streamed(path: &Path, console: &Console) -> bool {
+    !console.keeps_in_memory(path) && can_stream(path)
 }
 
-/// Writes an image that may be larger than memory as it is read.
-fn convert_stream(stream: ImageStream, to: &Path, console: &mut Console) -> Result<()> {
+/// Converts an image that may be larger than memory: it is written as it is read.
+fn convert_stream(stream: ImageStream, output: &Path, console: &mut Console) -> Result<()> {
     let head = &stream.header;
     for note in &head.notes {
         console.note(note);
@@ -115,11 +116,11 @@ fn convert_stream(stream: ImageStream, to: &Path, console: &mut Console) -> Resu
         sample_type: stream.encoding.sample_type,
         slabs: &stream,
     };
-    parts.write(to)?;
+    parts.write(output)?;
     if let Some(note) = stream.rounding_note() {
         console.note(note);
     }
-    report_written_image(console, to, &head.dims);
+    report_written_image(console, output, &head.dims);
     Ok(())
 }
 
@@ -128,77 +129,78 @@ fn extension(path: &Path) -> String {
     ending.to_string_lossy().to_lowercase()
 }
 
-/// What a file of surfaces holds.
+/// The content of a file of surfaces.
 enum SurfaceInput {
     Surfaces(SurfaceFile<3>),
     Lines(SurfaceFile<2>),
     Sticks(Vec<FaultSticks>),
 }
 
-fn convert_surfaces(from: &Path, to: &Path, console: &mut Console) -> Result<()> {
-    let found = match extension(from).as_str() {
-        "vtp" => SurfaceInput::Surfaces(read_surfaces(from)?),
-        "csv" => SurfaceInput::Sticks(read_sticks(from)?),
-        _ => match read_gocad(from)? {
+fn convert_surfaces(input: &Path, output: &Path, console: &mut Console) -> Result<()> {
+    let content = match extension(input).as_str() {
+        "vtp" => SurfaceInput::Surfaces(read_surfaces(input)?),
+        "csv" => SurfaceInput::Sticks(read_sticks(input)?),
+        _ => match read_gocad(input)? {
             Gocad::Surfaces(file) => SurfaceInput::Surfaces(file),
             Gocad::Lines(file) => SurfaceInput::Lines(file),
         },
     };
-    let count = match (found, extension(to).as_str()) {
+    let count = match (content, extension(output).as_str()) {
         (SurfaceInput::Surfaces(_), "pl") => {
-            let remedy = "write surfaces as .ts, or as .csv of sticks, and these as .pl";
-            let place = format!("OUT {}", to.display());
-            let problem = format!("holds lines, but {} surfaces", from.display());
+            let remedy =
+                "write surfaces as .ts, or as sticks (.csv), which can be converted to .pl";
+            let place = format!("OUT {}", output.display());
+            let problem = format!("holds lines, but {} surfaces", input.display());
             return Err(Error::Job(cause(place, problem, remedy)));
         }
         (SurfaceInput::Surfaces(file), "csv") => {
             let sticks = FaultSticks::from_surfaces(&file, None);
-            write_sticks(to, &sticks)?;
+            write_sticks(output, &sticks)?;
             sticks.len()
         }
-        (SurfaceInput::Surfaces(file), _) => write_surfaces(to, file, console)?,
+        (SurfaceInput::Surfaces(file), _) => write_surfaces(output, file, console)?,
         (SurfaceInput::Lines(file), "csv") => {
             let sticks = FaultSticks::from_lines(&file);
-            write_sticks(to, &sticks)?;
+            write_sticks(output, &sticks)?;
             sticks.len()
         }
-        (SurfaceInput::Lines(file), _) => write_surfaces(to, file, console)?,
+        (SurfaceInput::Lines(file), _) => write_surfaces(output, file, console)?,
         (SurfaceInput::Sticks(sticks), "csv") => {
-            write_sticks(to, &sticks)?;
+            write_sticks(output, &sticks)?;
             sticks.len()
         }
         (SurfaceInput::Sticks(sticks), "pl") => {
-            write_surfaces(to, FaultSticks::to_lines(&sticks), console)?
+            write_surfaces(output, FaultSticks::to_lines(&sticks), console)?
         }
         (SurfaceInput::Sticks(sticks), _) => {
-            write_surfaces(to, FaultSticks::to_surfaces(&sticks), console)?
+            write_surfaces(output, FaultSticks::to_surfaces(&sticks), console)?
         }
     };
     if count == 0 {
-        let remedy = "give a file with some";
+        let remedy = "give a file with surfaces";
         return Err(Error::Job(cause(
-            from.display(),
+            input.display(),
             "holds no surface",
             remedy,
         )));
     }
     console.result(
-        format_args!("wrote {}: {count} surfaces", to.display()),
-        &json!({ "file": path_text(to), "surfaces": count }),
+        format_args!("wrote {}: {count} surfaces", output.display()),
+        &json!({ "file": path_text(output), "surfaces": count }),
     );
     Ok(())
 }
 
 fn write_surfaces<const D: usize>(
-    to: &Path,
+    path: &Path,
     file: SurfaceFile<D>,
     console: &mut Console,
 ) -> Result<usize> {
     let count = file.names.len();
-    console.write_surfaces(to, file, |file| match extension(to).as_str() {
-        "vtp" => write_vtp(to, file),
-        "obj" => write_obj(to, file),
-        _ => write_tsurf(to, file),
+    console.write_surfaces(path, file, |file| match extension(path).as_str() {
+        "vtp" => write_vtp(path, file),
+        "obj" => write_obj(path, file),
+        _ => write_tsurf(path, file),
     })?;
     Ok(count)
 }

@@ -143,7 +143,7 @@ fn run<const D: usize, M: Storable<D>>(
     }
     if !dropped.is_empty() {
         notes.push(format!(
-            "dropped the arrays {}, which an edit cannot know",
+            "dropped the arrays {}, which an edit cannot update",
             dropped.join(", ")
         ));
     }
@@ -247,7 +247,9 @@ fn recorded_spec<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(MeshSpec, Ve
         spec.distance_from = DistanceSource::Features;
     }
     if spec.coarse_to_fine > 0 {
-        note("no passes on a smoother potential: atoms are near their places already");
+        note(
+            "passes on a smoother potential are skipped, as atoms are close to their final positions",
+        );
     }
     if spec.smooth.is_some() {
         note("the mesh was smoothed; the edited part is not");
@@ -368,7 +370,7 @@ fn table<const D: usize, M: Mesh<D>>(
     line(
         "changed",
         format!(
-            "{} of {} {kind} made again, around {} atoms free to move; {} made room",
+            "{} of {} {kind} rebuilt, around {} movable atoms; {} neighbours removed",
             summary.cells[1], summary.cells[0], summary.movable_atoms, summary.removed_neighbours
         ),
     );
@@ -376,7 +378,7 @@ fn table<const D: usize, M: Mesh<D>>(
         line(
             "quality",
             format!(
-                "of these, angles {:.1} to {:.1}, mean ratio {:.3}; before {:.1} to {:.1}, {:.3}",
+                "in the rebuilt part, angles {:.1} to {:.1}, mean ratio {:.3}; before {:.1} to {:.1}, {:.3}",
                 after.smallest_angle.worst,
                 after.largest_angle.worst,
                 after.mean_ratio_mean,

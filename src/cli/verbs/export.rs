@@ -1,4 +1,4 @@
-//! The verb `export`: a mesh for a reservoir simulator, or for another mesher.
+//! The verb `export`: writes a mesh for a reservoir simulator, or for another mesher.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use serde_json::json;
 use crate::cli::case::{CaseOptions, SpaceOptions, check_depth};
 use crate::cli::common::output::path_text;
 use crate::cli::console::Console;
-use crate::cli::faults::{FaultOptions, parse_standing};
+use crate::cli::faults::{FaultOptions, parse_surface_selection};
 use crate::cli::parse::option_error;
 use crate::cli::rock::RockOptions;
 use crate::error::cause;
@@ -20,50 +20,50 @@ use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel};
 use crate::store::AnyMesh;
 use crate::{Error, Result};
 
-/// `atomesh export`.
+/// Arguments of `atomesh export`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The format
+    /// The format to write
     #[arg(long, value_name = "FORMAT", value_parser = format_names())]
     pub to: String,
-    /// The file to write, or the folder for formats of many files
+    /// The file to write, or the folder for formats with several files
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
-    /// What fills the cells.
+    /// Options for the rock in the cells.
     #[command(flatten, next_help_heading = "Rock")]
     pub rock: RockOptions,
-    /// How faults resist flow.
+    /// Options that say how faults resist flow.
     #[command(flatten, next_help_heading = "Faults")]
     pub faults: FaultOptions,
-    /// Columns along two axes, and layers, of a corner-point grid (grdecl) [default: as fine as the
-    /// cells]
+    /// Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
+    /// as fine as the cells]
     #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
     pub grid: Option<String>,
-    /// Double the nodes along surfaces, with elements between their two sides (tetrahedra): faults,
-    /// horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
+    /// Duplicate the nodes along surfaces and add elements between the two sides (tetrahedra only):
+    /// faults, horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
     #[arg(long, value_name = "WHICH", help_heading = None)]
     pub split: Option<String>,
-    /// Nodes in the middle of edges, too: elements of second order
+    /// Add nodes in the middle of edges: elements of second order
     #[arg(long, help_heading = None, conflicts_with = "split")]
     pub quadratic: bool,
-    /// Where depth is.
+    /// Options that convert coordinates to metres and depth.
     #[command(flatten, next_help_heading = "Space")]
     pub space: SpaceOptions,
-    /// What happens.
+    /// Options for wells, fluids and the duration of the simulation.
     #[command(flatten, next_help_heading = "Case")]
     pub case: CaseOptions,
 }
 
-/// The names of the formats, with what they are.
+/// Returns the names of the formats with their descriptions.
 fn format_names() -> PossibleValuesParser {
     let named = |format: &ExportFormat| PossibleValue::new(format.name).help(format.description);
     PossibleValuesParser::new(formats().map(named))
 }
 
-/// Three numbers of cells.
+/// Parses three numbers of cells.
 fn parse_grid(text: &str) -> Result<[usize; 3]> {
     let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     let counts = numbers.and_then(|n| <[usize; 3]>::try_from(n).ok());
@@ -74,13 +74,13 @@ fn parse_grid(text: &str) -> Result<[usize; 3]> {
     })
 }
 
-/// An option that would change nothing.
+/// Returns the error about an option that would have no effect.
 fn no_effect_error(option: &str, problem: &str) -> Error {
     Error::Job(cause(option, problem, "omit it"))
 }
 
 impl ExportArgs {
-    /// No option is typed that the format, or what else is typed, leaves without effect.
+    /// Checks that no option is typed that has no effect with the format or the other options.
     fn check_options(&self, format: &ExportFormat, laws: &FaultLaws) -> Result<()> {
         let (rock, case) = (&self.rock, &self.case);
         let typed = [
@@ -131,9 +131,10 @@ impl ExportArgs {
             format.check_content(*content, option)?;
         }
         if let Some(option) = self.faults.given_option() {
-            let content = match laws.has_partial_law() {
-                true => ExportContent::Faults,
-                false => ExportContent::ClosedFaults,
+            let content = if laws.has_partial_law() {
+                ExportContent::Faults
+            } else {
+                ExportContent::ClosedFaults
             };
             format.check_content(content, option)?;
         }
@@ -144,7 +145,7 @@ impl ExportArgs {
             .filter(|_| !has_rock && format.case_needs_rock())
         {
             let problem = format!(
-                "is of a deck, and {} writes one only for a known rock",
+                "applies to a simulation deck, which {} writes only if the rock is known",
                 format.name
             );
             let remedy = "give --porosity and --permeability, or omit it";
@@ -193,22 +194,22 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     let split = args
         .split
         .as_deref()
-        .map(|text| parse_standing("--split", text));
+        .map(|text| parse_surface_selection("--split", text));
     let split = split.transpose()?;
     args.check_options(format, &laws)?;
     format.check_target(&args.output)?;
-    let inputs = [
+    let outputs = [
         Some(args.output.clone()),
         format.companion_path(&args.output),
     ];
-    if inputs
+    if outputs
         .iter()
         .flatten()
         .any(|path| same_file(path, &args.mesh))
     {
         return Err(Error::Job(cause(
             args.output.display(),
-            "would replace the mesh, by itself or by the VTU beside it",
+            "would overwrite the mesh, directly or with its companion VTU",
             "name another file",
         )));
     }
@@ -216,17 +217,18 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
     let mesh = console.read_mesh(&args.mesh)?;
-    let in_space = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
-    if args.space.thickness.is_some() && in_space {
+    let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
+    if args.space.thickness.is_some() && is_3d {
         return Err(no_effect_error(
             "--thickness",
             "is for 2-D meshes, but the mesh is 3-D",
         ));
     }
-    let names = format.supported_content.contains(&ExportContent::Names);
-    let mut prepared = match names || split.is_some() || args.faults.given_option().is_some() {
-        true => PreparedModel::new(mesh, &place, &placement)?,
-        false => PreparedModel::without_surfaces(mesh, &place, &placement)?,
+    let needs_names = format.supported_content.contains(&ExportContent::Names);
+    let mut prepared = if needs_names || split.is_some() || args.faults.given_option().is_some() {
+        PreparedModel::new(mesh, &place, &placement)?
+    } else {
+        PreparedModel::without_surfaces(mesh, &place, &placement)?
     };
     if format.uses_depth {
         check_depth(&prepared.model, &args.space)?;
@@ -253,12 +255,12 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         prepared.model.case = args.case.case(&prepared, console)?;
         let idle = prepared.model.idle_producers();
         idle.iter().for_each(|note| console.note(note));
-        let parted = prepared.model.notes_on_wells();
-        parted.iter().for_each(|note| console.note(note));
+        let well_notes = prepared.model.notes_on_wells();
+        well_notes.iter().for_each(|note| console.note(note));
     }
     prepared.model.is_quadratic = args.quadratic;
-    if let Some(along) = split {
-        prepared.model.split_along(along)?;
+    if let Some(selection) = split {
+        prepared.model.split_along(selection)?;
     }
     prepared.model.grid = args.grid.as_deref().map(parse_grid).transpose()?;
     console.begin_stage("checking");
@@ -293,20 +295,20 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         table += &format!("\nwell {:<9} {place}, index {index:.3e} m^3", well.name);
     }
     table += &format!("\nwrote {}: {}", args.output.display(), format.description);
-    let usual = args.output.with_extension("DATA");
+    let default_deck = args.output.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
-    if let Some(deck) = deck.filter(|deck| has_deck && *deck != usual) {
+    if let Some(deck) = deck.filter(|deck| has_deck && *deck != default_deck) {
         console.note(format_args!(
             "{} is there already and stays as it is: the corner-point grid's deck is {}",
-            usual.display(),
+            default_deck.display(),
             deck.display()
         ));
     }
-    let twin = format.companion_path(&args.output);
-    if let Some(twin) = &twin {
+    let companion = format.companion_path(&args.output);
+    if let Some(companion) = &companion {
         table += &format!(
             "\nwrote {}: the same cells with their shapes",
-            twin.display()
+            companion.display()
         );
     }
     console.result(
@@ -314,7 +316,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         &json!({
             "format": format.name,
             "file": path_text(&args.output),
-            "twin": twin.as_deref().map(path_text),
+            "twin": companion.as_deref().map(path_text),
             "checks": checks,
             "wells": model.case.wells.iter().map(|well| {
                 json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })
@@ -324,7 +326,7 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
     Ok(())
 }
 
-/// Whether two paths are one file.
+/// Returns `true` if two paths name the same existing file.
 fn same_file(a: &std::path::Path, b: &std::path::Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

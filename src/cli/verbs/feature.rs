@@ -1,4 +1,4 @@
-//! `atomesh feature`: only the image processing.
+//! The verb `feature`: runs only the detection of features.
 
 use std::path::{Path, PathBuf};
 
@@ -20,46 +20,48 @@ use crate::job::spec::{FeatureWeights, NominalDistance, PointValue};
 use crate::store::write_feature_lines;
 use crate::{Error, Result, feature};
 
-/// `atomesh feature`.
+/// Arguments of `atomesh feature`.
 #[derive(Debug, Args)]
 pub struct FeatureArgs {
     /// The image
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
-    /// The potential b(x): .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
+    /// The potential b(x) to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
     #[arg(short, long, value_name = "OUT.vti")]
     pub output: PathBuf,
-    /// Also write the lines at which features cross, branch off one another and end, with the angle and
-    /// the two sheets (in 2-D the points): .vtp
+    /// Also write the lines (in 2-D points) at which features cross, branch off one another and
+    /// end, with the angle and the two feature surfaces: .vtp
     #[arg(long, value_name = "LINES.vtp")]
     pub lines: Option<PathBuf>,
     /// The features to find
     #[arg(long, value_name = "KIND", default_value = "auto")]
     pub feature: FeatureKind,
-    /// Nominal distance between atoms, in samples: the valleys of the potential are a quarter of it
+    /// Nominal distance between atoms, in samples. The valleys of the potential are a quarter as
     /// wide
     #[arg(long, value_name = "D", default_value_t = 8.0)]
     pub distance: f64,
-    /// Scale of the features in samples [default: by the kind of feature]
+    /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
+    /// Smallest strength of a feature, in units of the feature image [default: automatic; it is
+    /// printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
-    /// Weights F,H in (0, 1] of faults and horizons where both are followed
+    /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[arg(long, value_name = "F,H", default_value_t)]
     pub feature_weights: FeatureWeights,
-    /// Paths: a point of the object, in physical coordinates; may be repeated
+    /// A point of the object, in physical coordinates, for --feature paths; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub object: Vec<PointValue>,
-    /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
+    /// A point of the background, for --feature paths; may be repeated [default: the image's
+    /// outermost samples]
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub background: Vec<PointValue>,
-    /// Paths: write the fraction of them that passes through each sample: .vti, .npy, .nrrd, .mha,
-    /// .nii or .png
+    /// Also write the fraction of paths that passes through each sample, for --feature paths: .vti,
+    /// .npy, .nrrd, .mha, .nii or .png
     #[arg(long, value_name = "OUT.png")]
     pub confidence_out: Option<PathBuf>,
-    /// Paths: seed of the random points
+    /// Seed of the random numbers, for --feature paths
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub rng_seed: u64,
     /// How to read the image.
@@ -83,7 +85,7 @@ pub fn feature(args: &FeatureArgs, console: &mut Console) -> Result<()> {
         if args.feature != FeatureKind::Paths {
             return Err(Error::Job(cause(
                 "--confidence-out",
-                "applies to paths, which are not chosen",
+                "applies to --feature paths only",
                 "add --feature paths, or omit it",
             )));
         }
@@ -119,16 +121,16 @@ fn detect_features<const D: usize>(
     }
     loaded.image.check(&args.image.display().to_string())?;
     console.begin_stage("finding features");
-    let found = feature::detect(&loaded.image, &options)?;
-    let potential = potential_image(found.potential.to_dense(), &loaded.image.geometry);
-    if let (Some(path), Some(confidence)) = (&args.confidence_out, &found.confidence) {
+    let features = feature::detect(&loaded.image, &options)?;
+    let potential = potential_image(features.potential.to_dense(), &loaded.image.geometry);
+    if let (Some(path), Some(confidence)) = (&args.confidence_out, &features.confidence) {
         console.write_image(
             path,
             potential_image(confidence.clone(), &loaded.image.geometry),
         )?;
     }
     let lines = match &args.lines {
-        Some(path) => Some(write_lines(path, &found, &loaded.image.geometry)?),
+        Some(path) => Some(write_lines(path, &features, &loaded.image.geometry)?),
         None => None,
     };
     let dims = potential.dims().to_vec();
@@ -137,7 +139,7 @@ fn detect_features<const D: usize>(
     console.result(
         format_args!(
             "{}\nwrote {path}: {} samples{}",
-            found.notes.join("\n"),
+            features.notes.join("\n"),
             format_dims(&dims),
             lines
                 .as_ref()
@@ -146,16 +148,16 @@ fn detect_features<const D: usize>(
         &json!({
             "file": path_text(&args.output),
             "dims": dims,
-            "points": found.points.len(),
-            "sigma": found.sigma,
-            "notes": found.notes,
+            "points": features.points.len(),
+            "sigma": features.sigma,
+            "notes": features.notes,
             "lines": lines.map(|lines| lines.json),
         }),
     );
     Ok(())
 }
 
-/// What is said of lines that were written.
+/// The report on lines that were written.
 struct LinesSummary {
     text: String,
     json: Value,
@@ -164,13 +166,13 @@ struct LinesSummary {
 /// Writes the lines at which features meet and end.
 fn write_lines<const D: usize>(
     path: &Path,
-    found: &Features<D>,
+    features: &Features<D>,
     geometry: &Geometry<D>,
 ) -> Result<LinesSummary> {
-    let lines = feature::lines(found)?;
-    // Samples are one apart in the lattice space of this verb.
+    let lines = feature::lines(features)?;
+    // The lattice space of this verb has a step of one sample.
     write_feature_lines(path, &lines, |x| geometry.to_physical(x))?;
-    let of_kind = |kind: LineKind| {
+    let summarise = |kind: LineKind| {
         let lines = lines.iter().filter(move |line| line.kind == kind);
         let (count, length) = lines.fold((0, 0.0), |(count, length), line| {
             (count + 1, length + line.length)
@@ -182,14 +184,14 @@ fn write_lines<const D: usize>(
         (shown, json!({ "count": count, "length": length }))
     };
     let [crossings, branches, tips] =
-        [LineKind::Crossing, LineKind::Branch, LineKind::Tip].map(of_kind);
-    let least = match D {
+        [LineKind::Crossing, LineKind::Branch, LineKind::Tip].map(summarise);
+    let omitted = match D {
         2 => String::new(),
-        _ => format!("; lines shorter than {MIN_LENGTH:.0} samples are left out"),
+        _ => format!("; lines shorter than {MIN_LENGTH:.0} samples are omitted"),
     };
     Ok(LinesSummary {
         text: format!(
-            "\nwrote {}: crossings {}, branches {}, tips {}{least}",
+            "\nwrote {}: crossings {}, branches {}, tips {}{omitted}",
             path.display(),
             crossings.0,
             branches.0,

@@ -1,4 +1,4 @@
-//! `atomesh flow`: steady pressure and flow from sources to sinks.
+//! The verb `flow`: computes steady pressure and flow from sources to sinks.
 
 use std::path::{Path, PathBuf};
 
@@ -26,27 +26,28 @@ use crate::model::flow::{Barriers, PointWell, Rock, Streamlines, Tensor};
 use crate::store::{MeshFile, Storable, StoredMesh, with_mesh};
 use crate::{Error, Result, memory};
 
-/// `atomesh flow`.
+/// Arguments of `atomesh flow`.
 #[derive(Debug, Args)]
 pub struct FlowArgs {
-    /// A mesh written by atomesh; its coordinates are taken to be metres
+    /// A mesh written by atomesh; its coordinates are assumed to be in metres
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
     /// The mesh to write, split along faults, with pressure (Pa) and Darcy velocity (m/s)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default: 0.001]; may be
-    /// repeated
+    /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default rate: 0.001]; may
+    /// be repeated
     #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub source: Vec<String>,
-    /// A point where fluid leaves [default rate: all that enters, or 0.001 with --pressure]
+    /// A point where fluid leaves [default rate: all that enters, or 0.001 with --pressure]; may be
+    /// repeated
     #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub sink: Vec<String>,
-    /// Pressure (Pa) of a side of the box: xmin, xmax, ymin ..., the image's axes, x the fastest in
-    /// memory. Sides without one are closed
+    /// Pressure (Pa) on a side of the box: xmin, xmax, ymin ... along the image's axes, x the
+    /// fastest in memory. Sides without a pressure are closed
     #[arg(long, value_name = "SIDE=P")]
     pub pressure: Vec<String>,
-    /// How faults resist flow.
+    /// Options that say how faults resist flow.
     #[command(flatten)]
     pub faults: FaultOptions,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
@@ -58,8 +59,8 @@ pub struct FlowArgs {
         allow_hyphen_values = true
     )]
     pub permeability: String,
-    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of interval
-    /// velocities in m/s on a grid of its own in two-way time; sources and sinks are given in depth then
+    /// Convert two-way time to depth in metres, with one velocity in m/s or a file of interval
+    /// velocities in m/s on a grid in two-way time. Sources and sinks are then in depth
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// Viscosity in Pa s
@@ -70,7 +71,7 @@ pub struct FlowArgs {
         allow_hyphen_values = true
     )]
     pub viscosity: f64,
-    /// Write streamlines that carry equal rates, for ParaView
+    /// Also write streamlines that carry equal rates, for ParaView
     #[arg(long, value_name = "FILE.vtp")]
     pub streamlines: Option<PathBuf>,
     /// Number of streamlines [default: 200]
@@ -79,7 +80,7 @@ pub struct FlowArgs {
 }
 
 impl FlowArgs {
-    /// No output replaces an input or the other output.
+    /// Checks that no output replaces an input or the other output.
     fn check_files(&self) -> Result<()> {
         let mut inputs = vec![self.mesh.as_path(), Path::new(&self.permeability)];
         inputs.extend(self.faults.fault_multiplier.iter().map(Path::new));
@@ -91,29 +92,29 @@ impl FlowArgs {
         }
     }
 
-    /// No option is typed that another leaves without effect.
+    /// Checks that no option is typed that has no effect with the others.
     fn check_options(&self) -> Result<()> {
         if self.lines.is_some() && self.streamlines.is_none() {
             let problem = "is the number of streamlines, but none are to be written";
             return Err(Error::Job(cause("--lines", problem, "omit it")));
         }
         if let Some(lines) = self.lines {
-            let what = format!("{lines} streamlines");
-            memory::ensure_available("--lines", 4e3 * lines as f64, what, "ask for fewer")?;
+            let task = format!("{lines} streamlines");
+            memory::ensure_available("--lines", 4e3 * lines as f64, task, "ask for fewer")?;
         }
         Ok(())
     }
 }
 
-/// Rate in m^3/s of a source for which none is given.
+/// Rate in m^3/s of a source or sink whose rate is not given.
 const DEFAULT_RATE: f64 = 1e-3;
 
-/// Number of streamlines unless one is given.
+/// Default number of streamlines.
 const DEFAULT_LINE_COUNT: usize = 200;
 
 /// Runs the verb.
 pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let typed = FlowInput {
+    let input = FlowInput {
         args,
         interrupts,
         wells: WellInput::parse_all(args)?,
@@ -124,8 +125,8 @@ pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> 
     args.check_options()?;
     console.begin_stage("reading");
     let report = with_mesh!(console.read_mesh(&args.mesh)?,
-        simplices file => typed.solve_simplices(file, console),
-        cells file => typed.solve_cells(file, console)
+        simplices file => input.solve_simplices(file, console),
+        cells file => input.solve_cells(file, console)
     )?;
     console.result(
         format_args!("{}\nwrote {}", report.table(), args.output.display()),
@@ -134,7 +135,7 @@ pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> 
     Ok(())
 }
 
-/// What was typed, as far as it can be understood without the mesh.
+/// The parsed arguments, as far as they do not depend on the mesh.
 struct FlowInput<'a> {
     args: &'a FlowArgs,
     interrupts: &'a Interrupts,
@@ -160,13 +161,13 @@ impl FlowInput<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(DEFAULT_LINE_COUNT));
-        let outcome = self.interrupts.run_until_interrupted(console, |patience| {
-            flow_through_elements(stored, rock, &barriers, &conditions, lines, patience)
+        let outcome = self.interrupts.run_until_interrupted(console, |cancel| {
+            flow_through_elements(stored, rock, &barriers, &conditions, lines, cancel)
         })?;
         self.write(outcome, console)
     }
 
-    /// Through Voronoi cells (or any polyhedra or polygons).
+    /// Computes flow through Voronoi cells (or other polyhedra or polygons).
     fn solve_cells<const D: usize>(
         &self,
         file: MeshFile<PolyMesh<D>>,
@@ -186,8 +187,8 @@ impl FlowInput<'_> {
             .streamlines
             .as_ref()
             .map(|_| args.lines.unwrap_or(DEFAULT_LINE_COUNT));
-        let (outcome, notes) = self.interrupts.run_until_interrupted(console, |patience| {
-            flow_through_cells(stored, &rock, &barriers, &conditions, lines, patience)
+        let (outcome, notes) = self.interrupts.run_until_interrupted(console, |cancel| {
+            flow_through_cells(stored, &rock, &barriers, &conditions, lines, cancel)
         })?;
         notes.iter().for_each(|note| console.note(note));
         self.write(outcome, console)
@@ -206,7 +207,7 @@ impl FlowInput<'_> {
         Ok(outcome.report)
     }
 
-    /// In a mesh of dimension `D`.
+    /// Returns the wells and side pressures, checked for a mesh of dimension `D`.
     fn conditions<const D: usize>(&self) -> Result<BoundaryConditions<D>> {
         let well = |well: &WellInput| {
             let position = well.position.as_slice().try_into().map_err(|_| {
@@ -269,7 +270,7 @@ impl FlowInput<'_> {
     }
 }
 
-/// A mesh through which fluid can flow wherever it should.
+/// Reads a mesh, in depth if a velocity is given, and checks that its cells fill it.
 fn check_mesh<const D: usize, M: Storable<D>>(
     args: &FlowArgs,
     file: MeshFile<M>,
@@ -281,7 +282,7 @@ fn check_mesh<const D: usize, M: Storable<D>>(
     Ok(stored)
 }
 
-/// Sides of the box with their pressures.
+/// Parses `SIDE=P`: sides of the box with their pressures.
 fn parse_sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
     let mut sides: Vec<(u8, f64)> = Vec::new();
     for text in texts {
@@ -308,7 +309,7 @@ fn parse_sides(texts: &[String]) -> Result<Vec<(u8, f64)>> {
     Ok(sides)
 }
 
-/// A well with as many coordinates as were typed.
+/// A source or sink, with as many coordinates as were typed.
 struct WellInput {
     name: String,
     position: Vec<f64>,
@@ -316,7 +317,7 @@ struct WellInput {
 }
 
 impl WellInput {
-    /// Sources, then sinks.
+    /// Parses all sources, then all sinks.
     fn parse_all(args: &FlowArgs) -> Result<Vec<Self>> {
         let mut wells = Vec::new();
         let mut without_rate = Vec::new();
@@ -337,16 +338,20 @@ impl WellInput {
                 });
             }
         }
-        // Sinks without a rate share what comes in; given pressures would take up any difference.
-        let known = |i: &usize| !without_rate.contains(i);
-        let left: f64 = (0..wells.len()).filter(known).map(|i| wells[i].rate).sum();
+        // Sinks without a rate share the rate of the sources. With side pressures this is not
+        // needed, as they balance any difference.
+        let has_rate = |i: &usize| !without_rate.contains(i);
+        let net_rate: f64 = (0..wells.len())
+            .filter(has_rate)
+            .map(|i| wells[i].rate)
+            .sum();
         for &i in &without_rate {
-            if left <= 0.0 {
-                let problem = format!("has no rate, and the others leave {left} m^3/s for it");
+            if net_rate <= 0.0 {
+                let problem = format!("has no rate, and the others leave {net_rate} m^3/s for it");
                 let remedy = "give it a rate, or the sources a larger one";
                 return Err(Error::Flow(cause(&wells[i].name, problem, remedy)));
             }
-            wells[i].rate = -left / without_rate.len() as f64;
+            wells[i].rate = -net_rate / without_rate.len() as f64;
         }
         if wells.is_empty() && args.pressure.is_empty() {
             return Err(Error::Flow(cause(
@@ -359,7 +364,7 @@ impl WellInput {
     }
 }
 
-/// `X,Y,Z` or `X,Y,Z:RATE` (in the plane without Z).
+/// Parses `X,Y,Z` or `X,Y,Z:RATE` (in the plane without Z).
 fn parse_well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     let remedy = "give X,Y,Z or X,Y,Z:RATE, such as 120,80,40:0.001";
     let (place, rate) = match text.split_once(':') {
@@ -379,7 +384,7 @@ fn parse_well(option: &str, text: &str) -> Result<(Vec<f64>, Option<f64>)> {
     Ok((position.collect::<Result<_>>()?, rate))
 }
 
-/// The mobility of every cell: from numbers, from a file by region, or from an array of the mesh.
+/// Returns the mobility of every cell, from numbers, a file by region, or an array of the mesh.
 fn cell_mobility<const D: usize, M: Storable<D>>(
     args: &FlowArgs,
     stored: &StoredMesh<D, M>,
@@ -420,11 +425,11 @@ fn cell_mobility<const D: usize, M: Storable<D>>(
         )));
     }
     let lines = "write region,K or region,KX,KY,KZ, in m^2";
-    let kinds = values_by_region(path, Tensor::from_components::<D>, lines)?;
+    let by_region = values_by_region(path, Tensor::from_components::<D>, lines)?;
     let regions = stored.regions().ok_or_else(|| {
         refuse(
             "is given by region, but the mesh has no cell array 'region': give one value for all",
         )
     })?;
-    Rock::by_region(&regions, &kinds, viscosity)
+    Rock::by_region(&regions, &by_region, viscosity)
 }

@@ -1,4 +1,4 @@
-//! `atomesh info`: what a file holds.
+//! The verb `info`: describes an image file or a mesh file.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
+use crate::geometry::bounding_box;
 use crate::Result;
 use crate::cli::common::options::read_options;
 use crate::cli::console::Console;
@@ -13,10 +14,9 @@ use crate::files::vtk::DataArray;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
-use crate::store::stored_mesh::bounding_box;
 use crate::store::{FieldValue, MeshFile, with_mesh};
 
-/// `atomesh info`.
+/// Arguments of `atomesh info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
     /// An image or a mesh
@@ -27,10 +27,10 @@ pub struct InfoArgs {
     pub input: InputOptions,
 }
 
-/// Longer lists are but counted.
+/// Largest length of a list that is printed; of a longer one only the length is.
 const MAX_LISTED: usize = 64;
 
-/// Runs the verb: of an image, or of a mesh.
+/// Runs the verb for an image or a mesh.
 pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
     if is_mesh(&args.file) {
         return mesh_info(&args.file, console);
@@ -41,7 +41,7 @@ pub fn info(args: &InfoArgs, console: &mut Console) -> Result<()> {
     Ok(())
 }
 
-/// Whether a file looks like a VTK unstructured grid.
+/// Returns `true` if a file looks like a VTK unstructured grid.
 fn is_mesh(path: &Path) -> bool {
     let mut head = Vec::new();
     let Ok(file) = crate::files::open(path, "give a file") else {
@@ -51,14 +51,14 @@ fn is_mesh(path: &Path) -> bool {
     read.is_ok() && String::from_utf8_lossy(&head).contains("type=\"UnstructuredGrid\"")
 }
 
-/// The same of a mesh.
+/// Reads and describes a mesh.
 fn mesh_info(path: &Path, console: &mut Console) -> Result<()> {
     with_mesh!(console.read_mesh(path)?, file => describe(path, &file, console));
     Ok(())
 }
 
 fn describe<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>, console: &mut Console) {
-    let (low, high) = bounding_box(file.mesh.nodes());
+    let [low, high] = bounding_box(file.mesh.nodes());
     let names = |arrays: &[DataArray]| -> Vec<String> {
         arrays.iter().map(|array| array.name.clone()).collect()
     };

@@ -1,4 +1,5 @@
-//! Surfaces as interpreters exchange them: faults as sticks, a horizon as a grid of its heights.
+//! Output of surfaces in formats of interpretation software: faults as sticks, a horizon as a grid
+//! of its heights.
 
 use std::any::Any;
 use std::path::Path;
@@ -14,40 +15,42 @@ use crate::image::Geometry;
 use crate::model::surface::{SurfaceKind, SurfaceMeasure};
 use crate::{Error, Result};
 
-/// The endings of sticks, and of grids.
+/// File endings of fault sticks, and of grids.
 pub const STICK_EXTENSIONS: [&str; 1] = ["csv"];
 pub const GRID_EXTENSIONS: [&str; 3] = ["irap", "zmap", "cps3"];
 
-/// What is to be written of surfaces in formats that do not hold all as they are.
+/// Options for formats that cannot hold all surfaces as they are.
 #[derive(Debug, Clone, Default, Args)]
 pub struct InterpretationOptions {
-    /// The surface that becomes a grid, by its number in the table [default: the only horizon]
+    /// The number of the surface that becomes a grid, as in the printed table [default: the only
+    /// horizon]
     #[arg(long, value_name = "N")]
     pub number: Option<usize>,
-    /// Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten sticks a
-    /// fault; about the length of the surface's edges]
+    /// Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten
+    /// sticks per fault; for a grid about the length of the surface's edges]
     #[arg(long, value_name = "LENGTH", allow_negative_numbers = true)]
     pub step: Option<f64>,
 }
 
 impl InterpretationOptions {
-    /// No option is accepted and then ignored.
+    /// Checks that no option is typed that has no effect on this file.
     ///
     /// # Errors
-    /// [`Error::Job`] for what says nothing about this file, and for a step that is not positive.
+    /// Returns [`Error::Job`] for an option that does not apply to this file, and for a step that
+    /// is not positive.
     pub fn refuse_unused(&self, path: &Path) -> Result<()> {
-        let [grid, sticks] = [
+        let [is_grid, is_sticks] = [
             has_extension(path, &GRID_EXTENSIONS),
             has_extension(path, &STICK_EXTENSIONS),
         ];
-        let refuse = |option: &str, what: &str| {
-            let problem = format!("applies to {what}, but {} is none", path.display());
+        let refuse = |option: &str, formats: &str| {
+            let problem = format!("applies to {formats}, but the output is {}", path.display());
             Err(Error::Job(cause(option, problem, "omit it")))
         };
-        if self.number.is_some() && !grid {
+        if self.number.is_some() && !is_grid {
             return refuse("--number", "a grid (.irap, .zmap, .cps3)");
         }
-        if self.step.is_some() && !grid && !sticks {
+        if self.step.is_some() && !is_grid && !is_sticks {
             return refuse("--step", "sticks (.csv) or a grid (.irap, .zmap, .cps3)");
         }
         match self.step {
@@ -64,11 +67,11 @@ impl InterpretationOptions {
         }
     }
 
-    /// Writes sticks or a grid, if the file is to hold these; says whether it does.
+    /// Writes sticks or a grid, if the file is to hold one of them. Returns `true` if it does.
     ///
     /// # Errors
-    /// [`Error::Job`] if there is nothing of the kind among the surfaces, or more than one that could be
-    /// meant; [`Error::Io`] if the file cannot be written.
+    /// Returns [`Error::Job`] if there is no surface of the required kind, or if it is ambiguous,
+    /// and [`Error::Io`] if the file cannot be written.
     pub fn write<const D: usize>(
         &self,
         path: &Path,
@@ -77,11 +80,11 @@ impl InterpretationOptions {
         measures: &[SurfaceMeasure],
         console: &mut Console,
     ) -> Result<bool> {
-        let [grid, sticks] = [
+        let [is_grid, is_sticks] = [
             has_extension(path, &GRID_EXTENSIONS),
             has_extension(path, &STICK_EXTENSIONS),
         ];
-        if !grid && !sticks {
+        if !is_grid && !is_sticks {
             return Ok(false);
         }
         let Some(file) = (file as &dyn Any).downcast_ref::<SurfaceFile<3>>() else {
@@ -89,7 +92,7 @@ impl InterpretationOptions {
             let remedy = "write .vtp, .obj or .ts";
             return Err(Error::Job(cause(path.display(), problem, remedy)));
         };
-        if grid {
+        if is_grid {
             let mut image = height_grid(file, self.horizon_index(measures)?, self.step)?;
             let units = geometry.to_3d().units;
             image.geometry.units = [units[0].clone(), units[1].clone()];
@@ -114,16 +117,16 @@ impl InterpretationOptions {
         Ok(true)
     }
 
-    /// The surface that becomes a grid, from 0.
+    /// Returns the index of the surface that becomes a grid.
     fn horizon_index(&self, measures: &[SurfaceMeasure]) -> Result<usize> {
         let refuse = |problem: String| {
             let remedy = "give the number of a surface in the table with --number";
             Err(Error::Job(cause("a grid of one surface", problem, remedy)))
         };
         if let Some(number) = self.number {
-            let found = measures.iter().position(|m| m.surface == number);
-            return match found {
-                Some(found) => Ok(found),
+            let index = measures.iter().position(|m| m.surface == number);
+            return match index {
+                Some(index) => Ok(index),
                 None => refuse(format!("there is no surface {number}")),
             };
         }

@@ -121,7 +121,7 @@ pub(crate) fn mesh(
 fn stream_notes(stream: &ImageStream) -> Vec<String> {
     let mut notes = stream.header.notes.clone();
     notes.extend(stream.rounding_note());
-    notes.push("the image is left in its file, some layers of which are read at a time".into());
+    notes.push("the image stays in its file and is read a few layers at a time".into());
     notes
 }
 
@@ -361,8 +361,8 @@ where
 {
     let place = output.display().to_string();
     match &outcome.mesh {
-        MeshResult::Simplices(made) => {
-            let stored = StoredMesh::new(simplex_mesh_file(outcome, made), &place)?;
+        MeshResult::Simplices(annotated) => {
+            let stored = StoredMesh::new(simplex_mesh_file(outcome, annotated), &place)?;
             super::surface::write_tagged_surfaces(path, &stored, console)
         }
         MeshResult::Voronoi { mesh, weld } => {
@@ -393,9 +393,9 @@ where
     let place = output.display().to_string();
     // The page shows the mesh as its file holds it.
     match &outcome.mesh {
-        MeshResult::Simplices(made) => {
+        MeshResult::Simplices(annotated) => {
             let file = with_image(
-                simplex_mesh_file(outcome, made),
+                simplex_mesh_file(outcome, annotated),
                 ImageSource::InMemory(image),
             )?;
             let stored = StoredMesh::new(file, &place)?;
@@ -565,7 +565,7 @@ impl Progress for MeshProgress<'_> {
         if self.interrupted_stage.is_none() && self.interrupts.is_requested() {
             self.interrupted_stage = Some(self.stage);
             self.console
-                .note("interrupted: what there is becomes a mesh if that takes no longer than two seconds; press Ctrl-C again to end at once");
+                .note("interrupted: the lattice becomes a mesh if this takes no longer than two seconds; press Ctrl-C again to stop at once");
         }
         // After a stop of the optimisation, the later stages run in full.
         self.interrupted_stage

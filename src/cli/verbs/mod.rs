@@ -1,4 +1,4 @@
-//! The verbs, one a file: its arguments and its run.
+//! The verbs of the command line: one file per verb, with its arguments and its code.
 
 mod captions;
 pub mod columns;

@@ -1,4 +1,4 @@
-//! The verb `paint`: cells grown from seeds, within layers but not across surfaces.
+//! The verb `paint`: grows regions of cells from seeds, within layers but not across surfaces.
 
 use std::path::PathBuf;
 
@@ -18,25 +18,25 @@ use crate::image::ScalarField;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
 use crate::model::geodesics::{GeodesicSource, Geodesics};
-use crate::model::paint::{blocks, contrast_factors, paint as flow};
+use crate::model::paint::{blocks, contrast_factors, paint as paint_cells};
 use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
 use crate::model::surface::stored_surfaces::group_facets;
 use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 
-/// Smaller rooms than this many cells are crumbs between surfaces.
+/// Smallest number of cells of a compartment; smaller ones are fragments between surfaces.
 const MIN_COMPARTMENT_CELLS: usize = 24;
 
-/// `atomesh paint`.
+/// Arguments of `atomesh paint`.
 #[derive(Debug, Args)]
 pub struct PaintArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The mesh with the painted regions as cell data `region` (0: not painted)
+    /// The mesh to write, with the painted regions as cell data `region` (0: not painted)
     #[arg(short, long, value_name = "OUT.vtu")]
     pub output: PathBuf,
-    /// Where paint begins, in physical coordinates (X,Y in 2-D), once or more; =N gives the region,
-    /// otherwise each seed is its own. `auto` paints every block between surfaces
+    /// Points where paint begins, in physical coordinates (X,Y in 2-D); =N sets the region,
+    /// otherwise each seed has its own. May be repeated; `auto` paints every block between surfaces
     #[arg(
         long,
         value_name = "X,Y,Z[=N]",
@@ -44,20 +44,21 @@ pub struct PaintArgs {
         allow_hyphen_values = true
     )]
     pub seed: Vec<String>,
-    /// Paint flows less easily where the values of this image change
+    /// An image; paint flows less easily where its values change
     #[arg(long, value_name = "IMAGE")]
     pub image: Option<PathBuf>,
-    /// Paint stops this far from its seed, in samples, by the shortest way that crosses no surface
+    /// Largest distance of paint from its seed, in samples, along the shortest path that crosses no
+    /// surface
     #[arg(long, value_name = "SAMPLES")]
     pub level: Option<f64>,
-    /// Openings narrower than this fraction of the blocks they join are cracks, through which paint
-    /// does not pass; 0 for none
+    /// Largest width of an opening that paint does not pass, as a fraction of the blocks that it
+    /// connects; 0 for none
     #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     pub neck: f64,
-    /// The surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts
+    /// Also write the surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts
     #[arg(long, value_name = "S.vtp")]
     pub surface_out: Option<PathBuf>,
-    /// The surfaces that paint does not cross.
+    /// Options that group faces into the surfaces that paint does not cross.
     #[command(flatten)]
     pub grouping: GroupingOptions,
     /// How to read the image.
@@ -65,7 +66,7 @@ pub struct PaintArgs {
     pub input: InputOptions,
 }
 
-/// What was painted.
+/// The report on one painted region.
 #[derive(Debug, Serialize)]
 struct PaintedRegion {
     region: u32,
@@ -74,7 +75,7 @@ struct PaintedRegion {
     share: f64,
 }
 
-/// `atomesh paint`.
+/// Runs the verb.
 pub fn paint(args: &PaintArgs, console: &mut Console) -> Result<()> {
     let inputs: Vec<&std::path::Path> = [Some(args.mesh.as_path()), args.image.as_deref()]
         .into_iter()
@@ -107,14 +108,14 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
     )?;
     let neck = check_range("--neck", args.neck, 0.0..=1.0)?;
     let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
-    let marked = tagged_facets(&stored, &args.mesh)?;
-    let mut closed = group_facets(&stored, marked, &options).facets;
+    let tagged = tagged_facets(&stored, &args.mesh)?;
+    let mut closed = group_facets(&stored, tagged, &options).facets;
     closed.iter_mut().for_each(|facet| facet.sort_unstable());
     closed.sort_unstable();
 
     console.begin_stage("painting");
-    let across = stored.lattice.cells_of_faces()?;
-    let cells = CellAdjacency::new(&stored.lattice, &across, &closed);
+    let face_cells = stored.lattice.cells_of_faces()?;
+    let cells = CellAdjacency::new(&stored.lattice, &face_cells, &closed);
     let (block, count) = blocks(&cells, neck, MIN_COMPARTMENT_CELLS);
     let space = stored.space.clone();
     let regions: Vec<u32> = match &seeds {
@@ -122,47 +123,48 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
         Some(seeds) => {
             let sources: Vec<GeodesicSource<D>> = (seeds.iter().zip(&args.seed))
                 .map(|(&(p, label), text)| {
-                    let at = space.to_lattice(p);
-                    let held =
-                        at.and_then(|at| Some((at, find_cell(&stored.lattice, &across, at)?)));
-                    let (at, cell) = held.ok_or_else(|| {
+                    let position = space.to_lattice(p);
+                    let located = position.and_then(|position| {
+                        Some((position, find_cell(&stored.lattice, &face_cells, position)?))
+                    });
+                    let (position, cell) = located.ok_or_else(|| {
                         let remedy = "give physical coordinates; atomesh info shows their range";
                         parse::option_error("--seed", text, "lies outside the mesh", remedy)
                     })?;
                     Ok(GeodesicSource {
-                        position: at,
+                        position,
                         cell,
                         label,
                     })
                 })
                 .collect::<Result<_>>()?;
-            let harder = image_contrast(args, &space, &cells, console)?;
-            let ways = Geodesics::new(&stored.lattice, &across, &cells);
-            let painted = flow(&ways, &block, harder.as_deref(), &sources, level);
+            let contrast = image_contrast(args, &space, &cells, console)?;
+            let geodesics = Geodesics::new(&stored.lattice, &face_cells, &cells);
+            let painted = paint_cells(&geodesics, &block, contrast.as_deref(), &sources, level);
             let label = |label: Option<u32>| label.unwrap_or(0);
             painted.label.into_iter().map(label).collect()
         }
     };
     let mut file = stored.into_file();
-    // Faces have other numbers where the world mirrors the lattice.
-    let across = file.mesh.cells_of_faces()?;
+    // If the geometry mirrors the lattice, faces have other numbers in physical coordinates.
+    let face_cells = file.mesh.cells_of_faces()?;
 
     console.begin_stage("writing");
     M::set_regions(&mut file, regions.iter().map(|&r| r as i32).collect());
-    let found = totals(&file.mesh, &regions);
+    let painted = totals(&file.mesh, &regions);
     if let Some(path) = &args.surface_out {
         let physical = &file.mesh;
         let (mut facets, mut start) = (Vec::new(), vec![0]);
-        for PaintedRegion { region, .. } in &found {
-            facets.extend(enclosing_facets(physical, &across, &regions, *region));
+        for PaintedRegion { region, .. } in &painted {
+            facets.extend(enclosing_facets(physical, &face_cells, &regions, *region));
             start.push(facets.len());
         }
-        let mut skins = SurfaceFile::new(physical.nodes(), &facets, &start, "region");
-        skins.names = found
+        let mut surfaces = SurfaceFile::new(physical.nodes(), &facets, &start, "region");
+        surfaces.names = painted
             .iter()
             .map(|r| format!("region{}", r.region))
             .collect();
-        write_file(path, skins, &space.geometry, z_up, console)?;
+        write_file(path, surfaces, &space.geometry, z_up, console)?;
     }
     console.write_mesh(&args.output, file)?;
     let mut lines = vec![format!(
@@ -172,7 +174,7 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
         if D == 2 { "area" } else { "volume" },
         "share"
     )];
-    lines.extend(found.iter().map(|r| {
+    lines.extend(painted.iter().map(|r| {
         let share = 100.0 * r.share;
         format!(
             "{:>6} {:>9} {:>13.6e} {share:>6.2}%",
@@ -182,26 +184,27 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
     lines.push(format!(
         "wrote {}: {} regions",
         args.output.display(),
-        found.len()
+        painted.len()
     ));
     console.result(
         lines.join("\n"),
         &json!({
-            "file": path_text(&args.output), "surface": args.surface_out.as_deref().map(path_text), "blocks": count, "regions": found,
+            "file": path_text(&args.output), "surface": args.surface_out.as_deref().map(path_text), "blocks": count, "regions": painted,
         }),
     );
     Ok(())
 }
 
-/// Cells, volume and share of the whole of each region that has cells, but for 0, unpainted.
+/// Returns the number of cells, the volume and the fraction of the total volume of each region that
+/// has cells, except for region 0, which is unpainted.
 fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<PaintedRegion> {
-    let most = regions.iter().copied().max().unwrap_or(0) as usize;
-    let mut sums = vec![(0, 0.0); most + 1];
-    let mut all = 0.0;
+    let max_region = regions.iter().copied().max().unwrap_or(0) as usize;
+    let mut sums = vec![(0, 0.0); max_region + 1];
+    let mut total = 0.0;
     for (volume, &region) in mesh.volumes().iter().zip(regions) {
         sums[region as usize].0 += 1;
         sums[region as usize].1 += volume;
-        all += volume;
+        total += volume;
     }
     let numbered = (0..).zip(sums).skip(1).filter(|(_, sum)| sum.0 > 0);
     numbered
@@ -209,12 +212,12 @@ fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<PaintedR
             region,
             cells,
             volume,
-            share: volume / all,
+            share: volume / total,
         })
         .collect()
 }
 
-/// How much harder paint flows through each link for the image, if one is given.
+/// Returns for each link the factor by which the image slows paint, if an image is given.
 fn image_contrast<const D: usize>(
     args: &PaintArgs,
     space: &LatticeSpace<D>,
@@ -234,10 +237,10 @@ fn image_contrast<const D: usize>(
     Ok(Some(contrast_factors(cells, &values)))
 }
 
-/// Where paint begins, and its region, from 1.
+/// A point where paint begins, and its region, from 1.
 type SeedPoint<const D: usize> = ([f64; D], u32);
 
-/// Seeds with their regions; `None` for `auto`.
+/// Parses the seeds and their regions; returns `None` for `auto`.
 fn parse_seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<SeedPoint<D>>>> {
     if let [only] = texts
         && only == "auto"
@@ -248,11 +251,11 @@ fn parse_seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<SeedPoint<
         2 => "give X,Y or X,Y=N, such as 10,20.5 or 10,20.5=2, or auto alone",
         _ => "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto alone",
     };
-    let seed = |(text, own): (&String, u32)| {
-        let (point, unit) = match text.split_once('=') {
-            None => (text.as_str(), own),
-            Some((point, unit)) => {
-                let unit = unit
+    let seed = |(text, default): (&String, u32)| {
+        let (point, region) = match text.split_once('=') {
+            None => (text.as_str(), default),
+            Some((point, region)) => {
+                let region = region
                     .trim()
                     .parse()
                     .ok()
@@ -260,16 +263,16 @@ fn parse_seeds<const D: usize>(texts: &[String]) -> Result<Option<Vec<SeedPoint<
                 let wrong = || {
                     parse::option_error("--seed", text, "has no region from 1 to 1000000", remedy)
                 };
-                (point, unit.ok_or_else(wrong)?)
+                (point, region.ok_or_else(wrong)?)
             }
         };
-        Ok((parse::point("--seed", point, remedy)?, unit))
+        Ok((parse::point("--seed", point, remedy)?, region))
     };
     let seeds: Result<Vec<_>> = texts.iter().zip(1..).map(seed).collect();
     seeds.map(Some)
 }
 
-/// A number in a range.
+/// Checks that a number is in a range.
 fn check_range(option: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<f64> {
     if range.contains(&value) {
         return Ok(value);

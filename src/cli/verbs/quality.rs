@@ -1,4 +1,4 @@
-//! `atomesh quality`: quality and fidelity figures of a mesh.
+//! The verb `quality`: measures the quality and the fidelity of a mesh.
 
 use std::path::PathBuf;
 
@@ -21,17 +21,17 @@ use crate::store::output::DISTANCE_ARRAY;
 use crate::store::{LatticeSpace, StoredMesh, with_mesh, write_lines};
 use crate::{Error, Result};
 
-/// `atomesh quality`.
+/// Arguments of `atomesh quality`.
 #[derive(Debug, Args)]
 pub struct QualityArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// Exact distance to the features, as `synth --truth` writes it
+    /// The exact distance to the features, as `synth --truth` writes it
     #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
-    /// Also write the lines where features, or a feature and a side of the box, meet at less than 30
-    /// degrees, with their angles
+    /// Also write the lines where features, or a feature and a side of the box, meet at less than
+    /// 30 degrees, with their angles
     #[arg(long, value_name = "LINES.vtp")]
     pub lines: Option<PathBuf>,
 }
@@ -69,16 +69,16 @@ fn measure<const D: usize, M: Simplices<D>>(
     Ok(())
 }
 
-/// What is measured of tetrahedra or triangles, next to the truth if it is known.
+/// Returns the figures of tetrahedra or triangles, compared with the truth if it is known.
 pub(super) fn figures<const D: usize, M: Simplices<D>>(
     stored: &mut StoredMesh<D, M>,
     truth: Option<(Truth<D>, String)>,
 ) -> Result<Report> {
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let judged = explained_angles(stored);
+    let assessment = explained_angles(stored);
     let mut report = Report {
         quality: Some(Quality {
-            angles: Some(judged.angles),
+            angles: Some(assessment.angles),
             ..report::quality(mesh)
         }),
         box_check: Some(check(mesh, [0.0; D], space.extent, space.tolerance())),
@@ -101,21 +101,21 @@ pub(super) fn figures<const D: usize, M: Simplices<D>>(
     Ok(report)
 }
 
-/// Which angles the features explain. A mesh that does not say how far apart its atoms shall be, stands
-/// for itself.
+/// Returns which angles the features explain. If the mesh does not record its nominal distance, its
+/// mean edge lengths replace it.
 fn explained_angles<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> AngleAssessment {
     let (mesh, space) = (&stored.lattice, &stored.space);
     let arrays = &stored.arrays.point_data;
-    let given = arrays.iter().find(|array| array.name == DISTANCE_ARRAY);
-    let given = given.map(|array| array.values.to_f64());
-    let distance = given
+    let array = arrays.iter().find(|array| array.name == DISTANCE_ARRAY);
+    let values = array.map(|array| array.values.to_f64());
+    let distance = values
         .filter(|d| d.len() == mesh.nodes().len() && d.iter().all(|d| *d > 0.0))
         .unwrap_or_else(|| mean_edge_lengths(mesh));
     let faces = stored.feature_faces.as_deref().unwrap_or_default();
     report::assess_angles(mesh, faces, space.extent, |n| distance[n as usize])
 }
 
-/// The same for polyhedra or polygons.
+/// Measures polyhedra or polygons and prints their figures.
 fn measure_cells<const D: usize>(
     args: &QualityArgs,
     mut stored: StoredMesh<D, PolyMesh<D>>,
@@ -137,17 +137,17 @@ fn measure_cells<const D: usize>(
     Ok(())
 }
 
-/// The same for polyhedra or polygons.
+/// Returns the figures of polyhedra or polygons, compared with the truth if it is known.
 pub(super) fn cell_figures<const D: usize>(
     stored: &mut StoredMesh<D, PolyMesh<D>>,
     truth: Option<(Truth<D>, String)>,
 ) -> Report {
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let known = CheckHints {
+    let hints = CheckHints {
         weld: stored.weld,
         ..CheckHints::default()
     };
-    let found = check_with_hints(mesh, known, [0.0; D], space.extent, space.tolerance());
+    let cell_check = check_with_hints(mesh, hints, [0.0; D], space.extent, space.tolerance());
     let graph = Graph::from_poly(mesh);
     let mut report = Report::default();
     if let Some((truth, note)) = &truth {
@@ -161,7 +161,7 @@ pub(super) fn cell_figures<const D: usize>(
         report.notes.push(note.clone());
     }
     let physical = stored.with_world_mesh(Graph::from_poly);
-    let measured = report::measure_voronoi(found, &graph, &physical);
+    let measured = report::measure_voronoi(cell_check, &graph, &physical);
     let has_angles = stored.space.geometry.has_uniform_units();
     report.voronoi = Some(report::Voronoi {
         angle_physical: measured.angle_physical.filter(|_| has_angles),
@@ -170,8 +170,8 @@ pub(super) fn cell_figures<const D: usize>(
     report
 }
 
-fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {
-    if !placed_by_file {
+fn show(mut report: Report, has_lattice_space: bool, console: &mut Console) {
+    if !has_lattice_space {
         report
             .notes
             .push("the file does not record its lattice space: measured in physical space".into());
@@ -179,7 +179,8 @@ fn show(mut report: Report, placed_by_file: bool, console: &mut Console) {
     console.result(report.table().trim_end(), &report.to_json());
 }
 
-/// The truth about a mesh's features, if it is given, with a line that says what it is.
+/// Reads the truth about a mesh's features, if it is given. Returns it with a line that describes
+/// it.
 fn read_truth<const D: usize>(
     args: &QualityArgs,
     space: &LatticeSpace<D>,
@@ -190,7 +191,7 @@ fn read_truth<const D: usize>(
     let (truth, note) = Truth::read(path)?;
     if !space.fits_dims(truth.dims) {
         let problem = format!(
-            "is of {:?} samples, the mesh of {:?}",
+            "has dimensions {:?}, the mesh {:?}",
             truth.dims,
             space.dims()
         );

@@ -1,4 +1,4 @@
-//! `atomesh surface --by regions`: what every two regions of a mesh share.
+//! The option `atomesh surface --by regions`: the interfaces between regions of a mesh.
 
 use serde_json::json;
 
@@ -12,7 +12,7 @@ use crate::model::surface::region_interfaces::{RegionInterface, region_interface
 use crate::store::{LabelledRegion, Storable, StoredMesh};
 use crate::{Error, Result};
 
-/// Writes what every two regions of a mesh share.
+/// Writes the interfaces between every two regions of a mesh.
 pub(super) fn write_region_interfaces<const D: usize, M: Storable<D>>(
     args: &SurfaceArgs,
     stored: &StoredMesh<D, M>,
@@ -37,40 +37,46 @@ pub(super) fn write_region_interfaces<const D: usize, M: Storable<D>>(
         )));
     }
     let nodes = stored.world.nodes.as_slice();
-    let mut found = region_interfaces(&stored.lattice, &regions, nodes)?;
+    let mut interfaces = region_interfaces(&stored.lattice, &regions, nodes)?;
     if stored.space.is_mirrored() {
-        let facets = found.iter_mut().flat_map(|between| &mut between.facets);
+        let facets = interfaces
+            .iter_mut()
+            .flat_map(|between| &mut between.facets);
         facets.for_each(|facet| facet.swap(0, 1));
     }
-    let named = |region: i32| {
+    let region_name = |region: i32| {
         let label = labels.iter().find(|label| label.region == region);
         let name = label.and_then(|label| label.name.clone());
         name.unwrap_or_else(|| region.to_string())
     };
     let mut start = vec![0];
     let mut facets = Vec::new();
-    for between in &found {
+    for between in &interfaces {
         facets.extend_from_slice(&between.facets);
         start.push(facets.len());
     }
     let mut file = SurfaceFile::new(nodes, &facets, &start, "surface");
-    let beyond = |b: &RegionInterface<D>| b.outer_region.map_or("outside".into(), named);
-    file.names = found
+    let outer_name = |b: &RegionInterface<D>| b.outer_region.map_or("outside".into(), region_name);
+    file.names = interfaces
         .iter()
-        .map(|b| format!("{}_{}", named(b.inner_region), beyond(b)))
+        .map(|b| format!("{}_{}", region_name(b.inner_region), outer_name(b)))
         .collect();
-    let of = |value: &dyn Fn(&RegionInterface<D>) -> i32| -> Vec<i32> {
-        let each = found.iter();
-        each.flat_map(|b| std::iter::repeat_n(value(b), b.facets.len()))
+    let per_facet = |value: &dyn Fn(&RegionInterface<D>) -> i32| -> Vec<i32> {
+        let faces = interfaces.iter();
+        faces
+            .flat_map(|b| std::iter::repeat_n(value(b), b.facets.len()))
             .collect()
     };
-    let open = of(&|b| i32::from(b.outer_region.is_none()));
+    let on_side = per_facet(&|b| i32::from(b.outer_region.is_none()));
     file.cell_data = vec![
-        DataArray::scalars("inside", of(&|b| b.inner_region)),
-        DataArray::scalars("outside", of(&|b| b.outer_region.unwrap_or(b.inner_region))),
+        DataArray::scalars("inside", per_facet(&|b| b.inner_region)),
+        DataArray::scalars(
+            "outside",
+            per_facet(&|b| b.outer_region.unwrap_or(b.inner_region)),
+        ),
         DataArray::scalars(
             "on_side",
-            open.iter().map(|&o| o as u8).collect::<Vec<u8>>(),
+            on_side.iter().map(|&o| o as u8).collect::<Vec<u8>>(),
         ),
     ];
     console.begin_stage("writing");
@@ -80,22 +86,22 @@ pub(super) fn write_region_interfaces<const D: usize, M: Storable<D>>(
         "{:>12} {:>12} {:>9} {:>14}",
         "inside", "outside", "faces", area
     )];
-    lines.extend(found.iter().map(|b| {
+    lines.extend(interfaces.iter().map(|b| {
         let faces = b.facets.len();
         format!(
             "{:>12} {:>12} {faces:>9} {:>14.6}",
-            named(b.inner_region),
-            beyond(b),
+            region_name(b.inner_region),
+            outer_name(b),
             ShortNumber(b.area)
         )
     }));
-    let rows: Vec<_> = (found.iter())
+    let rows: Vec<_> = (interfaces.iter())
         .map(|b| json!({"inside": b.inner_region, "outside": b.outer_region, "faces": b.facets.len(), area: b.area}))
         .collect();
     lines.push(format!(
         "wrote {}: {} surfaces",
         args.output.display(),
-        found.len()
+        interfaces.len()
     ));
     console.result(
         lines.join("\n"),

@@ -1,4 +1,4 @@
-//! `atomesh report`: a page to look at.
+//! The verb `report`: writes a page with mesh, image and figures.
 
 use std::path::{Path, PathBuf};
 
@@ -18,23 +18,23 @@ use crate::report::{Input, Report};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
-/// `atomesh report`.
+/// Arguments of `atomesh report`.
 #[derive(Debug, Args)]
 pub struct ReportArgs {
     /// The image that was meshed
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
-    /// Its mesh
+    /// The mesh of the image
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
     /// The page to write
     #[arg(short, long, value_name = "PAGE.html")]
     pub output: PathBuf,
-    /// What mesh --report has written, for its fidelity, notes and cost [default: figures are measured
-    /// from the mesh]
+    /// The file that mesh --report has written, for its fidelity, notes and cost [default: figures
+    /// are measured from the mesh]
     #[arg(long, value_name = "REPORT.json")]
     pub figures: Option<PathBuf>,
-    /// The page's heading [default: the mesh's name]
+    /// Heading of the page [default: the mesh's name]
     #[arg(long, value_name = "TEXT")]
     pub title: Option<String>,
     /// How to read the image.
@@ -48,14 +48,11 @@ pub fn report(args: &ReportArgs, console: &mut Console) -> Result<()> {
     inputs.extend(args.figures.as_deref());
     check_output(&args.output, "--output", &["html"], &inputs)?;
     console.begin_stage("reading");
-    let given = args.figures.as_deref().map(read_figures).transpose()?;
+    let run_report = args.figures.as_deref().map(read_figures).transpose()?;
     let image = console.read_image(&args.image, &args.input)?;
     let mesh = console.read_mesh(&args.mesh)?;
-    let job = ReportRequest {
-        args,
-        run_report: given,
-    };
-    let written = match (image, mesh) {
+    let job = ReportRequest { args, run_report };
+    let stats = match (image, mesh) {
         (AnyImage::Plane(l), AnyMesh::Triangles(file)) => {
             job.report_simplices(&l.image, file, console)?
         }
@@ -69,38 +66,40 @@ pub fn report(args: &ReportArgs, console: &mut Console) -> Result<()> {
             job.report_cells(&l.image, file, console)?
         }
         (image, _) => {
-            let (of_image, of_mesh) = match image {
+            let (image_dimension, mesh_dimension) = match image {
                 AnyImage::Plane(_) => (2, 3),
                 AnyImage::Space(_) => (3, 2),
             };
-            let problem = format!("is a {of_mesh}-D mesh, but the image is {of_image}-D");
+            let problem =
+                format!("is a {mesh_dimension}-D mesh, but the image is {image_dimension}-D");
             let remedy = "give the mesh of the image";
             return Err(Error::Job(cause(args.mesh.display(), problem, remedy)));
         }
     };
     console.result(
-        written_message(&args.output, written),
-        &json!({ "file": path_text(&args.output), "page": written }),
+        written_message(&args.output, stats),
+        &json!({ "file": path_text(&args.output), "page": stats }),
     );
     Ok(())
 }
 
-/// A line that says what was written.
-pub(super) fn written_message(path: &Path, written: PageStats) -> String {
-    let megabytes = written.bytes as f64 * 1e-6;
-    let thinned = match written.is_thinned {
-        true => format!(
+/// Returns a line that describes the page that was written.
+pub(super) fn written_message(path: &Path, stats: PageStats) -> String {
+    let megabytes = stats.bytes as f64 * 1e-6;
+    let thinned = if stats.is_thinned {
+        format!(
             ", {} of {} faces: its cut stops at {} places along each axis",
-            written.faces,
-            written.total_faces,
-            written.cut_steps - 1
-        ),
-        false => String::new(),
+            stats.faces,
+            stats.total_faces,
+            stats.cut_steps - 1
+        )
+    } else {
+        String::new()
     };
     format!("wrote {}: {megabytes:.1} MB{thinned}", path.display())
 }
 
-/// The report of a run, as JSON.
+/// Reads the report of a run.
 fn read_figures(path: &Path) -> Result<Value> {
     let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let refuse = |problem: String| {
@@ -112,14 +111,15 @@ fn read_figures(path: &Path) -> Result<Value> {
         ))
     };
     let value: Value = serde_json::from_str(&text)
-        .map_err(|e| refuse(format!("is no JSON ({e})")).with_source(e))?;
-    match value.get("version").is_some() && value.get("quality").is_some() {
-        true => Ok(value),
-        false => Err(refuse("is no report of atomesh".to_string())),
+        .map_err(|e| refuse(format!("is not JSON ({e})")).with_source(e))?;
+    if value.get("version").is_some() && value.get("quality").is_some() {
+        Ok(value)
+    } else {
+        Err(refuse("is not a report of atomesh".to_string()))
     }
 }
 
-/// What was asked for.
+/// The arguments, and the report of the run if it is given.
 struct ReportRequest<'a> {
     args: &'a ReportArgs,
     run_report: Option<Value>,
@@ -153,10 +153,7 @@ impl ReportRequest<'_> {
         console: &mut Console,
         measure: impl FnOnce(&mut StoredMesh<D, M>) -> Result<Report>,
     ) -> Result<PageStats> {
-        let Self {
-            args,
-            run_report: given,
-        } = self;
+        let Self { args, run_report } = self;
         let place = args.mesh.display().to_string();
         let mut stored = StoredMesh::new(file, &place)?;
         stored.space.check_image(
@@ -164,8 +161,8 @@ impl ReportRequest<'_> {
             image.dims(),
             &args.image.display().to_string(),
         )?;
-        let report = match given {
-            Some(given) => given,
+        let report = match run_report {
+            Some(run_report) => run_report,
             None => {
                 console.begin_stage("measuring the mesh");
                 let mut report = measure(&mut stored)?;
@@ -183,12 +180,12 @@ impl ReportRequest<'_> {
             _ => String::new(),
         };
         let name = args.mesh.file_name().unwrap_or(args.mesh.as_os_str());
-        let about = PageInfo {
+        let info = PageInfo {
             title: (args.title.clone()).unwrap_or_else(|| name.to_string_lossy().into_owned()),
             report,
             parameters: text("parameters"),
             input_hash: text("input_sha256"),
         };
-        page::write(&args.output, Some(image), &stored, &about, MAX_PAGE_BYTES)
+        page::write(&args.output, Some(image), &stored, &info, MAX_PAGE_BYTES)
     }
 }

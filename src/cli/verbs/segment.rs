@@ -1,4 +1,5 @@
-//! The verb `segment`: object and background by a minimum cut on the cells of a mesh.
+//! The verb `segment`: separates an object from the background by a minimum cut on the cells of a
+//! mesh.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +24,7 @@ use crate::report::cost::cpu_seconds;
 use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
-/// `atomesh segment`.
+/// Arguments of `atomesh segment`.
 #[derive(Debug, Args)]
 pub struct SegmentArgs {
     /// The image that was meshed, or another of the same dimensions
@@ -32,9 +33,8 @@ pub struct SegmentArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// Where the object is, in physical coordinates; may be repeated: a point X,Y,Z (X,Y in 2-D),
-    /// or a box
-    /// as two of its corners, X,Y,Z:X,Y,Z
+    /// Places in the object, in physical coordinates: a point X,Y,Z (X,Y in 2-D), or a box given by
+    /// two of its corners, X,Y,Z:X,Y,Z. May be repeated
     #[arg(
         long,
         value_name = "X,Y,Z[:X,Y,Z]",
@@ -42,7 +42,7 @@ pub struct SegmentArgs {
         allow_hyphen_values = true
     )]
     pub object: Vec<String>,
-    /// Where the background is, given in the same way; may be repeated
+    /// Places in the background, given like those of the object; may be repeated
     #[arg(
         long,
         value_name = "X,Y,Z[:X,Y,Z]",
@@ -50,26 +50,27 @@ pub struct SegmentArgs {
         allow_hyphen_values = true
     )]
     pub background: Vec<String>,
-    /// The mesh with `label` (1 object, 0 background) and `mean` (of the image) for each cell
+    /// The mesh to write, with `label` (1 object, 0 background) and `mean` (of the image) for each
+    /// cell
     #[arg(short, long, value_name = "SEG.vtu")]
     pub output: PathBuf,
-    /// The label of each sample, as an image
+    /// Also write the label of each sample as an image
     #[arg(long, value_name = "L.npy")]
     pub labels_out: Option<PathBuf>,
-    /// The boundary between object and background, smoothed: .vtp, .obj, or GOCAD's .ts
+    /// Also write the boundary between object and background, smoothed: .vtp, .obj, or GOCAD's .ts
     #[arg(long, value_name = "S.vtp")]
     pub surface_out: Option<PathBuf>,
-    /// Weight of the values against the boundary
+    /// Weight of the image values against the boundary
     #[arg(long, value_name = "NUMBER", default_value_t = 1.0)]
     pub lambda: f64,
-    /// Difference of neighbouring cells' values at which a boundary is cheap [default: the root mean
-    /// square of all differences]
+    /// Difference of neighbouring cells' values at which a boundary is cheap [default: the root
+    /// mean square of all differences]
     #[arg(long, value_name = "VALUE")]
     pub sigma: Option<f64>,
-    /// An image of the true object (not 0), with which the result is compared
+    /// An image of the true object (not 0), to be compared with the result
     #[arg(long, value_name = "T.npy")]
     pub truth: Option<PathBuf>,
-    /// Also cut the image's samples themselves, the classical method, and report both
+    /// Also cut the image's samples themselves, which is the classical method, and report both
     #[arg(long)]
     pub voxels: bool,
     /// How to read the image.
@@ -77,18 +78,18 @@ pub struct SegmentArgs {
     pub input: InputOptions,
 }
 
-/// What a cut found and cost.
+/// The result and the cost of a cut.
 #[derive(Debug, Serialize)]
 struct CutResult {
-    /// Cells, or samples.
+    /// Number of cells or samples.
     nodes: usize,
-    /// Those of the object.
+    /// Number of cells or samples of the object.
     object: usize,
-    /// The object's share of the whole.
+    /// Fraction of the total volume that is the object's.
     share: f64,
     sigma: f64,
     cost: f64,
-    /// Processor seconds for mean values; 0 for samples.
+    /// Processor seconds for computing mean values; 0 for samples.
     means_seconds: f64,
     /// Processor seconds for the cut.
     cut_seconds: f64,
@@ -142,7 +143,7 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     file: MeshFile<M>,
     console: &mut Console,
 ) -> Result<()> {
-    let marks = SeedBoxes::<D>::parse_all(args)?;
+    let seed_boxes = SeedBoxes::<D>::parse_all(args)?;
     let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
     let space = stored.space.clone();
     let image = read_mesh_image(&args.image, &args.input, &space, console)?;
@@ -164,20 +165,20 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     console.begin_stage("averaging");
     let start = cpu_seconds();
     let mesh = &stored.lattice;
-    let across = mesh.cells_of_faces()?;
-    let cells = CellAdjacency::new(mesh, &across, &[]);
-    let superpixels = Superpixels::new(mesh, &cells, &across, &image, space.step);
+    let face_cells = mesh.cells_of_faces()?;
+    let cells = CellAdjacency::new(mesh, &face_cells, &[]);
+    let superpixels = Superpixels::new(mesh, &cells, &face_cells, &image, space.step);
     let averaged = cpu_seconds();
     console.begin_stage("cutting");
-    let seeds = marks.cells(mesh, &space, &cells, &across)?;
-    let found = cut_cells(&cells, &superpixels.means, &seeds, &options)?;
+    let seeds = seed_boxes.cells(mesh, &space, &cells, &face_cells)?;
+    let segmentation = cut_cells(&cells, &superpixels.means, &seeds, &options)?;
     let cut = cpu_seconds();
 
-    let labels = &found.labels;
-    let of_samples =
+    let labels = &segmentation.labels;
+    let sample_labels =
         (args.labels_out.is_some() || truth.is_some()).then(|| superpixels.sample_labels(labels));
-    let whole: f64 = cells.volumes.iter().sum();
-    let inside = cells
+    let total: f64 = cells.volumes.iter().sum();
+    let object_cells = cells
         .volumes
         .iter()
         .zip(labels)
@@ -185,14 +186,14 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     let mut rows = vec![CutResult {
         nodes: cells.len(),
         object: labels.iter().filter(|label| **label == 1).count(),
-        share: inside.map(|(volume, _)| volume).sum::<f64>() / whole,
-        sigma: found.sigma,
-        cost: found.cost,
+        share: object_cells.map(|(volume, _)| volume).sum::<f64>() / total,
+        sigma: segmentation.sigma,
+        cost: segmentation.cost,
         means_seconds: averaged - start,
         cut_seconds: cut - averaged,
         dice: truth
             .as_ref()
-            .zip(of_samples.as_ref())
+            .zip(sample_labels.as_ref())
             .map(|(t, l)| dice(l, t)),
     }];
     if args.voxels {
@@ -200,14 +201,14 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
         rows.push(segment_voxels(
             &image,
             &space.geometry,
-            &marks,
+            &seed_boxes,
             &options,
             truth.as_deref(),
         )?);
     }
 
     console.begin_stage("writing");
-    if let (Some(path), Some(labels)) = (&args.labels_out, of_samples) {
+    if let (Some(path), Some(labels)) = (&args.labels_out, sample_labels) {
         let labels = labels.into_iter().map(f32::from).collect();
         let labels = Image::new(image.dims(), labels, image.geometry.clone());
         console.write_image(path, labels)?;
@@ -215,9 +216,9 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     let mut file = stored.into_file();
     if let Some(path) = &args.surface_out {
         let physical = &file.mesh;
-        // Faces have other numbers where the world mirrors the lattice.
-        let across = physical.cells_of_faces()?;
-        let facets = boundary::boundary_facets(physical, &across, labels);
+        // If the geometry mirrors the lattice, faces have other numbers in physical coordinates.
+        let face_cells = physical.cells_of_faces()?;
+        let facets = boundary::boundary_facets(physical, &face_cells, labels);
         let mut nodes = physical.nodes().to_vec();
         boundary::smooth(&mut nodes, &facets);
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
@@ -226,7 +227,7 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     file.cell_data
         .retain(|array| !matches!(array.name.as_str(), "label" | "mean"));
     file.cell_data
-        .push(DataArray::scalars("label", found.labels));
+        .push(DataArray::scalars("label", segmentation.labels));
     file.cell_data
         .push(DataArray::scalars("mean", superpixels.means));
     console.write_mesh(&args.output, file)?;
@@ -255,32 +256,32 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     Ok(())
 }
 
-/// Cuts the samples themselves.
+/// Cuts the image's samples and not the cells.
 fn segment_voxels<const D: usize>(
     image: &Image<D>,
     geometry: &Geometry<D>,
-    marks: &SeedBoxes<D>,
+    seed_boxes: &SeedBoxes<D>,
     options: &Options,
     truth: Option<&[u8]>,
 ) -> Result<CutResult> {
-    let seeds = marks.samples(image.dims(), geometry)?;
+    let seeds = seed_boxes.samples(image.dims(), geometry)?;
     let start = cpu_seconds();
-    let found = cut_samples(image, &seeds, options)?;
+    let cut = cut_samples(image, &seeds, options)?;
     let cut_seconds = cpu_seconds() - start;
-    let object = found.labels.iter().filter(|label| **label == 1).count();
+    let object = cut.labels.iter().filter(|label| **label == 1).count();
     Ok(CutResult {
-        nodes: found.labels.len(),
+        nodes: cut.labels.len(),
         object,
-        share: object as f64 / found.labels.len() as f64,
-        sigma: found.sigma,
-        cost: found.cost,
+        share: object as f64 / cut.labels.len() as f64,
+        sigma: cut.sigma,
+        cost: cut.cost,
         means_seconds: 0.0,
         cut_seconds,
-        dice: truth.map(|truth| dice(&found.labels, truth)),
+        dice: truth.map(|truth| dice(&cut.labels, truth)),
     })
 }
 
-/// A box in physical coordinates, or a point, and what was typed.
+/// A box or a point in physical coordinates, and the option that gives it.
 struct SeedBox<const D: usize> {
     option: &'static str,
     text: String,
@@ -315,14 +316,18 @@ impl<const D: usize> SeedBox<D> {
         std::array::from_fn(|k| 0.5 * (self.low[k] + self.high[k]))
     }
 
-    fn outside_error(&self, of: &str) -> Error {
+    fn outside_error(&self, container: &str) -> Error {
         let place = format!("{} {}", self.option, self.text);
         let remedy = "give physical coordinates; atomesh info shows their range";
-        Error::Job(cause(place, format!("lies outside the {of}"), remedy))
+        Error::Job(cause(
+            place,
+            format!("lies outside the {container}"),
+            remedy,
+        ))
     }
 }
 
-/// Everything that the user marked.
+/// All places that the user marked.
 struct SeedBoxes<const D: usize> {
     object: Vec<SeedBox<D>>,
     background: Vec<SeedBox<D>>,
@@ -342,34 +347,35 @@ impl<const D: usize> SeedBoxes<D> {
         })
     }
 
-    /// Cells whose centres the boxes hold, and those that hold the boxes' middles.
+    /// Returns the cells whose centres lie in the boxes, and the cells that contain the centres of
+    /// the boxes.
     fn cells<M: Mesh<D>>(
         &self,
         mesh: &M,
         space: &LatticeSpace<D>,
         cells: &CellAdjacency<D>,
-        across: &[[u32; 2]],
+        face_cells: &[[u32; 2]],
     ) -> Result<SegmentSeeds> {
         let centres = cells.centres.iter().map(|&p| space.to_world(p));
         let centres: Vec<[f64; D]> = centres.collect();
-        let find = |marks: &[SeedBox<D>]| {
-            let mut found = Vec::new();
-            for mark in marks {
+        let find = |boxes: &[SeedBox<D>]| {
+            let mut cells = Vec::new();
+            for seed in boxes {
                 let middle = space
-                    .to_lattice(mark.centre())
-                    .and_then(|p| find_cell(mesh, across, p))
-                    .ok_or_else(|| mark.outside_error("mesh"))?;
-                found.push(middle);
-                found.extend(
+                    .to_lattice(seed.centre())
+                    .and_then(|p| find_cell(mesh, face_cells, p))
+                    .ok_or_else(|| seed.outside_error("mesh"))?;
+                cells.push(middle);
+                cells.extend(
                     (0..)
                         .zip(&centres)
-                        .filter(|(_, p)| mark.contains(**p))
+                        .filter(|(_, p)| seed.contains(**p))
                         .map(|(c, _)| c),
                 );
             }
-            found.sort_unstable();
-            found.dedup();
-            Ok::<Vec<u32>, Error>(found)
+            cells.sort_unstable();
+            cells.dedup();
+            Ok::<Vec<u32>, Error>(cells)
         };
         Ok(SegmentSeeds {
             object: find(&self.object)?,
@@ -377,7 +383,7 @@ impl<const D: usize> SeedBoxes<D> {
         })
     }
 
-    /// Samples that the boxes hold, and those nearest to the boxes' middles.
+    /// Returns the samples in the boxes, and those nearest to the centres of the boxes.
     fn samples(&self, dims: [usize; D], geometry: &Geometry<D>) -> Result<SegmentSeeds> {
         let count: usize = dims.iter().product();
         let index_of = |mut i: usize| {
@@ -387,25 +393,25 @@ impl<const D: usize> SeedBoxes<D> {
                 index as f64
             })
         };
-        let find = |marks: &[SeedBox<D>]| {
-            let mut found = Vec::new();
-            for mark in marks {
-                let index = geometry.to_index(mark.centre()).map(|p| p.map(f64::round));
+        let find = |boxes: &[SeedBox<D>]| {
+            let mut samples = Vec::new();
+            for seed in boxes {
+                let index = geometry.to_index(seed.centre()).map(|p| p.map(f64::round));
                 let middle = index
                     .filter(|p| (0..D).all(|k| 0.0 <= p[k] && p[k] < dims[k] as f64))
-                    .ok_or_else(|| mark.outside_error("image"))?;
-                let at = (0..D)
+                    .ok_or_else(|| seed.outside_error("image"))?;
+                let index = (0..D)
                     .rev()
-                    .fold(0, |at, k| at * dims[k] + middle[k] as usize);
-                found.push(at as u32);
-                if mark.low != mark.high {
-                    let held = |i: &usize| mark.contains(geometry.to_physical(index_of(*i)));
-                    found.extend((0..count).filter(held).map(|i| i as u32));
+                    .fold(0, |index, k| index * dims[k] + middle[k] as usize);
+                samples.push(index as u32);
+                if seed.low != seed.high {
+                    let is_inside = |i: &usize| seed.contains(geometry.to_physical(index_of(*i)));
+                    samples.extend((0..count).filter(is_inside).map(|i| i as u32));
                 }
             }
-            found.sort_unstable();
-            found.dedup();
-            Ok::<Vec<u32>, Error>(found)
+            samples.sort_unstable();
+            samples.dedup();
+            Ok::<Vec<u32>, Error>(samples)
         };
         Ok(SegmentSeeds {
             object: find(&self.object)?,

@@ -1,4 +1,4 @@
-//! `atomesh completions`, `man` and `doctor`: what belongs to an installation.
+//! The verbs `completions`, `man` and `doctor`, which belong to an installation.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -13,23 +13,23 @@ use crate::cli::console::{Console, print};
 use crate::error::{cause, io_error};
 use crate::{Error, Result};
 
-/// `atomesh completions`.
+/// Arguments of `atomesh completions`.
 #[derive(Debug, Args)]
 pub struct CompletionsArgs {
-    /// For which shell
+    /// The shell
     #[arg(value_name = "SHELL")]
     pub shell: Shell,
 }
 
-/// `atomesh man`.
+/// Arguments of `atomesh man`.
 #[derive(Debug, Args)]
 pub struct ManArgs {
-    /// The folder for the pages, which must exist
+    /// The folder for the manual pages, which must exist
     #[arg(short, long, value_name = "FOLDER")]
     pub output: PathBuf,
 }
 
-/// Prints what a shell needs to complete words.
+/// Prints a script with which a shell completes commands and options.
 pub fn completions(args: &CompletionsArgs) {
     let mut text = Vec::new();
     clap_complete::generate(
@@ -47,7 +47,7 @@ pub fn man(args: &ManArgs, console: &mut Console) -> Result<()> {
         let place = format!("--output {}", args.output.display());
         return Err(Error::Io(cause(
             place,
-            "is no folder",
+            "is not a folder",
             "make it, or give another",
         )));
     }
@@ -62,8 +62,8 @@ pub fn man(args: &ManArgs, console: &mut Console) -> Result<()> {
     Ok(())
 }
 
-/// Programs that judge or use what atomesh writes, how they are asked whether they are there, and what
-/// they are for.
+/// Programs that check or use the output of atomesh: name, option that shows whether the program is
+/// installed, and purpose.
 const EXTERNAL_PROGRAMS: [(&str, &str, &str); 8] = [
     (
         "flow",
@@ -107,11 +107,14 @@ const EXTERNAL_PROGRAMS: [(&str, &str, &str); 8] = [
     ),
 ];
 
-/// Says what this program is made of, what it runs on and which others are there.
-pub fn doctor(console: &mut Console) -> Result<()> {
-    let built = |with: bool, what: &str, without: &str| match with {
-        true => what.to_string(),
-        false => format!("not built in: {without}"),
+/// Reports how this program was built, what it runs on, and which external programs are installed.
+pub fn doctor(console: &mut Console, has_mpi: bool) -> Result<()> {
+    let built = |is_built_in: bool, purpose: &str, missing: &str| {
+        if is_built_in {
+            purpose.to_string()
+        } else {
+            format!("not built in: {missing}")
+        }
     };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let folder = std::env::temp_dir();
@@ -136,11 +139,7 @@ pub fn doctor(console: &mut Console) -> Result<()> {
         ),
         (
             "MPI",
-            built(
-                crate::comm::world::can_join(),
-                "built in",
-                "one process a job; atomesh-mpi has it",
-            ),
+            built(has_mpi, "built in", "one process a job; atomesh-mpi has it"),
         ),
         ("processors", threads.to_string()),
         (
@@ -156,24 +155,24 @@ pub fn doctor(console: &mut Console) -> Result<()> {
             ),
         ),
     ];
-    for (program, option, what) in EXTERNAL_PROGRAMS {
-        // What an answer says differs too much to be shown; that there is one counts.
-        let there = Command::new(program)
+    for (program, option, purpose) in EXTERNAL_PROGRAMS {
+        // The output of the programs differs too much to be shown; only success counts.
+        let is_present = Command::new(program)
             .arg(option)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status()
             .is_ok();
-        let state = if there { "there" } else { "absent" };
-        lines.push((program, format!("{state} ({what})")));
+        let state = if is_present { "there" } else { "absent" };
+        lines.push((program, format!("{state} ({purpose})")));
     }
     let text: Vec<String> = (lines.iter())
-        .map(|(name, said)| format!("{name:<25}{said}"))
+        .map(|(name, text)| format!("{name:<25}{text}"))
         .collect();
-    let said: serde_json::Map<String, serde_json::Value> = (lines.into_iter())
-        .map(|(name, said)| (name.to_string(), said.into()))
+    let json: serde_json::Map<String, serde_json::Value> = (lines.into_iter())
+        .map(|(name, text)| (name.to_string(), text.into()))
         .collect();
-    console.result(text.join("\n"), &said.into());
+    console.result(text.join("\n"), &json.into());
     Ok(())
 }

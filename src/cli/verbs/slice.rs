@@ -1,4 +1,4 @@
-//! `atomesh slice`: pictures of meshes, images, surfaces and lines.
+//! The verb `slice`: draws pictures of meshes, images, surfaces and lines.
 
 use std::path::{Path, PathBuf};
 
@@ -22,32 +22,32 @@ use crate::model::slice::{
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh, image_geometry_in_depth};
 use crate::{Error, Result};
 
-/// `atomesh slice`.
+/// Arguments of `atomesh slice`.
 #[derive(Debug, Args)]
 pub struct SliceArgs {
-    /// What to draw: the image that was meshed, its mesh (.vtu), surfaces and lines (.vtp). With --view 3d
-    /// any of these alone
+    /// The files to draw: the image that was meshed, its mesh (.vtu), surfaces and lines (.vtp).
+    /// With --view 3d each of these may be drawn alone
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
     /// The picture to write
     #[arg(short, long, value_name = "OUT.png")]
     pub output: PathBuf,
-    /// Sections with the planes of samples, or what there is in space, a part of it taken away
+    /// The view: sections with three planes, or a view in space of which a part is cut away
     #[arg(long, value_name = "VIEW", default_value = "sections")]
     pub view: View,
-    /// Paint cells with this array of the mesh, of cells or of nodes, such as pressure or region [default: the
-    /// image]
+    /// Array of the mesh, of cells or of nodes, that colours the cells, such as pressure or region
+    /// [default: the image]
     #[arg(long, value_name = "ARRAY")]
     pub color: Option<String>,
     /// The point where the planes meet, in physical coordinates [default: the middle]
     #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
     pub at: Option<String>,
-    /// What is taken away in --view 3d: the corner beyond that point, or all in front of the plane through it
-    /// across x, y or z [default: corner]
+    /// The part that is cut away in --view 3d: the corner beyond that point, or all in front of the
+    /// plane through it across x, y or z [default: corner]
     #[arg(long, value_name = "WHERE")]
     pub cut: Option<Cutaway>,
-    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: as the image has it; z where
-    /// none is known]
+    /// The direction that is up: x, y, z or -x, -y, -z in physical coordinates [default: as the
+    /// image has it; z if unknown]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<String>,
     /// How to read the image.
@@ -55,30 +55,30 @@ pub struct SliceArgs {
     pub input: InputOptions,
 }
 
-/// What a picture shows.
+/// The view that a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum View {
-    /// In 2-D the whole mesh, in 3-D its sections with three planes
+    /// The whole mesh in 2-D, or its sections with three planes in 3-D
     Sections,
-    /// What there is in space, seen from outside (3-D)
+    /// The objects in space, seen from outside (3-D)
     #[value(name = "3d")]
     Solid,
 }
 
-/// What is taken away of a body.
+/// The part of a body that is cut away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Cutaway {
-    /// A corner; of a mesh whole cells
+    /// A corner; of a mesh, whole cells are removed
     Corner,
-    /// Half of it, across x
+    /// One half, across x
     X,
-    /// Half of it, across y
+    /// One half, across y
     Y,
-    /// Half of it, across z
+    /// One half, across z
     Z,
 }
 
-/// What the files are.
+/// The files of the command line, by their content.
 struct InputFiles<'a> {
     args: &'a SliceArgs,
     image: Option<&'a Path>,
@@ -86,21 +86,22 @@ struct InputFiles<'a> {
     shapes: Vec<&'a Path>,
 }
 
-/// Endings of meshes, if it is not the place among the files that tells.
+/// File endings by which a mesh is recognised if it is the only file.
 const MESH_EXTENSIONS: [&str; 5] = ["vtu", "msh", "e", "exo", "ex2"];
 
 impl<'a> InputFiles<'a> {
-    /// Surfaces and lines are told by their ending; of two others the first is the image.
+    /// Classifies the files: surfaces and lines by their ending; of two other files, the first is
+    /// the image.
     fn classify(args: &'a SliceArgs) -> Result<Self> {
-        let ends = |path: &Path, endings: &[&str]| {
+        let has_ending = |path: &Path, endings: &[&str]| {
             let ending = path.extension().and_then(|ending| ending.to_str());
             ending.is_some_and(|ending| endings.iter().any(|e| ending.eq_ignore_ascii_case(e)))
         };
         let files = args.files.iter().map(PathBuf::as_path);
-        let (shapes, others): (Vec<_>, Vec<_>) = files.partition(|path| ends(path, &["vtp"]));
+        let (shapes, others): (Vec<_>, Vec<_>) = files.partition(|path| has_ending(path, &["vtp"]));
         let (image, mesh) = match others[..] {
             [] => (None, None),
-            [mesh] if ends(mesh, &MESH_EXTENSIONS) => (None, Some(mesh)),
+            [mesh] if has_ending(mesh, &MESH_EXTENSIONS) => (None, Some(mesh)),
             [image] => (Some(image), None),
             [image, mesh] => (Some(image), Some(mesh)),
             [.., last] => {
@@ -116,7 +117,7 @@ impl<'a> InputFiles<'a> {
         })
     }
 
-    /// No option is typed that the files or another option leave without effect.
+    /// Checks that no option is typed that has no effect with the files or the other options.
     fn check_options(&self) -> Result<()> {
         let args = self.args;
         let refuse = |place: &str, problem: &str, remedy: &str| {
@@ -127,23 +128,23 @@ impl<'a> InputFiles<'a> {
         }
         match (args.view, self.image) {
             (View::Sections, None) => {
-                let problem = "draws over an image, and none is given";
+                let problem = "needs an image, but none is given";
                 return refuse("--view sections", problem, "give the image, or --view 3d");
             }
             (View::Sections, _) if args.cut.is_some() => {
-                let problem = "opens what is seen from outside";
+                let problem = "applies to --view 3d only";
                 return refuse("--cut", problem, "give --view 3d, or omit it");
             }
             _ => {}
         }
         if args.color.is_some() && self.mesh.is_none() {
-            let problem = "paints the cells of a mesh, and none is given";
+            let problem = "colours the cells of a mesh, but none is given";
             return refuse("--color", problem, "give the mesh, or omit it");
         }
         if self.image.is_none() && self.mesh.is_none() {
             let typed = [("--at", args.at.is_some()), ("--cut", args.cut.is_some())];
             if let Some((option, _)) = typed.iter().find(|(_, typed)| *typed) {
-                let problem = "cuts an image or a mesh, and none is given";
+                let problem = "cuts an image or a mesh, but none is given";
                 return refuse(option, problem, "omit it");
             }
         }
@@ -167,7 +168,7 @@ pub fn slice(args: &SliceArgs, console: &mut Console) -> Result<()> {
         let image = console.open_image(path, &args.input)?;
         match args.view {
             View::Sections => Ok(image),
-            // Painted at any point, not only on planes.
+            // A view in space needs the image at any point, not only on planes.
             View::Solid => image.load(path).map(OpenedImage::InMemory),
         }
     };
@@ -197,7 +198,7 @@ fn slice_error(place: &Path, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(place.display(), problem, remedy))
 }
 
-/// What is drawn, besides the image and the mesh.
+/// The objects to draw, besides the image and the mesh.
 struct Drawing<'a> {
     files: InputFiles<'a>,
     shapes: Vec<OverlayShape>,
@@ -206,33 +207,37 @@ struct Drawing<'a> {
 
 impl Drawing<'_> {
     fn draw(self, image: Option<OpenedImage>, mesh: Option<AnyMesh>) -> Result<Canvas> {
-        let other = |mesh: u8, image: u8| {
+        let dimension_error = |mesh: u8, image: u8| {
             let problem = format!("is a {mesh}-D mesh, but the image is {image}-D");
             let place = self.files.mesh.unwrap_or(Path::new("the mesh"));
             slice_error(place, &problem, "give the mesh of the image")
         };
-        let solid = self.files.args.view == View::Solid;
-        let flat = |what: &str| {
-            let problem = format!("shows what is in space, but {what} is 2-D");
+        let is_solid = self.files.args.view == View::Solid;
+        let flat_error = |object: &str| {
+            let problem = format!("shows objects in space, but {object} is 2-D");
             Error::Job(cause("--view 3d", problem, "omit it"))
         };
         match (image, mesh) {
-            (Some(OpenedImage::InMemory(AnyImage::Plane(_))), _) if solid => Err(flat("the image")),
-            (None, Some(AnyMesh::Triangles(_) | AnyMesh::Polygons(_))) => Err(flat("the mesh")),
+            (Some(OpenedImage::InMemory(AnyImage::Plane(_))), _) if is_solid => {
+                Err(flat_error("the image"))
+            }
+            (None, Some(AnyMesh::Triangles(_) | AnyMesh::Polygons(_))) => {
+                Err(flat_error("the mesh"))
+            }
             (Some(OpenedImage::InMemory(AnyImage::Plane(loaded))), mesh) => match mesh {
                 None => self.draw_plane::<TriMesh>(loaded, None),
                 Some(AnyMesh::Triangles(file)) => self.draw_plane(loaded, Some(file)),
                 Some(AnyMesh::Polygons(file)) => self.draw_plane(loaded, Some(file)),
-                _ => Err(other(3, 2)),
+                _ => Err(dimension_error(3, 2)),
             },
             (image, None) => self.draw_space::<TetMesh>(image, None),
             (image, Some(AnyMesh::Tetrahedra(file))) => self.draw_space(image, Some(file)),
             (image, Some(AnyMesh::Polyhedra(file))) => self.draw_space(image, Some(file)),
-            _ => Err(other(2, 3)),
+            _ => Err(dimension_error(2, 3)),
         }
     }
 
-    /// Where the image lies, in depth if its mesh does.
+    /// Returns the geometry of the image, in depth if its mesh is in depth.
     fn image_geometry<const D: usize, M: Mesh<D>>(
         &self,
         geometry: &Geometry<D>,
@@ -244,7 +249,7 @@ impl Drawing<'_> {
         Ok(depth.unwrap_or_else(|| geometry.clone()))
     }
 
-    /// The image, where [`Self::placed`] says.
+    /// Sets the geometry of the image to that of [`Self::image_geometry`].
     fn place_image<const D: usize, M: Mesh<D>>(
         &self,
         mut loaded: LoadedImage<D>,
@@ -270,8 +275,8 @@ impl Drawing<'_> {
         let loaded = self.place_image(loaded, file.as_ref())?;
         let caption = self.caption(file.as_ref(), Some(&loaded.header()));
         let image = &loaded.image;
-        let over = self.overlay(file, &image.geometry, image.dims())?;
-        slice::draw_plane(image, &over, &caption)
+        let overlay = self.overlay(file, &image.geometry, image.dims())?;
+        slice::draw_plane(image, &overlay, &caption)
     }
 
     fn draw_space<M: Storable<3>>(
@@ -319,8 +324,8 @@ impl Drawing<'_> {
         caption.subtitle += &crossing_caption(&head, at, &caption);
         let place = self.files.image.unwrap_or(Path::new("the image"));
         let sections = Sections::new(place, head.dims, slabs, at)?;
-        let over = self.overlay(file, &head.geometry, head.dims)?;
-        slice::draw_sections(&sections, &head.geometry, &over, &caption)
+        let overlay = self.overlay(file, &head.geometry, head.dims)?;
+        slice::draw_sections(&sections, &head.geometry, &overlay, &caption)
     }
 
     fn draw_solid<M: Storable<3>>(
@@ -351,13 +356,16 @@ impl Drawing<'_> {
                 .ok_or_else(|| self.degenerate_axes_error())
         };
         let at = self.crossing_point.map(index).transpose()?;
-        // Surfaces, and meshes that do not say where their image lies, have z up.
-        let said = loaded.is_some() || stored.as_ref().is_some_and(|s| s.space.is_stored);
-        let up = self.up_direction::<3>()?.or((!said).then_some(UpDirection {
-            coordinate: 2,
-            points_down: false,
-        }));
-        let drawn = SolidView {
+        // For surfaces, and for meshes that do not record the position of their image, z is up.
+        let has_orientation =
+            loaded.is_some() || stored.as_ref().is_some_and(|s| s.space.is_stored);
+        let up = self
+            .up_direction::<3>()?
+            .or((!has_orientation).then_some(UpDirection {
+                coordinate: 2,
+                points_down: false,
+            }));
+        let view = SolidView {
             space,
             image: loaded.map(|loaded| &loaded.image),
             mesh: stored.as_ref().map(SolidMesh::from_stored).transpose()?,
@@ -376,10 +384,10 @@ impl Drawing<'_> {
             },
             cut_point: at,
         };
-        drawn.draw(&caption)
+        view.draw(&caption)
     }
 
-    /// What is drawn over an image of these dims.
+    /// Returns the overlay of an image of these dimensions.
     fn overlay<const D: usize, M: Storable<D>>(
         self,
         file: Option<MeshFile<M>>,
@@ -454,17 +462,17 @@ impl Drawing<'_> {
         )
     }
 
-    /// The files, how many cells there are, and how far apart atoms were asked to be.
+    /// Returns the caption: the files, the number of cells, and the nominal distance of atoms.
     fn caption<const D: usize, M: Mesh<D>>(
         &self,
         file: Option<&MeshFile<M>>,
         head: Option<&ImageHeader<D>>,
     ) -> Caption {
         let files = &self.files;
-        let above: Vec<&Path> = files.mesh.into_iter().chain(files.shapes.clone()).collect();
+        let foreground: Vec<&Path> = files.mesh.into_iter().chain(files.shapes.clone()).collect();
         let rulers = std::array::from_fn(|k| (k < D).then(|| line_ruler(head?, k)).flatten());
         Caption {
-            title: title(&above, files.image),
+            title: title(&foreground, files.image),
             subtitle: file.map(cells_caption).unwrap_or_default(),
             value_label: String::new(),
             rulers,

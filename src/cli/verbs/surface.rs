@@ -1,4 +1,4 @@
-//! The verb `surface`: faces on features, as labelled surfaces.
+//! The verb `surface`: groups faces on features into labelled surfaces.
 
 use std::path::{Path, PathBuf};
 
@@ -30,46 +30,47 @@ use crate::model::surface::{
 use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, read_labels, with_mesh};
 use crate::{Error, Result, feature};
 
-/// `atomesh surface`.
+/// Arguments of `atomesh surface`.
 #[derive(Debug, Args)]
 pub struct SurfaceArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// Look for faces on the features of this image instead of those that the mesh declares
+    /// An image; faces on its features are used and not those that the mesh declares
     #[arg(value_name = "IMAGE")]
     pub image: Option<PathBuf>,
-    /// The surfaces to write: .vtp, .obj, or GOCAD's .ts; faults as sticks: .csv; a horizon as a grid of its
-    /// heights: .irap, .zmap, .cps3
+    /// The file to write: surfaces as .vtp, .obj, or GOCAD's .ts; faults as sticks: .csv; a horizon
+    /// as a grid of its heights: .irap, .zmap, .cps3
     #[arg(short, long, value_name = "S.vtp")]
     pub output: PathBuf,
-    /// How surfaces are told apart.
+    /// Options that group faces into surfaces.
     #[command(flatten)]
     pub grouping: GroupingOptions,
-    /// What makes faces one surface
+    /// The criterion by which faces form a surface
     #[arg(long, value_name = "WHAT", default_value = "bends")]
     pub by: GroupBy,
-    /// Omit surfaces smaller than this, in square samples (length in 2-D); 0 keeps all [default: ten
-    /// faces, and 2 % of the largest surface]
+    /// Smallest area of a surface, in square samples (length in 2-D); smaller ones are omitted, and
+    /// 0 keeps all [default: ten faces, and 2 % of the largest surface]
     #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
-    /// What becomes sticks or a grid.
+    /// Options for sticks and grids.
     #[command(flatten)]
     pub interpretation: InterpretationOptions,
-    /// Show in the table which surfaces meet (--json always says it)
+    /// Show in the table which surfaces meet (--json always does)
     #[arg(long)]
     pub meets: bool,
-    /// Depth of b(x), from 0 to 1, from which faces count as lying on the features of IMAGE
-    /// [default: 0.6]
+    /// Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
+    /// of IMAGE [default: 0.6]
     #[arg(long, value_name = "DEPTH", requires = "image")]
     pub depth: Option<f64>,
-    /// The features of IMAGE [default: auto]
+    /// The features to detect in IMAGE [default: auto]
     #[arg(long, value_name = "KIND", requires = "image")]
     pub feature: Option<feature::FeatureKind>,
-    /// Scale of the features in samples [default: by the kind of feature]
+    /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
+    /// Smallest strength of a feature, in units of the feature image [default: automatic; it is
+    /// printed]
     #[arg(
         long,
         value_name = "T",
@@ -77,8 +78,8 @@ pub struct SurfaceArgs {
         requires = "image"
     )]
     pub threshold: Option<f32>,
-    /// Makes depth in metres of two-way time: one velocity in m/s for the whole mesh, or a file of interval
-    /// velocities in m/s on a grid of its own in two-way time
+    /// Convert two-way time to depth in metres, with one velocity in m/s for the whole mesh, or a
+    /// file of interval velocities in m/s on a grid in two-way time
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// How to read the image.
@@ -86,44 +87,46 @@ pub struct SurfaceArgs {
     pub input: InputOptions,
 }
 
-/// What makes faces one surface.
+/// The criterion by which faces form a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum GroupBy {
     /// Faces on features that continue one another: faults, horizons
     Bends,
-    /// All faces between the same two regions, and between a region and the sides of the mesh: those of a
-    /// region enclose it
+    /// All faces between the same two regions, or between a region and the sides of the mesh; the
+    /// faces of a region enclose it
     Regions,
 }
 
-/// What makes faces one surface, and how its orientation is told.
+/// Options that group faces into surfaces, and set their orientation.
 #[derive(Debug, Clone, Args)]
 pub struct GroupingOptions {
     /// Largest bend from face to face within a surface, in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = DEFAULT_MAX_BEND)]
     pub max_bend: f64,
-    /// Which way is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in 2-D]
+    /// The direction that is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in
+    /// 2-D]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<String>,
 }
 
-/// The largest bend from face to face within a surface unless it is said, in degrees.
+/// Default of the largest bend from face to face within a surface, in degrees.
 const DEFAULT_MAX_BEND: f64 = 25.0;
 
-/// The endings of the surface formats that are written.
+/// File endings of the surface formats that can be written.
 pub const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
 
-/// How deep valleys are, where faces lie on features, unless it is said.
+/// Default depth of the valleys of b(x) from which faces count as lying on features.
 const DEFAULT_VALLEY_DEPTH: f64 = 0.6;
 
-/// Faces lie along a feature if their normals differ by less than 35 degrees from its.
+/// Smallest cosine of the angle between the normals of a face and of its feature (35 degrees).
 const MIN_NORMAL_COSINE: f64 = 0.82;
 
 impl GroupingOptions {
-    /// The options, checked, for surfaces of at least `min_area`.
+    /// Returns the checked options for surfaces of at least `min_area`.
     ///
     /// # Errors
-    /// [`Error::Job`] for a bend that is no angle below 90 degrees, or a negative area.
+    /// Returns [`Error::Job`] for a bend that is not an angle between 0 and 90 degrees, or a
+    /// negative area.
     pub fn options(&self, min_area: Option<f64>) -> Result<Options> {
         let refuse = |option: String, remedy: &str| {
             Err(Error::Job(cause(option, "is out of range", remedy)))
@@ -147,10 +150,11 @@ impl GroupingOptions {
         })
     }
 
-    /// The directions of up, north and east; and whether z grows upwards, as far as it says.
+    /// Returns the directions of up, north and east, and `true` if the axis that is up points in
+    /// its positive direction.
     ///
     /// # Errors
-    /// [`Error::Job`] for anything but an axis of space or of the plane, or minus one.
+    /// Returns [`Error::Job`] for anything but an axis or minus an axis.
     pub fn up_direction<const D: usize>(&self) -> Result<(MapAxes<D>, bool)> {
         let typed = self.up.as_deref().unwrap_or(["x", "y", "z"][D - 1]);
         let (axis, positive) = parse::axis::<D>("--up", typed)?;
@@ -158,10 +162,10 @@ impl GroupingOptions {
     }
 }
 
-/// The facets that the mesh says lie on features.
+/// Returns the facets that the mesh declares to lie on features.
 ///
 /// # Errors
-/// [`Error::Mesh`] if it says nothing, or that none does.
+/// Returns [`Error::Mesh`] if it declares none.
 pub fn tagged_facets<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     place: &Path,
@@ -183,10 +187,10 @@ pub fn tagged_facets<const D: usize, M: Storable<D>>(
     }
 }
 
-/// The image of a mesh, checked; it must fill the mesh's box.
+/// Reads the image of a mesh, and checks that it fills the mesh's box.
 ///
 /// # Errors
-/// [`Error::Image`] or [`Error::Io`] if it cannot be used.
+/// Returns [`Error::Image`] or [`Error::Io`] if it cannot be used.
 pub fn read_mesh_image<const D: usize>(
     path: &Path,
     input: &InputOptions,
@@ -194,8 +198,8 @@ pub fn read_mesh_image<const D: usize>(
     console: &Console,
 ) -> Result<Image<D>> {
     let place = path.display().to_string();
-    let read = console.read_image(path, input)?;
-    let image = read.into_image().ok_or_else(|| {
+    let any_image = console.read_image(path, input)?;
+    let image = any_image.into_image().ok_or_else(|| {
         let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
         Error::Image(cause(&place, problem, "give the image that was meshed"))
     })?;
@@ -204,7 +208,7 @@ pub fn read_mesh_image<const D: usize>(
     Ok(image)
 }
 
-/// The facets on the features of the image.
+/// Returns the facets on the features of the image.
 fn facets_on_image<const D: usize, M: Mesh<D>>(
     args: &SurfaceArgs,
     path: &Path,
@@ -241,22 +245,22 @@ fn facets_on_image<const D: usize, M: Mesh<D>>(
     Ok(facets)
 }
 
-/// The least nominal distance between nodes, if the mesh says so.
+/// Returns the smallest nominal distance between nodes, if the mesh records it.
 fn min_distance<M>(file: &MeshFile<M>) -> Option<f64> {
     let mut arrays = file.point_data.iter().chain(&file.cell_data);
     let array = arrays.find(|a| a.name == "distance")?;
     let distances = array.values.to_f64().into_iter();
-    let least = distances.fold(f64::INFINITY, f64::min);
-    (least.is_finite() && least > 0.0).then_some(least)
+    let min = distances.fold(f64::INFINITY, f64::min);
+    (min.is_finite() && min > 0.0).then_some(min)
 }
 
-/// About how far the nodes of a mesh are apart: the volume that each has.
+/// Returns the mean spacing of nodes: the D-th root of the volume per node.
 fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
     let volume: f64 = mesh.volumes().iter().sum();
     (volume / mesh.nodes().len() as f64).powf(1.0 / D as f64)
 }
 
-/// `atomesh surface`.
+/// Runs the verb.
 pub fn surface(args: &SurfaceArgs, console: &mut Console) -> Result<()> {
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(args.image.as_deref());
@@ -294,7 +298,7 @@ fn extract_surfaces<const D: usize, M: Storable<D>>(
     if args.by == GroupBy::Regions {
         return write_region_interfaces(args, &stored, &labels, z_up, console);
     }
-    // What else the file holds is not needed any more, but for regions that are labels.
+    // All other arrays are no longer needed, except for regions that are labels.
     if labels.is_empty() {
         stored.arrays = MeshFile::default();
     }
@@ -309,16 +313,16 @@ fn extract_surfaces<const D: usize, M: Storable<D>>(
     let units = &stored.space.geometry.units;
     let up = up.with_units(units);
     if !up.has_dip {
-        let time = stored.space.geometry.time_coordinate().is_some();
-        console.note(mixed_units_note(units, &up, time));
+        let is_time = stored.space.geometry.time_coordinate().is_some();
+        console.note(mixed_units_note(units, &up, is_time));
     }
     let up = (&up, z_up);
-    let to = (args.output.as_path(), &args.interpretation);
-    let (surfaces, measures) = write_groups(to, &stored, facets, &options, up, console)?;
+    let target = (args.output.as_path(), &args.interpretation);
+    let (surfaces, measures) = write_groups(target, &stored, facets, &options, up, console)?;
     let mut text = table(&measures, D, args.meets);
     if surfaces.dropped_count > 0 {
         text += &format!(
-            "\nleft out: {} small surfaces, {:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",
+            "\nomitted: {} small surfaces, {:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",
             surfaces.dropped_count,
             surfaces.dropped_area,
             if D == 2 { "samples" } else { "square samples" },
@@ -342,10 +346,10 @@ fn extract_surfaces<const D: usize, M: Storable<D>>(
     Ok(())
 }
 
-/// Groups facets of a mesh into surfaces, measures and writes them; `up` says where up is, and whether z
-/// is.
+/// Groups facets of a mesh into surfaces, measures and writes them. `up` is the direction that is
+/// up; `z_up` is `true` if z grows upwards.
 fn write_groups<const D: usize, M: Storable<D>>(
-    (path, picks): (&Path, &InterpretationOptions),
+    (path, interpretation): (&Path, &InterpretationOptions),
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
@@ -362,17 +366,17 @@ fn write_groups<const D: usize, M: Storable<D>>(
     file.cell_data = cell_data(&surfaces, &measures, nodes);
     console.begin_stage("writing");
     let geometry = &stored.space.geometry;
-    if !picks.write(path, &file, geometry, &measures, console)? {
+    if !interpretation.write(path, &file, geometry, &measures, console)? {
         write_file(path, file, geometry, z_up, console)?;
     }
     Ok((surfaces, measures))
 }
 
-/// Writes all that `atomesh surface` writes of a mesh unless options say otherwise, and says how many
-/// surfaces there are: none of a mesh without features.
+/// Writes what `atomesh surface` writes of a mesh with default options, and returns the number of
+/// surfaces. A mesh without features has none.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written.
+/// Returns [`Error::Io`] if the file cannot be written.
 pub(super) fn write_tagged_surfaces<const D: usize, M: Storable<D>>(
     path: &Path,
     stored: &StoredMesh<D, M>,
@@ -385,38 +389,39 @@ pub(super) fn write_tagged_surfaces<const D: usize, M: Storable<D>>(
     let (up, z_up) = grouping.up_direction::<D>()?;
     let up = up.with_units(&stored.space.geometry.units);
     let marks = stored.feature_marks().unwrap_or_default();
-    let facets = match marks.is_empty() {
-        true => Vec::new(),
-        false => facet_selection::marked_facets(&stored.lattice, &marks),
+    let facets = if marks.is_empty() {
+        Vec::new()
+    } else {
+        facet_selection::marked_facets(&stored.lattice, &marks)
     };
     let options = grouping.options(None)?;
-    let to = (path, &InterpretationOptions::default());
-    let (surfaces, _) = write_groups(to, stored, facets, &options, (&up, z_up), console)?;
+    let target = (path, &InterpretationOptions::default());
+    let (surfaces, _) = write_groups(target, stored, facets, &options, (&up, z_up), console)?;
     Ok(surfaces.len())
 }
 
-/// What a surface is called in files.
+/// Returns the name of a surface in files.
 fn surface_name(measure: &SurfaceMeasure) -> String {
-    let own = measure.name.clone();
-    own.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
+    let name = measure.name.clone();
+    name.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
 }
 
-/// Why dips are not given.
-fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, time: bool) -> String {
-    let said = |unit: &String| match unit.as_str() {
+/// Returns the note that says why dips are missing.
+fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, is_time: bool) -> String {
+    let unit_name = |unit: &String| match unit.as_str() {
         "" => "no unit".to_string(),
         unit => unit.to_string(),
     };
-    let lost = if up.has_strike {
+    let missing = if up.has_strike {
         "no dip"
     } else {
         "neither dip nor strike"
     };
     format!(
-        "axes of different units ({}): {lost}; area, off plane and rim mix them{}",
-        units.iter().map(said).collect::<Vec<_>>().join(", "),
-        if time {
-            "; --velocity makes depth of time"
+        "axes of different units ({}): {missing}; area, off plane and rim mix them{}",
+        units.iter().map(unit_name).collect::<Vec<_>>().join(", "),
+        if is_time {
+            "; --velocity converts time to depth"
         } else {
             ""
         }
@@ -426,7 +431,7 @@ fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, time: 
 /// Writes surfaces in the format of the file's ending.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be written.
+/// Returns [`Error::Io`] if the file cannot be written.
 pub fn write_file<const D: usize>(
     path: &Path,
     mut file: SurfaceFile<D>,
@@ -436,14 +441,14 @@ pub fn write_file<const D: usize>(
 ) -> Result<()> {
     file.units = geometry.to_3d().units;
     file.z_up = z_up;
-    let ends = |ending: &str| {
+    let has_ending = |ending: &str| {
         path.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case(ending))
     };
     console.write_surfaces(path, file, |file| {
-        if ends("obj") {
+        if has_ending("obj") {
             write_obj(path, file)
-        } else if ends("ts") {
+        } else if has_ending("ts") {
             write_tsurf(path, file)
         } else {
             write_vtp(path, file)
@@ -451,14 +456,15 @@ pub fn write_file<const D: usize>(
     })
 }
 
-/// What is known of each face and of the surface that it is part of.
+/// Returns arrays with the normal of each face, and with the measures of the surface that it
+/// belongs to.
 fn cell_data<const D: usize>(
     surfaces: &Surfaces<D>,
     measures: &[SurfaceMeasure],
     nodes: &[[f64; D]],
 ) -> Vec<DataArray> {
     let labels = surfaces.labels();
-    let of = |value: &dyn Fn(&SurfaceMeasure) -> f64| -> Vec<f32> {
+    let per_face = |value: &dyn Fn(&SurfaceMeasure) -> f64| -> Vec<f32> {
         labels
             .iter()
             .map(|&s| value(&measures[s as usize]) as f32)
@@ -480,14 +486,17 @@ fn cell_data<const D: usize>(
                 .collect::<Vec<f32>>()
                 .into(),
         },
-        DataArray::scalars("dip", of(&|m| m.dip.unwrap_or(f64::NAN))),
-        DataArray::scalars("strike", of(&|m| m.strike.unwrap_or(f64::NAN))),
-        DataArray::scalars(if D == 2 { "length" } else { "area" }, of(&|m| m.area)),
+        DataArray::scalars("dip", per_face(&|m| m.dip.unwrap_or(f64::NAN))),
+        DataArray::scalars("strike", per_face(&|m| m.strike.unwrap_or(f64::NAN))),
+        DataArray::scalars(
+            if D == 2 { "length" } else { "area" },
+            per_face(&|m| m.area),
+        ),
         DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
     ]
 }
 
-/// The largest surfaces as lines of text, and if asked for the surfaces that they meet.
+/// Returns a table of the largest surfaces, with the surfaces that they meet if `meets` is set.
 fn table(measures: &[SurfaceMeasure], dimension: usize, meets: bool) -> String {
     const MAX_ROWS: usize = 40;
     let [area, rim] = match dimension {
@@ -510,7 +519,7 @@ fn table(measures: &[SurfaceMeasure], dimension: usize, meets: bool) -> String {
         "hole area",
         title("meets")
     )];
-    // Names that are not made of kind and number stand at the end.
+    // Names that differ from kind and number are shown at the end of the line.
     if measures.iter().any(|m| m.name.is_some()) {
         lines[0] += "  name";
     }
@@ -549,14 +558,14 @@ fn table(measures: &[SurfaceMeasure], dimension: usize, meets: bool) -> String {
     lines.join("\n")
 }
 
-/// A number in about as many digits as the precision asks for.
+/// A number that is displayed with about as many digits as the format's precision.
 pub(super) struct ShortNumber(pub f64);
 
 impl std::fmt::Display for ShortNumber {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let digits = f.precision().unwrap_or(4) as i32;
-        let before = self.0.abs().clamp(1e-300, 1e300).log10().floor() as i32 + 1;
-        let decimals = (digits - before).clamp(0, 9) as usize;
+        let integer_digits = self.0.abs().clamp(1e-300, 1e300).log10().floor() as i32 + 1;
+        let decimals = (digits - integer_digits).clamp(0, 9) as usize;
         f.pad_integral(self.0 >= 0.0, "", &format!("{:.decimals$}", self.0.abs()))
     }
 }

@@ -1,4 +1,4 @@
-//! `atomesh synth`: synthetic images whose features are known exactly.
+//! The verb `synth`: makes synthetic images whose features are known exactly.
 
 use std::path::PathBuf;
 
@@ -11,10 +11,10 @@ use crate::cli::parse;
 use crate::image::synth;
 use crate::image::synth::SyntheticImage;
 
-/// `atomesh synth`.
+/// Arguments of `atomesh synth`.
 #[derive(Debug, Args)]
 pub struct SynthArgs {
-    /// What to make
+    /// The kind of image
     #[arg(value_name = "KIND", value_parser = synth_kind())]
     pub kind: String,
     /// The image to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
@@ -23,20 +23,20 @@ pub struct SynthArgs {
     /// Also write the exact distance to the features
     #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
-    /// Also write how deep each sample was before folding and faulting (amplitude and network-amplitude):
-    /// the same all along a reflector
+    /// Also write the depth of each sample before folding and faulting, which is constant along a
+    /// reflector (amplitude and network-amplitude)
     #[arg(long, value_name = "DEPTH.npy")]
     pub layers: Option<PathBuf>,
     /// Number of samples along x, y and z; NX,NY makes a 2-D image
     #[arg(long, value_name = "NX,NY,NZ", default_value = "128,128,128")]
     pub dims: String,
-    /// Number of faults or shells (default: 4; of a network 2 to 6, as its seed says)
+    /// Number of faults or shells [default: 4; for a network 2 to 6, from its seed]
     #[arg(long, value_name = "N")]
     pub count: Option<usize>,
-    /// Signal over the rms of the noise; inf for none
+    /// Ratio of the signal to the rms of the noise; inf for no noise
     #[arg(long, value_name = "RATIO", default_value_t = 4.0)]
     pub signal_to_noise: f64,
-    /// Width of the features: the standard deviation of their profile, in samples
+    /// Standard deviation of the features' profile, in samples
     #[arg(long, value_name = "SAMPLES", default_value_t = 1.5)]
     pub width: f64,
     /// Seed of all random numbers
@@ -85,11 +85,11 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
 
 fn write_synthetic<const D: usize>(
     args: &SynthArgs,
-    made: SyntheticImage<D>,
+    synthetic: SyntheticImage<D>,
     console: &mut Console,
 ) -> Result<()> {
     if let Some(path) = &args.truth {
-        made.truth.write(path)?;
+        synthetic.truth.write(path)?;
     }
-    write_image(console, &args.output, made.image)
+    write_image(console, &args.output, synthetic.image)
 }

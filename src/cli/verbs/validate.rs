@@ -1,4 +1,4 @@
-//! `atomesh validate`: our own checker, TetGen and CGAL; which of them passed.
+//! The verb `validate`: checks a mesh with atomesh's own checker, TetGen (spade in 2-D) and CGAL.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 use crate::store::{AnyMesh, StoredMesh};
 use crate::{Error, Result};
 
-/// `atomesh validate`.
+/// Arguments of `atomesh validate`.
 #[derive(Debug, Args)]
 pub struct ValidateArgs {
     /// A mesh written by atomesh
@@ -23,13 +23,13 @@ pub struct ValidateArgs {
     pub mesh: PathBuf,
 }
 
-/// Runs the verb: an error if the mesh is not valid, so that scripts see it.
+/// Runs the verb. It returns an error if the mesh is not valid, so that scripts notice it.
 pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     console.begin_stage("reading");
     let place = args.mesh.display().to_string();
     let mesh = console.read_mesh(&args.mesh)?;
     console.begin_stage("checking");
-    // The second opinions differ by kind: who knows cells of that kind is asked.
+    // The other checkers depend on the kind of cells.
     let verdicts = match mesh {
         AnyMesh::Triangles(file) => {
             let stored = StoredMesh::new(file, &place)?;
@@ -67,84 +67,85 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
     );
     match failed {
         None => Ok(()),
-        Some((by, problem)) => Err(Error::Mesh(cause(
+        Some((checker, problem)) => Err(Error::Mesh(cause(
             args.mesh.display(),
-            format!("{by} finds it invalid: {problem}"),
+            format!("{checker} finds it invalid: {problem}"),
             "mesh the image again",
         ))),
     }
 }
 
-/// What the others say as well. They are not asked about a mesh in which our own checker finds a fault:
-/// TetGen takes the process down with it when nodes make no sense.
+/// Adds the verdicts of the other checkers if atomesh's own checker finds no fault. On invalid
+/// nodes TetGen may abort the process.
 fn with_other_checkers(
-    own: CheckerVerdict,
+    own_verdict: CheckerVerdict,
     others: impl FnOnce() -> Result<Vec<CheckerVerdict>>,
 ) -> Result<Vec<CheckerVerdict>> {
-    let mut verdicts = vec![own];
+    let mut verdicts = vec![own_verdict];
     if verdicts[0].problem.is_none() {
         verdicts.extend(others()?);
     }
     Ok(verdicts)
 }
 
-/// Our own checker, in lattice space, where the sides are known.
+/// Returns the verdict of atomesh's own checker, in lattice space, where the sides are known.
 fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> CheckerVerdict {
-    let known = CheckHints {
+    let hints = CheckHints {
         weld: stored.weld,
         ..CheckHints::default()
     };
     let (low, high) = ([0.0; D], stored.space.extent);
-    let found = check_with_hints(&stored.lattice, known, low, high, stored.space.tolerance());
-    let what = match &found.cell_check {
+    let check = check_with_hints(&stored.lattice, hints, low, high, stored.space.tolerance());
+    let criterion = match &check.cell_check {
         None => format!(
             "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
              nodes used",
-            found.cells,
+            check.cells,
             M::CELLS_NAME,
             M::VOLUME_NAME,
             M::VOLUME_NAME,
-            found.volume_error,
-            found.nodes
+            check.volume_error,
+            check.nodes
         ),
-        Some(of_cells) => {
-            let [faces, space] = match of_cells.is_columnar {
-                true => [
+        Some(cell_check) => {
+            let [faces, space] = if cell_check.is_columnar {
+                [
                     "faces, the vertical ones flat,",
-                    "what lies between top and base",
-                ],
-                false => ["flat faces", "the box"],
+                    "the space between top and base",
+                ]
+            } else {
+                ["flat faces", "the box"]
             };
             format!(
                 "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
                  fill {space} (off by {:.0e})",
-                found.cells, of_cells.faces, found.volume_error
+                check.cells, cell_check.faces, check.volume_error
             )
         }
     };
     CheckerVerdict {
         checker: "atomesh",
-        criterion: what,
-        problem: found.problems.first().cloned(),
+        criterion,
+        problem: check.problems.first().cloned(),
     }
 }
 
-/// TetGen cannot read a mesh without changing it, so it is asked for the convex hull of the nodes:
-/// the mesh must fill it.
+/// Returns the verdict of TetGen. It cannot read a mesh without changing it, so that the mesh is
+/// compared with its triangulation of the nodes: both must fill the convex hull.
 fn tetgen_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
     let hull = delaunay::delaunay(&mesh.nodes)?;
     Ok(hull_verdict("TetGen", mesh, &hull, tolerance))
 }
 
-/// The same in the plane by spade.
+/// Returns the verdict of spade, in the plane.
 fn spade_verdict(mesh: &TriMesh, tolerance: f64) -> Result<CheckerVerdict> {
     let hull = delaunay::delaunay_plane(&mesh.nodes)?;
     Ok(hull_verdict("spade", mesh, &hull, tolerance))
 }
 
-/// Whether a mesh fills the convex hull of its nodes, of which another triangulation is given.
+/// Checks that a mesh fills the convex hull of its nodes, which is given as another triangulation.
 fn hull_verdict<const D: usize, M: Simplices<D>>(
-    by: &'static str,
+    checker: &'static str,
     mesh: &M,
     hull: &M,
     tolerance: f64,
@@ -153,14 +154,14 @@ fn hull_verdict<const D: usize, M: Simplices<D>>(
     let error = (volume(mesh) - volume(hull)).abs() / volume(hull);
     let name = M::VOLUME_NAME;
     CheckerVerdict {
-        checker: by,
+        checker,
         criterion: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
         problem: (error > tolerance)
             .then(|| format!("its {name} differs from that of its nodes' hull by {error:.1e}")),
     }
 }
 
-/// CGAL's exact predicates, on the coordinates as they are in the file.
+/// Returns the verdict of CGAL's exact predicates on the coordinates of the file.
 fn cgal_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
     let TetMesh { nodes, tets } = mesh;
     let verdict = delaunay::cgal::validate(nodes, tets)?;
@@ -171,14 +172,14 @@ fn cgal_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
     })
 }
 
-/// What one checker says.
+/// The verdict of one checker.
 #[derive(Debug, Serialize)]
 struct CheckerVerdict {
-    /// Who checked.
+    /// Name of the checker.
     checker: &'static str,
-    /// What holds if nothing is wrong.
+    /// Properties that hold if the mesh is valid.
     criterion: String,
-    /// What is wrong, if anything.
+    /// The first problem, if there is one.
     problem: Option<String>,
 }
 

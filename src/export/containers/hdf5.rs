@@ -8,6 +8,7 @@
 use std::io::{self, Write};
 
 use super::binary::LazyArray;
+use super::padded;
 
 /// Group or dataset.
 pub enum Hdf5Node<'a> {
@@ -81,10 +82,6 @@ pub fn write(out: &mut impl Write, root: &Hdf5Node) -> io::Result<()> {
     out.write_all(&head)?;
     out.write_all(&bytes)?;
     write_data(root, out)
-}
-
-fn padded(bytes: u64) -> u64 {
-    bytes.next_multiple_of(8)
 }
 
 fn header_size(messages: &[Message]) -> u64 {

@@ -4,6 +4,7 @@
 //! All matrices are of class double. Their numbers may be stored in a smaller type, as MATLAB does.
 //! Source: "MAT-File Format", The MathWorks, chapter 1.
 
+use super::padded;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -130,10 +131,6 @@ fn write_structs(elements: &[MatFields<'_>], out: &mut impl Write) -> io::Result
     element(out, INT8, &names)?;
     let mut values = elements.iter().flatten();
     values.try_for_each(|(_, value)| value.write("", out))
-}
-
-fn padded(bytes: u64) -> u64 {
-    bytes.next_multiple_of(8)
 }
 
 fn pad(out: &mut impl Write, bytes: u64) -> io::Result<()> {

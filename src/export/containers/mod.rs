@@ -12,3 +12,8 @@ pub(crate) mod hdf5;
 pub(crate) mod mat;
 pub(crate) mod netcdf;
 pub(crate) mod text;
+
+/// Returns a number of bytes, rounded up to a multiple of eight.
+fn padded(bytes: u64) -> u64 {
+    bytes.next_multiple_of(8)
+}

@@ -11,6 +11,11 @@ const LINES_PER_TASK: usize = 4096;
 /// Number of tasks whose text is in memory at once.
 const TASKS_IN_MEMORY: usize = 32;
 
+/// Writer of an export file.
+pub(crate) type FileWriter<'a> = &'a mut io::BufWriter<std::fs::File>;
+/// Result of writing a part of an export file.
+pub(crate) type WriteResult = io::Result<()>;
+
 /// Builder of text.
 #[derive(Debug, Default)]
 pub struct TextBuilder {

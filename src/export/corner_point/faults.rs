@@ -26,7 +26,7 @@ use crate::parallel::prelude::*;
 use super::cell_walk::CellWalker;
 use super::grid::CornerPointGrid;
 use crate::export::containers::text::write_numbers;
-use crate::export::simulators::deck::{FileWriter, WriteResult};
+use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::geometry::sub;
 use crate::geometry::union_find::UnionFind;
 use crate::model::reservoir::Model;

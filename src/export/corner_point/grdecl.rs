@@ -10,6 +10,7 @@
 use std::io::{BufRead, Read, Write};
 use std::path::{Path, PathBuf};
 
+use crate::geometry::grid_index::index_at;
 use crate::parallel::prelude::*;
 
 use super::cell_walk::CellWalker;
@@ -18,12 +19,12 @@ use super::grid::CornerPointGrid;
 use super::layers::{GridLayers, column_lines};
 use super::pillars::{Outline, Pillars};
 use super::wells;
-use crate::export::containers::text::{TextBuilder, write_items, write_numbers};
+use crate::export::containers::text::{
+    FileWriter, TextBuilder, WriteResult, write_items, write_numbers,
+};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
-use crate::export::simulators::deck::{
-    self, CONNATE_WATER_SATURATION, FileWriter, WellConnection, WriteResult,
-};
+use crate::export::simulators::deck::{self, CONNATE_WATER_SATURATION, WellConnection};
 use crate::files::Batch;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
@@ -236,7 +237,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         include(out, regions)?;
         writeln!(out, "SOLUTION\n")?;
         deck::write_array(out, "PRESSURE", cells, |at| {
-            let middle = grid.point([at % n, at / n % m, at / (n * m)], [0.5; 3]);
+            let middle = grid.point(index_at(grid.dims(), at), [0.5; 3]);
             model.initial_pressure(-middle[2], top) / BAR
         })?;
         if model.case.fluid == Fluid::OilWater {

@@ -2,6 +2,7 @@
 
 use super::layers::GridLayers;
 use super::pillars::Pillars;
+use crate::geometry::grid_index::offset_of;
 use crate::geometry::{norm, sub};
 
 /// Number of Newton steps that find the coordinates of a point in a column. A column is nearly a
@@ -24,9 +25,8 @@ impl CornerPointGrid<'_> {
     }
 
     /// Returns the index of a cell in arrays. i is fastest, k slowest.
-    pub fn cell_index(&self, [i, j, k]: [usize; 3]) -> usize {
-        let [n, m, _] = self.dims();
-        i + n * (j + m * k)
+    pub fn cell_index(&self, cell: [usize; 3]) -> usize {
+        offset_of(self.dims(), cell)
     }
 
     /// Returns z at fractions of a column along i and j, at the top of layer `k` (or the bottom of

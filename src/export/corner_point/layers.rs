@@ -2,6 +2,7 @@
 //! other. Otherwise they have equal thickness. At a feature that displaces regions, the columns on
 //! its two sides have corners at different depths on their common pillars.
 
+use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use super::cell_walk::{CellWalker, LineSegment};
@@ -153,9 +154,7 @@ impl GridLayers {
 
 /// Returns the regions from the top down if they lie one above the other, else an empty list.
 fn region_order(corners: &[Vec<ColumnLine>], graph: &Graph<3>) -> Vec<i32> {
-    let mut regions = graph.region.clone();
-    regions.sort_unstable();
-    regions.dedup();
+    let regions = sorted_distinct(graph.region.iter().copied());
     if regions.len() > MAX_REGIONS {
         return Vec::new();
     }

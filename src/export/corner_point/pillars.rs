@@ -5,6 +5,7 @@
 //! Pillars are made vertical again where features are too flat or too close to each other. So no
 //! column is turned inside out.
 
+use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
@@ -259,9 +260,7 @@ impl Pillars {
                 narrow.extend([a, b, c, d]);
             }
         }
-        narrow.sort_unstable();
-        narrow.dedup();
-        narrow
+        sorted_distinct(narrow)
     }
 
     /// Returns the shift of the centre of a pillar, and its slope, for the steep features around

@@ -1,6 +1,7 @@
 //! Names the faces of a mesh: each side of the box, each surface, and each interface of two
 //! regions.
 
+use crate::geometry::sorted_distinct;
 use crate::mesh::poly::{FaceNeighbour, Lists};
 use crate::model::reservoir::{Model, reserved_names};
 use crate::model::surface::names::{add_names, interface_name};
@@ -58,9 +59,7 @@ impl FaceNames {
             }
         };
         let unnamed_faces = (0..mesh.inner_face_count()).filter(|&f| surface_of(f) == 0);
-        let mut pairs: Vec<[i32; 2]> = unnamed_faces.filter_map(regions).collect();
-        pairs.sort_unstable();
-        pairs.dedup();
+        let pairs = sorted_distinct(unnamed_faces.filter_map(regions));
         let known_count = names.len() as u32;
         let interfaces = pairs.iter().map(|pair| {
             let [a, b] = pair.map(|region| region_label(&model.labels, region));
@@ -188,10 +187,7 @@ pub fn face_from_below(model: &Model, is_upward: &[bool], face: u32) -> (u32, Ve
 
 /// Returns the regions of a model, ascending.
 pub fn sorted_regions(model: &Model) -> Vec<i32> {
-    let mut regions = model.mesh.region.clone();
-    regions.sort_unstable();
-    regions.dedup();
-    regions
+    sorted_distinct(model.mesh.region.iter().copied())
 }
 
 /// Returns the shift of region numbers in formats where they begin with 1. It is 0 if the regions
@@ -217,10 +213,7 @@ fn label_name(model: &Model, region: i32) -> Option<&str> {
 /// Returns the nodes of faces, ascending, without duplicates.
 pub fn face_nodes(model: &Model, faces: &[u32]) -> Vec<u32> {
     let rings = faces.iter().flat_map(|&f| model.mesh.faces.get(f as usize));
-    let mut nodes: Vec<u32> = rings.copied().collect();
-    nodes.sort_unstable();
-    nodes.dedup();
-    nodes
+    sorted_distinct(rings.copied())
 }
 
 #[cfg(test)]

@@ -10,6 +10,8 @@
 use std::io::Write;
 use std::path::Path;
 
+use crate::export::containers::text::FileWriter;
+use crate::geometry::sorted_distinct;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::Result;
@@ -35,8 +37,6 @@ pub const FORMAT: ExportFormat = ExportFormat {
     deck_path: None,
     write,
 };
-
-type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 
 /// Maximum number of characters that are read of a number.
 const NUMBER_WIDTH: usize = 20;
@@ -90,11 +90,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         for group in &mesh.named_sides {
             let name = group.name.to_uppercase();
-            let mut nodes = Vec::new();
-            (0..group.sides.len())
-                .for_each(|i| mesh.visit_nodes(group.sides.get(i), |n| nodes.push(n)));
-            nodes.sort_unstable();
-            nodes.dedup();
+            let nodes = sorted_distinct(mesh.side_nodes(group));
             writeln!(out, "*NSET, NSET=N{name}")?;
             write_set(out, &nodes)?;
             if kind.starts_with('S') {

@@ -11,6 +11,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use crate::export::containers::text::{FileWriter, WriteResult};
 use super::groups::NamedSides;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::{SimplexMesh, TornSurface};
@@ -56,9 +57,6 @@ pub const FORMAT_V2: ExportFormat = ExportFormat {
     deck_path: None,
     write: write_v2,
 };
-
-type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type WriteResult = std::io::Result<()>;
 
 /// Gmsh types of linear and of quadratic simplices, by their number of corners.
 const ELEMENT_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];

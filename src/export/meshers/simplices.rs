@@ -180,6 +180,14 @@ impl<'a> SimplexMesh<'a> {
         }
     }
 
+    /// Returns the nodes of all sides of a group, one side after the other.
+    pub fn side_nodes(&self, group: &NamedSides) -> Vec<u32> {
+        let mut nodes = Vec::new();
+        (0..group.sides.len())
+            .for_each(|i| self.visit_nodes(group.sides.get(i), |n| nodes.push(n)));
+        nodes
+    }
+
     /// Finds the surfaces along which a model is split.
     fn find_torn_surfaces(&mut self, model: &Model, names: &FaceNames, is_upward: &[bool]) {
         let Some(split) = &model.split_mesh else {

@@ -168,12 +168,7 @@ fn simplex_grid<'a>(mesh: &'a SimplexMesh) -> (NamedNodes<'a>, usize, NodeSets) 
         LazyArray::from_fn(cell_count + 1, offset),
         types,
     );
-    let sets = mesh.named_sides.iter().map(|group| {
-        let mut members = Vec::new();
-        (0..group.cells.len())
-            .for_each(|i| mesh.visit_nodes(group.sides.get(i), |n| members.push(n)));
-        (group.name.clone(), members)
-    });
+    let sets = (mesh.named_sides.iter()).map(|group| (group.name.clone(), mesh.side_nodes(group)));
     (nodes, cell_count, sets.collect())
 }
 

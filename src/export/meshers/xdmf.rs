@@ -8,6 +8,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::geometry::sorted_distinct;
 use super::NAMES_AND_ROCK;
 use super::simplices::SimplexMesh;
 use crate::Result;
@@ -157,18 +158,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         content.xml.push_str("</Attribute>\n");
     }
-    let side_nodes = |k: usize| {
-        let group = &mesh.named_sides[k];
-        let mut nodes = Vec::new();
-        (0..group.cells.len())
-            .for_each(|i| mesh.visit_nodes(group.sides.get(i), |n| nodes.push(n)));
-        nodes
-    };
     let cells_xml = content.xml.clone();
-    for (k, group) in mesh.named_sides.iter().enumerate() {
-        let mut nodes = side_nodes(k);
-        nodes.sort_unstable();
-        nodes.dedup();
+    for group in &mesh.named_sides {
+        let nodes = sorted_distinct(mesh.side_nodes(group));
         let _ = writeln!(
             content.xml,
             "<Set Name=\"{}\" SetType=\"Node\">",
@@ -180,8 +172,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         content.xml.push_str("</Set>\n");
     }
     content.xml.push_str("</Grid>\n");
-    for (k, group) in mesh.named_sides.iter().enumerate() {
-        let nodes = side_nodes(k);
+    for group in &mesh.named_sides {
+        let nodes = mesh.side_nodes(group);
         let size = nodes.len() / group.cells.len().max(1);
         let _ = writeln!(
             content.xml,

@@ -1,6 +1,7 @@
 //! Selects the faces that the cutting plane of the page can show.
 
 use crate::mesh::complex::NONE;
+use crate::mesh::renumber::{new_numbers, used_items};
 use crate::model::slice::DrawableFaces;
 
 /// Part of a mesh that a page holds.
@@ -57,20 +58,10 @@ impl PageMesh {
             .map(|f| f as u32)
             .collect();
 
-        let mut seen = vec![false; faces.cell_centres.len()];
-        for cell in kept.iter().flat_map(|&f| faces.cells[f as usize]) {
-            if cell != NONE {
-                seen[cell as usize] = true;
-            }
-        }
-        let mut cells: Vec<u32> = (0..seen.len() as u32)
-            .filter(|&c| seen[c as usize])
-            .collect();
+        let sides = kept.iter().flat_map(|&f| faces.cells[f as usize]);
+        let mut cells = used_items(faces.cell_centres.len(), sides.filter(|cell| *cell != NONE));
         cells.sort_by_cached_key(|&c| (curve_index(faces.cell_centres[c as usize]), c));
-        let mut page_index = vec![NONE; seen.len()];
-        for (index, &cell) in cells.iter().enumerate() {
-            page_index[cell as usize] = index as u32;
-        }
+        let page_index = new_numbers(faces.cell_centres.len(), &cells);
         let sides_of = |face: u32| {
             let mut sides = faces.cells[face as usize].map(|cell| match cell {
                 NONE => NONE,

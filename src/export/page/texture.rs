@@ -1,5 +1,6 @@
 //! Converts the image to a texture.
 
+use crate::geometry::grid_index::index_at;
 use crate::parallel::prelude::*;
 use serde_json::{Value, json};
 
@@ -36,11 +37,7 @@ pub(super) fn from_image<const D: usize>(image: &Image<D>) -> Texture {
         first..((i + 1) * image_dims[k] / texture_dims[k]).max(first + 1)
     };
     let byte = |index: usize| {
-        let [x, y, z] = [
-            index % texture_dims[0],
-            index / texture_dims[0] % texture_dims[1],
-            index / (texture_dims[0] * texture_dims[1]),
-        ];
+        let [x, y, z] = index_at(texture_dims, index);
         let (mut sum, mut count) = (0.0f64, 0u32);
         for k in block(2, z) {
             for j in block(1, y) {

@@ -149,8 +149,8 @@ fn are_integers(values: &Values) -> bool {
     !matches!(values, Values::F32(_) | Values::F64(_))
 }
 
-/// Returns the mean of node values over the faces of each cell. For a simplex it is the mean over
-/// its nodes.
+/// Returns the mean of node values over the drawn faces of each cell; NaN for a cell without such a
+/// face. For a simplex it is the mean over its nodes.
 fn cell_means(faces: &DrawableFaces, values: &[f64]) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); faces.cell_centres.len()];
     for (face, cells) in faces.cells.iter().enumerate() {
@@ -162,5 +162,6 @@ fn cell_means(faces: &DrawableFaces, values: &[f64]) -> Vec<f64> {
             *count += ring.len() as f64;
         }
     }
-    sums.into_iter().map(|(sum, count)| sum / count).collect()
+    let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { f64::NAN };
+    sums.into_iter().map(mean).collect()
 }

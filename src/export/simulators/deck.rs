@@ -3,6 +3,7 @@
 
 use std::io::Write;
 
+use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::Result;
 use crate::error::{Error, cause};
 use crate::export::containers::text::write_numbers;
@@ -19,9 +20,6 @@ pub(crate) const CONNATE_WATER_SATURATION: f64 = 0.2;
 const TABLE_STEPS: usize = 12;
 /// Number of reports.
 const REPORT_COUNT: usize = 10;
-
-pub(crate) type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-pub(crate) type WriteResult = std::io::Result<()>;
 
 /// Connection of a well to a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]

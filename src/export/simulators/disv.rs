@@ -10,7 +10,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::error::cause;
-use crate::export::containers::text::{write_items, write_numbers};
+use crate::export::containers::text::{FileWriter, WriteResult, write_items, write_numbers};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::model::columns::{COLUMN, LAYER};
@@ -224,9 +224,6 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     }
     Ok(())
 }
-
-type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type WriteResult = std::io::Result<()>;
 
 /// Cells in layers and columns.
 struct DisvGrid {

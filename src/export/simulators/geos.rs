@@ -15,6 +15,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use crate::geometry::sorted_distinct;
 use crate::Result;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{NamedSides, region_shift};
@@ -179,9 +180,7 @@ fn write_fractures(
         let is_split = |pair: &&[[u32; 3]; 2]| pair[0] != pair[1];
         let faces: Vec<[u32; 3]> = pairs.iter().filter(is_split).map(|pair| pair[0]).collect();
         let origin = |n: &u32| split.original_node[*n as usize];
-        let mut origins: Vec<u32> = faces.as_flattened().iter().map(origin).collect();
-        origins.sort_unstable();
-        origins.dedup();
+        let origins = sorted_distinct(faces.as_flattened().iter().map(origin));
         let max_count = origins
             .iter()
             .map(|&n| duplicates(n).count())

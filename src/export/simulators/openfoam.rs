@@ -10,7 +10,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::error::cause;
-use crate::export::containers::text::write_items;
+use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes, region_name, sorted_regions};
 use crate::files::Batch;
@@ -169,9 +169,6 @@ impl FaceOrder {
         })
     }
 }
-
-type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
-type WriteResult = std::io::Result<()>;
 
 fn write_header(out: FileWriter, class: &str, object: &str) -> WriteResult {
     writeln!(

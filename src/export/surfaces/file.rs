@@ -1,6 +1,7 @@
 //! Labelled surfaces with their names, values and units, as all surface formats write them.
 
 use crate::files::vtk::DataArray;
+use crate::geometry::sorted_distinct;
 use crate::geometry::to_3d;
 use crate::store::FieldValue;
 
@@ -28,9 +29,7 @@ pub struct SurfaceFile<const D: usize> {
 impl<const D: usize> SurfaceFile<D> {
     /// Creates surfaces with the names `name`1, `name`2 ... and only those nodes that they use.
     pub fn new(nodes: &[[f64; D]], facets: &[[u32; D]], start: &[usize], name: &str) -> Self {
-        let mut used: Vec<u32> = facets.as_flattened().to_vec();
-        used.sort_unstable();
-        used.dedup();
+        let used = sorted_distinct(facets.as_flattened().iter().copied());
         let new_index = |n: u32| used.partition_point(|&m| m < n) as u32;
         let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
         let position = |&n: &u32| to_3d(nodes[n as usize]);

@@ -49,12 +49,9 @@ pub fn height_grid(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> 
     let dims = counts.map(|count| count as usize);
     let geometry = Geometry::with_spacing(first.map(|first| first * step), [step; 2]);
     let horizon = Horizon::Surface(TriangleIndex::new(triangles));
-    let samples = (0..dims[0] * dims[1]).map(|i| {
-        let x = geometry.to_physical([(i % dims[0]) as f64, (i / dims[0]) as f64]);
-        horizon.z_at(x).map_or(f32::NAN, |z| z as f32)
-    });
-    let samples = samples.collect();
-    Ok(Image::new(dims, samples, geometry))
+    Ok(Image::from_fn(dims, geometry, |x| {
+        horizon.z_at(x).unwrap_or(f64::NAN)
+    }))
 }
 
 #[cfg(test)]

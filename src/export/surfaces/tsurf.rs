@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use std::io::{Read, Write};
 use std::path::Path;
 
+use crate::geometry::sorted_distinct;
 use crate::error::{Error, Result, cause, io_error};
 use crate::export::surfaces::file::SurfaceFile;
 use crate::files;
@@ -36,9 +37,7 @@ pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result
                  AXIS_UNIT \"{x_unit}\" \"{y_unit}\" \"{z_unit}\"\nZPOSITIVE {z_positive}\n\
                  END_ORIGINAL_COORDINATE_SYSTEM\n{part}"
             )?;
-            let mut used: Vec<u32> = file.surface_facets(s).concat();
-            used.sort_unstable();
-            used.dedup();
+            let used = sorted_distinct(file.surface_facets(s).concat());
             for (i, &n) in used.iter().enumerate() {
                 let [x, y, z] = file.nodes[n as usize];
                 writeln!(out, "VRTX {} {x} {y} {z}", i + 1)?;

@@ -28,6 +28,7 @@ use super::labels::Labels;
 use super::masks::{Masks, ThinMask};
 use super::potential::Potential;
 use super::ridges::{Ridges, Valleys};
+use crate::comm::Comm;
 use crate::error::Result;
 use crate::feature::detection::{first_non_finite, non_finite_error};
 use crate::feature::volume::Volume;
@@ -68,7 +69,11 @@ pub struct DetectorChoice<const D: usize> {
 ///
 /// # Errors
 /// Returns an [`Error::Image`](crate::Error::Image) if a sample is not finite.
-pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<DetectorChoice<D>> {
+pub fn choose<const D: usize>(
+    image: &Image<D>,
+    modality: Modality,
+    comm: &dyn Comm,
+) -> Result<DetectorChoice<D>> {
     if let Some(labels) = image.label_evidence(modality) {
         let reason = format!(
             "{} different values, {:.0} % of neighbours equal",
@@ -77,7 +82,7 @@ pub fn choose<const D: usize>(image: &Image<D>, modality: Modality) -> Result<De
         );
         return Ok(choose_for_labels(image, modality, reason));
     }
-    let samples = Samples::in_memory(image.dims(), image.as_slice());
+    let samples = Samples::in_memory(image.dims(), image.as_slice()).with_comm(comm);
     let survey = ImageSurvey::measure(&samples, &CancelToken::never())?;
     match survey.first_non_finite {
         Some((at, value)) => Err(non_finite_error(at, value)),

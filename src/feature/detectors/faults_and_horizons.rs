@@ -7,7 +7,7 @@
 use super::faults::Faults;
 use super::horizons::Horizons;
 use super::{DetectionOptions, DetectorTask};
-use crate::comm::{Comm, WorldComm};
+use crate::comm::Comm;
 use crate::error::Result;
 use crate::feature::{Features, PointCounts};
 
@@ -29,10 +29,10 @@ pub fn combine<const D: usize>(
     mut first: Features<D>,
     second: Features<D>,
     weights: [f64; 2],
+    comm: &dyn Comm,
 ) -> Result<Features<D>> {
     let [a, b] = weights.map(|w| w as f32);
     let deepest = |first: f32, second: f32| (a * first).min(b * second);
-    let comm: &dyn Comm = &WorldComm;
     let counts = [&first, &second].map(Features::point_counts);
     let max_surface: Vec<u32> =
         comm.all_gather("surfaces", first.surface.iter().copied().max().unwrap_or(0))?;

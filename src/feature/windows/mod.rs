@@ -19,7 +19,7 @@ pub(crate) mod tests;
 
 use super::gaussian;
 use super::volume::Volume;
-use crate::comm::{self, WorldComm};
+use crate::comm::{Comm, SelfComm};
 use crate::error::Result;
 use crate::files::codec::Codec;
 use crate::image::ImageLayers;
@@ -47,6 +47,8 @@ pub struct Samples<'a, const D: usize> {
     /// The smoothed samples, if the volume is small.
     smoothed: Option<Vec<f32>>,
     limits: WindowLimits,
+    /// The ranks that share the work on windows.
+    comm: &'a dyn Comm,
 }
 
 /// Storage of the samples.
@@ -161,6 +163,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             scales: Vec::new(),
             smoothed: None,
             limits: DEFAULT_LIMITS,
+            comm: &SelfComm,
         }
     }
 
@@ -172,7 +175,13 @@ impl<'a, const D: usize> Samples<'a, D> {
             scales: Vec::new(),
             smoothed: None,
             limits: DEFAULT_LIMITS,
+            comm: &SelfComm,
         }
+    }
+
+    /// Shares the work on windows among the ranks of `comm`, which all have these samples.
+    pub fn with_comm(self, comm: &'a dyn Comm) -> Self {
+        Self { comm, ..self }
     }
 
     /// Loads the samples into memory if the volume is small and there is enough memory to process
@@ -183,7 +192,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     pub fn load_if_small(self) -> Result<Self> {
         match self.raw {
             SampleStore::Layered(layers, sign)
-                if comm::size() == 1
+                if self.comm.size() == 1
                     && self.count() <= self.limits.max_whole
                     && has_memory(WHOLE_BYTES_PER_SAMPLE * self.count() as f64) =>
             {
@@ -280,7 +289,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// this width have `reach` layers, and windows may be in strips, with a halo of as many rows.
     ///
     /// # Errors
-    /// Returns the errors of reading, and those of [`comm::distribute_weighted`].
+    /// Returns the errors of reading, and those of other ranks.
     pub fn for_each_window<T: Codec>(
         &self,
         halo: usize,
@@ -301,7 +310,8 @@ impl<'a, const D: usize> Samples<'a, D> {
             let emit = &mut |window: &LayerWindow<'_, D>| emit(work(window));
             self.visit_windows(&strips, &windows[share], window_halo, cancel, emit)
         };
-        comm::distribute_weighted("layers", &weights, visit_share, take)
+        self.comm
+            .distribute_weighted("layers", &weights, visit_share, take)
     }
 
     /// Calls `work` for one window after the other of the layers that this rank owns; see
@@ -339,12 +349,12 @@ impl<'a, const D: usize> Samples<'a, D> {
             Some(_) => [MIN_WIDE_HALO_LAYERS, 4 * self.limits.window],
             None => [LAYER_MULTIPLE, self.limits.max_whole],
         };
-        let layers_per_window = if self.is_small() && comm::size() == 1 && self.count() <= max_whole
-        {
-            owned.len()
-        } else {
-            self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
-        };
+        let layers_per_window =
+            if self.is_small() && self.comm.size() == 1 && self.count() <= max_whole {
+                owned.len()
+            } else {
+                self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
+            };
         let ranges = || split_layers(owned.len(), layers_per_window).into_iter();
         let shifted_ranges =
             || ranges().map(|layers| owned.start + layers.start..owned.start + layers.end);
@@ -365,7 +375,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         reach: usize,
         cancel: &CancelToken<'_>,
         change: impl Fn(LayerStack<'_, D>) -> Vec<f32>,
-    ) -> Result<Samples<'static, D>> {
+    ) -> Result<Samples<'a, D>> {
         let window_halo = WindowHalo {
             halo: reach,
             blur: None,
@@ -407,16 +417,18 @@ impl<'a, const D: usize> Samples<'a, D> {
             share.samples.resize(share.range.len() * layer, 0.0);
             Ok(())
         };
-        comm::distribute("layers changed", all_layers.len(), work, &mut |()| ())?;
+        self.comm
+            .distribute("layers changed", all_layers.len(), work, &mut |()| ())?;
         Ok(Samples {
             dims: self.dims,
-            raw: match comm::size() {
+            raw: match self.comm.size() {
                 1 => SampleStore::InMemory(share.samples.into()),
                 _ => SampleStore::Distributed(share),
             },
             scales: Vec::new(),
             smoothed: None,
             limits: self.limits,
+            comm: self.comm,
         })
     }
 
@@ -488,7 +500,7 @@ impl<'a, const D: usize> Samples<'a, D> {
                     widen(&(first.layers.start..end), reach, count)
                 }
             };
-            *raw = share.exchange_layers(visible, strip, &WorldComm)?;
+            *raw = share.exchange_layers(visible, strip, self.comm)?;
         }
         for interior in windows {
             if cancel.is_cancelled() {

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::samples;
-use super::stream::{ImageStream, OpenedImage, SlabSource};
+use super::stream::{ImageStream, MAX_SAMPLES_IN_MEMORY, OpenedImage, SlabSource};
 use super::{AnyImage, ImageFormat, LoadedImage, ReadOptions, SegyInfo, detect, open, segy};
 use crate::error::{Cause, Result, io_error};
 use crate::image::check::StatsAccumulator;
@@ -246,9 +246,6 @@ impl Description {
 
 /// Largest number of labels that are listed.
 const MAX_LABELS_SHOWN: usize = 24;
-
-/// Largest number of samples that are loaded into memory to look for labels.
-const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
 /// Returns `true` if the samples in a file may be labels, and are few enough to be inspected in
 /// memory.

@@ -105,12 +105,7 @@ impl<'a> Header<'a> {
 /// Returns an [`Error::Io`](crate::Error::Io) if the file, or the file of its samples, cannot be
 /// read, is truncated or damaged, or has more than one value per sample.
 pub fn read(path: &Path) -> Result<LoadedImage> {
-    let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
-    // Each byte becomes one character, so that offsets in the text are offsets in the file.
-    let text: String = head
-        .iter()
-        .map(|&b| if b.is_ascii() { b as char } else { '?' })
-        .collect();
+    let text = packed::read_head_text(path, MAX_HEADER_BYTES)?;
     let (header, end) = Header::parse(path, &text)?;
     if let Some(kind) = header
         .value(&["ObjectType"])

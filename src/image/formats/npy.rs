@@ -12,6 +12,7 @@ use std::sync::Arc;
 use crate::parallel::prelude::*;
 use ndarray::{ArrayD, IxDyn, ShapeBuilder};
 
+use super::packed::open_with_length;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::stream::{ImageHeader, ImageStream, OpenedImage, RawPlanes, SlabSource};
 use super::{ImageFormat, into_any_image};
@@ -115,11 +116,7 @@ struct NpyFile {
 
 impl NpyFile {
     fn new(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
-        let length = file
-            .metadata()
-            .map_err(|e| io_error(path, "read", e))?
-            .len();
+        let (file, length) = open_with_length(path)?;
         let refuse =
             |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
 

@@ -94,12 +94,7 @@ impl<'a> Header<'a> {
 /// read, is truncated or damaged, has more than one value per sample, or has an unsupported
 /// encoding.
 pub fn read(path: &Path) -> Result<LoadedImage> {
-    let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
-    // Each byte becomes one character, so that offsets in the text are offsets in the file.
-    let text: String = head
-        .iter()
-        .map(|&b| if b.is_ascii() { b as char } else { '?' })
-        .collect();
+    let text = packed::read_head_text(path, MAX_HEADER_BYTES)?;
     let header = Header::parse(path, &text);
     let rank = header.integer("dimension", 0)?;
     let sizes = header.required_value("sizes")?;

@@ -320,6 +320,16 @@ pub fn unpack(file: impl Read + 'static) -> Box<dyn Read> {
     }
 }
 
+/// Opens a file. Also returns its length in bytes.
+///
+/// # Errors
+/// Returns an [`Error::Io`] if the file cannot be opened.
+pub fn open_with_length(path: &Path) -> Result<(File, u64)> {
+    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
+    let metadata = file.metadata().map_err(|e| io_error(path, "read", e))?;
+    Ok((file, metadata.len()))
+}
+
 /// Returns the first bytes of a file, unpacked if they are gzip data, and their packing. The result
 /// is shorter if the file is short or damaged.
 ///
@@ -340,6 +350,17 @@ pub fn read_head(path: &Path, max_bytes: u64) -> Result<(Vec<u8>, SamplePacking)
     // The bytes that can be unpacked from damaged data are enough to detect the format.
     let _ = unpack(file).take(max_bytes).read_to_end(&mut head);
     Ok((head, SamplePacking::Deflated))
+}
+
+/// Returns the first bytes of a file as [`read_head`] does, each as one character, so that offsets in
+/// the text are offsets in the file.
+///
+/// # Errors
+/// Returns an [`Error::Io`] if the file cannot be read.
+pub fn read_head_text(path: &Path, max_bytes: u64) -> Result<String> {
+    let (head, _) = read_head(path, max_bytes)?;
+    let to_char = |&b: &u8| if b.is_ascii() { b as char } else { '?' };
+    Ok(head.iter().map(to_char).collect())
 }
 
 /// Returns an error about a file.

@@ -103,21 +103,22 @@ impl ImagePlacement {
         if self.is_empty() {
             return Ok(opened);
         }
+        let reference = self.open_reference(segy)?;
         Ok(match opened {
             OpenedImage::Stream(mut stream) => {
-                let reference = self.open_reference(segy)?.map(OpenedImage::into_header);
+                let reference = reference.map(OpenedImage::into_header);
                 stream.header = self.place_header(stream.header, reference)?;
                 OpenedImage::Stream(stream)
             }
             OpenedImage::InMemory(AnyImage::Plane(loaded)) => {
-                let reference = self.open_reference(segy)?.map(OpenedImage::into_header);
-                let head = self.place_header(loaded.header(), reference)?;
-                OpenedImage::InMemory(AnyImage::Plane(head.with_array(loaded.image.samples)))
+                let reference = reference.map(OpenedImage::into_header);
+                let header = self.place_header(loaded.header(), reference)?;
+                OpenedImage::InMemory(AnyImage::Plane(header.with_image(loaded.image)))
             }
             OpenedImage::InMemory(AnyImage::Space(loaded)) => {
-                let reference = self.open_reference(segy)?.map(OpenedImage::into_header);
-                let head = self.place_header(loaded.header(), reference)?;
-                OpenedImage::InMemory(AnyImage::Space(head.with_array(loaded.image.samples)))
+                let reference = reference.map(OpenedImage::into_header);
+                let header = self.place_header(loaded.header(), reference)?;
+                OpenedImage::InMemory(AnyImage::Space(header.with_image(loaded.image)))
             }
         })
     }
@@ -304,8 +305,8 @@ fn expand_to_axes<T: Clone, const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Image;
-    use crate::image::formats::{InputOptions, read_any};
+    use crate::image::formats::{ImageFormat, InputOptions, LoadedImage, read_any};
+    use crate::image::{ExactLabels, Image};
 
     /// Writes a small array and reads it with these options.
     fn read(dims: &[usize], options: [Option<&str>; 4]) -> Result<AnyImage> {
@@ -360,6 +361,34 @@ mod tests {
             panic!("not in the plane")
         };
         assert_eq!(loaded.image.geometry.to_physical([1.0, 2.0]), [10.0, -5.0]);
+    }
+
+    #[test]
+    fn an_image_in_memory_keeps_its_exact_labels() {
+        let labels = [16_777_216, 16_777_217, 16_777_217, 16_777_219];
+        let labels = ExactLabels::from_integers(labels);
+        let mut image = Image::new([4, 1], vec![16_777_216.0; 4], Geometry::default());
+        image.labels = Some(labels.clone());
+        let loaded = LoadedImage {
+            image: image.with_dead(vec![false, true, false, false]),
+            format: ImageFormat::Npy,
+            encoding: String::new(),
+            notes: Vec::new(),
+            survey: None,
+            line_numbers: None,
+        };
+        let placement = ImagePlacement {
+            spacing: Some(vec![2.0]),
+            ..ImagePlacement::default()
+        };
+        let opened = OpenedImage::InMemory(AnyImage::Plane(loaded));
+        let placed = placement.apply(opened, &SegyBytes::default()).unwrap();
+        let OpenedImage::InMemory(AnyImage::Plane(placed)) = placed else {
+            panic!("not in the plane")
+        };
+        assert_eq!(placed.image.geometry.axes, [[2.0, 0.0], [0.0, 2.0]]);
+        assert_eq!(placed.image.labels, Some(labels));
+        assert_eq!(placed.image.dead, [false, true, false, false]);
     }
 
     #[test]

@@ -8,18 +8,17 @@
 //! An image whose samples are not whole numbers in that range is written in 65536 steps between its
 //! extremes. A text chunk stores the extremes, so that the image reads back to within half a step.
 
-use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::Path;
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
 
-use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO};
+use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, open_with_length};
 use super::placement::NO_GEOMETRY_NOTE;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::tiff::add_bits;
 use super::{ImageFormat, LoadedImage};
-use crate::error::{Error, Result, cause, io_error};
+use crate::error::{Error, Result, cause};
 use crate::files::atomic_write;
 use crate::image::{Geometry, Image};
 
@@ -70,11 +69,7 @@ fn read_transformed(
     path: &Path,
     transformations: Transformations,
 ) -> Result<Option<LoadedImage<2>>> {
-    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
-    let length = file
-        .metadata()
-        .map_err(|e| io_error(path, "read", e))?
-        .len();
+    let (file, length) = open_with_length(path)?;
     let mut decoder = Decoder::new(BufReader::new(file));
     decoder.set_transformations(transformations);
     let to_error = |e| decode_error(path, e);
@@ -113,12 +108,12 @@ fn read_transformed(
             return refuse(problem, "give a picture of at most 2^33 bytes");
         }
     };
-    samples::check_memory(path, size)?;
+    let channels = reader.output_color_type().0.samples();
+    samples::check_memory(path, dims[0] * dims[1] * channels)?;
     let mut bytes = vec![0; size];
     let frame = reader.next_frame(&mut bytes).map_err(to_error)?;
     reader.finish().map_err(to_error)?;
 
-    let channels = frame.color_type.samples();
     let encoding = Encoding {
         sample_type: match frame.bit_depth {
             BitDepth::Sixteen => SampleType::U16,

@@ -1,13 +1,13 @@
 //! Raw samples without a header, described by the user: `100x400x208:f32be`.
 
-use std::fs::File;
 use std::path::Path;
 use std::str::FromStr;
 
 use super::ImageFormat;
+use super::packed::open_with_length;
 use super::samples::{self, Encoding, Endian, SampleType};
 use super::stream::{ImageHeader, ImageStream, RawPlanes, SlabSource};
-use crate::error::{Error, Result, cause, io_error};
+use crate::error::{Error, Result, cause};
 use crate::files::atomic_write;
 
 /// Dimensions and sample type of a raw file.
@@ -81,11 +81,7 @@ impl FromStr for RawSpec {
 /// # Errors
 /// Returns an [`Error::Io`] if the file cannot be opened or its length differs.
 pub fn open(path: &Path, spec: RawSpec) -> Result<ImageStream> {
-    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
-    let length = file
-        .metadata()
-        .map_err(|e| io_error(path, "read", e))?
-        .len();
+    let (file, length) = open_with_length(path)?;
     let size = spec.encoding.size();
     let [nx, ny, nz] = spec.dims;
     let expected = spec

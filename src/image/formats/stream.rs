@@ -8,7 +8,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::parallel::prelude::*;
-use ndarray::ArrayD;
 
 use super::placement::NO_GEOMETRY_NOTE;
 use super::samples::{self, Encoding};
@@ -62,20 +61,13 @@ impl<const D: usize> ImageHeader<D> {
     /// Returns the image with these samples in memory order. Their number must be the product of
     /// the dimensions.
     pub fn with_samples(self, samples: Vec<f32>) -> LoadedImage<D> {
-        // The constructor of the image gives the array its shape.
-        let bare = Image::new(self.dims, samples, Geometry::default());
-        self.with_array(bare.samples)
+        let image = Image::new(self.dims, samples, Geometry::default());
+        self.with_image(image)
     }
 
-    /// Returns the image with these samples as an array of the right shape, in standard layout.
-    pub fn with_array(self, samples: ArrayD<f32>) -> LoadedImage<D> {
-        let image = Image {
-            labels: None,
-            samples,
-            geometry: self.geometry,
-            missing: Vec::new(),
-            dead: Vec::new(),
-        };
+    /// Returns an image with its geometry and missing rows replaced by those of this header.
+    pub fn with_image(self, mut image: Image<D>) -> LoadedImage<D> {
+        image.geometry = self.geometry;
         LoadedImage {
             image: image.with_missing(self.missing),
             format: self.format,
@@ -141,7 +133,7 @@ pub struct ImageStream {
 /// Largest number of samples of an image that is loaded into memory although it could stay in its
 /// file.
 #[cfg(feature = "cli")]
-const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
+pub(super) const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
 /// Memory, in bytes, of the samples that are read at a time, unless a single plane takes more.
 const MAX_BUFFER_BYTES: usize = 1 << 26;
@@ -239,13 +231,12 @@ impl ImageStream {
     }
 
     /// Returns `true` if the image should and can stay in its file. It should if it has many
-    /// samples, if there is not enough memory for them, or if several ranks share them. It can if
-    /// it has three axes and no missing rows.
+    /// samples, if there is not enough memory for them, or if several ranks share them
+    /// (`is_distributed`). It can if it has three axes and no missing rows.
     #[cfg(feature = "cli")]
-    pub fn stays_in_file(&self) -> bool {
+    pub fn stays_in_file(&self, is_distributed: bool) -> bool {
         let dims = self.header.dims;
         let count: usize = dims.iter().product();
-        let is_distributed = crate::comm::size() > 1;
         let is_large = is_distributed
             || count > MAX_SAMPLES_IN_MEMORY
             || samples::check_memory(Path::new("the image"), 3 * count).is_err();
@@ -380,21 +371,13 @@ impl OpenedImage {
                 }),
                 ..stream
             }),
-            Self::InMemory(AnyImage::Plane(mut loaded)) => {
-                loaded
-                    .image
-                    .samples
-                    .iter_mut()
-                    .for_each(|s| null_to_nan(s, nulls));
-                Self::InMemory(AnyImage::Plane(loaded))
-            }
-            Self::InMemory(AnyImage::Space(mut loaded)) => {
-                loaded
-                    .image
-                    .samples
-                    .iter_mut()
-                    .for_each(|s| null_to_nan(s, nulls));
-                Self::InMemory(AnyImage::Space(loaded))
+            Self::InMemory(mut loaded) => {
+                let samples = match &mut loaded {
+                    AnyImage::Plane(loaded) => &mut loaded.image.samples,
+                    AnyImage::Space(loaded) => &mut loaded.image.samples,
+                };
+                samples.iter_mut().for_each(|s| null_to_nan(s, nulls));
+                Self::InMemory(loaded)
             }
         }
     }

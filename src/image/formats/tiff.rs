@@ -4,7 +4,6 @@
 //! as in [`png`](mod@super::png). TIFF has no geometry that all writers agree on: the spacing is
 //! that of ImageJ or OME-TIFF metadata, if there are any.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
@@ -15,11 +14,11 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
-use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, file_error};
+use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, file_error, open_with_length};
 use super::placement::{NO_GEOMETRY_NOTE, length_unit};
 use super::png::luminance;
 use super::{ImageFormat, LoadedImage};
-use crate::error::{Result, io_error};
+use crate::error::Result;
 use crate::image::labels::LabelCollector;
 use crate::image::{Geometry, Image};
 
@@ -35,11 +34,7 @@ const MAX_PAGE_RATIO: u64 = MAX_DEFLATE_RATIO;
 /// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read, is truncated or damaged,
 /// if its pages differ in size or kind, or if their encoding is not supported.
 pub fn read(path: &Path) -> Result<LoadedImage> {
-    let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
-    let length = file
-        .metadata()
-        .map_err(|e| io_error(path, "read", e))?
-        .len();
+    let (file, length) = open_with_length(path)?;
     let max_bytes = usize::try_from(length.saturating_mul(MAX_PAGE_RATIO)).unwrap_or(usize::MAX);
     let mut limits = Limits::default();
     limits.decoding_buffer_size = max_bytes;

@@ -1,5 +1,6 @@
 //! Random networks of crossing faults.
 
+use super::network::fault_normal;
 use super::surface::{ImplicitSurface, Termination, Wave};
 use super::{Options, Result};
 use crate::Error;
@@ -69,16 +70,7 @@ fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], 
     let dip = random.range(55.0, 88.0).to_radians();
     let strike = random.range(0.0, std::f64::consts::TAU);
     let is_2d = dims[2] == 1;
-    // A 2-D fault is a curve, represented by a surface perpendicular to the plane.
-    let normal = if is_2d {
-        [strike.cos(), strike.sin(), 0.0]
-    } else {
-        [
-            dip.cos(),
-            dip.sin() * strike.cos(),
-            dip.sin() * strike.sin(),
-        ]
-    };
+    let normal = fault_normal(dip, strike, is_2d);
     let size = extent.iter().sum::<f64>() / if is_2d { 2.0 } else { 3.0 };
     let mut waves: Vec<Wave> = (0..3)
         .map(|_| {

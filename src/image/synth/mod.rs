@@ -21,6 +21,7 @@ mod noise;
 mod surface;
 pub mod truth;
 
+use crate::geometry::sorted_distinct;
 pub use truth::Truth;
 
 use std::f64::consts::{PI, TAU};
@@ -422,12 +423,7 @@ fn ball_image(truth: &Truth, sides: &[u32], options: &Options) -> Vec<f32> {
 fn block_labels(sides: &[u32]) -> Vec<f32> {
     let mut patterns: Vec<u32> = sides
         .par_chunks(1 << 16)
-        .flat_map_iter(|chunk| {
-            let mut patterns = chunk.to_vec();
-            patterns.sort_unstable();
-            patterns.dedup();
-            patterns
-        })
+        .flat_map_iter(|chunk| sorted_distinct(chunk.iter().copied()))
         .collect();
     patterns.sort_unstable();
     patterns.dedup();

@@ -244,6 +244,12 @@ fn horizontal_direction(normal: [f64; 3]) -> [f64; 3] {
 fn random_normal(random: &mut Random, is_2d: bool) -> [f64; 3] {
     let dip = random.range(50.0, 88.0).to_radians();
     let strike = random.range(0.0, TAU);
+    fault_normal(dip, strike, is_2d)
+}
+
+/// Returns the normal of a fault. A 2-D fault is a curve, represented by a surface perpendicular to
+/// the plane.
+pub(super) fn fault_normal(dip: f64, strike: f64, is_2d: bool) -> [f64; 3] {
     if is_2d {
         [strike.cos(), strike.sin(), 0.0]
     } else {

@@ -1,5 +1,7 @@
 use super::*;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::random::Random;
+use crate::geometry::sorted_distinct;
 use ndarray::ArrayD;
 
 fn noise_free_options(dims: [usize; 3], count: usize) -> Options {
@@ -12,7 +14,7 @@ fn noise_free_options(dims: [usize; 3], count: usize) -> Options {
 }
 
 fn position(dims: [usize; 3], i: usize) -> [f64; 3] {
-    [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])].map(|c| c as f64)
+    index_at(dims, i).map(|c| c as f64)
 }
 
 #[test]
@@ -107,9 +109,7 @@ fn faults_bend_but_not_too_much_and_cross_at_good_angles() {
         let (truth, sides) = exact_distance::compute_truth(&faults, preset.options.dims);
         // Curved, crossing faults form more blocks than faults + 1, and many samples are near a
         // fault.
-        let mut patterns = sides.clone();
-        patterns.sort_unstable();
-        patterns.dedup();
+        let patterns = sorted_distinct(sides.iter().copied());
         assert!(
             patterns.len() > faults.len() + 1,
             "{}: faults do not cross",

@@ -1,6 +1,7 @@
 //! The exact distance to the features of an image, and its file format.
 
 use crate::error::cause;
+use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::image::formats::npy;
 use crate::parallel::prelude::*;
 use crate::{Error, Result};
@@ -59,17 +60,13 @@ impl<const D: usize> Truth<D> {
     }
 
     /// Returns the index of sample `i`, x first.
-    pub(crate) fn index_of(&self, mut i: usize) -> [usize; D] {
-        self.dims.map(|n| {
-            let index = i % n;
-            i /= n;
-            index
-        })
+    pub(crate) fn index_of(&self, i: usize) -> [usize; D] {
+        index_at(self.dims, i)
     }
 
     /// Returns the number of the sample at an index.
     pub(crate) fn sample_index(&self, index: [usize; D]) -> usize {
-        (0..D).rev().fold(0, |at, k| at * self.dims[k] + index[k])
+        offset_of(self.dims, index)
     }
 
     /// Returns the array of shape `(4, nz, ny, nx)`, or `(6, nz, ny, nx)` if the next feature is
@@ -279,9 +276,4 @@ impl<const D: usize> Truth<D> {
             .collect();
         truth
     }
-}
-
-/// Returns the distance in memory between neighbours along each axis.
-fn strides<const D: usize>(dims: [usize; D]) -> [usize; D] {
-    std::array::from_fn(|k| dims[..k].iter().product())
 }

@@ -1,5 +1,6 @@
 //! Assigns to each cell the label of the largest part of its volume.
 
+use crate::geometry::grid_index::index_at;
 use crate::parallel::prelude::*;
 
 use crate::feature::LabelMap;
@@ -264,14 +265,7 @@ const SEARCH_RADII: [f64; 2] = [0.5, 1.0];
 /// Returns the unit vectors from a sample to the samples around it.
 pub fn directions<const D: usize>() -> Vec<[f64; D]> {
     let count = 3usize.pow(D as u32);
-    let steps = (0..count).map(|i| {
-        let mut rest = i;
-        std::array::from_fn(|_| {
-            let step = (rest % 3) as f64 - 1.0;
-            rest /= 3;
-            step
-        })
-    });
+    let steps = (0..count).map(|i| index_at([3; D], i).map(|c| c as f64 - 1.0));
     let unit = |v: [f64; D]| {
         let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
         (length > 0.0).then(|| v.map(|c| c / length))
@@ -292,6 +286,7 @@ const MIN_LABEL_SHARE: f64 = 0.2;
 pub struct Votes(Vec<(u32, u32)>);
 
 impl Votes {
+    /// Counts one sample point with the label.
     fn add(&mut self, label: u32) {
         match self.0.iter_mut().find(|(known, _)| *known == label) {
             Some((_, count)) => *count += 1,

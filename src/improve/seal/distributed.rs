@@ -11,6 +11,7 @@ use crate::comm::{Comm, concatenate};
 use crate::error::cause;
 use crate::feature::FeaturePoint;
 use crate::files::codec::Codec;
+use crate::geometry::sorted_distinct;
 use crate::geometry::union_find::UnionFind;
 use crate::lattice::distance::DistributedDistance;
 use crate::mesh::TetMesh;
@@ -93,13 +94,8 @@ pub fn seal_distributed(
             return local.close_holes(&sealer, &gathered);
         }
         // Repeat with the missing cells. The planes that are known need not be computed again.
-        pending_nodes = sealer
-            .incomplete_nodes
-            .iter()
-            .map(|&n| gathered.global_node(n))
-            .collect();
-        pending_nodes.sort_unstable();
-        pending_nodes.dedup();
+        let incomplete = sealer.incomplete_nodes.iter();
+        pending_nodes = sorted_distinct(incomplete.map(|&n| gathered.global_node(n)));
         let cell_planes = sealer.cell_planes.into_iter();
         known_planes = cell_planes
             .map(|(c, planes)| (gathered.global_cell(c), planes))
@@ -179,6 +175,7 @@ impl LocalSurface<'_> {
         self.partition.global_ids[n as usize]
     }
 
+    /// Marks the other side of every marked face, also across cuts.
     fn mark_both_sides(&mut self) -> Result<()> {
         self.surface.mark_both_sides();
         let marked = self.values_across("marked faces", |face| {
@@ -231,9 +228,7 @@ impl LocalSurface<'_> {
     /// Gathers the values of all ranks, in rising order and without duplicates.
     fn all_gather_sorted<T: Ord + Codec>(&self, exchange: &str, local: Vec<T>) -> Result<Vec<T>> {
         let all = self.comm.all_gather(exchange, local)?.into_iter();
-        let mut all: Vec<T> = all.flatten().collect();
-        all.sort_unstable();
-        all.dedup();
+        let all = sorted_distinct(all.flatten());
         Ok(all)
     }
 
@@ -278,11 +273,7 @@ impl LocalSurface<'_> {
         let open = across
             .iter()
             .filter(|(face, _)| !self.surface.is_marked(*face));
-        let mut pairs: Vec<[u32; 2]> = open
-            .map(|&(face, other)| [compartment_at(face), other])
-            .collect();
-        pairs.sort_unstable();
-        pairs.dedup();
+        let pairs = sorted_distinct(open.map(|&(face, other)| [compartment_at(face), other]));
         let mut union = UnionFind::new(volumes.len());
         for [r, s] in self.all_gather_sorted("united compartments", pairs)? {
             union.unite(r, s);

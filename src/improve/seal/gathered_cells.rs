@@ -1,5 +1,6 @@
 //! The cells at some nodes of a partitioned mesh, gathered from all ranks. Each rank has the same.
 
+use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use crate::comm::Comm;
@@ -67,12 +68,11 @@ impl GatheredCells {
                     .sum(),
             })
             .collect();
-        let mut nodes: Vec<u32> = cells
-            .iter()
-            .flat_map(|cell| partition.mesh.tets[cell.global_id - partition.first_cell])
-            .collect();
-        nodes.sort_unstable();
-        nodes.dedup();
+        let nodes = sorted_distinct(
+            cells
+                .iter()
+                .flat_map(|cell| partition.mesh.tets[cell.global_id - partition.first_cell]),
+        );
         let with_position = |n: u32| {
             (
                 partition.global_ids[n as usize],

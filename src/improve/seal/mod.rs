@@ -161,6 +161,7 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
         self.surface.visit_ridge_cells(c, ridge, |_| ()) != RidgeFan::Closed
     }
 
+    /// Returns the centroid of a cell.
     fn centroid(&self, c: u32) -> [f64; 3] {
         let mesh = self.surface.mesh;
         let nodes = mesh

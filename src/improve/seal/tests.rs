@@ -1,4 +1,4 @@
-mod pieces;
+mod partitions;
 
 use super::*;
 use crate::geometry::random::Random;

@@ -5,15 +5,16 @@
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use super::attempt_cache::AttemptKind;
 use super::flips::Flip;
 use super::{ConstrainedPoint, SMOOTHING_MARGIN, TetImprover, smooth};
+use crate::Result;
 use crate::files::codec::{Codec, codec_fields};
 use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
-use crate::{Result, comm};
 
 /// Number of items that one task searches.
 const TASK_SIZE: usize = 32;
@@ -59,6 +60,7 @@ codec_fields! {
 }
 
 impl BatchChange {
+    /// Creates the change of a flip, which may place a node.
     pub fn from_flip(flip: &Flip, placed_node: Option<(u32, ConstrainedPoint)>) -> Self {
         let (old_tets, new_tets) = (flip.old_tets.clone(), flip.new_tets.clone());
         Self {
@@ -76,6 +78,7 @@ pub(super) struct ChangedTets {
 }
 
 impl ChangedTets {
+    /// Creates an empty set, with the buffer of the improver.
     pub fn new(improver: &mut TetImprover<'_>) -> Self {
         let is_changed = std::mem::take(&mut improver.touched);
         Self {
@@ -131,6 +134,7 @@ pub(super) struct NodeTets {
 }
 
 impl NodeTets {
+    /// Returns the tetrahedra at the node with index `i` in the list of nodes.
     fn get(&self, i: usize) -> &[u32] {
         let begin = i.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.tets[begin..self.ends[i]]
@@ -158,11 +162,8 @@ impl TetImprover<'_> {
             self.flip_all(cancel)?;
             let below_target = self.tets_below_target();
             let too_many = self.has_too_many(below_target.len());
-            let mut nodes: Vec<u32> = (below_target.iter())
-                .flat_map(|&t| self.complex.tets[t as usize])
-                .collect();
-            nodes.sort_unstable();
-            nodes.dedup();
+            let nodes =
+                sorted_distinct((below_target.iter()).flat_map(|&t| self.complex.tets[t as usize]));
             let max_ratio = if self.max_deviation == 0.0 && too_many {
                 SLOW_PROGRESS_RATIO
             } else {
@@ -285,6 +286,7 @@ impl TetImprover<'_> {
         best.map(|(x, _)| (x, constraint))
     }
 
+    /// Collects the tetrahedra at each of the nodes.
     pub(super) fn collect_node_tets(&self, nodes: &[u32]) -> NodeTets {
         let parts: Vec<(Vec<u32>, Vec<usize>)> = nodes
             .par_chunks(8 * TASK_SIZE)
@@ -373,7 +375,7 @@ impl TetImprover<'_> {
             let tasks = items[range].par_chunks(TASK_SIZE);
             tasks.flat_map_iter(search).collect()
         };
-        if self.is_rank_local || items.len() < MIN_SHARED_COUNT {
+        if self.comm.size() == 1 || items.len() < MIN_SHARED_COUNT {
             return Ok(search_range(0..items.len()));
         }
         let mut found = Vec::with_capacity(items.len());
@@ -381,7 +383,8 @@ impl TetImprover<'_> {
             search_range(range).into_iter().for_each(emit);
             Ok(())
         };
-        comm::distribute(name, items.len(), work, &mut |item| found.push(item))?;
+        self.comm
+            .distribute(name, items.len(), work, &mut |item| found.push(item))?;
         Ok(found)
     }
 }

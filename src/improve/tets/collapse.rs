@@ -1,6 +1,7 @@
 //! Edge collapse: removes one of two nodes that are too close to each other.
 
 use super::TetImprover;
+use crate::geometry::sorted_distinct;
 use crate::mesh::quality::min_sine;
 
 impl TetImprover<'_> {
@@ -31,7 +32,7 @@ impl TetImprover<'_> {
             self.complex.nodes[removed as usize],
             self.complex.nodes[kept as usize],
         );
-        if (0..3).any(|c| g.fixed_axes >> c & 1 == 1 && from[c] != to[c]) {
+        if !g.allows_move(from, to) {
             return false;
         }
         let mut star = std::mem::take(&mut self.star);
@@ -51,9 +52,7 @@ impl TetImprover<'_> {
             self.new_tets.push(new_tet);
         }
         if good && features_first {
-            let mut rim: Vec<u32> = self.new_tets.iter().flatten().copied().collect();
-            rim.sort_unstable();
-            rim.dedup();
+            let rim = sorted_distinct(self.new_tets.iter().flatten().copied());
             good = !rim.iter().any(|&n| n != kept && self.intersects(n, kept));
         }
         if good {

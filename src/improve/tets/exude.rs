@@ -4,6 +4,7 @@
 use super::TetImprover;
 use super::finish::{blocked_cells, faces_on_surfaces};
 use crate::Result;
+use crate::comm::Comm;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::{ImproveReport, Target};
 use crate::lattice::AtomKind;
@@ -28,6 +29,7 @@ pub fn exude(
     planes: &FeaturePlanes,
     distance: &Distance<3>,
     target: &Target,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let target_sine = target.min_dihedral.to_radians().sin();
@@ -42,6 +44,7 @@ pub fn exude(
         target_sine,
         cancel,
     );
+    improver.comm = comm;
     let below_target_before = improver.tets_below_target().len();
     improver.recover(cancel)?;
     let counts = improver.counts;

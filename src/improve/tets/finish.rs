@@ -1,6 +1,7 @@
 //! Finishes the mesh after improvement: determines its faces on features, and what blocks the cells
 //! below target.
 
+use crate::improve::constraint::common_sides;
 use crate::parallel::prelude::*;
 
 use super::TetImprover;
@@ -67,12 +68,8 @@ impl TetImprover<'_> {
     /// Returns the sides of the box in which all of the nodes lie: bit k for a side normal to axis
     /// k.
     pub(super) fn common_sides(&self, nodes: &[u32]) -> u8 {
-        let is_common = |&k: &usize| {
-            let mut coordinates = nodes.iter().map(|&n| self.complex.nodes[n as usize][k]);
-            let first = coordinates.next().unwrap_or(f64::NAN);
-            (first == 0.0 || first == self.extent[k]) && coordinates.all(|x| x == first)
-        };
-        (0..3).filter(is_common).fold(0, |bits, k| bits | 1 << k)
+        let points = nodes.iter().map(|&n| self.complex.nodes[n as usize]);
+        common_sides(points, self.extent)
     }
 }
 

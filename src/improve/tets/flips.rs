@@ -74,6 +74,7 @@ impl TetImprover<'_> {
         self.commit(old_tets);
     }
 
+    /// Returns the smallest sine of a tetrahedron with these nodes.
     fn sine_of_nodes(&self, tet: [u32; 4]) -> f64 {
         min_sine(&tet.map(|i| self.complex.nodes[i as usize]))
     }
@@ -213,6 +214,8 @@ impl TetImprover<'_> {
         self.apply_found(find, None)
     }
 
+    /// Finds the three tetrahedra around the new edge (p, q) that replace two tetrahedra with the
+    /// common face (u, v, w). Each must be better than `floor`.
     fn find_2_3_swap(
         &self,
         old_tets: [u32; 2],

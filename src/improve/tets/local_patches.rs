@@ -11,12 +11,12 @@ use crate::parallel::prelude::*;
 
 use super::attempt_cache::AttemptKind;
 use super::{ConstrainedPoint, TetImprover};
+use crate::Result;
 use crate::files::codec::codec_fields;
 use crate::geometry::{dot, sub};
 use crate::improve::OperationCounts;
 use crate::mesh::complex::{Complex, NONE, PartNumbering};
 use crate::progress::CancelToken;
-use crate::{Result, comm};
 
 /// Radius, in units of d, around the centroid of a tetrahedron to be repaired. The patch has all
 /// tetrahedra at the nodes within this radius. The few repairs that need more are done in the mesh
@@ -53,6 +53,7 @@ struct PatchResult {
     change: PatchChange,
 }
 
+/// Difference between a patch after its repairs and the mesh.
 struct PatchChange {
     /// Tetrahedra that are removed, and those that take their place.
     removed_tets: Vec<u32>,
@@ -77,7 +78,7 @@ impl<'a> TetImprover<'a> {
     /// order. `set_progress` is called with the fraction done.
     ///
     /// # Errors
-    /// Returns the errors of [`comm::distribute_weighted`].
+    /// Returns an error if another rank that shares the work fails.
     pub(super) fn repair_each(
         &mut self,
         tets: &[u32],
@@ -137,13 +138,10 @@ impl<'a> TetImprover<'a> {
                 Ok(())
             };
             let weights: Vec<usize> = cubes.iter().map(|(_, tets)| tets.len()).collect();
-            if self.is_rank_local {
-                work(0..cubes.len(), &mut |result| results.push(result))?;
-            } else {
-                comm::distribute_weighted("patches", &weights, work, &mut |result| {
+            self.comm
+                .distribute_weighted("patches", &weights, work, &mut |result| {
                     results.push(result)
                 })?;
-            }
             let start = self.attempts.clock();
             for ((_, tets), result) in cubes.into_iter().zip(results) {
                 if self.attempts.has_changed(start, &result.nodes) {
@@ -160,6 +158,7 @@ impl<'a> TetImprover<'a> {
         Ok(deferred)
     }
 
+    /// Returns `true` if a slot has a tetrahedron below target within the range of the work.
     pub(super) fn is_below_target(&self, t: u32) -> bool {
         self.complex.is_alive(t)
             && self.sine_of(t) < self.target_sine
@@ -243,6 +242,8 @@ impl<'a> TetImprover<'a> {
 }
 
 impl<'a> LocalPatch<'a> {
+    /// Copies the mesh around tetrahedra into this patch and repairs them in it. Returns the
+    /// changes.
     fn try_repairs(
         &mut self,
         full: &TetImprover<'a>,

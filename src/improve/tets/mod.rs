@@ -38,6 +38,7 @@ use super::feature_planes::{FeaturePlanes, LocalPlane};
 use super::intersect::find_intersection;
 use super::{ImproveReport, OperationCounts, Target};
 use crate::Result;
+use crate::comm::{Comm, SelfComm};
 use crate::geometry::sub;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -69,7 +70,8 @@ const MAX_ROUNDS: [usize; 2] = [8, 12];
 /// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and are updated.
 /// `kinds` are those of the nodes; nodes that are inserted or removed change it. The result also
 /// has, for every tetrahedron, its faces on features: bit k for face k (opposite node k). If
-/// `cancel` is cancelled, the mesh keeps the changes made so far.
+/// `cancel` is cancelled, the mesh keeps the changes made so far. The ranks of `comm` share the
+/// work.
 ///
 /// # Errors
 /// Returns an error if another rank that shares the work fails.
@@ -81,6 +83,7 @@ pub fn improve(
     planes: &FeaturePlanes,
     distance: &Distance<3>,
     target: &Target,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let target_sine = target.min_dihedral.to_radians().sin();
@@ -95,6 +98,7 @@ pub fn improve(
         target_sine,
         cancel,
     );
+    improver.comm = comm;
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
     (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
@@ -125,8 +129,8 @@ struct TetImprover<'a> {
     smoothing_target: f64,
     /// Largest distance, in samples, of smoothed nodes from the surfaces that hold them.
     max_deviation: f64,
-    /// `true` if the mesh belongs to this rank only, while other ranks work on other meshes.
-    is_rank_local: bool,
+    /// The ranks that share the work; [`SelfComm`] if other ranks work on other meshes.
+    comm: &'a dyn Comm,
     /// Axis and range along it to which the work is limited.
     axis_range: Option<(usize, [f64; 2])>,
     counts: OperationCounts,
@@ -217,7 +221,7 @@ impl<'a> TetImprover<'a> {
             target_sine,
             smoothing_target: 1.0,
             max_deviation: 0.0,
-            is_rank_local: false,
+            comm: &SelfComm,
             axis_range: None,
             counts: OperationCounts::default(),
             unrecovered_edges: Vec::new(),
@@ -236,6 +240,7 @@ impl<'a> TetImprover<'a> {
         }
     }
 
+    /// Returns the smallest sine of the dihedral angles of a tetrahedron.
     #[inline]
     fn sine_of(&self, t: u32) -> f64 {
         f64::from(self.sines[t as usize])
@@ -267,6 +272,8 @@ impl<'a> TetImprover<'a> {
         !(p.is_far && q.is_far) && self.planes.may_intersect(x, y, is_isolated)
     }
 
+    /// Returns where the edge between two nodes passes through a feature or cuts a corner of it,
+    /// and the local plane there.
     fn find_intersection(&self, a: u32, b: u32) -> Option<([f64; 3], LocalPlane)> {
         let (i, j) = (a as usize, b as usize);
         find_intersection(

@@ -5,7 +5,7 @@ use super::batch::{BatchChange, ChangedTets, SearchScratch};
 use super::flips::Flip;
 use super::{ConstrainedPoint, NodeConstraint, TetImprover, smooth};
 use crate::Result;
-use crate::geometry::{dot, norm, sub};
+use crate::geometry::{dot, norm, sorted_distinct, sub};
 use crate::mesh::EDGES;
 use crate::mesh::complex::NONE;
 use crate::mesh::quality::min_sine;
@@ -105,9 +105,7 @@ impl TetImprover<'_> {
             self.complex.star(node, &mut self.star);
             tets.extend_from_slice(&self.star);
         }
-        tets.sort_unstable();
-        tets.dedup();
-        tets
+        sorted_distinct(tets)
     }
 
     /// Makes the mesh follow the features.

@@ -5,6 +5,7 @@
 use super::attempt_cache::AttemptKind;
 use super::{NodeConstraint, SMOOTHING_MARGIN, TetImprover};
 use crate::Result;
+use crate::geometry::sorted_distinct;
 use crate::geometry::{norm, sub};
 use crate::improve::target::UNUSABLE_ANGLE;
 use crate::mesh::{EDGES, FACES};
@@ -265,9 +266,7 @@ impl TetImprover<'_> {
         let Some(cavity) = self.cavity(t, node, true, MIN_SINE) else {
             return false;
         };
-        let mut rim: Vec<u32> = self.new_tets.iter().flatten().copied().collect();
-        rim.sort_unstable();
-        rim.dedup();
+        let rim = sorted_distinct(self.new_tets.iter().flatten().copied());
         let min_distance = MIN_NODE_DISTANCE * self.distance.value_at(x);
         let is_near = |n: u32| norm(sub(self.complex.nodes[n as usize], x)) < min_distance;
         if (rim.iter()).any(|&n| n != node && (is_near(n) || self.intersects(n, node))) {
@@ -360,6 +359,8 @@ impl TetImprover<'_> {
         }
     }
 
+    /// Exchanges the two tetrahedra at face k of `t` for the three around a new edge, even if that
+    /// makes the smallest sine worse.
     fn force_split_face(&mut self, t: u32, k: usize) -> bool {
         let tet = self.complex.tets[t as usize];
         self.complex.neighbor(t, k).is_some_and(|n| {
@@ -373,6 +374,7 @@ impl TetImprover<'_> {
         })
     }
 
+    /// Splits edge (a, b) of `t` at its middle, moved onto the surfaces that hold both ends.
     fn split_at_middle(&mut self, t: u32, a: u32, b: u32) -> bool {
         let (p, q) = (
             self.complex.nodes[a as usize],

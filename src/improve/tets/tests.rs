@@ -1,9 +1,11 @@
 //! Improves meshes whose result is known.
 
 use super::*;
+use crate::comm::SelfComm;
 use crate::feature::FeaturePoint;
 use crate::geometry::random::uniform_signed;
 use crate::geometry::{cross, norm, volume6};
+use crate::lattice::seeding::kind_at;
 use crate::mesh::check::check;
 use crate::mesh::complex;
 
@@ -61,18 +63,7 @@ pub(super) fn box_mesh(
             }
         }
     }
-    let kinds = nodes
-        .iter()
-        .map(|x| {
-            let sides = (0..3).filter(|&c| x[c] == 0.0 || x[c] == extent[c]).count();
-            [
-                AtomKind::Interior,
-                AtomKind::Side,
-                AtomKind::Edge,
-                AtomKind::Corner,
-            ][sides]
-        })
-        .collect();
+    let kinds = nodes.iter().map(|&x| kind_at(x, extent)).collect();
     (TetMesh { nodes, tets }, kinds, extent)
 }
 
@@ -91,9 +82,34 @@ fn run(
         planes,
         &Distance::Constant(4.5),
         &Target::default(),
+        &SelfComm,
         &CancelToken::never(),
     )
     .unwrap()
+}
+
+fn improver<'a>(
+    mesh: &TetMesh,
+    kinds: &[AtomKind],
+    extent: [f64; 3],
+    planes: &'a FeaturePlanes,
+    distance: &'a Distance<3>,
+) -> TetImprover<'a> {
+    let (mesh, cancel) = (mesh.clone(), CancelToken::never());
+    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    TetImprover::new(
+        mesh, neighbors, kinds, extent, planes, distance, 0.5, &cancel,
+    )
+}
+
+/// Checks that at most `max_count` tetrahedra are below target, and that all sines are up to date.
+fn check_progress(improver: &TetImprover<'_>, max_count: usize) {
+    let remaining = improver.tets_below_target().len();
+    assert!(remaining <= max_count, "{remaining} of {max_count}");
+    for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
+        let sine = min_sine(&improver.complex.corners(t)) as f32;
+        assert_eq!(improver.sines[t as usize], sine);
+    }
 }
 
 fn worst(mesh: &TetMesh) -> f64 {
@@ -221,6 +237,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         &planes,
         &Distance::Constant(4.5),
         &Target::default(),
+        &SelfComm,
         &CancelToken::never(),
     )
     .unwrap();
@@ -273,18 +290,8 @@ fn repair_in_patches_is_consistent_for_any_number_of_threads() {
     let planes = FeaturePlanes::new(&[], extent, 3.0, 8.0);
     let repaired = |threads: usize| {
         let distance = Distance::Constant(1.5);
-        let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
         let cancel = CancelToken::never();
-        let mut improver = TetImprover::new(
-            mesh.clone(),
-            neighbors,
-            &kinds,
-            extent,
-            &planes,
-            &distance,
-            0.5,
-            &cancel,
-        );
+        let mut improver = improver(&mesh, &kinds, extent, &planes, &distance);
         let below_target = improver.tets_below_target();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         let cube_groups = improver.cubes(&below_target, 15.0);
@@ -292,18 +299,7 @@ fn repair_in_patches_is_consistent_for_any_number_of_threads() {
         let repair = || improver.repair_in_patches(cube_groups, 15.0, &cancel, &|_| {});
         let deferred = pool.build().unwrap().install(repair).unwrap();
         assert!(10 * deferred.len() < below_target.len());
-        let remaining = improver.tets_below_target().len();
-        assert!(
-            2 * remaining < below_target.len(),
-            "{remaining} of {}",
-            below_target.len()
-        );
-        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
-            assert_eq!(
-                improver.sines[t as usize],
-                min_sine(&improver.complex.corners(t)) as f32
-            );
-        }
+        check_progress(&improver, below_target.len() / 2);
         improver.complex.into_mesh()
     };
     let (serial, neighbors, _) = repaired(1);
@@ -319,18 +315,8 @@ fn smoothing_is_the_same_for_any_number_of_threads_and_groups_share_no_tetrahedr
     let planes = FeaturePlanes::new(&[], extent, 3.0, 8.0);
     let improved = |threads: usize| {
         let distance = Distance::Constant(1.5);
-        let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
         let cancel = CancelToken::never();
-        let mut improver = TetImprover::new(
-            mesh.clone(),
-            neighbors,
-            &kinds,
-            extent,
-            &planes,
-            &distance,
-            0.5,
-            &cancel,
-        );
+        let mut improver = improver(&mesh, &kinds, extent, &planes, &distance);
         let below_target = improver.tets_below_target();
         let nodes: Vec<u32> = (0..mesh.nodes.len() as u32).collect();
         let groups = {
@@ -348,18 +334,7 @@ fn smoothing_is_the_same_for_any_number_of_threads_and_groups_share_no_tetrahedr
         let run = || improver.flip_and_smooth(3, &cancel);
         pool.build().unwrap().install(run).unwrap();
         assert!(improver.counts.flips > 100 && improver.counts.moves > 100);
-        let remaining = improver.tets_below_target().len();
-        assert!(
-            4 * remaining < below_target.len(),
-            "{remaining} of {}",
-            below_target.len()
-        );
-        for t in (0..improver.complex.tets.len() as u32).filter(|&t| improver.complex.is_alive(t)) {
-            assert_eq!(
-                improver.sines[t as usize],
-                min_sine(&improver.complex.corners(t)) as f32
-            );
-        }
+        check_progress(&improver, below_target.len() / 4);
         improver.complex.into_mesh()
     };
     let (serial, neighbors, _) = improved(1);

@@ -4,6 +4,7 @@
 use std::cmp::Ordering;
 use std::collections::HashSet;
 
+use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use super::{MAX_COTANGENT, TriImprover};
@@ -47,6 +48,7 @@ struct Badness {
 }
 
 impl Badness {
+    /// Compares two values in a total order: the fields in their order.
     fn total_cmp(&self, other: &Self) -> Ordering {
         let counts = |b: &Self| (b.unusable_count, b.below_target_count);
         counts(self)
@@ -246,9 +248,7 @@ impl<'a> TriImprover<'a> {
             }
         }
         let corners = triangles.iter().map(|&t| self.triangles[t as usize]);
-        let mut nodes: Vec<u32> = corners.clone().flatten().collect();
-        nodes.sort_unstable();
-        nodes.dedup();
+        let nodes = sorted_distinct(corners.clone().flatten());
         let local = |n: u32| nodes.partition_point(|&m| m < n) as u32;
         let local_triangle = |t: u32| triangles.iter().position(|&u| u == t);
         let neighbors = triangles.iter().map(|&t| {
@@ -296,6 +296,7 @@ impl<'a> TriImprover<'a> {
         }
     }
 
+    /// Returns a copy in which an operation can be tried.
     fn copy_for_trial(&self) -> Self {
         Self {
             nodes: self.nodes.clone(),
@@ -310,6 +311,7 @@ impl<'a> TriImprover<'a> {
         }
     }
 
+    /// Returns the badness of all triangles.
     fn badness(&self) -> Badness {
         let empty = Badness {
             unusable_count: 0,
@@ -347,12 +349,11 @@ impl<'a> TriImprover<'a> {
         let nearby = std::iter::once(t)
             .chain(nearby)
             .map(|t| self.triangles[t as usize]);
-        let mut edges: Vec<[u32; 2]> = nearby
-            .flat_map(|triangle| SIDES.map(|side| side.map(|i| triangle[i])))
-            .map(|[a, b]| [a.min(b), a.max(b)])
-            .collect();
-        edges.sort_unstable();
-        edges.dedup();
+        let edges = sorted_distinct(
+            nearby
+                .flat_map(|triangle| SIDES.map(|side| side.map(|i| triangle[i])))
+                .map(|[a, b]| [a.min(b), a.max(b)]),
+        );
         let operations = |[a, b]: [u32; 2]| {
             [
                 CompoundOperation::Collapse([a, b]),

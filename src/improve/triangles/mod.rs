@@ -38,12 +38,14 @@ use super::target::UNUSABLE_ANGLE;
 use super::{BlockedCell, ImproveReport, OperationCounts};
 use crate::error::{Error, Result, cause};
 use crate::geometry::{add_scaled, dot, norm, sub, to_3d};
+use crate::improve::constraint::common_sides;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::delaunay_plane;
+use crate::mesh::renumber::{new_numbers, used_items};
 use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
 use crate::progress::CancelToken;
 
@@ -133,6 +135,7 @@ struct ImprovedTriangles {
     feature_faces: Vec<u8>,
 }
 
+/// State of an improvement: the triangulation, and the constraints of every node.
 struct TriImprover<'a> {
     nodes: Vec<[f64; 2]>,
     /// Node indices of each triangle; the first is `NONE` in an empty slot.
@@ -226,19 +229,9 @@ impl<'a> TriImprover<'a> {
             (0..3).filter(on).fold(0, |bits, k| bits | 1 << k)
         };
         let feature_faces = self.live_triangles().map(on_feature).collect();
-        let mut used = vec![false; self.nodes.len()];
-        for t in self.live_triangles() {
-            for n in self.triangles[t as usize] {
-                used[n as usize] = true;
-            }
-        }
-        let kept: Vec<u32> = (0..used.len() as u32)
-            .filter(|&n| used[n as usize])
-            .collect();
-        let mut new_ids = vec![NONE; self.nodes.len()];
-        for (new, &n) in kept.iter().enumerate() {
-            new_ids[n as usize] = new as u32;
-        }
+        let corners = self.live_triangles().map(|t| self.triangles[t as usize]);
+        let kept = used_items(self.nodes.len(), corners.flatten());
+        let new_ids = new_numbers(self.nodes.len(), &kept);
         let triangles = self
             .live_triangles()
             .map(|t| self.triangles[t as usize].map(|n| new_ids[n as usize]))
@@ -254,6 +247,7 @@ impl<'a> TriImprover<'a> {
         }
     }
 
+    /// Returns the slots that have a triangle.
     fn live_triangles(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.triangles.len() as u32).filter(|&t| self.triangles[t as usize][0] != NONE)
     }
@@ -327,9 +321,8 @@ impl<'a> TriImprover<'a> {
 
     /// Returns the sides of the box in which an edge lies: bit k for a side normal to axis k.
     fn common_sides(&self, a: u32, b: u32) -> u8 {
-        let (x, y) = (self.nodes[a as usize], self.nodes[b as usize]);
-        let is_in_side = |&k: &usize| x[k] == y[k] && (x[k] == 0.0 || x[k] == self.extent[k]);
-        (0..2).filter(is_in_side).fold(0, |bits, k| bits | 1 << k)
+        let ends = [a, b].into_iter().map(|n| self.nodes[n as usize]);
+        common_sides(ends, self.extent)
     }
 
     /// Flips side `k` of `t` if that raises the smallest angle and removes no edge on a feature.
@@ -364,6 +357,7 @@ impl<'a> TriImprover<'a> {
         self.flip_queue(cancel);
     }
 
+    /// Flips the edges in the queue, as far as that helps.
     fn flip_queue(&mut self, cancel: &CancelToken<'_>) {
         while let Some((t, k)) = self.queue.pop() {
             if cancel.is_cancelled() {
@@ -376,6 +370,7 @@ impl<'a> TriImprover<'a> {
         }
     }
 
+    /// Returns the triangles below target and what may block them, the worst first.
     fn blocked_cells(&self) -> Vec<BlockedCell> {
         self.triangles_below_target()
             .iter()

@@ -100,9 +100,8 @@ impl TriImprover<'_> {
     fn snap_node(&mut self, node: u32, point: [f64; 2]) -> bool {
         let i = node as usize;
         let old = self.constraints[i];
-        let fixed_axes: Vec<usize> = (0..2).filter(|k| old.fixed_axes >> k & 1 == 1).collect();
-        let moves = |k: &usize| self.nodes[i][*k] != point[*k];
-        if old.surface_count > 0 || old.fixed_axes & 3 == 3 || fixed_axes.iter().any(moves) {
+        let may_move = old.fixed_axes & 3 != 3 && old.allows_move(self.nodes[i], point);
+        if old.surface_count > 0 || !may_move {
             return false;
         }
         self.gather_star(node);

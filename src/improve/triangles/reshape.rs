@@ -5,12 +5,14 @@
 
 use super::{TriImprover, adjacency};
 use crate::error::{Error, Result, cause};
+use crate::improve::constraint::common_sides;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::lattice::distance::Distance;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::constrained_plane;
+use crate::mesh::renumber::new_numbers;
 use crate::mesh::tri::{SIDES, double_area};
 use crate::progress::CancelToken;
 
@@ -30,10 +32,7 @@ pub fn reshape(
     let kept_nodes: Vec<u32> = (0..request.targets.len() as u32)
         .filter(|&n| !request.is_removed[n as usize])
         .collect();
-    let mut new_ids = vec![NONE; request.targets.len()];
-    for (new, &n) in kept_nodes.iter().enumerate() {
-        new_ids[n as usize] = new as u32;
-    }
+    let new_ids = new_numbers(request.targets.len(), &kept_nodes);
     let points: Vec<[f64; 2]> = kept_nodes
         .iter()
         .map(|&n| request.targets[n as usize])
@@ -104,9 +103,8 @@ fn outer_edges(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
     for (triangle, adjacent) in part.triangles.iter().zip(&neighbors) {
         for k in (0..3).filter(|&k| adjacent[k] == NONE) {
             let edge = SIDES[k].map(|i| triangle[i]);
-            let [x, y] = edge.map(|n| part.nodes[n as usize]);
-            let in_side = |k: usize| x[k] == y[k] && (x[k] == 0.0 || x[k] == extent[k]);
-            if !(0..2).any(in_side) {
+            let ends = edge.into_iter().map(|n| part.nodes[n as usize]);
+            if common_sides(ends, extent) == 0 {
                 rim.push(edge);
             }
         }
@@ -172,6 +170,7 @@ fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::sorted_distinct;
     use crate::lattice::AtomKind;
     use crate::mesh::delaunay::delaunay_plane;
 
@@ -189,9 +188,7 @@ mod tests {
             x > 1.0 && y < 5.0 && !(x > 4.0 && y > 2.0)
         };
         let cells: Vec<[u32; 3]> = full.triangles.iter().copied().filter(in_part).collect();
-        let mut numbers: Vec<u32> = cells.as_flattened().to_vec();
-        numbers.sort_unstable();
-        numbers.dedup();
+        let numbers = sorted_distinct(cells.as_flattened().iter().copied());
         let local = |n: u32| numbers.binary_search(&n).unwrap() as u32;
         let part = TriMesh {
             nodes: numbers.iter().map(|&n| nodes[n as usize]).collect(),

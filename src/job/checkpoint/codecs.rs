@@ -1,10 +1,10 @@
-//! What stages give, as bytes: every number exactly as it is in memory.
+//! Encoding of the results of stages as bytes: every number exactly as it is in memory.
 
 use std::io::{self, Write};
 
 use crate::feature::{
-    Doubt, DroppedPoints, FeaturePoint, Features, KindOutcome, LabelMap, MissingData,
-    PointCounts, ResolvedOptions,
+    Doubt, DroppedPoints, FeaturePoint, Features, KindOutcome, LabelMap, MissingData, PointCounts,
+    ResolvedOptions,
 };
 use crate::files::codec::{Codec, codec_fields, codec_variants};
 use crate::image::{ScalarField, SparseField};
@@ -63,7 +63,7 @@ impl<M: Codec> Codec for AnnotatedMesh<M> {
             node_kinds,
             feature_faces,
             regions,
-            // Judged when it is measured.
+            // The assessment is made when the mesh is measured.
             angle_assessment: _,
         } = self;
         mesh.encode(out)?;

@@ -1,10 +1,10 @@
-//! What stages gave, kept in a folder: a job that was ended goes on from there, and ends as it would have
-//! ended anyhow.
+//! Results of stages, stored in a folder. A job that was stopped continues from there, with the
+//! result that it would have had without the stop.
 //!
-//! Each stage has a file, which says of which job it is and what the check sum of the rest is: what is of
-//! another image, other parameters or another version is made anew, and so is what is damaged.
+//! Each stage has a file, which holds the key of its job and a checksum of the content. A stage is
+//! run again if its file is of another image, other parameters or another version, or is damaged.
 //!
-//! - `kept`: results as bytes
+//! - `codecs`: encoding of results as bytes
 
 mod codecs;
 
@@ -15,38 +15,43 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use super::{Params, Weight};
+use crate::Result;
+use crate::comm::Comm;
 use crate::error::{Error, cause, io_error};
 pub use crate::files::codec::Codec;
 use crate::files::codec::{CHECKSUM_BYTES, checksum};
 use crate::files::{self, atomic};
 use crate::image::{Geometry, Image, ImageLayers, ImageSource};
-use crate::{Result, comm};
 
-/// How every file of a stage begins.
+/// First bytes of every checkpoint file.
 const MAGIC: &[u8] = b"atomesh checkpoint 1\n";
 
-/// A folder with what the stages of a job gave.
+/// A folder with the results of stages.
 #[derive(Debug, Clone)]
 pub struct Checkpoint {
     folder: PathBuf,
 }
 
-/// The same, of one job.
+/// The checkpoint folder for one job.
 pub struct JobCheckpoint {
     folder: PathBuf,
-    /// Tells this job from all others.
+    /// Hash that identifies the job.
     key: [u8; CHECKSUM_BYTES],
 }
 
 impl Checkpoint {
-    /// In this folder, which is made if it is not there.
+    /// Opens a checkpoint folder, which is created if it does not exist.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be made, or is no folder.
+    /// Returns [`Error::Io`] if it cannot be created, or is not a folder.
     pub fn new(folder: &Path) -> Result<Self> {
         if folder.exists() && !folder.is_dir() {
             let remedy = "give the name of a folder";
-            return Err(Error::Io(cause(folder.display(), "is no folder", remedy)));
+            return Err(Error::Io(cause(
+                folder.display(),
+                "is not a folder",
+                remedy,
+            )));
         }
         std::fs::create_dir_all(folder).map_err(|e| io_error(folder, "make the folder", e))?;
         Ok(Self {
@@ -54,13 +59,15 @@ impl Checkpoint {
         })
     }
 
-    /// For a job: by all that decides its result, which only the first rank asks for.
+    /// Returns the checkpoint of a job. Its key is a hash of everything that determines the result;
+    /// only the root rank computes it.
     pub(super) fn for_job<const D: usize>(
         &self,
         source: ImageSource<'_, D>,
         params: &Params<D>,
+        comm: &dyn Comm,
     ) -> Result<JobCheckpoint> {
-        if !comm::is_root() {
+        if !comm.is_root() {
             return Ok(JobCheckpoint {
                 folder: self.folder.clone(),
                 key: [0; CHECKSUM_BYTES],
@@ -72,17 +79,21 @@ impl Checkpoint {
             ImageSource::InMemory(image) => add_image(&mut hasher, image),
             ImageSource::Layered(layers) => add_layers(&mut hasher, layers)?,
         }
-        // Images are written out in full, not as they are shown.
-        let mut rest = params.clone();
-        for image in rest.distance_map.take().iter() {
+        // Images are hashed sample by sample, as their debug output is abbreviated.
+        let mut other_params = params.clone();
+        // Where results are written does not matter.
+        other_params.spec = other_params.spec.reproducible();
+        for image in other_params.distance_map.take().iter() {
             add_image(&mut hasher, image);
         }
-        if let Weight::Image(image) = std::mem::replace(&mut rest.beta, Weight::Constant(0.0)) {
+        if let Weight::Image(image) =
+            std::mem::replace(&mut other_params.beta, Weight::Constant(0.0))
+        {
             add_image(&mut hasher, &image);
         } else {
-            rest.beta = params.beta.clone();
+            other_params.beta = params.beta.clone();
         }
-        hasher.update(format!("{rest:?}"));
+        hasher.update(format!("{other_params:?}"));
         Ok(JobCheckpoint {
             folder: self.folder.clone(),
             key: hasher.finalize().into(),
@@ -90,7 +101,7 @@ impl Checkpoint {
     }
 }
 
-/// An image's samples, and where they lie.
+/// Hashes an image's geometry and samples.
 fn add_image<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
     add_geometry(hasher, image.dims(), &image.geometry, &image.missing);
     image
@@ -100,7 +111,7 @@ fn add_image<const D: usize>(hasher: &mut Sha256, image: &Image<D>) {
     add_samples(hasher, image.as_slice());
 }
 
-/// The same, layer by layer.
+/// Hashes an image that is read layer by layer.
 fn add_layers<const D: usize>(hasher: &mut Sha256, layers: &dyn ImageLayers<D>) -> Result<()> {
     let dims = layers.dims();
     add_geometry(hasher, dims, layers.geometry(), &[]);
@@ -133,13 +144,13 @@ fn add_samples(hasher: &mut Sha256, samples: &[f32]) {
     }
 }
 
-/// What there is of a stage.
+/// The stored result of a stage.
 pub enum StoredStage<T> {
-    /// Its result.
+    /// The result of the stage.
     Complete(T),
-    /// Nothing.
+    /// There is no file.
     Missing,
-    /// A file that is of no use, and why.
+    /// The file cannot be used, for this reason.
     Unusable(String),
 }
 
@@ -148,17 +159,18 @@ impl JobCheckpoint {
         self.folder.join(format!("{stage}.checkpoint"))
     }
 
-    /// What was kept of a stage.
+    /// Loads the result of a stage.
     pub fn load<T: Codec>(&self, stage: &str) -> StoredStage<T> {
         let path = self.stage_file(stage);
-        let useless = |why: &str| StoredStage::Unusable(format!("{}: {why}", path.display()));
+        let unusable =
+            |reason: &str| StoredStage::Unusable(format!("{}: {reason}", path.display()));
         if !path.exists() {
             return StoredStage::Missing;
         }
         let read = files::open(&path, "remove it")
             .and_then(|_| std::fs::read(&path).map_err(|e| io_error(&path, "read", e)));
         let Ok(bytes) = read else {
-            return useless("cannot be read: this stage is made again");
+            return unusable("cannot be read: this stage is run again");
         };
         let parts = bytes.strip_prefix(MAGIC).and_then(|rest| {
             let (key, rest) = rest.split_first_chunk::<CHECKSUM_BYTES>()?;
@@ -166,24 +178,24 @@ impl JobCheckpoint {
             Some((key, sum, rest))
         });
         let Some((key, sum, mut rest)) = parts else {
-            return useless("is damaged: this stage is made again");
+            return unusable("is damaged: this stage is run again");
         };
         if *key != self.key {
-            return useless(
-                "is of another image, other options or another version: this stage is made anew",
+            return unusable(
+                "is of another image, other options or another version: this stage is run again",
             );
         }
-        let whole = Sha256::digest(rest)[..] == sum[..];
-        match whole.then(|| T::decode(&mut rest)).flatten() {
+        let is_intact = Sha256::digest(rest)[..] == sum[..];
+        match is_intact.then(|| T::decode(&mut rest)).flatten() {
             Some(value) if rest.is_empty() => StoredStage::Complete(value),
-            _ => useless("is damaged: this stage is made again"),
+            _ => unusable("is damaged: this stage is run again"),
         }
     }
 
-    /// Keeps the result of a stage, whatever becomes of the job.
+    /// Stores the result of a stage at once, even if the job fails later.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be written.
+    /// Returns [`Error::Io`] if it cannot be written.
     pub fn save<T: Codec>(&self, stage: &str, value: &T) -> Result<()> {
         let path = self.stage_file(stage);
         let sum = checksum(value).map_err(|e| io_error(&path, "write", e))?;

@@ -1,12 +1,12 @@
 //! The options of `atomesh mesh`, as one value.
 //!
-//! A [`MeshSpec`] has a field for each option, with its unit, its default and its help text. The command
-//! line, configuration files, `--print-config`, the record in mesh files and Python's keywords are all
-//! made from this type. To add an option, add a field (and its default, and what
-//! [`validate`](MeshSpec::validate) refuses), and use it where it counts: `params.spec.FIELD`.
+//! A [`MeshSpec`] has a field for each option, with its unit, its default and its help text. The
+//! command line, configuration files, `--print-config`, the record in mesh files and Python's
+//! keywords are all generated from this type. To add an option, add a field with its default,
+//! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
-//! - `values`: values of options that are more than one number or word
-//! - `validate`: combinations of options that make no sense
+//! - `values`: types of option values that are more than one number or word
+//! - `validate`: checks of options and their combinations
 
 mod validate;
 mod values;
@@ -46,43 +46,45 @@ pub struct MeshSpec {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[cfg_attr(feature = "cli", arg(short, long, value_name = "MESH.vtu"))]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples, or MIN:MAX
+    /// Nominal distance between atoms, in samples: one number, or MIN:MAX
     #[cfg_attr(feature = "cli", arg(long, value_name = "D", default_value_t = defaults().distance))]
     pub distance: NominalDistance,
-    /// What a distance MIN:MAX follows: gaps (MAX, but down to MIN where features run close together or
-    /// cross at shallow angles; the default), features (MIN on them, increasing away from them), image (MIN
-    /// where it is darkest, MAX where it is brightest; the other way round where bright features are
-    /// followed), laplacian (of the potential), or a file with a distance per sample
+    /// Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
+    /// or cross at shallow angles), features (MIN on them, increasing away from them), image (MIN
+    /// where it is darkest, or brightest if bright features are followed), laplacian (of the
+    /// potential), or a file with a distance for each sample
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHAT", default_value_t = defaults().distance_from))]
     pub distance_from: DistanceSource,
     /// The features to follow
     #[cfg_attr(feature = "cli", arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum))]
     pub feature: FeatureKind,
-    /// Scale of the features in samples [default: by the kind of feature]
+    /// Scale of the features, in samples [default: depends on the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image [default: automatic, printed]
+    /// Smallest strength of a feature, in units of the feature image [default: automatic; it is
+    /// printed]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)
     )]
     pub threshold: Option<f32>,
-    /// Weights F,H in (0, 1] of faults and horizons where both are followed
+    /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t = defaults().feature_weights, help_heading = FEATURES))]
     pub feature_weights: FeatureWeights,
-    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples), or
-    /// VALUE:into=VALUE (merges it into another label); may be repeated
+    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
+    /// or VALUE:into=VALUE, which merges it into another label; may be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
-    /// Paths: a point of the object, in physical coordinates; may be repeated
+    /// A point of the object, in physical coordinates, for --feature paths; may be repeated
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
     )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub object: Vec<PointValue>,
-    /// Paths: a point of the background; may be repeated [default: the image's outermost samples]
+    /// A point of the background, for --feature paths; may be repeated [default: the image's
+    /// outermost samples]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
@@ -96,37 +98,38 @@ pub struct MeshSpec {
     /// degrees, with their angles
     #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp", help_heading = FILES))]
     pub lines: Option<PathBuf>,
-    /// Also write a page to look at: mesh, image and figures in one HTML file for any browser
+    /// Also write a page with mesh, image and figures: one HTML file for any browser
     #[cfg_attr(feature = "cli", arg(long, value_name = "PAGE.html"))]
     pub page: Option<PathBuf>,
-    /// Keep what each stage gives in a folder: the same command, started again after it was ended, goes on
-    /// from there and makes the same mesh
+    /// A folder in which the result of each stage is stored. The same command, started again after
+    /// it was stopped, continues from there and makes the same mesh
     #[cfg_attr(feature = "cli", arg(long, value_name = "FOLDER", help_heading = FILES))]
     pub checkpoint: Option<PathBuf>,
-    /// Also write the faces on features with the number of the surface of each, as `atomesh surface` does
+    /// Also write the faces on features with the number of their surface, as `atomesh surface` does
     #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp", help_heading = FILES))]
     pub surfaces: Option<PathBuf>,
-    /// Atoms on features, or alongside [default: on; alongside with --cells voronoi]
+    /// Position of atoms: on features, or alongside them [default: on; alongside with --cells
+    /// voronoi]
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE", help_heading = ATOMS))]
     pub align: Option<AtomAlignment>,
-    /// Cells of the mesh [default: tets; voronoi with --align alongside]
+    /// Kind of cells [default: tets; voronoi with --align alongside]
     #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
     pub cells: Option<CellKind>,
-    /// Weight of the image against the lattice in [0, 1): a number, or an image file
+    /// Weight of the image against the lattice, in [0, 1): a number, or an image of weights
     #[cfg_attr(feature = "cli", arg(long, value_name = "B", default_value_t = defaults().beta, help_heading = ATOMS))]
     pub beta: NumberOrFile,
     /// Initial positions of atoms
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().seeding, value_enum, help_heading = ATOMS))]
     pub seeding: SeedingKind,
-    /// Largest number of atoms that --seeding guide places [default: as many as find room]
+    /// Largest number of atoms that --seeding guide places [default: as many as fit]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_atoms: Option<usize>,
-    /// Fixed atoms (wells, sources): a CSV file of x,y,z (x,y in 2-D) in the image's physical
+    /// A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), in the image's physical
     /// coordinates
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     pub atoms_from: Option<PathBuf>,
-    /// A well: fixed atoms along the trajectory in a CSV file of lines x,y,z,radius (x,y,radius in
-    /// 2-D), in the image's physical coordinates; may be repeated
+    /// A CSV file of a well trajectory, along which atoms are fixed: lines x,y,z,radius (x,y,radius
+    /// in 2-D) in the image's physical coordinates; may be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<PathBuf>,
@@ -137,53 +140,54 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().evaluator, value_enum, alias = "potential", help_heading = ATOMS))]
     #[serde(alias = "potential")]
     pub evaluator: Evaluator,
-    /// Weight in [0, 1] of the energy between atoms against their Laplacian coordinates, which make the
-    /// lattice more regular; 0.7 is typical with them
+    /// Weight, in [0, 1], of the energy between atoms against their Laplacian coordinates, which
+    /// make the lattice more regular. 1 omits them, 0.7 is typical with them
     #[cfg_attr(feature = "cli", arg(long, value_name = "K", default_value_t = defaults().kappa, help_heading = ATOMS))]
     pub kappa: f64,
-    /// How atoms are moved
+    /// Method that moves atoms
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().optimizer, value_enum, help_heading = ATOMS))]
     pub optimizer: Method,
-    /// Most rounds of moving atoms a little by chance and minimising; they end when one gains nothing
-    /// [default: 1; 3 with --kappa]
+    /// Largest number of rounds, each of which perturbs atoms at random and minimises the energy;
+    /// they end when a round gains nothing [default: 1; 3 with --kappa]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub rounds: Option<usize>,
     /// Number of initial passes on a smoother potential
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().coarse_to_fine, help_heading = ATOMS))]
     pub coarse_to_fine: usize,
-    /// Smallest dihedral angle aimed at, in degrees, the largest being 180 minus it; in 2-D the
-    /// smallest angle
+    /// Target for the smallest dihedral angle, in degrees (in 2-D the smallest angle); the target
+    /// for the largest is 180 minus it
     #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES", default_value_t = defaults().min_dihedral, help_heading = SHAPES))]
     pub min_dihedral: f64,
-    /// How slivers are removed
+    /// Method that removes slivers
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().slivers, value_enum, help_heading = SHAPES))]
     pub slivers: Slivers,
-    /// Voronoi cells without their smallest faces: nodes closer together than this fraction of the
-    /// cells' radius are merged
+    /// Distance within which nodes of Voronoi cells are merged, as a fraction of the cells' radius,
+    /// which removes the smallest faces
     #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE", default_value_t = defaults().weld, help_heading = SHAPES))]
     pub weld: f64,
-    /// Smooth the triangles of a 2-D image where it is flat; nodes on features stay
+    /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
-    /// Lattice space: samples, physical, shape (physical, but as many samples to a cell as with samples),
-    /// or a scale per axis SX,SY,SZ (SX,SY in 2-D)
+    /// Metric of lattice space: samples, physical, shape (physical proportions, with as many
+    /// samples per cell as samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS))]
     pub metric: Metric,
-    /// Makes depth in metres of two-way time: one velocity in m/s for the whole image, or a file of interval
-    /// velocities in m/s on a grid of its own in two-way time, by which the image is stretched
+    /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
+    /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
+    /// resampled
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "V", allow_negative_numbers = true)
     )]
     pub velocity: Option<NumberOrFile>,
-    /// Seed of the random perturbations
+    /// Seed of all random numbers
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().rng_seed, help_heading = ATOMS))]
     pub rng_seed: u64,
-    /// Write the report as JSON
+    /// Also write the report as JSON
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json", help_heading = FILES))]
     pub report: Option<PathBuf>,
-    /// Write the lattice before atoms move and after each round or generation, for ParaView; the report
-    /// then has the energy and the quality of each
+    /// Also write the lattice before atoms move and after each round or generation, for ParaView.
+    /// The report then has the energy and the quality of each
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd", help_heading = FILES))]
     pub trace: Option<PathBuf>,
     /// How to read the image.
@@ -245,28 +249,29 @@ impl Default for MeshSpec {
     }
 }
 
-/// How atoms are placed.
+/// Methods that place atoms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum SeedingKind {
-    /// A regular lattice fitted to the box: face-centred cubic, triangular in 2-D; grown where the
-    /// distance varies
+    /// A regular lattice fitted to the box: face-centred cubic, or triangular in 2-D; grown where
+    /// the distance varies
     #[default]
     Fcc,
     /// A regular lattice grown from fixed atoms (wells), or from the middle of the box
     Grown,
-    /// Delaunay refinement: isotropic
+    /// Delaunay refinement, which is isotropic
     Refine,
-    /// On features, dense where they bend; few elsewhere. Image and features determine the distance
+    /// On features, dense where they bend, and few elsewhere; image and features determine the
+    /// distance
     Canny,
-    /// Drawn at random, first where features are strong (guide tables)
+    /// At random, first where features are strong (guide tables)
     Guide,
     /// Sites of a fine lattice projected onto features
     Projection,
 }
 
-/// How slivers are removed, if they are.
+/// Methods that remove slivers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
@@ -274,7 +279,7 @@ pub enum Slivers {
     /// Flips and smoothing that keep faces on features
     #[default]
     Joe,
-    /// Weights (CGAL's exudation, slow); the report compares both; 3-D only
+    /// Vertex weights (CGAL's exudation, slow); the report compares both methods; 3-D only
     Exude,
     /// The Delaunay triangulation without improvement
     None,
@@ -291,14 +296,14 @@ impl Slivers {
     }
 }
 
-/// Where atoms end up, which depends on the kind of cells.
+/// Position of atoms relative to features, which depends on the kind of cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum AtomAlignment {
     /// On features, which the faces of tetrahedra then follow
     On,
-    /// Beside features, which the faces of Voronoi cells then follow
+    /// Alongside features, which the faces of Voronoi cells then follow
     Alongside,
 }
 
@@ -335,8 +340,8 @@ impl MeshSpec {
         })
     }
 
-    /// Returns the options with all that follows from others filled in: the kind of cells, where atoms
-    /// are, and labels as features where labels have options.
+    /// Returns the options with values filled in that follow from others: the kind of cells, the
+    /// alignment of atoms, and labels as features if labels have options.
     pub fn resolved(mut self) -> Self {
         self.cells = Some(self.cell_kind());
         self.align = Some(match self.cell_kind() {
@@ -349,7 +354,7 @@ impl MeshSpec {
         self
     }
 
-    /// Returns all options that decide the result, without those that say where it is written.
+    /// Returns all options that determine the result, without the paths of output files.
     pub fn reproducible(mut self) -> Self {
         for path in [
             &mut self.output,
@@ -374,19 +379,19 @@ impl MeshSpec {
         toml::to_string(self).map_err(|error| not_utf8(&error))
     }
 
-    /// Returns the options as a table of TOML; absent options are left out.
+    /// Returns the options as a table of TOML, without absent options.
     ///
     /// # Errors
-    /// [`Error::Job`] if the name of a file is not valid UTF-8.
+    /// Returns [`Error::Job`] if the name of a file is not valid UTF-8.
     pub fn to_table(&self) -> Result<toml::Table> {
         toml::Table::try_from(self).map_err(|error| not_utf8(&error))
     }
 
-    /// Returns how features are detected in an image of `D` axes, for a lattice space in which samples
-    /// are `step` apart. Distances are those of the options.
+    /// Returns the options of feature detection in an image of `D` axes, for a lattice space in
+    /// which samples are `step` apart. Distances are those of the options.
     ///
     /// # Errors
-    /// [`Error::Job`] for a point that has not `D` coordinates.
+    /// Returns [`Error::Job`] for a point that does not have `D` coordinates.
     pub fn detection_options<const D: usize>(&self, step: [f64; D]) -> Result<DetectionOptions<D>> {
         Ok(DetectionOptions {
             kind: self.feature,
@@ -432,7 +437,7 @@ impl MeshSpec {
     }
 }
 
-/// An error about a path that TOML and JSON cannot hold.
+/// Returns the error about a path that TOML and JSON cannot hold.
 fn not_utf8(error: &toml::ser::Error) -> Error {
     Error::Job(
         cause("options", error, "use file names that are valid UTF-8").with_source(error.clone()),

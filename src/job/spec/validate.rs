@@ -1,6 +1,6 @@
-//! Combinations of options that make no sense.
+//! Checks of options and their combinations.
 //!
-//! An option that has no effect beside the others is refused, with the reason, unless it has its
+//! An option that has no effect with the others is refused, with the reason, unless it has its
 //! default value. Errors begin with the option's name.
 
 use std::fmt::Display;
@@ -15,19 +15,19 @@ use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
 use crate::job::params::Evaluator;
 
-/// Largest fraction of the cells' radius within which nodes may be merged: beyond it, cells lose faces
-/// that matter.
+/// Largest fraction of the cells' radius within which nodes may be merged. Beyond it, cells lose
+/// faces that matter.
 const MAX_WELD_RATIO: f64 = 0.2;
 
 /// Largest number of passes on smoother potentials, each of which is twice as smooth as the next.
 const MAX_COARSE_PASSES: usize = 8;
 
-/// An error about an option.
+/// Returns an error about an option.
 fn option_error(name: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{name} {value}"), problem, remedy))
 }
 
-/// Options beside their defaults.
+/// Options, and their defaults for comparison.
 struct Options<'a> {
     spec: &'a MeshSpec,
     table: toml::Table,
@@ -35,7 +35,7 @@ struct Options<'a> {
 }
 
 impl Options<'_> {
-    /// Refuses options of these names where they differ from their defaults.
+    /// Returns an error if an option of these names differs from its default.
     fn refuse(&self, names: &[&str], problem: &str, remedy: &str) -> Result<()> {
         for name in names {
             let value = self.table.get(*name);
@@ -80,8 +80,8 @@ impl MeshSpec {
 }
 
 impl Options<'_> {
-    /// Voronoi cells need atoms alongside features and strictly inside the box; tetrahedra need atoms on
-    /// both.
+    /// Checks the alignment. Voronoi cells need atoms alongside features and strictly inside the
+    /// box; tetrahedra need atoms on both.
     fn check_alignment(&self) -> Result<()> {
         let kind = self.spec.cell_kind();
         let (value, problem) = match (kind, self.spec.align) {
@@ -137,7 +137,8 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Atoms on Canny's points do not move, and the image determines their distance.
+    /// Checks the options of Canny's seeding: its atoms do not move, and the image determines their
+    /// distance.
     fn check_canny(&self) -> Result<()> {
         if self.spec.cell_kind() == CellKind::Voronoi {
             return Err(option_error(
@@ -186,7 +187,7 @@ impl Options<'_> {
         )
     }
 
-    /// Atoms on a lattice that moves.
+    /// Checks the options of a lattice that moves.
     fn check_lattice(&self) -> Result<()> {
         let spec = self.spec;
         if spec.seeding != SeedingKind::Guide {
@@ -266,7 +267,7 @@ impl Options<'_> {
 
     fn check_beta(&self) -> Result<()> {
         match &self.spec.beta {
-            // At 1 nothing would keep the atoms apart.
+            // With beta = 1, nothing would keep the atoms apart.
             NumberOrFile::Constant(beta) if !(0.0..1.0).contains(beta) => Err(option_error(
                 "beta",
                 beta,
@@ -381,7 +382,7 @@ fn check_labels(labels: &[LabelOptions]) -> Result<()> {
             return Err(option_error(
                 "label",
                 label,
-                "is about a label that another one is about, too",
+                "gives options of the same label a second time",
                 "give all options of a label at once, with commas between them",
             ));
         }
@@ -392,12 +393,12 @@ fn check_labels(labels: &[LabelOptions]) -> Result<()> {
             .any(|label| label.label == value && label.merge_into.is_some())
     };
     if let Some(label) = (labels.iter()).find(|label| label.merge_into.is_some_and(is_merged)) {
-        let problem = "puts a label into one that is itself put into another";
+        let problem = "merges a label into one that is itself merged into another";
         return Err(option_error(
             "label",
             label,
             problem,
-            "name the last of them",
+            "name the final label",
         ));
     }
     Ok(())
@@ -485,13 +486,13 @@ mod tests {
             assert!(error.starts_with(&format!("{name} ")), "{text}: {error}");
             assert!(error.contains(": ") && error.contains("; "), "{error}");
         }
-        // An option that has its default value is no offence.
+        // An option that has its default value is accepted.
         let text = "seeding = \"canny\"\nbeta = 0.5\ndistance = \"2.7:8\"";
         assert!(read(text).unwrap().validate().is_ok());
     }
 
     #[test]
-    fn values_that_are_none_are_refused() {
+    fn invalid_values_are_refused() {
         for text in [
             "distance = \"0\"",
             "distance = \"9:4\"",

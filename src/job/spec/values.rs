@@ -1,7 +1,7 @@
-//! Values of options that are more than one number or word.
+//! Types of option values that are more than one number or word.
 //!
-//! Each type is read from a text and written as one, on the command line as in TOML and JSON; where
-//! the text may be a number, TOML and JSON may also hold a number.
+//! Each type is parsed from a text and displayed as one, on the command line as in TOML and JSON.
+//! If the text may be a number, TOML and JSON may also hold a number.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
@@ -15,12 +15,12 @@ use crate::feature::LabelOptions;
 /// features.
 pub(crate) const DEFAULT_DISTANCES: [f64; 2] = [2.7, 8.0];
 
-/// A text that is no value of an option.
+/// The error about a text that is not a value of an option.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InvalidValue {
-    /// What is wrong, as the end of a sentence that begins with the text.
+    /// The problem, as the end of a sentence that begins with the text.
     pub problem: String,
-    /// What to give instead.
+    /// The remedy: what to give instead.
     pub remedy: String,
 }
 
@@ -44,7 +44,7 @@ impl std::error::Error for InvalidValue {}
 /// Nominal distance between atoms, in samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NominalDistance {
-    /// The same distance everywhere.
+    /// A constant distance.
     Constant(f64),
     /// A distance that varies, as [`DistanceSource`] says.
     Range {
@@ -102,7 +102,7 @@ impl Display for NominalDistance {
     }
 }
 
-/// What a distance that varies depends on.
+/// Source of a distance that varies.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum DistanceSource {
     /// Gaps between features: the distance is smallest where features run close together or cross at
@@ -150,14 +150,14 @@ impl Display for DistanceSource {
 /// A number that is the same everywhere, or a file with a number for each sample.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NumberOrFile {
-    /// The same number everywhere.
+    /// A constant number.
     Constant(f64),
     /// An image of such numbers.
     File(PathBuf),
 }
 
 impl NumberOrFile {
-    /// Returns the file, if it is one.
+    /// Returns the path if the value is a file.
     pub fn file(&self) -> Option<&std::path::Path> {
         match self {
             Self::Constant(_) => None,

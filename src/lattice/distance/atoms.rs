@@ -3,6 +3,7 @@
 use super::{Distance, limit_gradient, lower_cell_corners};
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::distance2;
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
@@ -47,8 +48,7 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
     let cell = |x: &[f64; D]| -> [usize; D] {
         std::array::from_fn(|k| ((x[k] / edge).max(0.0) as usize).min(dims[k] - 1))
     };
-    let index = |cell: [usize; D]| (0..D).rev().fold(0, |i, k| i * dims[k] + cell[k]);
-    let cells = positions.iter().map(|x| index(cell(x)));
+    let cells = positions.iter().map(|x| offset_of(dims, cell(x)));
     let (start, order) = sort_by_group(dims.iter().product(), cells);
     let max_cells = dims.iter().fold(0, |a, &b| a.max(b));
     let nearest = |n: usize| {
@@ -61,19 +61,14 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
             }
             let span = 2 * ring + 1;
             for number in 0..span.pow(D as u32) {
-                let mut rest = number;
-                let offset: [usize; D] = std::array::from_fn(|_| {
-                    let o = rest % span;
-                    rest /= span;
-                    o
-                });
+                let offset = index_at([span; D], number);
                 let is_outermost = offset.iter().any(|&o| o == 0 || o == span - 1);
                 let is_inside =
                     (0..D).all(|k| (ring..ring + dims[k]).contains(&(home[k] + offset[k])));
                 if !is_outermost || !is_inside {
                     continue;
                 }
-                let c = index(std::array::from_fn(|k| home[k] + offset[k] - ring));
+                let c = offset_of(dims, std::array::from_fn(|k| home[k] + offset[k] - ring));
                 let members = &order[start[c] as usize..start[c + 1] as usize];
                 for &m in members.iter().filter(|&&m| m as usize != n) {
                     best = best.min(distance2(&positions[m as usize], x));
@@ -88,16 +83,13 @@ pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::random::Random;
 
     fn random_points<const D: usize>(count: u32, extent: [f64; D]) -> Vec<[f64; D]> {
-        let mut state = 1u32;
-        let mut random = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            f64::from(state >> 8) / f64::from(1 << 24)
-        };
+        let mut random = Random::new(1);
         // Points are dense at one end of the box and sparse at the other.
         (0..count)
-            .map(|_| std::array::from_fn(|k| extent[k] * random().powi(2)))
+            .map(|_| std::array::from_fn(|k| extent[k] * random.draw().powi(2)))
             .collect()
     }
 

@@ -4,6 +4,7 @@ use super::{Distance, DistanceLayers, DistributedDistance, limit_gradient};
 use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::feature::Features;
+use crate::geometry::grid_index::offset_of;
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
@@ -109,8 +110,8 @@ fn from_points<const D: usize>(
 pub(crate) fn lower_cell_corners<const D: usize>(field: &mut ScalarField<D>, x: [f64; D], d: f32) {
     let dims = field.dims;
     for_each_corner(x, dims, field.step, |corner| {
-        let index = (0..D).rev().fold(0, |all, k| all * dims[k] + corner[k]);
-        field.samples[index] = field.samples[index].min(d);
+        let sample = &mut field.samples[offset_of(dims, corner)];
+        *sample = sample.min(d);
     });
 }
 

@@ -340,6 +340,7 @@ impl<const D: usize> SlopeLimit<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::grid_index::{index_at, offset_of, strides};
 
     fn cone(step: [f64; 3], dims: [usize; 3]) -> (ScalarField<3>, [f64; 3]) {
         let count = dims.iter().product();
@@ -374,7 +375,6 @@ mod tests {
 
     /// Limits the slope serially, one sample after the other, and skips no row.
     fn limit_naively(field: &mut ScalarField<3>, growth: f64) {
-        let [nx, ny, nz] = field.dims;
         let slope = SlopeLimit {
             inverse_step2: field.step.map(|h| 1.0 / (h * h)),
             slope2: growth * growth,
@@ -389,14 +389,12 @@ mod tests {
                 0 => i,
                 _ => count - 1 - i,
             };
-            for n in 0..nx * ny * nz {
-                let x = directed(0, nx, n % nx);
-                let y = directed(1, ny, n / nx % ny);
-                let z = directed(2, nz, n / nx / ny);
-                let index = [x, y, z];
-                let sample = (z * ny + y) * nx + x;
+            for n in 0..field.samples.len() {
+                let forward = index_at(field.dims, n);
+                let index = [0, 1, 2].map(|k| directed(k, field.dims[k], forward[k]));
+                let sample = offset_of(field.dims, index);
                 let mut neighbours = [0, 1, 2].map(|k| {
-                    let stride = [1, nx, nx * ny][k];
+                    let stride = strides(field.dims)[k];
                     let below = match index[k] {
                         0 => f32::INFINITY,
                         _ => field.samples[sample - stride],

@@ -22,6 +22,7 @@ pub use partition::DistanceBricks;
 pub(crate) use partition::{DistanceLayers, DistributedDistance};
 pub use sources::{DenseRegion, from_image, from_laplacian, from_samples};
 
+use crate::geometry::grid_index::strides;
 use std::f64::consts::SQRT_2;
 
 use crate::parallel::prelude::*;
@@ -186,8 +187,9 @@ impl<const D: usize> Distance<D> {
 
 /// Returns the largest slope between neighbouring samples along each axis.
 fn max_slopes<const D: usize>(field: &ScalarField<D>) -> [f64; D] {
-    let mut stride = 1;
+    let strides = strides(field.dims);
     std::array::from_fn(|k| {
+        let stride = strides[k];
         let next = field.samples.get(stride..).unwrap_or_default();
         let pairs = field.samples.par_iter().zip(next);
         let steepest = pairs
@@ -195,7 +197,6 @@ fn max_slopes<const D: usize>(field: &ScalarField<D>) -> [f64; D] {
             .filter(|(n, _)| n / stride % field.dims[k] + 1 < field.dims[k])
             .map(|(_, (a, b))| (b - a).abs())
             .reduce(|| 0.0, f32::max);
-        stride *= field.dims[k];
         f64::from(steepest) / field.step[k]
     })
 }

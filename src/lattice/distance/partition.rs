@@ -7,6 +7,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
+use crate::geometry::grid_index::{index_at, offset_of};
 use super::features::{DistanceLimits, coarse_grid, for_each_corner};
 use super::grading::limit_gradient_in_layers;
 use super::{CellPosition, Distance, GridCell, density_sum, max_slopes, slope_norm};
@@ -129,10 +130,8 @@ impl<const D: usize> DistanceLayers<D> {
             for_each_corner(x.map(f64::from), dims, step, |mut corner| {
                 if owned.contains(&corner[D - 1]) {
                     corner[D - 1] -= first;
-                    let index = (0..D)
-                        .rev()
-                        .fold(0, |all, k| all * local_dims[k] + corner[k]);
-                    field.samples[index] = field.samples[index].min(d);
+                    let sample = &mut field.samples[offset_of(local_dims, corner)];
+                    *sample = sample.min(d);
                 } else if let Some(lists) = &mut outgoing {
                     let owner = layers
                         .iter()
@@ -272,25 +271,13 @@ impl<const D: usize> DistanceLayers<D> {
 
     /// Appends the samples of an owned brick. Beyond the box the outermost samples are repeated.
     fn copy_brick(&self, brick: usize, samples: &mut Vec<f32>) {
-        let brick_dims = bricks_per_axis(self.dims);
-        let mut rest = brick;
-        let low: [usize; D] = std::array::from_fn(|k| {
-            let coordinate = rest % brick_dims[k] * BRICK_CELLS;
-            rest /= brick_dims[k];
-            coordinate
-        });
+        let low = index_at(bricks_per_axis(self.dims), brick).map(|i| i * BRICK_CELLS);
         for number in 0..BRICK_SAMPLES.pow(D as u32) {
-            let (mut rest, mut index, mut stride) = (number, 0, 1);
-            for k in 0..D {
-                let mut coordinate = (low[k] + rest % BRICK_SAMPLES).min(self.dims[k] - 1);
-                if k == D - 1 {
-                    coordinate -= self.first_layer;
-                }
-                index += coordinate * stride;
-                stride *= self.dims[k];
-                rest /= BRICK_SAMPLES;
-            }
-            samples.push(self.samples[index]);
+            let in_brick = index_at([BRICK_SAMPLES; D], number);
+            let mut index: [usize; D] =
+                std::array::from_fn(|k| (low[k] + in_brick[k]).min(self.dims[k] - 1));
+            index[D - 1] -= self.first_layer;
+            samples.push(self.samples[offset_of(self.dims, index)]);
         }
     }
 }
@@ -382,14 +369,10 @@ impl<const D: usize> DistributedDistance<D> {
             |x: f64| ((x / layers.step[axis]) as usize / BRICK_CELLS).min(brick_dims[axis] - 1);
         let brick_range = brick_at(low)..brick_at(high) + 1;
         let is_requested = |brick: usize| {
-            let (mut rest, mut outermost_count, mut is_between) = (brick, 0, false);
-            for (k, &count) in brick_dims.iter().enumerate() {
-                let coordinate = rest % count;
-                rest /= count;
-                outermost_count += usize::from(coordinate == 0 || coordinate + 1 == count);
-                is_between |= k == axis && low <= high && brick_range.contains(&coordinate);
-            }
-            is_between || outermost_count + 1 >= D
+            let index = index_at(brick_dims, brick);
+            let is_outermost = |k: &usize| index[*k] == 0 || index[*k] + 1 == brick_dims[*k];
+            low <= high && brick_range.contains(&index[axis])
+                || (0..D).filter(is_outermost).count() + 1 >= D
         };
         let is_requested: Vec<bool> = (0..brick_dims.iter().product()).map(is_requested).collect();
         Ok(Cow::Owned(layers.fetch_bricks(&is_requested, comm)?))

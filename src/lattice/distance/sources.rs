@@ -7,6 +7,7 @@ use super::features::{DistanceLimits, coarse_field};
 use super::{Distance, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::gaussian::smooth;
+use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
@@ -89,20 +90,16 @@ pub fn from_laplacian<const D: usize>(
 ) -> Result<Distance<D>> {
     DistanceLimits { min, max, growth }.check()?;
     let mut field = coarse_field(potential.extent(), min, max);
-    let mut strides = [1; D];
-    for k in 1..D {
-        strides[k] = strides[k - 1] * potential.dims[k - 1];
-    }
+    let strides = strides(potential.dims);
     let b = &potential.samples;
     for i in 0..b.len() {
         if i % CANCEL_CHECK_INTERVAL == 0 && cancel.is_cancelled() {
             break;
         }
-        let (mut rest, mut laplacian, mut cell) = (i, 0.0, 0);
-        let mut cell_stride = 1;
+        let index = index_at(potential.dims, i);
+        let (mut laplacian, mut nearest) = (0.0, [0; D]);
         for k in 0..D {
-            let x = rest % potential.dims[k];
-            rest /= potential.dims[k];
+            let x = index[k];
             let before = if x > 0 { i - strides[k] } else { i };
             let after = if x + 1 < potential.dims[k] {
                 i + strides[k]
@@ -111,12 +108,12 @@ pub fn from_laplacian<const D: usize>(
             };
             let step = potential.step[k];
             laplacian += f64::from(b[before] + b[after] - 2.0 * b[i]) / (step * step);
-            let nearest = (x as f64 * step / field.step[k]).round() as usize;
-            cell += nearest.min(field.dims[k] - 1) * cell_stride;
-            cell_stride *= field.dims[k];
+            let position = (x as f64 * step / field.step[k]).round() as usize;
+            nearest[k] = position.min(field.dims[k] - 1);
         }
         let d = (min / sigma / laplacian.abs().sqrt()).clamp(min, max);
-        field.samples[cell] = field.samples[cell].min(d as f32);
+        let sample = &mut field.samples[offset_of(field.dims, nearest)];
+        *sample = sample.min(d as f32);
     }
     limit_gradient(&mut field, growth, cancel);
     Ok(Distance::Field(field))

@@ -32,11 +32,12 @@ use crate::parallel::prelude::*;
 
 use super::neighbours::CHUNK_ATOMS;
 use super::{Beta, Energy, EnergyParts, EnergyTerms, PairwiseEnergy};
+use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::mesh::Simplices;
-use crate::mesh::delaunay::{delaunay, delaunay_plane};
+use crate::mesh::delaunay::{delaunay_plane, distributed_delaunay};
 
 /// Rounding e of |L| near zero, in units of d.
 const ROUNDING_LENGTH: f64 = 0.02;
@@ -78,14 +79,14 @@ impl AtomAdjacency {
     }
 
     /// Returns the Delaunay neighbours of atoms in the plane or in space.
-    fn delaunay<const D: usize>(x: &[[f64; D]]) -> Result<Self> {
+    fn delaunay<const D: usize>(x: &[[f64; D]], comm: &dyn Comm) -> Result<Self> {
         // The compiler does not know that `D` is 2 or 3, so coordinates are copied one by one.
         fn cast_dims<const D: usize, const E: usize>(x: &[[f64; D]]) -> Vec<[f64; E]> {
             x.iter().map(|x| std::array::from_fn(|k| x[k])).collect()
         }
         match D {
             2 => Ok(Self::from_mesh(&delaunay_plane(&cast_dims(x))?)),
-            _ => Ok(Self::from_mesh(&delaunay(&cast_dims(x))?)),
+            _ => Ok(Self::from_mesh(&distributed_delaunay(&cast_dims(x), comm)?)),
         }
     }
 
@@ -107,6 +108,8 @@ pub struct RegularisedEnergy<'a, const D: usize> {
     /// s_i over the count of neighbours of i.
     neighbour_shares: Vec<[f64; D]>,
     parts: EnergyParts,
+    /// The ranks that share the work of the triangulation.
+    comm: &'a dyn Comm,
 }
 
 impl<'a, const D: usize> RegularisedEnergy<'a, D> {
@@ -139,7 +142,13 @@ impl<'a, const D: usize> RegularisedEnergy<'a, D> {
             adjacency: Arc::default(),
             neighbour_shares: Vec::new(),
             parts: EnergyParts::default(),
+            comm: &SelfComm,
         })
+    }
+
+    /// Shares the work of the triangulation among the ranks of `comm`, which all have all atoms.
+    pub(crate) fn with_comm(self, comm: &'a dyn Comm) -> Self {
+        Self { comm, ..self }
     }
 
     /// Returns (1 - kappa) (1 - beta) and its gradient.
@@ -258,7 +267,7 @@ impl<const D: usize> Energy<D> for RegularisedEnergy<'_, D> {
     }
 
     fn refresh(&mut self, x: &[[f64; D]]) -> Result<bool> {
-        self.adjacency = Arc::new(AtomAdjacency::delaunay(x)?);
+        self.adjacency = Arc::new(AtomAdjacency::delaunay(x, self.comm)?);
         Ok(true)
     }
 
@@ -274,17 +283,9 @@ impl<const D: usize> Energy<D> for RegularisedEnergy<'_, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{ScalarField, SparseField};
+    use crate::image::SparseField;
+    use crate::lattice::energy::pairwise::tests::smooth;
     use crate::lattice::seeding::{self, Alignment, Atoms};
-
-    /// A slowly varying field between two values.
-    fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
-        let dims = extent.map(|l| l as usize + 1);
-        ScalarField::from_fn(dims, [1.0; D], |x| {
-            let wave: f64 = (0..D).map(|k| (0.11 * x[k] + k as f64).sin()).sum::<f64>() / D as f64;
-            low + (high - low) * 0.5 * (1.0 + wave)
-        })
-    }
 
     /// A lattice of the box in which every atom that may move is moved.
     fn perturbed_lattice<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> Atoms<D> {

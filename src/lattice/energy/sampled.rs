@@ -18,6 +18,7 @@
 use super::pair::{CUTOFF_RATIO, potential};
 use super::{Beta, Energy, EnergyParts, EnergyTerms};
 use crate::error::Result;
+use crate::geometry::grid_index::offset_of;
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::lattice::halo::OwnedAndGhosts;
@@ -164,9 +165,7 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
     }
 
     fn flat_index(&self, index: &[usize; D]) -> usize {
-        (0..D)
-            .rev()
-            .fold(0, |flat, k| flat * self.potential.dims[k] + index[k])
+        offset_of(self.potential.dims, *index)
     }
 
     /// Returns the sign of b in the energy.

@@ -32,6 +32,16 @@ fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a SparseField<3>) -> Pairw
     energy.with_auto_stiffness()
 }
 
+fn optimize_box(
+    atoms: &mut Atoms<3>,
+    energy: &mut dyn Energy<3>,
+    options: &OptimizeOptions,
+    progress: &mut dyn Progress,
+) -> Result<OptimizeResult> {
+    let distance = Distance::Constant(D);
+    optimize(atoms, energy, &distance, EXTENT, options, progress)
+}
+
 #[derive(Default)]
 struct Recorder {
     energies: Vec<f64>,
@@ -74,15 +84,7 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
     let options = OptimizeOptions::default();
-    let outcome = optimize(
-        &mut atoms,
-        &mut energy,
-        &distance,
-        EXTENT,
-        &options,
-        &mut recorder,
-    )
-    .unwrap();
+    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
     println!("{outcome:?}");
     assert!(outcome.energy_after < outcome.energy_before);
     assert!(outcome.evaluations <= options.max_evaluations);
@@ -162,15 +164,7 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
         max_rounds: 1,
         ..OptimizeOptions::default()
     };
-    let outcome = optimize(
-        &mut atoms,
-        &mut energy,
-        &distance,
-        EXTENT,
-        &options,
-        &mut recorder,
-    )
-    .unwrap();
+    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
     assert!(recorder.energies.is_sorted_by(|a, b| a >= b));
     assert_eq!(recorder.energies.last(), Some(&outcome.energy_after));
     let mut gradient = vec![[0.0; 3]; atoms.len()];
@@ -190,15 +184,7 @@ fn an_interrupt_keeps_what_has_been_gained() {
         ..Recorder::default()
     };
     let options = OptimizeOptions::default();
-    let outcome = optimize(
-        &mut atoms,
-        &mut energy,
-        &distance,
-        EXTENT,
-        &options,
-        &mut recorder,
-    )
-    .unwrap();
+    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
     assert_eq!(
         (outcome.stop, outcome.iterations),
         (StopReason::Interrupted, 7)
@@ -208,15 +194,7 @@ fn an_interrupt_keeps_what_has_been_gained() {
         max_evaluations: 9,
         ..options
     };
-    let outcome = optimize(
-        &mut atoms,
-        &mut energy,
-        &distance,
-        EXTENT,
-        &limited,
-        &mut NoProgress,
-    )
-    .unwrap();
+    let outcome = optimize_box(&mut atoms, &mut energy, &limited, &mut NoProgress).unwrap();
     assert_eq!(
         (outcome.stop, outcome.evaluations),
         (StopReason::MaxIterations, 9)
@@ -240,15 +218,7 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
                 ..OptimizeOptions::default()
             };
             let progress = &mut NoProgress;
-            optimize(
-                &mut atoms,
-                &mut energy,
-                &distance,
-                EXTENT,
-                &options,
-                progress,
-            )
-            .unwrap();
+            optimize_box(&mut atoms, &mut energy, &options, progress).unwrap();
             atoms.positions
         })
     };
@@ -269,15 +239,7 @@ fn frozen_atoms_stay() {
         ..OptimizeOptions::default()
     };
     let mut energy = evaluator(&distance, &valley);
-    optimize(
-        &mut atoms,
-        &mut energy,
-        &distance,
-        EXTENT,
-        &options,
-        &mut NoProgress,
-    )
-    .unwrap();
+    optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
     let mut moved = 0;
     for (x, old) in atoms.positions.iter().zip(&initial) {
         assert!(temperature_at(old) > 0.0 || x == old);
@@ -317,15 +279,7 @@ fn an_edit_changes_its_neighbourhood_only() {
             ..OptimizeOptions::default()
         };
         let mut energy = PairwiseEnergy::new(EXTENT, &distance, None, Beta::Constant(0.0)).unwrap();
-        optimize(
-            &mut atoms,
-            &mut energy,
-            &distance,
-            EXTENT,
-            &options,
-            &mut NoProgress,
-        )
-        .unwrap();
+        optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
         let moved = |(x, old): (&[f64; 3], &[f64; 3])| {
             assert!(r(old) < 5.0 * D || x == old);
             (0..3).map(|k| (x[k] - old[k]).powi(2)).sum::<f64>().sqrt()
@@ -417,15 +371,7 @@ fn argmin_finds_no_lower_energy() {
         tolerance: 1e-9,
         ..OptimizeOptions::default()
     };
-    let outcome = optimize(
-        &mut atoms,
-        &mut energy,
-        &distance,
-        EXTENT,
-        &options,
-        &mut NoProgress,
-    )
-    .unwrap();
+    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
     println!("ours {} theirs {theirs}", outcome.energy_after);
     let gain = outcome.energy_before - theirs;
     assert!(gain > 0.0);
@@ -460,14 +406,7 @@ fn impossible_options_are_refused() {
         },
     ] {
         let mut energy = evaluator(&distance, &valley);
-        let result = optimize(
-            &mut atoms,
-            &mut energy,
-            &distance,
-            EXTENT,
-            &options,
-            &mut NoProgress,
-        );
+        let result = optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress);
         assert!(matches!(result, Err(Error::Optimize(_))));
     }
 }

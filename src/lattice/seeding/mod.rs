@@ -26,7 +26,7 @@ pub(crate) mod wells;
 
 use self::fixed_atoms::Clearance;
 use self::morton::MortonCurve;
-use crate::comm::{self, Comm, SelfComm};
+use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::image::{ScalarField, SparseField};
@@ -292,7 +292,7 @@ pub(crate) fn seed_partition<const D: usize>(
     let atoms = seed(
         seeding, extent, &distance, fixed, alignment, potential, cancel,
     )?;
-    comm::ensure_identical("atoms placed", &atoms)?;
+    comm.ensure_identical("atoms placed", &atoms)?;
     Ok(OwnedAtoms::from_global(atoms, comm))
 }
 
@@ -309,6 +309,28 @@ pub fn fcc<const D: usize>(
     let seeding = Seeding::Fcc;
     let cancel = &CancelToken::never();
     seed(seeding, extent, distance, fixed, alignment, None, cancel)
+}
+
+/// Seeds a lattice by [`seed`] on features, for tests.
+#[cfg(test)]
+fn seed_on_features<const D: usize>(
+    seeding: Seeding,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    potential: Option<&ScalarField<D>>,
+) -> Result<Atoms<D>> {
+    let potential = potential.map(SparseField::from_field);
+    let (alignment, cancel) = (Alignment::OnFeatures, CancelToken::never());
+    seed(
+        seeding,
+        extent,
+        distance,
+        fixed,
+        alignment,
+        potential.as_ref(),
+        &cancel,
+    )
 }
 
 fn seeding_error(problem: impl std::fmt::Display, remedy: &str) -> Error {

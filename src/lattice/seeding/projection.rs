@@ -15,6 +15,7 @@
 //! Sites on edges and sides of the box look along these only, and come first, so that the box is
 //! filled.
 
+use crate::geometry::grid_index::{offset_of, strides};
 use crate::parallel::prelude::*;
 
 use super::{
@@ -149,7 +150,7 @@ fn lowest_sample<const D: usize>(
             index as f64 * step[k]
         }
     };
-    let strides: [usize; D] = std::array::from_fn(|k| dims[..k].iter().product());
+    let strides = strides(*dims);
     let mut best = (0.0f32, f64::INFINITY, [0; D]);
     let mut index = ends.map(|e| e[0]);
     loop {
@@ -177,7 +178,7 @@ fn lowest_sample<const D: usize>(
         }
     }
     let (depth, r2, index) = best;
-    let flat: usize = (0..D).map(|k| index[k] * strides[k]).sum();
+    let flat = offset_of(*dims, index);
     let is_lowest = |k: usize| {
         is_on_side[k] || depth <= samples[flat - strides[k]].min(samples[flat + strides[k]])
     };
@@ -189,9 +190,9 @@ fn lowest_sample<const D: usize>(
 mod tests {
     use super::*;
     use crate::image::SparseField;
-    use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
-    use crate::lattice::seeding::guide::tests::valley;
-    use crate::lattice::seeding::{Seeding, seed};
+    use crate::lattice::seeding::grow::tests::varying_distance;
+    use crate::lattice::seeding::guide::tests::{check_atoms_in_valley, valley};
+    use crate::lattice::seeding::{Seeding, seed, seed_on_features};
 
     #[test]
     fn the_lowest_sample_is_found() {
@@ -222,38 +223,10 @@ mod tests {
         let potential = valley(extent);
         let place_atoms = || {
             let seeding = Seeding::Projection;
-            seed(
-                seeding,
-                extent,
-                distance,
-                &[],
-                Alignment::OnFeatures,
-                Some(&SparseField::from_field(&potential)),
-                &CancelToken::never(),
-            )
-            .unwrap()
+            seed_on_features(seeding, extent, distance, &[], Some(&potential)).unwrap()
         };
         let atoms = place_atoms();
-        let spacing = spacing_quantiles(&atoms, distance);
-        let [min, _, median, _, max] = spacing;
-        let distance_to_feature = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs();
-        let on_feature = atoms
-            .positions
-            .iter()
-            .filter(|x| distance_to_feature(x) < 1.0)
-            .count();
-        println!(
-            "{D}-D: {} atoms, {on_feature} on the feature; nearest / d {spacing:.3?}",
-            atoms.len()
-        );
-        assert!(min > 0.72 && max < 1.5 && median < 1.05);
-        let length = extent[1] * 17.0f64.sqrt() / 4.0;
-        let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
-        assert!(
-            on_feature as f64
-                > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
-            "{on_feature}"
-        );
+        check_atoms_in_valley(&atoms, extent, distance, densest);
         assert_eq!(atoms, place_atoms());
     }
 

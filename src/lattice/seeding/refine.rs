@@ -184,34 +184,16 @@ mod tests {
     use super::*;
     use crate::lattice::AtomKind;
     use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
-    use crate::lattice::seeding::{Atoms, Seeding, seed};
+    use crate::lattice::seeding::{Atoms, Seeding, seed, seed_on_features};
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
         let seeding = Seeding::Refine { seed: 1 };
-        let atoms = seed(
-            seeding,
-            extent,
-            distance,
-            &[],
-            Alignment::OnFeatures,
-            None,
-            &CancelToken::never(),
-        )
-        .unwrap();
+        let atoms = seed_on_features(seeding, extent, distance, &[], None).unwrap();
         let count_kind = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!(count_kind(AtomKind::Corner), 1 << D);
         assert!(count_kind(AtomKind::Edge) > 20 && (D == 2 || count_kind(AtomKind::Side) > 100));
         let refined = spacing_quantiles(&atoms, distance);
-        let regular = seed(
-            Seeding::Fcc,
-            extent,
-            distance,
-            &[],
-            Alignment::OnFeatures,
-            None,
-            &CancelToken::never(),
-        )
-        .unwrap();
+        let regular = seed_on_features(Seeding::Fcc, extent, distance, &[], None).unwrap();
         let regular = spacing_quantiles(&regular, distance);
         println!(
             "{D}-D, {} atoms: nearest / d {refined:.3?}, regular {regular:.3?}",

@@ -7,6 +7,7 @@ use super::{BoxBounds, CellChecks, CellTotals, Check, NOT_FINITE, are_finite};
 use crate::Result;
 use crate::comm::Comm;
 use crate::comm::LocalOrComm;
+use crate::geometry::sorted_distinct;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
 use crate::mesh::partition::MeshPartition;
 use crate::mesh::{Mesh, TetMesh};
@@ -92,9 +93,7 @@ fn unused_nodes(partition: &MeshPartition, comm: &dyn Comm) -> Result<usize> {
     for (&node, _) in used.filter(|(_, used)| *used) {
         by_rank[comm.owner_rank(node, partition.global_counts[0])].push(node);
     }
-    let mut used = comm.all_to_all("used nodes", by_rank)?.concat();
-    used.sort_unstable();
-    used.dedup();
+    let used = sorted_distinct(comm.all_to_all("used nodes", by_rank)?.concat());
     let used: usize = comm
         .all_gather("counts of used nodes", used.len())?
         .iter()
@@ -146,7 +145,7 @@ fn first_mismatched_cell(
     let mismatched = unmatched.map(|same| same[0].1.0).chain(mismatched).min();
     let gathered = comm.all_gather("whether neighbours fit", (mismatched, unpaired))?;
     let unpaired: i64 = gathered.iter().map(|(_, left_over)| left_over).sum();
-    let mismatched = gathered.iter().filter_map(|(apart, _)| *apart).min();
+    let mismatched = gathered.iter().filter_map(|(cell, _)| *cell).min();
     Ok(mismatched.or((unpaired != 0).then_some(0)))
 }
 

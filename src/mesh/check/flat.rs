@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_like_an_eight_is_not_flat() {
+    fn a_figure_of_eight_is_not_flat() {
         let eight = |bend: f64| {
             let mut mesh = PolyMesh::<3> {
                 nodes: vec![
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn an_eight_of_unequal_parts_crosses_itself() {
+    fn a_figure_of_eight_of_unequal_parts_crosses_itself() {
         // The outline crosses itself at (0.8, 0.8): it has a triangle of area 0.8 and one of 0.05.
         let eight = |nodes: [[f64; 2]; 4], tilt: f64| {
             let mut mesh = PolyMesh::<3> {

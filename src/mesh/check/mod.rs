@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_right_mesh_passes() {
+    fn a_valid_mesh_passes() {
         let report = check(&cube(), [0.0; 3], [1.0; 3], 1e-12);
         assert!(report.passed(), "{:?}", report.problems);
         assert_eq!(report.boundary_faces, 12);

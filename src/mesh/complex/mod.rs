@@ -9,6 +9,7 @@ mod faces;
 mod neighbors;
 mod part;
 
+use super::renumber::new_numbers;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -395,14 +396,10 @@ impl Complex {
     /// Returns the mesh without dead slots and unused nodes, its neighbours, and the old number of
     /// each node.
     pub fn into_mesh(self) -> (TetMesh, Vec<[u32; 4]>, Vec<u32>) {
-        let mut new_index = vec![NONE; self.nodes.len()];
-        let mut kept = Vec::with_capacity(self.nodes.len());
-        for (i, &t) in self.tet_of_node.iter().enumerate() {
-            if t != NONE {
-                new_index[i] = kept.len() as u32;
-                kept.push(i as u32);
-            }
-        }
+        let kept: Vec<u32> = (0..self.nodes.len() as u32)
+            .filter(|&i| self.tet_of_node[i as usize] != NONE)
+            .collect();
+        let new_index = new_numbers(self.nodes.len(), &kept);
         let nodes = kept.iter().map(|&i| self.nodes[i as usize]).collect();
         let (mut tets, mut neighbors) = (self.tets, self.neighbors);
         // The new number of each slot.
@@ -489,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_are_found_again_however_many_there_are() {
+    fn faces_are_found_in_list_and_map() {
         for tets in [10, 1000] {
             let mut faces = OpenFaces::default();
             faces.clear(tets);

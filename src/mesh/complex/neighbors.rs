@@ -1,6 +1,7 @@
 //! Finds the tetrahedra that share a face.
 
 use super::NONE;
+use crate::geometry::counting_sort::sort_by_group;
 use crate::mesh::FACES;
 
 /// Returns three node numbers in ascending order, which identify a face.
@@ -26,24 +27,8 @@ pub(super) fn face_key(mut f: [u32; 3]) -> [u32; 3] {
 pub fn neighbors(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, [u32; 3]> {
     // A counting sort by the smallest node leaves only a few faces in each bucket.
     let face_of = |t: usize, k: usize| face_key(FACES[k].map(|i| tets[t][i]));
-    let mut start = vec![0u32; node_count + 1];
-    for t in 0..tets.len() {
-        for k in 0..4 {
-            start[face_of(t, k)[0] as usize + 1] += 1;
-        }
-    }
-    for i in 0..node_count {
-        start[i + 1] += start[i];
-    }
-    let mut bucket = vec![0u32; 4 * tets.len()];
-    let mut next = start.clone();
-    for t in 0..tets.len() {
-        for k in 0..4 {
-            let slot = &mut next[face_of(t, k)[0] as usize];
-            bucket[*slot as usize] = (4 * t + k) as u32;
-            *slot += 1;
-        }
-    }
+    let smallest_nodes = (0..4 * tets.len()).map(|code| face_of(code / 4, code % 4)[0] as usize);
+    let (start, bucket) = sort_by_group(node_count, smallest_nodes);
     let mut result = vec![[NONE; 4]; tets.len()];
     // The other two nodes of a face and its position as one number, which sorts quickly.
     let mut keys: Vec<u128> = Vec::new();

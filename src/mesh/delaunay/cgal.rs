@@ -1,7 +1,11 @@
 //! Validation by CGAL (feature `cgal`): a Delaunay triangulation that shares no code with TetGen's,
 //! and an independent check of any tetrahedral mesh with exact predicates.
 
+use super::bridge::{call, ffi, to_arrays};
 use crate::error::{Error, Result, cause};
+
+/// Place of this module's errors.
+const PLACE: &str = "validation by CGAL";
 
 /// Results of CGAL's check of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,20 +70,19 @@ impl CgalReport {
 /// choose another one than TetGen.
 ///
 /// # Errors
-/// Returns [`Error::Delaunay`] if a coordinate is not finite, if two points coincide, or without
-/// the feature `cgal`.
+/// Returns [`Error::Delaunay`] if a coordinate is not finite, if two points coincide, if memory
+/// runs out, or without the feature `cgal`.
 pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-    check_points(points)?;
-    bridge::triangulate(points)
+    call(PLACE, points, ffi::cgal_triangulate).map(to_arrays)
 }
 
 /// Checks that tetrahedra are a triangulation of the convex hull of their points.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`] if a tetrahedron uses a node that does not exist, and
-/// [`Error::Delaunay`] if a coordinate is not finite or without the feature `cgal`.
+/// [`Error::Delaunay`] if a coordinate is not finite, if memory runs out, or without the feature
+/// `cgal`.
 pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
-    check_points(points)?;
     let is_out_of_range = |t: &&[u32; 4]| t.iter().any(|&node| node as usize >= points.len());
     if let Some(tet) = tets.iter().find(is_out_of_range) {
         return Err(Error::Mesh(cause(
@@ -95,96 +98,22 @@ pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
     // with 32 bits.
     if points.len().max(tets.len()) > u32::MAX as usize / 32 {
         let problem = format!("{} nodes, {} tetrahedra", points.len(), tets.len());
-        return Err(cgal_error(problem, "give fewer than 134 million of each"));
+        let remedy = "give fewer than 134 million of each";
+        return Err(Error::Delaunay(cause(PLACE, problem, remedy)));
     }
-    bridge::validate(points, tets)
-}
-
-fn check_points(points: &[[f64; 3]]) -> Result<()> {
-    if let Some(i) = points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-        let p = points[i];
-        let problem = format!("node {i} is at [{}, {}, {}]", p[0], p[1], p[2]);
-        return Err(cgal_error(problem, "give finite coordinates"));
-    }
-    Ok(())
-}
-
-fn cgal_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
-    Error::Delaunay(cause("validation by CGAL", problem, remedy))
-}
-
-#[cfg(not(feature = "cgal"))]
-mod bridge {
-    use super::{CgalReport, Result, cgal_error};
-
-    fn missing<T>() -> Result<T> {
-        Err(cgal_error(
-            "this atomesh was built without CGAL",
-            "install libcgal-dev and build with the feature `cgal` (on by default)",
-        ))
-    }
-
-    pub fn triangulate(_: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-        missing()
-    }
-
-    pub fn validate(_: &[[f64; 3]], _: &[[u32; 4]]) -> Result<CgalReport> {
-        missing()
-    }
-}
-
-#[cfg(feature = "cgal")]
-mod bridge {
-    use super::{CgalReport, Result, cgal_error};
-
-    /// The C++ side is `cpp/cgal_bridge.h`. Slices go in, owned vectors come out, and C++
-    /// exceptions become errors. cxx checks both sides against each other at compile time.
-    #[cxx::bridge(namespace = "atomesh")]
-    #[allow(unsafe_code)]
-    mod ffi {
-        /// See [`super::super::CgalReport`].
-        struct CgalVerdict {
-            inverted: u64,
-            flat: u64,
-            unused_nodes: u64,
-            overfull_faces: u64,
-            hull_faces: u64,
-            valid_topology: bool,
-            volume: f64,
-            hull_volume: f64,
-        }
-
-        // SAFETY: both functions only read their slices. `check_points` and `validate` have checked
-        // that all coordinates are finite and all node numbers are in range.
-        unsafe extern "C++" {
-            include!("atomesh/cpp/cgal_bridge.h");
-
-            fn cgal_triangulate(points: &[f64]) -> Result<Vec<u32>>;
-            fn cgal_validate(points: &[f64], tets: &[u32]) -> Result<CgalVerdict>;
-        }
-    }
-
-    pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-        let tets = ffi::cgal_triangulate(points.as_flattened())
-            .map_err(|e| cgal_error(e.what(), "give distinct points").with_source(e))?;
-        let (tets, _) = tets.as_chunks();
-        Ok(tets.to_vec())
-    }
-
-    pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
-        let v = ffi::cgal_validate(points.as_flattened(), tets.as_flattened())
-            .map_err(|e| cgal_error(e.what(), "please report it with the mesh").with_source(e))?;
-        Ok(CgalReport {
-            inverted: v.inverted,
-            flat: v.flat,
-            unused_nodes: v.unused_nodes,
-            overfull_faces: v.overfull_faces,
-            hull_faces: v.hull_faces,
-            valid_topology: v.valid_topology,
-            volume: v.volume,
-            hull_volume: v.hull_volume,
-        })
-    }
+    let verdict = call(PLACE, points, |points| {
+        ffi::cgal_validate(points, tets.as_flattened())
+    })?;
+    Ok(CgalReport {
+        inverted: verdict.inverted,
+        flat: verdict.flat,
+        unused_nodes: verdict.unused_nodes,
+        overfull_faces: verdict.overfull_faces,
+        hull_faces: verdict.hull_faces,
+        valid_topology: verdict.valid_topology,
+        volume: verdict.volume,
+        hull_volume: verdict.hull_volume,
+    })
 }
 
 #[cfg(test)]
@@ -336,19 +265,19 @@ mod tests {
         let duplicate = points[3];
         points.push(duplicate);
         let text = triangulate(&points).unwrap_err().to_string();
-        assert!(text.contains("1 points coincide"), "{text}");
+        assert!(text.contains("1 of 15 points coincide"), "{text}");
         points[2][1] = f64::NAN;
         assert!(
             triangulate(&points)
                 .unwrap_err()
                 .to_string()
-                .contains("node 2")
+                .contains("point 2 is at")
         );
         assert!(
             validate(&points, &[])
                 .unwrap_err()
                 .to_string()
-                .contains("node 2")
+                .contains("point 2 is at")
         );
         let text = validate(&lattice(2), &[[0, 1, 2, 99]])
             .unwrap_err()

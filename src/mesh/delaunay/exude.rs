@@ -1,17 +1,20 @@
 //! Sliver exudation by CGAL (feature `cgal`) after Cheng, Dey, Edelsbrunner, Facello & Teng (2000):
 //! points get weights that remove the flattest cells from the weighted Delaunay triangulation.
 
-use crate::error::{Error, Result, cause};
+use super::bridge::{call, ffi, to_arrays};
+use crate::error::Result;
+
+/// Place of this module's errors.
+const PLACE: &str = "sliver exudation";
 
 /// Returns the Delaunay tetrahedra that [`exude`] starts from, positively oriented (see
 /// [`crate::mesh`]).
 ///
 /// # Errors
-/// Returns [`Error::Delaunay`] if a coordinate is not finite, if two points coincide, or without
-/// the feature `cgal`.
+/// Returns [`Error::Delaunay`](crate::Error::Delaunay) if a coordinate is not finite, if two points
+/// coincide, if memory runs out, or without the feature `cgal`.
 pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-    check_points(points)?;
-    bridge::unweighted_delaunay(points)
+    call(PLACE, points, ffi::cgal_unweighted).map(to_arrays)
 }
 
 /// Returns the tetrahedra of [`unweighted_delaunay`] after sliver exudation. Each point of a
@@ -24,90 +27,17 @@ pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
 /// # Errors
 /// Returns the errors of [`unweighted_delaunay`].
 pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
-    check_points(points)?;
-    bridge::exude(points, faces, angle)
-}
-
-fn check_points(points: &[[f64; 3]]) -> Result<()> {
-    if !points.as_flattened().iter().all(|c| c.is_finite()) {
-        return Err(exude_error(
-            "a point is not finite",
-            "give finite coordinates",
-        ));
-    }
-    // CGAL numbers points with 32-bit signed integers.
-    if points.len() > i32::MAX as usize {
-        return Err(exude_error(
-            "more than 2^31 points",
-            "mesh a part of the image",
-        ));
-    }
-    Ok(())
-}
-
-fn exude_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
-    Error::Delaunay(cause("sliver exudation", problem, remedy))
-}
-
-#[cfg(not(feature = "cgal"))]
-mod bridge {
-    use super::{Result, exude_error};
-
-    fn missing<T>() -> Result<T> {
-        Err(exude_error(
-            "this atomesh was built without CGAL",
-            "build with the feature `cgal` (on by default), or remove slivers another way",
-        ))
-    }
-
-    pub fn unweighted_delaunay(_: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-        missing()
-    }
-
-    pub fn exude(_: &[[f64; 3]], _: &[[u32; 3]], _: f64) -> Result<Vec<[u32; 4]>> {
-        missing()
-    }
-}
-
-#[cfg(feature = "cgal")]
-mod bridge {
-    use super::{Result, exude_error};
-
-    /// The C++ side is `cpp/exude.h`.
-    #[cxx::bridge(namespace = "atomesh")]
-    #[allow(unsafe_code)]
-    mod ffi {
-        // SAFETY: both functions only read their slices. `check_points` has checked that all
-        // coordinates are finite and the points can be numbered. Faces are only compared.
-        unsafe extern "C++" {
-            include!("atomesh/cpp/exude.h");
-
-            fn cgal_unweighted(points: &[f64]) -> Result<Vec<u32>>;
-            fn cgal_exude(points: &[f64], faces: &[u32], angle: f64) -> Result<Vec<u32>>;
-        }
-    }
-
-    pub fn unweighted_delaunay(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
-        to_tets(ffi::cgal_unweighted(points.as_flattened()))
-    }
-
-    pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
-        let faces = faces.as_flattened();
-        to_tets(ffi::cgal_exude(points.as_flattened(), faces, angle))
-    }
-
-    fn to_tets(tets: std::result::Result<Vec<u32>, cxx::Exception>) -> Result<Vec<[u32; 4]>> {
-        let tets =
-            tets.map_err(|e| exude_error(e.what(), "give distinct points").with_source(e))?;
-        let (tets, _) = tets.as_chunks();
-        Ok(tets.to_vec())
-    }
+    call(PLACE, points, |points| {
+        ffi::cgal_exude(points, faces.as_flattened(), angle)
+    })
+    .map(to_arrays)
 }
 
 #[cfg(test)]
 #[cfg(feature = "cgal")]
 mod tests {
     use super::*;
+    use crate::geometry::grid_index::index_at;
     use crate::mesh::check::check;
     use crate::mesh::{FACES, TetMesh, quality};
     use std::collections::{BTreeMap, BTreeSet};
@@ -124,7 +54,7 @@ mod tests {
         };
         let mut points = Vec::new();
         for i in 0..n.pow(3) {
-            let index = [i % n, i / n % n, i / (n * n)];
+            let index = index_at([n; 3], i);
             points.push(index.map(|c| {
                 let jitter = 0.2 * next();
                 let is_inner = c > 0 && c < n - 1;
@@ -150,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn slivers_go_and_points_hull_and_given_faces_stay() {
+    fn exudation_removes_slivers_and_keeps_points_hull_and_faces() {
         let nodes = jittered(9);
         let before = TetMesh {
             tets: unweighted_delaunay(&nodes).unwrap(),

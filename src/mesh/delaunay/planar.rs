@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_square_lattice_is_no_special_case() {
+    fn a_square_lattice_is_triangulated() {
         let points: Vec<[f64; 2]> = (0..400)
             .map(|i| [f64::from(i % 20), f64::from(i / 20)])
             .collect();
@@ -211,8 +211,8 @@ mod tests {
             inside.sort_by(|a, b| a.partial_cmp(b).unwrap());
             inside.dedup();
             let mesh = delaunay_plane(&points_in_square(inside, sides)).unwrap();
-            let found = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
-            prop_assert!(found.passed(), "{:?}", found.problems);
+            let report = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
+            prop_assert!(report.passed(), "{:?}", report.problems);
             prop_assert!(is_delaunay(&mesh));
         }
 
@@ -226,8 +226,8 @@ mod tests {
                 .map(|(i, j)| [0.1 * (i % 9 + 1) as f64 + j[0], 0.1 * (i / 9 + 1) as f64 + j[1]])
                 .collect();
             let mesh = delaunay_plane(&points_in_square(inside, 9)).unwrap();
-            let found = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
-            prop_assert!(found.passed(), "{:?}", found.problems);
+            let report = check(&mesh, [0.0; 2], [1.0; 2], 1e-12);
+            prop_assert!(report.passed(), "{:?}", report.problems);
             prop_assert!(is_delaunay(&mesh));
             prop_assert_eq!(mesh.triangles.len(), 200);
             let area: f64 = (0..200).map(|t| 0.5 * double_area(&mesh.corners(t))).sum();

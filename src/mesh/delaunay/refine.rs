@@ -7,9 +7,13 @@ use std::collections::BinaryHeap;
 use spade::handles::FixedVertexHandle;
 use spade::{DelaunayTriangulation, Point2, Triangulation};
 
+use super::bridge::{call, ffi, to_arrays};
 use crate::error::{Error, Result, cause};
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
+
+/// Place of this module's errors.
+const PLACE: &str = "Delaunay refinement";
 
 /// A triangle at whose circumcentre a point may be added.
 struct RefineCandidate {
@@ -109,82 +113,26 @@ pub fn refine_plane(
 /// field `d` covers the box.
 ///
 /// # Errors
-/// Returns [`Error::Delaunay`] if a coordinate is not finite, if the points lie in one plane, or
-/// without the feature `cgal`.
+/// Returns [`Error::Delaunay`] if a coordinate is not finite, if the points lie in one plane, if `d`
+/// has too few samples, if memory runs out, or without the feature `cgal`.
 pub fn refine_space(
     points: &[[f64; 3]],
     extent: [f64; 3],
     d: &ScalarField<3>,
     limit: f64,
 ) -> Result<Vec<[f64; 3]>> {
-    if !points.as_flattened().iter().all(|c| c.is_finite()) {
+    if d.samples.len() != d.dims.iter().product::<usize>() || d.samples.is_empty() {
         return Err(refine_error(
-            "a point is not finite",
-            "give finite coordinates",
+            "d does not have as many samples as it should",
+            "give one that covers the box",
         ));
     }
-    bridge::refine_space(points, extent, d, limit)
+    call(PLACE, points, |points| {
+        ffi::cgal_refine(points, &extent, &d.samples, &d.dims, limit)
+    })
+    .map(to_arrays)
 }
 
 fn refine_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
-    Error::Delaunay(cause("Delaunay refinement", problem, remedy))
-}
-
-#[cfg(not(feature = "cgal"))]
-mod bridge {
-    use super::{Result, ScalarField, refine_error};
-
-    pub fn refine_space(
-        _: &[[f64; 3]],
-        _: [f64; 3],
-        _: &ScalarField<3>,
-        _: f64,
-    ) -> Result<Vec<[f64; 3]>> {
-        Err(refine_error(
-            "this atomesh was built without CGAL",
-            "build with the feature `cgal` (on by default), or seed another way",
-        ))
-    }
-}
-
-#[cfg(feature = "cgal")]
-mod bridge {
-    use super::{Result, ScalarField, refine_error};
-
-    /// The C++ side is `cpp/refine.h`.
-    #[cxx::bridge(namespace = "atomesh")]
-    #[allow(unsafe_code)]
-    mod ffi {
-        // SAFETY: the function only reads its slices. `refine_space` has checked that all
-        // coordinates are finite and that the field has as many samples as its dims say.
-        unsafe extern "C++" {
-            include!("atomesh/cpp/refine.h");
-
-            fn cgal_refine(
-                points: &[f64],
-                extent: &[f64],
-                samples: &[f32],
-                dims: &[usize],
-                limit: f64,
-            ) -> Result<Vec<f64>>;
-        }
-    }
-
-    pub fn refine_space(
-        points: &[[f64; 3]],
-        extent: [f64; 3],
-        d: &ScalarField<3>,
-        limit: f64,
-    ) -> Result<Vec<[f64; 3]>> {
-        if d.samples.len() != d.dims.iter().product::<usize>() || d.samples.is_empty() {
-            return Err(refine_error(
-                "d does not have as many samples as it should",
-                "give one that covers the box",
-            ));
-        }
-        let added = ffi::cgal_refine(points.as_flattened(), &extent, &d.samples, &d.dims, limit)
-            .map_err(|e| refine_error(e.what(), "please report it").with_source(e))?;
-        let (added, _) = added.as_chunks();
-        Ok(added.to_vec())
-    }
+    Error::Delaunay(cause(PLACE, problem, remedy))
 }

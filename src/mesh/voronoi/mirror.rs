@@ -7,6 +7,8 @@
 //! side can be omitted. If a needed image is missing, a cell extends beyond the box; the caller
 //! checks that and calls [`MirroredAtoms::add`].
 
+use crate::geometry::grid_index::{index_at, strides};
+
 /// Atoms and their images.
 #[derive(Debug, Clone)]
 pub struct MirroredAtoms<const D: usize> {
@@ -148,7 +150,7 @@ impl<'a, const D: usize> NearestAtomBins<'a, D> {
     /// nearer than the bin's current atom.
     fn propagate_nearest(&self, nearest: &mut [(f64, u32)]) {
         for k in (0..D).filter(|&k| k != self.axis) {
-            let stride: usize = self.dims[..k].iter().product();
+            let stride = strides(self.dims)[k];
             let mut propagate = |source: usize, target: usize| {
                 if nearest[source].0 < f64::INFINITY && nearest[source].1 != nearest[target].1 {
                     let square = self.squared_distance(self.centre(target), nearest[source].1);
@@ -204,14 +206,13 @@ impl<'a, const D: usize> NearestAtomBins<'a, D> {
     }
 
     /// Returns the centre of a bin.
-    fn centre(&self, mut bin: usize) -> [f64; D] {
+    fn centre(&self, bin: usize) -> [f64; D] {
+        let index = index_at(self.dims, bin);
         std::array::from_fn(|k| {
-            let i = bin % self.dims[k];
-            bin /= self.dims[k];
             if k == self.axis {
                 self.plane
             } else {
-                (i as f64 + 0.5) * self.size[k]
+                (index[k] as f64 + 0.5) * self.size[k]
             }
         })
     }

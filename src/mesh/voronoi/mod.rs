@@ -21,6 +21,7 @@ mod rings;
 
 use crate::parallel::prelude::*;
 
+use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
 use crate::mesh::check::broken_cells;
@@ -57,11 +58,25 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
 /// # Errors
 /// Returns the errors of [`voronoi`].
 pub fn voronoi_welded(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
+    distributed_voronoi(atoms, extent, weld, &SelfComm)
+}
+
+/// Returns the cells of [`voronoi_welded`] on all ranks of `comm`, which have the same atoms and
+/// share the work of the triangulation.
+///
+/// # Errors
+/// Returns the errors of [`voronoi`], on whichever rank.
+pub(crate) fn distributed_voronoi(
+    atoms: &[[f64; 3]],
+    extent: [f64; 3],
+    weld: f64,
+    comm: &dyn Comm,
+) -> Result<PolyMesh<3>> {
     build_cells(
         atoms,
         extent,
         weld,
-        |points| Ok(delaunay::delaunay(points)?.tets),
+        |points| Ok(delaunay::distributed_delaunay(points, comm)?.tets),
         circumcentre::tetrahedron_circumcentre,
     )
 }

@@ -7,6 +7,7 @@
 //! its left, and a-c has it on its right. Right then left is the order in which the Voronoi edge
 //! has a on its left.
 
+use crate::geometry::counting_sort::sort_by_group;
 use crate::parallel::prelude::*;
 
 use crate::mesh::poly::Lists;
@@ -95,49 +96,13 @@ pub fn rings<const N: usize>(
 /// to each other in space have close numbers, so neighbouring simplices are then close in memory.
 pub fn ordered_simplices<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Vec<[u32; N]> {
     let first_node = |simplex: &[u32; N]| simplex.iter().fold(u32::MAX, |a, &b| a.min(b)) as usize;
-    let mut next = vec![0u32; atoms + 1];
-    for simplex in simplices {
-        if let Some(count) = next.get_mut(first_node(simplex) + 1) {
-            *count += 1;
-        }
-    }
-    for i in 0..atoms {
-        next[i + 1] += next[i];
-    }
-    let mut sorted = vec![[0; N]; next[atoms] as usize];
-    for simplex in simplices {
-        let first = first_node(simplex);
-        if first < atoms {
-            sorted[next[first] as usize] = *simplex;
-            next[first] += 1;
-        }
-    }
-    sorted
+    let (_, order) = sort_by_group(atoms, simplices.iter().map(first_node));
+    order.iter().map(|&s| simplices[s as usize]).collect()
 }
 
 /// Returns the simplices at each atom, ascending.
 fn simplices_of_atoms<const N: usize>(atoms: usize, simplices: &[[u32; N]]) -> Lists {
-    let mut offsets = vec![0u32; atoms + 1];
-    for &node in simplices.as_flattened() {
-        if (node as usize) < atoms {
-            offsets[node as usize + 1] += 1;
-        }
-    }
-    for i in 0..atoms {
-        offsets[i + 1] += offsets[i];
-    }
-    let mut next = offsets.clone();
-    let mut items = vec![0u32; offsets[atoms] as usize];
-    for (s, simplex) in simplices.iter().enumerate() {
-        for &node in simplex {
-            if (node as usize) < atoms {
-                let slot = &mut next[node as usize];
-                items[*slot as usize] = s as u32;
-                *slot += 1;
-            }
-        }
-    }
-    Lists { offsets, items }
+    Lists::inverse(atoms, simplices)
 }
 
 impl AtomEdges {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::geometry::sorted_distinct;
 use crate::mesh::check::check;
 use crate::mesh::check::{Check, CheckHints, check_with_hints};
 use crate::mesh::graph::Graph;
@@ -100,7 +101,7 @@ fn assert_like_meshless(atoms: &[[f64; 3]], extent: [f64; 3], mesh: &PolyMesh<3>
 }
 
 #[test]
-fn one_atom_has_the_box() {
+fn the_cell_of_one_atom_is_the_box() {
     let mesh = checked_cells(&[[1.0, 0.5, 2.0]], [3.0, 2.0, 4.0]);
     assert_eq!((mesh.nodes.len(), mesh.face_cells.len()), (8, 6));
     assert_eq!(mesh.cell_shapes()[0].0, 24.0);
@@ -140,12 +141,10 @@ fn cubic_lattices_have_cubes_and_centred_ones_rhombic_dodecahedra() {
         let mut count = 0;
         for cell in (0..atoms.len()).filter(|&i| is_inside(&atoms[i])) {
             let list = lists.get(cell);
-            let mut cell_nodes: Vec<u32> = list
-                .iter()
-                .flat_map(|&f| mesh.faces.get(f as usize).to_vec())
-                .collect();
-            cell_nodes.sort_unstable();
-            cell_nodes.dedup();
+            let cell_nodes = sorted_distinct(
+                list.iter()
+                    .flat_map(|&f| mesh.faces.get(f as usize).to_vec()),
+            );
             assert_eq!((list.len(), cell_nodes.len()), (faces, nodes));
             assert!(list.iter().all(|&f| mesh.faces.get(f as usize).len() == 4));
             let volume = parity as f64 * 0.7f64.powi(3);
@@ -157,7 +156,7 @@ fn cubic_lattices_have_cubes_and_centred_ones_rhombic_dodecahedra() {
 }
 
 #[test]
-fn turned_lattices_have_no_faces_from_rounding() {
+fn rotated_lattices_have_no_faces_from_rounding() {
     // A centred lattice rotated about (1, 1, 1), so that nothing about it is exact.
     let (s, c) = (0.6f64, 0.8f64);
     let third = (1.0 - c) / 3.0;
@@ -258,7 +257,7 @@ fn check_welded<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], weld: f64)
 }
 
 #[test]
-fn welding_takes_small_faces_away_and_keeps_cells_whole() {
+fn welding_removes_small_faces_and_keeps_cells_valid() {
     let (atoms, extent) = lattice([14, 14, 14], 2, 1.0, 0.5, 0.05);
     let exact = checked_cells(&atoms, extent);
     let before = small_faces(&exact, 1e-4);

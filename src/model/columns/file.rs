@@ -1,11 +1,11 @@
 //! Converts columns to the contents of a mesh file.
 
 use crate::files::vtk::DataArray;
+use crate::geometry::bounding_box;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::{COLUMN, Columns, LAYER};
 use crate::store::output::{Provenance, common_fields};
-use crate::store::stored_mesh::bounding_box;
 use crate::store::{LatticeSpace, MeshFile};
 
 /// Converts columns on the cells of a map to a mesh file. `regions` holds the region of each cell
@@ -18,7 +18,7 @@ pub fn columns_to_file(
     z_unit: &str,
     provenance: &Provenance,
 ) -> MeshFile<PolyMesh<3>> {
-    let (low, high) = bounding_box(&columns.mesh.nodes);
+    let [low, high] = bounding_box(&columns.mesh.nodes);
     let mut geometry: Geometry<3> = map.geometry.to_3d();
     geometry.origin[2] = low[2];
     geometry.units[2] = z_unit.into();

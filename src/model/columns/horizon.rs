@@ -1,6 +1,7 @@
 //! Horizons as functions z(x, y), and their values at the nodes of a map.
 
 use crate::error::cause;
+use crate::geometry::grid_index::for_each_corner;
 use crate::image::{Geometry, Image};
 use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result};
@@ -137,32 +138,22 @@ impl Horizon {
 fn bilinear_value(image: &Image<2>, geometry: &Geometry<2>, x: [f64; 2]) -> Option<f64> {
     let dims = image.dims();
     let index = geometry.to_index(x)?;
-    let (mut cell, mut fraction) = ([0; 2], [0.0; 2]);
-    for k in 0..2 {
+    let is_on_grid = |k: usize| {
         let last = (dims[k] - 1) as f64;
-        if !(index[k] >= -GRID_MARGIN && index[k] <= last + GRID_MARGIN) {
-            return None;
-        }
-        let position = index[k].clamp(0.0, last);
-        cell[k] = (position as usize).min(dims[k].saturating_sub(2));
-        fraction[k] = position - cell[k] as f64;
+        index[k] >= -GRID_MARGIN && index[k] <= last + GRID_MARGIN
+    };
+    if !(0..2).all(is_on_grid) {
+        return None;
     }
     let mut sum = 0.0;
-    for corner in 0..4 {
-        let offset = [corner & 1, corner >> 1];
-        let weight = |k: usize| {
-            if offset[k] == 1 {
-                fraction[k]
-            } else {
-                1.0 - fraction[k]
-            }
-        };
-        let weight = weight(0) * weight(1);
-        if weight > 0.0 {
-            let [i, j] = [0, 1].map(|k| (cell[k] + offset[k]).min(dims[k] - 1));
-            sum += weight * f64::from(image.as_slice()[j * dims[0] + i]);
-        }
-    }
+    for_each_corner(
+        dims,
+        index,
+        |t| t,
+        |i, weight: f64| {
+            sum += weight * f64::from(image.as_slice()[i]);
+        },
+    );
     sum.is_finite().then_some(sum)
 }
 

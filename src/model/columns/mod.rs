@@ -21,6 +21,7 @@ pub mod file;
 pub mod horizon;
 
 use crate::error::cause;
+use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 use crate::{Error, Result, memory};
 
@@ -235,7 +236,6 @@ impl<'a> Builder<'a> {
             ..Columns::default()
         };
         // The cell of each layer and column; `NONE` where a layer has no thickness.
-        const NONE: u32 = u32::MAX;
         let column_count = map.sites.len();
         let mut cell = vec![NONE; self.layer_count * column_count];
         for layer in 0..self.layer_count {
@@ -356,6 +356,7 @@ impl<'a> Builder<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::bounding_box;
     use crate::mesh::check::check;
     use crate::mesh::graph::Graph;
     use crate::mesh::voronoi::voronoi_plane;
@@ -447,7 +448,7 @@ mod tests {
             "{:?}",
             result.layer_counts
         );
-        let (low, high) = crate::store::stored_mesh::bounding_box(&result.mesh.nodes);
+        let [low, high] = bounding_box(&result.mesh.nodes);
         let check = check(&result.mesh, low, high, 1e-12);
         assert!(check.passed(), "{check:?}");
         let graph = Graph::from_poly(&result.mesh);
@@ -557,7 +558,7 @@ mod tests {
         ];
         let result = columns(&map, &z, &horizon_names(3), &single, 3.3).unwrap();
         assert_eq!(result.missing_counts, [0, 42]);
-        let (low, high) = crate::store::stored_mesh::bounding_box(&result.mesh.nodes);
+        let [low, high] = bounding_box(&result.mesh.nodes);
         assert!(check(&result.mesh, low, high, 1e-12).passed());
     }
 }

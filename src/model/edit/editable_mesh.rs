@@ -2,7 +2,7 @@
 //! which may be empty.
 
 use super::resolve::EditLattice;
-use super::unknown_arrays;
+use super::{newest_fields, unknown_arrays};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
@@ -373,14 +373,6 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         let bits = face_bits_to_physical::<D>(&self.feature_bits, mirrored);
         let distance = |n: u32| f64::from(self.distance[n as usize]);
         let angles = assess_angles(&lattice, &bits, self.extent, distance).cell_classes;
-        // If a name occurs twice, the later field is the newer one.
-        let mut fields: Vec<(String, FieldValue)> = Vec::new();
-        for (name, value) in self.fields {
-            match fields.iter_mut().find(|(existing, _)| *existing == name) {
-                Some(field) => field.1 = value,
-                None => fields.push((name, value)),
-            }
-        }
         let mut file = MeshFile {
             mesh: replace_nodes(&lattice, self.physical, &self.geometry),
             point_data: vec![
@@ -395,7 +387,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
                 DataArray::scalars(M::FEATURE_FACES_ARRAY, self.feature_bits),
                 DataArray::scalars(ANGLES_ARRAY, angles),
             ],
-            field_data: fields,
+            field_data: newest_fields(self.fields),
         };
         if self.horizon_bits.iter().any(|&bits| bits != 0) {
             let array = DataArray::scalars(HORIZON_FACES_ARRAY, self.horizon_bits);

@@ -2,9 +2,12 @@
 //! image.
 
 use super::Edit;
+use super::resolve::{EditGroup, INFLUENCE_RADIUS};
 use super::window::EditWindow;
 use crate::Result;
+use crate::feature::resolved::detection_reach;
 use crate::feature::{Features, ResolvedOptions, detect_part};
+use crate::geometry::bounding_box;
 use crate::image::Image;
 use crate::job::{Params, Spacing};
 use crate::lattice::distance::Distance;
@@ -18,11 +21,33 @@ pub struct Context<'a, const D: usize> {
     /// Parameters with which the mesh was made.
     pub params: &'a Params<D>,
     /// Detection options as they were resolved for the whole image.
-    pub resolved_options: &'a [ResolvedOptions],
+    pub resolved_options: Vec<ResolvedOptions>,
     /// Weight of the image.
-    pub beta: &'a Beta<D>,
+    pub beta: Beta<D>,
     /// All edits.
     pub edits: &'a [Edit<D>],
+}
+
+impl<const D: usize> EditGroup<D> {
+    /// Returns the window that contains these positions and all that an edit depends on, with the
+    /// samples that detection needs around them. Samples are `step` apart; `extent` is the far
+    /// corner of the box.
+    pub fn window(
+        &self,
+        positions: &[[f64; D]],
+        context: &Context<'_, D>,
+        step: [f64; D],
+        extent: [f64; D],
+    ) -> EditWindow<D> {
+        let [mut low, mut high] = bounding_box(positions);
+        high = high.map(|x| x.max(0.0));
+        for (x, d) in &self.edited_places {
+            low = std::array::from_fn(|k| low[k].min(x[k] - INFLUENCE_RADIUS * d));
+            high = std::array::from_fn(|k| high[k].max(x[k] + INFLUENCE_RADIUS * d));
+        }
+        let margin = detection_reach::<D>(&context.resolved_options);
+        EditWindow::from_bounds(low, high, margin, context.image.dims(), step, extent)
+    }
 }
 
 /// The fields around an edit, in the lattice space of its window.
@@ -54,7 +79,7 @@ impl<const D: usize> LocalFields<D> {
         let features = detect_part(
             &part,
             &options,
-            context.resolved_options,
+            &context.resolved_options,
             &window.open_sides,
             cancel,
         )?;
@@ -62,7 +87,7 @@ impl<const D: usize> LocalFields<D> {
             Spacing::Constant(d) => Distance::Constant(d),
             _ => variable_distance()?,
         };
-        let beta = match context.beta {
+        let beta = match &context.beta {
             Beta::Constant(beta) => Beta::Constant(*beta),
             Beta::Field(field) => Beta::Field(window.crop_field(field)),
         };

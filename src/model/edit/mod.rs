@@ -25,6 +25,7 @@ pub(crate) mod window;
 
 use serde::Serialize;
 
+use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{self, ResolvedOptions};
 use crate::image::{Image, ImageSource};
@@ -132,24 +133,8 @@ where
         atoms: vec![None; edits.len()],
         ..Summary::default()
     };
-    let resolved = match resolved {
-        Some(resolved) => resolved,
-        None => stages.resolve_detection(
-            image,
-            params,
-            editable.step,
-            &mut summary,
-            &mut editable.fields,
-        )?,
-    };
-    let beta = lattice_beta(&params.beta, image.dims(), editable.step)?;
-    let context = Context {
-        image,
-        params,
-        resolved_options: &resolved,
-        beta: &beta,
-        edits,
-    };
+    let (step, fields) = (editable.step, &mut editable.fields);
+    let context = stages.context(image, params, edits, step, resolved, &mut summary, fields)?;
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&editable.lattice(), edits, free)
     })?;
@@ -191,6 +176,35 @@ struct EditStages<'a> {
 }
 
 impl EditStages<'_> {
+    /// Returns the input of all neighbourhoods. If the mesh does not record its `resolved`
+    /// detection options, detects the features of the whole image.
+    ///
+    /// # Errors
+    /// Returns an error if the detection fails or the weight does not fit the image.
+    fn context<'b, const D: usize>(
+        &mut self,
+        image: &'b Image<D>,
+        params: &'b Params<D>,
+        edits: &'b [Edit<D>],
+        step: [f64; D],
+        resolved: Option<Vec<ResolvedOptions>>,
+        summary: &mut Summary,
+        fields: &mut Vec<(String, FieldValue)>,
+    ) -> Result<Context<'b, D>> {
+        let resolved_options = match resolved {
+            Some(resolved) => resolved,
+            None => self.resolve_detection(image, params, step, summary, fields)?,
+        };
+        let beta = lattice_beta(&params.beta, image.dims(), step)?;
+        Ok(Context {
+            image,
+            params,
+            resolved_options,
+            beta,
+            edits,
+        })
+    }
+
     /// Detects the features of the whole image, for a mesh that does not record its resolved
     /// detection options; returns these options and adds them to `fields`, so that the new mesh
     /// records them.
@@ -207,7 +221,7 @@ impl EditStages<'_> {
     ) -> Result<Vec<ResolvedOptions>> {
         let options = params.feature_options(step);
         let detect = |cancel: &CancelToken<'_>| {
-            feature::detect_with_cancel(ImageSource::InMemory(image), &options, cancel)
+            feature::detect_with_cancel(ImageSource::InMemory(image), &options, &SelfComm, cancel)
         };
         let resolved = self.run_stage(Stage::FeaturesEverywhere, detect)?.resolved;
         summary.notes.push(
@@ -324,6 +338,20 @@ fn history<const D: usize>(
         AtomChange::Remove(n) => format!("remove {n}"),
     }));
     (EDITS.into(), FieldValue::Text(lines.join("\n")))
+}
+
+/// Returns the fields without those that a later field of the same name replaces.
+fn newest_fields(
+    fields: impl IntoIterator<Item = (String, FieldValue)>,
+) -> Vec<(String, FieldValue)> {
+    let mut newest: Vec<(String, FieldValue)> = Vec::new();
+    for (name, value) in fields {
+        match newest.iter_mut().find(|(existing, _)| *existing == name) {
+            Some(field) => field.1 = value,
+            None => newest.push((name, value)),
+        }
+    }
+    newest
 }
 
 #[cfg(test)]

@@ -2,13 +2,13 @@
 
 use super::editable_mesh::EditableMesh;
 use super::local_fields::{Context, LocalFields};
-use super::resolve::{Action, EditGroup, EditStep, INFLUENCE_RADIUS, box_sides, squared_distance};
+use super::resolve::{Action, EditGroup, EditStep, INFLUENCE_RADIUS, box_sides};
 use super::spacing;
 use super::window::EditWindow;
 use super::{AtomChange, Summary};
 use crate::error::cause;
-use crate::feature::resolved::detection_reach;
 use crate::feature::{self, Features};
+use crate::geometry::{distance2, sorted_distinct};
 use crate::improve::{ReshapeError, ReshapeRequest};
 use crate::job::horizons::horizon_bits;
 use crate::job::{self, Evaluator, MeshScene, MeshSpace, Meshing};
@@ -77,9 +77,7 @@ where
                 .filter_map(|&c| editable.cell(c))
                 .flatten()
         };
-        let mut node_numbers: Vec<u32> = corners().copied().collect();
-        node_numbers.sort_unstable();
-        node_numbers.dedup();
+        let node_numbers = sorted_distinct(corners().copied());
         let local_number = |n: &u32| node_numbers.partition_point(|m| m < n) as u32;
         let is_in_part = |n: usize| node_numbers.binary_search(&(n as u32)).is_ok();
         let is_close = |n: usize| {
@@ -91,28 +89,11 @@ where
             .map(|n| editable.nodes[n])
             .collect();
 
-        let part_positions = || node_numbers.iter().map(|&n| editable.nodes[n as usize]);
-        let (mut low, mut high) = ([f64::INFINITY; D], [0.0f64; D]);
-        for x in part_positions() {
-            for k in 0..D {
-                low[k] = low[k].min(x[k]);
-                high[k] = high[k].max(x[k]);
-            }
-        }
-        for (x, d) in &group.edited_places {
-            for k in 0..D {
-                low[k] = low[k].min(x[k] - INFLUENCE_RADIUS * d);
-                high[k] = high[k].max(x[k] + INFLUENCE_RADIUS * d);
-            }
-        }
-        let (margin, dims) = (
-            detection_reach::<D>(context.resolved_options),
-            context.image.dims(),
-        );
-        let window =
-            EditWindow::from_bounds(low, high, margin, dims, editable.step, editable.extent);
-
-        let targets: Vec<[f64; D]> = part_positions().map(|x| window.to_local(x)).collect();
+        let part_positions: Vec<[f64; D]> = (node_numbers.iter())
+            .map(|&n| editable.nodes[n as usize])
+            .collect();
+        let window = group.window(&part_positions, context, editable.step, editable.extent);
+        let targets: Vec<[f64; D]> = part_positions.iter().map(|&x| window.to_local(x)).collect();
         let kind = |&n: &u32| {
             if temperatures[n as usize] > 0.0 {
                 editable.kinds[n as usize]
@@ -271,7 +252,7 @@ where
                 } => (self.window.to_local(position), SHIFT_CLEARANCE),
             };
             let distance_ratio = |i: usize| {
-                squared_distance(self.local_mesh.nodes()[i], position).sqrt()
+                distance2(&self.local_mesh.nodes()[i], &position).sqrt()
                     / distance.value_at(position)
             };
             let is_removable = |i: &usize| {
@@ -529,10 +510,7 @@ where
             .collect();
         let region = |c: usize| {
             let x = centre(new_mesh, c);
-            let distances2 = centres
-                .iter()
-                .map(|&y| squared_distance(x, y))
-                .zip(&old_regions);
+            let distances2 = centres.iter().map(|y| distance2(&x, y)).zip(&old_regions);
             let nearest = distances2.min_by(|a, b| a.0.total_cmp(&b.0));
             nearest.map_or(first, |(_, &region)| region)
         };

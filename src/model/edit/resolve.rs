@@ -3,6 +3,7 @@
 
 use super::{AtomChange, Edit};
 use crate::error::cause;
+use crate::geometry::distance2;
 use crate::image::Geometry;
 use crate::job::{FixedAtom, lattice_points};
 use crate::lattice::AtomKind;
@@ -35,16 +36,12 @@ pub struct EditLattice<'a, const D: usize> {
 impl<const D: usize> EditLattice<'_, D> {
     /// Returns the nominal distance at the atom nearest to `x`.
     pub fn nominal_distance_at(&self, x: [f64; D]) -> f64 {
-        let distances2 = self.nodes.iter().map(|&y| squared_distance(x, y));
+        let distances2 = self.nodes.iter().map(|y| distance2(&x, y));
         let nearest =
             distances2
                 .zip(self.distance)
-                .fold((f64::INFINITY, 0.0), |best, (distance2, &d)| {
-                    if distance2 < best.0 {
-                        (distance2, d)
-                    } else {
-                        best
-                    }
+                .fold((f64::INFINITY, 0.0), |best, (square, &d)| {
+                    if square < best.0 { (square, d) } else { best }
                 });
         f64::from(nearest.1)
     }
@@ -139,7 +136,7 @@ pub fn resolve<const D: usize>(
             }
             (AtomChange::Move(node, _), Some(position)) => {
                 let old_position = node_position(node);
-                let is_far = squared_distance(old_position, position).sqrt()
+                let is_far = distance2(&old_position, &position).sqrt()
                     > MAX_SHIFT * lattice.nominal_distance_at(old_position);
                 if is_far
                     || box_sides(old_position, lattice.extent)
@@ -175,11 +172,6 @@ pub fn resolve<const D: usize>(
         }
     }
     Ok(merge_groups(groups))
-}
-
-/// Returns the square of the distance between two positions.
-pub fn squared_distance<const D: usize>(x: [f64; D], y: [f64; D]) -> f64 {
-    (0..D).map(|k| (x[k] - y[k]).powi(2)).sum()
 }
 
 /// Returns the sides of the box on which a position lies, as two bits per axis (low and high side).
@@ -272,7 +264,7 @@ fn target_positions<const D: usize>(
             let is_immovable =
                 lattice.kinds[node] == AtomKind::Fixed || side_count(x, lattice.extent) == D;
             if is_immovable
-                && squared_distance(x, position) <= tolerance * tolerance
+                && distance2(&x, &position) <= tolerance * tolerance
                 && !is_vacated(node)
             {
                 return Err(Error::Seeding(cause(
@@ -294,7 +286,7 @@ fn merge_groups<const D: usize>(mut pending: Vec<EditGroup<D>>) -> Vec<EditGroup
             let reach = |e: f64| INFLUENCE_RADIUS * (d + e);
             b.edited_places
                 .iter()
-                .any(|&(y, e)| squared_distance(*x, y) < reach(e).powi(2))
+                .any(|(y, e)| distance2(x, y) < reach(*e).powi(2))
         };
         a.edited_places.iter().any(is_close)
     };

@@ -1,6 +1,7 @@
 //! The nominal distance around an edit, interpolated from the nodes of the mesh. It is not computed
 //! again from its definition, because that may depend on the whole image.
 
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
@@ -58,15 +59,10 @@ fn fill_cell<const D: usize>(
     let volume = determinant(edges);
     let span: [usize; D] = std::array::from_fn(|k| (high[k] + 1).saturating_sub(low[k]));
     for number in 0..span.iter().product() {
-        let (mut remaining, mut index, mut stride): (usize, usize, usize) = (number, 0, 1);
-        let mut offset = [0.0; D];
-        for k in 0..D {
-            let i = low[k] + remaining % span[k];
-            remaining /= span[k];
-            index += i * stride;
-            stride *= field.dims[k];
-            offset[k] = i as f64 * field.step[k] - corner(0)[k];
-        }
+        let in_block = index_at(span, number);
+        let index: [usize; D] = std::array::from_fn(|k| low[k] + in_block[k]);
+        let offset: [f64; D] =
+            std::array::from_fn(|k| index[k] as f64 * field.step[k] - corner(0)[k]);
         let weight = |i: usize| {
             let mut edges = edges;
             edges[i] = offset;
@@ -77,7 +73,7 @@ fn fill_cell<const D: usize>(
         if first >= -1e-9 && weights.iter().all(|w| *w >= -1e-9) {
             let value = |i: usize| d[cell[i] as usize];
             let others: f64 = (0..D).map(|i| weights[i] * value(i + 1)).sum();
-            field.samples[index] = (first * value(0) + others) as f32;
+            field.samples[offset_of(field.dims, index)] = (first * value(0) + others) as f32;
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The part of an image around an edit.
 
 use crate::feature::surfaces::OpenSides;
+use crate::geometry::grid_index::block_rows;
 use crate::image::{Geometry, Image, ScalarField};
 
 /// A block of an image's samples, and the lattice space that it spans.
@@ -84,16 +85,14 @@ impl<const D: usize> EditWindow<D> {
     /// not needed here.
     pub fn crop(&self, image: &Image<D>) -> Image<D> {
         let samples = self.crop_samples(image.dims(), image.as_slice());
-        let rows = self
-            .row_starts(image.dims())
-            .map(|start| start / image.dims()[0]);
+        let starts = || block_rows(image.dims(), self.first, self.dims);
+        let rows = starts().map(|start| start / image.dims()[0]);
         let missing = rows.filter_map(|row| image.missing.get(row).copied());
         let cropped = Image::new(self.dims, samples, Geometry::default());
         if image.dead.is_empty() {
             return cropped.with_missing(missing.collect());
         }
-        let rows = self.row_starts(image.dims());
-        let dead = rows.flat_map(|start| &image.dead[start..start + self.dims[0]]);
+        let dead = starts().flat_map(|start| &image.dead[start..start + self.dims[0]]);
         cropped.with_dead(dead.copied().collect())
     }
 
@@ -108,25 +107,10 @@ impl<const D: usize> EditWindow<D> {
 
     fn crop_samples(&self, dims: [usize; D], samples: &[f32]) -> Vec<f32> {
         let mut block = Vec::with_capacity(self.dims.iter().product());
-        for start in self.row_starts(dims) {
+        for start in block_rows(dims, self.first, self.dims) {
             block.extend_from_slice(&samples[start..start + self.dims[0]]);
         }
         block
-    }
-
-    /// Returns the memory offsets at which the window's rows along x begin, in an image of these
-    /// dimensions.
-    fn row_starts(&self, dims: [usize; D]) -> impl Iterator<Item = usize> {
-        let rows: usize = self.dims[1..].iter().product();
-        (0..rows).map(move |mut remaining| {
-            let (mut start, mut stride) = (self.first[0], dims[0]);
-            for k in 1..D {
-                start += (self.first[k] + remaining % self.dims[k]) * stride;
-                remaining /= self.dims[k];
-                stride *= dims[k];
-            }
-            start
-        })
     }
 }
 

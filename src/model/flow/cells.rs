@@ -280,6 +280,7 @@ fn angle_error<const D: usize>(graph: &Graph<D>, rock: &Rock) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::grid_index::{index_at, strides};
     use crate::mesh::graph::BoundaryFace;
     use crate::model::flow::Tensor;
 
@@ -292,9 +293,9 @@ mod tests {
         };
         let mut graph = Graph::default();
         let count: usize = n.iter().product();
-        let strides: [usize; D] = std::array::from_fn(|k| n[..k].iter().product());
+        let strides = strides(n);
         for cell in 0..count {
-            let index: [usize; D] = std::array::from_fn(|k| cell / strides[k] % n[k]);
+            let index = index_at(n, cell);
             let size: [f64; D] = std::array::from_fn(|k| edge(k, index[k] + 1) - edge(k, index[k]));
             let volume: f64 = size.iter().product();
             let site: [f64; D] =

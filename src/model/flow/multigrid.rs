@@ -343,12 +343,13 @@ impl Cholesky {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::grid_index::index_at;
 
     /// Returns the seven-point Laplacian of a grid of `n` cubed points with zero values around it;
     /// `scale` multiplies the couplings along each axis.
     fn laplacian(n: usize, scale: [f64; 3]) -> Matrix {
         Matrix::from_rows(n * n * n, n * n * n, |r, row| {
-            let index = [r % n, r / n % n, r / (n * n)];
+            let index = index_at([n; 3], r);
             for (axis, stride) in [1, n, n * n].into_iter().enumerate() {
                 row.add(r as u32, 2.0 * scale[axis]);
                 if index[axis] > 0 {

@@ -266,6 +266,7 @@ fn solve_singular(a: &mut [f64], b: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::random::Random;
     use crate::mesh::TriMesh;
     use crate::mesh::voronoi::voronoi_plane;
     use crate::model::flow::{CellFlow, FaultLaw, Rock, Streamlines, Tensor};
@@ -273,16 +274,9 @@ mod tests {
 
     /// Returns pseudo-random points in the box `[0, extent]`.
     fn random_points<const D: usize>(count: usize, extent: [f64; D]) -> Vec<[f64; D]> {
-        let mut state = 11u64;
-        let mut uniform = || {
-            state = state
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        (0..count)
-            .map(|_| extent.map(|e| e * (0.01 + 0.98 * uniform())))
-            .collect()
+        let mut random = Random::new(11);
+        let mut point = || extent.map(|e| e * random.range(0.01, 0.99));
+        (0..count).map(|_| point()).collect()
     }
 
     /// Checks that fluid is conserved in every part, and that neighbouring parts have opposite

@@ -4,6 +4,7 @@
 //! three samples, and the image is interpolated linearly at the centre of each piece. So volumes
 //! are exact, and so are means of linear functions.
 
+use crate::geometry::grid_index::{for_each_corner, offset_of};
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
@@ -117,11 +118,9 @@ pub fn average_cells(
     let cell_mean = |cell: usize| {
         let site = positions.sites[cell];
         if mean == MeanKind::Nearest {
-            let offset = (0..3).rev().fold(0, |offset, k| {
-                let index = site[k].round().clamp(0.0, (dims[k] - 1) as f64);
-                offset * dims[k] + index as usize
-            });
-            return f64::from(samples[offset]);
+            let index =
+                std::array::from_fn(|k| site[k].round().clamp(0.0, (dims[k] - 1) as f64) as usize);
+            return f64::from(samples[offset_of(dims, index)]);
         }
         let (mut sum, mut weight, mut zero_volume) = (0.0, 0.0, 0.0);
         let mut add = |volume: f64, point: [f64; 3]| {
@@ -201,32 +200,15 @@ fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64;
 
 /// Returns the linear interpolation between the eight samples around a point.
 fn interpolate(samples: &[f32], dims: [usize; 3], point: [f64; 3]) -> f64 {
-    let mut base = [0; 3];
-    let mut fraction = [0.0; 3];
-    for k in 0..3 {
-        let x = point[k].clamp(0.0, (dims[k] - 1) as f64);
-        base[k] = (x as usize).min(dims[k].saturating_sub(2));
-        fraction[k] = x - base[k] as f64;
-    }
-    let next = dims.map(|n| usize::from(n > 1));
-    let strides = [1, dims[0], dims[0] * dims[1]];
     let mut value = 0.0;
-    for corner in 0..8 {
-        let (mut weight, mut i) = (1.0, 0);
-        for k in 0..3 {
-            let upper = corner >> k & 1;
-            weight *= if upper == 1 {
-                fraction[k]
-            } else {
-                1.0 - fraction[k]
-            };
-            i += (base[k] + upper * next[k]) * strides[k];
-        }
-        // A sample with weight 0 must not count, even if it is NaN.
-        if weight > 0.0 {
+    for_each_corner(
+        dims,
+        point,
+        |t| t,
+        |i, weight: f64| {
             value += weight * f64::from(samples[i]);
-        }
-    }
+        },
+    );
     value
 }
 
@@ -236,18 +218,11 @@ mod tests {
     use crate::image::Geometry;
     use crate::mesh::poly::samples::two_cells;
 
-    fn image(dims: [usize; 3], f: impl Fn([f64; 3]) -> f64) -> Image<3> {
-        let [nx, ny, nz] = dims;
-        let position = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
-        let samples = (0..nx * ny * nz).map(|i| f(position(i)) as f32).collect();
-        Image::new(dims, samples, Geometry::default())
-    }
-
     /// Returns the means of the cells of the box [0, 2] x [0, 1]^2, which is cut at x = 0.75. The
     /// image has 41 x 21 x 21 samples, so that the cut is at sample 15.
     fn means(mean: MeanKind, f: impl Fn([f64; 3]) -> f64) -> Vec<f64> {
         let mesh = two_cells::<3>(0.75);
-        let image = image([41, 21, 21], f);
+        let image = Image::from_fn([41, 21, 21], Geometry::default(), f);
         let positions = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
         assert!(positions.max_distance_outside() < 1e-12);
         average_cells(&mesh, &positions, &image, mean, "image").unwrap()
@@ -289,7 +264,7 @@ mod tests {
     #[test]
     fn values_without_a_mean_are_refused() {
         let mesh = two_cells::<3>(0.75);
-        let image = image([41, 21, 21], |[x, ..]| x - 20.0);
+        let image = Image::from_fn([41, 21, 21], Geometry::default(), |[x, ..]| x - 20.0);
         let positions = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
         let error =
             average_cells(&mesh, &positions, &image, MeanKind::Geometric, "k.npy").unwrap_err();

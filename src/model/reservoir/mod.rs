@@ -20,6 +20,7 @@ pub(crate) mod prepared_model;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
+use crate::geometry::sorted_distinct;
 pub use prepared_model::{MeshPlacement, PreparedModel};
 
 use crate::parallel::prelude::*;
@@ -331,12 +332,11 @@ impl Model {
             (a != b).then_some([a.min(b), a.max(b)])
         };
         let connections = self.graph.connections.iter();
-        let mut pairs: Vec<[i32; 2]> = (connections.zip(&self.surfaces.connection_surfaces))
-            .filter(|(_, surface)| **surface == 0)
-            .filter_map(|(c, _)| region_pair(c))
-            .collect();
-        pairs.sort_unstable();
-        pairs.dedup();
+        let pairs = sorted_distinct(
+            (connections.zip(&self.surfaces.connection_surfaces))
+                .filter(|(_, surface)| **surface == 0)
+                .filter_map(|(c, _)| region_pair(c)),
+        );
         let mut names = [reserved_names(), self.surfaces.all_names().names].concat();
         let known_count = names.len();
         let interfaces = pairs.iter().map(|pair| {

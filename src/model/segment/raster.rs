@@ -185,6 +185,7 @@ fn fill_section<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::grid_index::index_at;
     use crate::mesh::Simplices;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::poly::samples::two_cells;
@@ -219,7 +220,7 @@ mod tests {
         let cell_of_sample = cells_of_samples(&mesh, &face_cells, dims, [1.0; 3]);
         let mut counts = [0; 6];
         for (i, &cell) in cell_of_sample.iter().enumerate() {
-            let index = [i % 13, i / 13 % 11, i / (13 * 11)];
+            let index = index_at(dims, i);
             assert_eq!(cell == NONE, index.iter().any(|&c| c > 10), "{index:?}");
             if cell == NONE {
                 continue;

@@ -92,17 +92,32 @@ pub(super) fn cut_polygon(
     axis: usize,
     position: f64,
 ) -> Option<[([f64; 3], f64); 2]> {
-    let mut ends = [([0.0; 3], 0.0); 2];
+    let corner = |i: usize| {
+        let ([x, y, z], value) = ring[i];
+        [x, y, z, value]
+    };
+    let ends = cut_ring(ring.len(), corner, axis, position)?;
+    Some(ends.map(|[x, y, z, value]| ([x, y, z], value)))
+}
+
+/// Returns the ends of the section of a convex polygon as [`cut_polygon`] does; `corner` returns
+/// the coordinates of its corners, and any values to be interpolated after them.
+pub(super) fn cut_ring<const N: usize>(
+    corner_count: usize,
+    corner: impl Fn(usize) -> [f64; N],
+    axis: usize,
+    position: f64,
+) -> Option<[[f64; N]; 2]> {
+    let mut ends = [[0.0; N]; 2];
     let mut count = 0;
-    for i in 0..ring.len() {
-        let [(p, value), (q, next)] = [ring[i], ring[(i + 1) % ring.len()]];
+    for i in 0..corner_count {
+        let [p, q] = [i, (i + 1) % corner_count].map(&corner);
         let (u, v) = (p[axis] - position, q[axis] - position);
         if (u < 0.0) == (v < 0.0) || count == 2 {
             continue;
         }
         let t = u / (u - v);
-        let x = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
-        ends[count] = (x, value + t * (next - value));
+        ends[count] = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
         count += 1;
     }
     (count == 2).then_some(ends)

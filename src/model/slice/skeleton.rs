@@ -1,6 +1,7 @@
 //! The faces of a mesh, each once, and their sections with a plane. The kind of cells makes no
 //! difference: the section of a cell is bounded by the sections of its faces.
 
+use super::shape::cut_ring;
 use crate::image::Geometry;
 use crate::mesh::poly::Lists;
 use crate::model::surface::SurfaceKind;
@@ -72,23 +73,9 @@ impl Skeleton<3> {
         axis: usize,
         position: f64,
     ) -> impl Iterator<Item = (Segment<3>, Option<SurfaceKind>)> {
-        self.faces()
-            .filter_map(move |(face, kind)| Some((self.cut_face(face, axis, position)?, kind)))
-    }
-
-    fn cut_face(&self, face: &[u32], axis: usize, position: f64) -> Option<Segment<3>> {
-        let mut ends = [[0.0; 3]; 2];
-        let mut count = 0;
-        for i in 0..face.len() {
-            let [p, q] = [face[i], face[(i + 1) % face.len()]].map(|n| self.nodes[n as usize]);
-            let (u, v) = (p[axis] - position, q[axis] - position);
-            if (u < 0.0) == (v < 0.0) || count == 2 {
-                continue;
-            }
-            let t = u / (u - v);
-            ends[count] = std::array::from_fn(|k| p[k] + t * (q[k] - p[k]));
-            count += 1;
-        }
-        (count == 2).then_some(ends)
+        self.faces().filter_map(move |(face, kind)| {
+            let corner = |i: usize| self.nodes[face[i] as usize];
+            Some((cut_ring(face.len(), corner, axis, position)?, kind))
+        })
     }
 }

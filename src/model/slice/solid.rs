@@ -14,12 +14,12 @@ use super::raster::{Raster, ValuedPoint};
 use super::shape::{self, OverlayShape};
 use super::{UpDirection, axis_along, blank_canvas, check_inside};
 use crate::Result;
+use crate::geometry::bounding_box;
 use crate::image::{Geometry, Image};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::stored_surfaces::surfaces_by_bend;
-use crate::store::stored_mesh::bounding_box;
 use crate::store::{LatticeSpace, Storable, StoredMesh};
 
 /// View angles around the vertical axis and above the horizon, in radians: for a view onto a
@@ -135,7 +135,7 @@ impl SolidView<'_> {
     /// shapes can be drawn.
     pub fn bounding_space(shapes: &[OverlayShape]) -> LatticeSpace<3> {
         let points: Vec<[f64; 3]> = shapes.iter().flat_map(OverlayShape::points).collect();
-        let (low, high) = bounding_box(&points);
+        let [low, high] = bounding_box(&points);
         let widths: [f64; 3] = std::array::from_fn(|k| high[k] - low[k]);
         let min_width = 1e-3 * widths.iter().copied().fold(1e-9, f64::max);
         Self::image_space(

@@ -1,8 +1,9 @@
 //! Votes on which pieces of a feature continue each other, across ridges and across gaps.
 
+use crate::mesh::complex::NONE;
 use crate::parallel::prelude::*;
 
-use super::facets::{FacetComplex, NONE};
+use super::facets::FacetComplex;
 use super::fault_separation::FaultSeparation;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::union_find::UnionFind;
@@ -400,12 +401,7 @@ pub fn crossing_votes<const D: usize>(
     };
     let rim: Vec<usize> = (0..D * count).filter(is_rim).collect();
     let rim_centres: Vec<[f64; D]> = rim.iter().map(|&s| facets.ridge_centre(s)).collect();
-    let centroids: Vec<[f64; D]> = (0..count)
-        .map(|f| {
-            let corners = facets.corners(f).into_iter();
-            corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
-        })
-        .collect();
+    let centroids = facets.centroids();
     // Facets near a crossing are tilted, so planes are fitted to a wider neighbourhood.
     let fit_radius = 2.0 * max_gap;
     let grid = CellList::labelled(&centroids, |f| surface[f], fit_radius);

@@ -17,9 +17,7 @@
 use crate::parallel::prelude::*;
 
 use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
-
-/// Marks a missing number.
-pub const NONE: u32 = u32::MAX;
+use crate::mesh::complex::NONE;
 
 /// Facets with their ridges. Node positions are in lattice space or in physical space, as the
 /// caller decides.
@@ -36,6 +34,15 @@ pub struct FacetComplex<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> FacetComplex<'a, D> {
+    /// Returns the centroid of each facet.
+    pub fn centroids(&self) -> Vec<[f64; D]> {
+        let centroid = |f: usize| {
+            let corners = self.corners(f).into_iter();
+            corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
+        };
+        (0..self.len()).map(centroid).collect()
+    }
+
     /// Finds the ridges by sorting, in O(n log n) for n facets.
     pub fn new(nodes: &'a [[f64; D]], facets: Vec<[u32; D]>) -> Self {
         let mut keys: Vec<(u64, u32)> = (0..facets.len() * D)

@@ -1,10 +1,11 @@
 //! Separation of horizons by faults: finds the facets of either kind, and whether a fault lies
 //! between two facets of horizons.
 
+use crate::mesh::complex::NONE;
 use crate::parallel::prelude::*;
 
 use super::continuation_votes::smooth_neighbour;
-use super::facets::{FacetComplex, NONE};
+use super::facets::FacetComplex;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
 
@@ -49,12 +50,7 @@ impl<const D: usize> FaultSeparation<D> {
             return None;
         }
         let is_horizon = smooth_kinds(facets, marked);
-        let centres: Vec<[f64; D]> = (0..facets.len())
-            .map(|f| {
-                let corners = facets.corners(f).into_iter();
-                corners.fold([0.0; D], |sum, x| add_scaled(sum, 1.0 / D as f64, x))
-            })
-            .collect();
+        let centres = facets.centroids();
         let fault_facet = |f: usize| FaultFacet {
             centre: centres[f],
             normal: unit(facets.normal(f)),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 use serde::Serialize;
 
@@ -452,9 +453,7 @@ fn count_holes<const D: usize>(
     if D != 3 {
         return (0, 0.0);
     }
-    let mut rim_nodes: Vec<u32> = rim.iter().flat_map(|&s| facets.ridge_nodes(s)).collect();
-    rim_nodes.sort_unstable();
-    rim_nodes.dedup();
+    let rim_nodes = sorted_distinct(rim.iter().flat_map(|&s| facets.ridge_nodes(s)));
     let index_of = |n: u32| rim_nodes.partition_point(|&m| m < n) as u32;
     // Closed curves: rim nodes that rim edges connect.
     let mut curves = UnionFind::new(rim_nodes.len());

@@ -50,8 +50,10 @@ pub mod region_interfaces;
 pub mod stored_surfaces;
 
 use crate::geometry::norm;
+use crate::geometry::sorted_distinct;
+use crate::mesh::complex::NONE;
 use continuation_votes::{SmoothPieces, Vote, crossing_votes, gap_votes, ridge_votes, rim_lengths};
-use facets::{FacetComplex, NONE};
+use facets::FacetComplex;
 use fault_separation::FaultSeparation;
 pub use kind::SurfaceKind;
 pub use measure::{SurfaceMeasure, measure};
@@ -262,16 +264,12 @@ impl<const D: usize> Surfaces<D> {
         let min_area = min_facet_count::<D>() * total_area / self.facets.len().max(1) as f64;
         let first_fragment = (0..self.len()).position(|s| area(s) < min_area);
         let first_fragment = first_fragment.unwrap_or(self.len());
-        let mut node_surfaces: Vec<(u32, u32)> = (0..first_fragment)
-            .flat_map(|s| {
-                self.facets_of(s)
-                    .as_flattened()
-                    .iter()
-                    .map(move |&n| (n, s as u32))
-            })
-            .collect();
-        node_surfaces.sort_unstable();
-        node_surfaces.dedup();
+        let node_surfaces = sorted_distinct((0..first_fragment).flat_map(|s| {
+            self.facets_of(s)
+                .as_flattened()
+                .iter()
+                .map(move |&n| (n, s as u32))
+        }));
         for fragment in first_fragment..self.len() {
             let mut shared: Vec<u32> = Vec::new();
             for &n in self.facets_of(fragment).as_flattened() {

@@ -3,6 +3,7 @@
 use super::kind::{SurfaceKind, surface_kinds};
 use super::names::{SurfaceNames, add_names, interface_name};
 use super::{Options, Surfaces, facet_selection};
+use crate::geometry::sorted_distinct;
 use crate::mesh::Mesh;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 
@@ -220,9 +221,7 @@ pub fn find_interfaces<const D: usize, M: Storable<D>>(
             });
         }
     }
-    let mut pairs: Vec<[i32; 2]> = pair_facets.iter().map(|entry| entry.0).collect();
-    pairs.sort_unstable();
-    pairs.dedup();
+    let pairs = sorted_distinct(pair_facets.iter().map(|entry| entry.0));
     let labels = read_labels(&stored.arrays);
     let mut names = Vec::new();
     let interface_names = pairs.iter().map(|pair| {

@@ -16,6 +16,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use crate::geometry::sorted_distinct;
+use crate::mesh::renumber::{new_numbers, used_items};
 use super::labels::{LabelledRegion, regions_field};
 use super::named_surfaces::NamedSurfaces;
 use super::output::HORIZON_FACES_ARRAY;
@@ -242,19 +244,11 @@ fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
     face_names: &BTreeMap<i32, String>,
     names: &BTreeMap<i32, String>,
 ) -> ReadResult<MeshFile<M>> {
-    let mut new_index = vec![NONE; nodes.len()];
-    for &n in cells.iter().flat_map(|(corners, _)| corners) {
-        new_index[n as usize] = 0;
-    }
-    let mut kept = Vec::new();
-    for (new_index, &x) in new_index.iter_mut().zip(nodes) {
-        if *new_index == 0 {
-            *new_index = kept.len() as u32;
-            kept.push(x);
-        }
-    }
     let corners = cells.iter().flat_map(|(corners, _)| corners);
+    let kept = used_items(nodes.len(), corners.clone().copied());
+    let new_index = new_numbers(nodes.len(), &kept);
     let corners: Vec<u32> = corners.map(|&n| new_index[n as usize]).collect();
+    let kept = kept.iter().map(|&n| nodes[n as usize]).collect();
     let mut mesh = M::from_parts(kept, corners);
     let inverted: Vec<usize> = (0..mesh.len()).filter(|&c| mesh.volume(c) < 0.0).collect();
     for c in inverted {
@@ -333,7 +327,7 @@ impl NamedFaces {
     /// Returns the index of the name of a face in these groups, if one of them has a name.
     fn name_index(&self, groups: &[i32]) -> Option<u32> {
         let index = self.groups.iter().position(|known| groups.contains(known));
-        index.map(|at| at as u32)
+        index.map(|i| i as u32)
     }
 
     /// Returns `true` if the name of one of these groups marks it as a horizon.
@@ -360,9 +354,7 @@ fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(Strin
     if names.is_empty() {
         return None;
     }
-    let mut numbers = regions.to_vec();
-    numbers.sort_unstable();
-    numbers.dedup();
+    let numbers = sorted_distinct(regions.iter().copied());
     let labels = numbers.iter().map(|&region| LabelledRegion {
         region,
         label: LabelValue::Whole(region.into()),

@@ -166,7 +166,7 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
 }
 
 #[test]
-fn named_surfaces_that_make_no_sense_are_none() {
+fn invalid_named_surfaces_are_ignored() {
     let field = |name: &str, numbers: Vec<i64>| {
         let file = MeshFile {
             field_data: vec![
@@ -194,7 +194,7 @@ fn named_surfaces_that_make_no_sense_are_none() {
 }
 
 #[test]
-fn triangles_of_the_plane_are_a_mesh_and_others_are_refused() {
+fn plane_triangles_are_a_mesh_and_others_are_refused() {
     let text = |elements: &str| {
         format!(
             "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n5 0 0 1\n\

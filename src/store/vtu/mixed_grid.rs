@@ -7,7 +7,7 @@ use crate::files::vtk::{DataArray, VtkFile};
 use crate::mesh::poly::PolyMesh;
 use crate::store::foreign::REGION_ARRAYS;
 use crate::store::mixed_elements::{MixedElement, SolidAssembler, mixed_element};
-use crate::store::polyhedra::face_streams;
+use crate::store::polyhedra::{face_streams, for_each_face};
 
 /// Reads a mesh; `types` are VTK's cell types.
 ///
@@ -55,7 +55,11 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
             }
             MixedElement::Polyhedron => {
                 solid_cells.push(cell as u32);
-                solids.add(faces.and_then(face_rings).ok_or_else(damaged)?);
+                let mut rings = Vec::new();
+                faces
+                    .and_then(|stream| for_each_face(stream, |ring| rings.push(ring.to_vec())))
+                    .ok_or_else(damaged)?;
+                solids.add(rings);
             }
         }
     }
@@ -99,20 +103,4 @@ fn sorted_nodes(ring: &[u32]) -> Vec<u32> {
     let mut ring = ring.to_vec();
     ring.sort_unstable();
     ring
-}
-
-/// Returns the faces in a polyhedron's stream; `None` if the stream is invalid.
-fn face_rings(stream: &[u32]) -> Option<Vec<Vec<u32>>> {
-    let (&count, mut remaining) = stream.split_first()?;
-    let mut rings = Vec::new();
-    for _ in 0..count {
-        let (&size, tail) = remaining.split_first()?;
-        rings.push(
-            tail.get(..size as usize)
-                .filter(|ring| ring.len() >= 3)?
-                .to_vec(),
-        );
-        remaining = &tail[size as usize..];
-    }
-    remaining.is_empty().then_some(rings)
 }

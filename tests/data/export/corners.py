@@ -1,4 +1,4 @@
-"""Prints what xtgeo reads of a corner-point grid as JSON: corners.py FILE REGIONS."""
+"""Prints the contents of a corner-point grid, as xtgeo reads them, as JSON: corners.py FILE REGIONS."""
 
 import json
 import sys
@@ -16,14 +16,14 @@ def values(name, file):
 
 
 names = [line.strip() for line in open(sys.argv[1]) if line[:1].isalpha()]
-found = {}
+properties = {}
 for name in ("PORO", "PERMX", "PERMY", "PERMZ", "MULTX", "MULTY", "MULTZ"):
     if name in names:
         read = values(name, sys.argv[1])
-        found[name] = [float(read.min()), float((read * volume).sum()), float(read.max())]
+        properties[name] = [float(read.min()), float((read * volume).sum()), float(read.max())]
 fipnum = values("FIPNUM", sys.argv[2])
 corners = grid._zcornsv
-# Pillars whose corners are at more than one depth.
+# Pillars are split if their corners have more than one depth.
 split = (np.ptp(corners, axis=3) > 1e-3).any(axis=2)
 coord = grid._coordsv
 lean = np.hypot(coord[..., 3] - coord[..., 0], coord[..., 4] - coord[..., 1])
@@ -37,7 +37,7 @@ print(
             "regions": {int(r): float(volume[fipnum == r].sum()) for r in np.unique(fipnum.compressed())},
             "split": int(split.sum()),
             "lean": lean[1:-1, 1:-1].ravel().tolist(),
-            "properties": found,
+            "properties": properties,
         }
     )
 )

@@ -1,9 +1,9 @@
 """Reads a MODFLOW 6 simulation of columns with flopy, and solves it as MODFLOW does: disv.py FOLDER.
 Prints counts, volume, and the head of each active cell as JSON.
 
-MODFLOW's own rules: a connection's width is the shared edge, its lengths are the distances of CELL2D's
-centres from it; between layers half the thicknesses count; IDOMAIN -1 is passed through; a negative
-HYDCHR multiplies the conductance."""
+The rules are those of MODFLOW. The width of a connection is the length of the shared edge, and its lengths are
+the distances of the centres in CELL2D from this edge. Between layers the lengths are half the thicknesses. Cells
+with IDOMAIN -1 connect the cells above and below them. A negative HYDCHR multiplies the conductance."""
 
 import json
 import sys
@@ -48,13 +48,13 @@ pairs = []
 for owners in edges.values():
     if len(owners) == 2:
         (m, a, b), (n, c, d) = owners
-        # A clockwise edge of one is an anticlockwise one of the other.
+        # Neighbours have their common edge in opposite directions.
         assert (a, b) == (d, c)
         edge = vertices[b] - vertices[a]
         width = np.hypot(*edge)
         normal = np.array([-edge[1], edge[0]]) / width
-        off = [abs((centres[i] - vertices[a]) @ normal) for i in (m, n)]
-        pairs.append((m, n, width, off, normal))
+        distances = [abs((centres[i] - vertices[a]) @ normal) for i in (m, n)]
+        pairs.append((m, n, width, distances, normal))
 
 barriers = {}
 if gwf.get_package("hfb") is not None:
@@ -77,14 +77,14 @@ def connect(a, b, conductance):
     matrix[j, i] -= conductance
 
 
-for m, n, width, off, normal in pairs:
+for m, n, width, distances, normal in pairs:
     for l in range(layers):
         a, b = (l, m), (l, n)
         if a in number and b in number:
-            # Along the normal, of an ellipse of conductivities.
-            along = [k[c] * k22[c] / (k22[c] * normal[0] ** 2 + k[c] * normal[1] ** 2) for c in (a, b)]
-            t = [along[0] * thickness[a], along[1] * thickness[b]]
-            conductance = width * t[0] * t[1] / (t[0] * off[1] + t[1] * off[0])
+            # Conductivities along the normal come from their ellipse.
+            conductivity = [k[c] * k22[c] / (k22[c] * normal[0] ** 2 + k[c] * normal[1] ** 2) for c in (a, b)]
+            t = [conductivity[0] * thickness[a], conductivity[1] * thickness[b]]
+            conductance = width * t[0] * t[1] / (t[0] * distances[1] + t[1] * distances[0])
             connect(a, b, conductance * barriers.get(frozenset((a, b)), 1.0))
 for c in range(columns):
     above = None

@@ -1,5 +1,7 @@
-"""What SciPy reads of an Exodus file of polyhedra, of whose side sets VTK knows nothing: the area of each, whether its
-faces have the nodes of the node set, and how many cells each face has."""
+"""Prints the contents of an Exodus file of polyhedra, as SciPy reads them, as JSON: exodus.py FILE.
+
+VTK does not read side sets of polyhedra. For each side set the output has the area, the number of faces, and whether
+the nodes of the faces are those of the node set."""
 
 import json
 import sys
@@ -26,9 +28,9 @@ def area(face):
 
 sets = {}
 for k, name in enumerate(texts("ss_names"), 1):
-    own = [cells[c - 1][side - 1] for c, side in zip(read(f"elem_ss{k}"), read(f"side_ss{k}"))]
-    nodes = sorted({int(n) + 1 for face in own for n in faces[face]})
-    sets[name] = {"area": sum(map(area, own)), "faces": len(own), "same": nodes == read(f"node_ns{k}").tolist()}
+    set_faces = [cells[c - 1][side - 1] for c, side in zip(read(f"elem_ss{k}"), read(f"side_ss{k}"))]
+    nodes = sorted({int(n) + 1 for face in set_faces for n in faces[face]})
+    sets[name] = {"area": sum(map(area, set_faces)), "faces": len(set_faces), "same": nodes == read(f"node_ns{k}").tolist()}
 owners = np.bincount(np.concatenate(cells), minlength=len(faces))
 print(json.dumps({
     "blocks": texts("eb_names"), "numbers": read("eb_prop1").tolist(), "cells": len(cells), "faces": len(faces),

@@ -1,13 +1,13 @@
-"""Prints how many points and tetrahedra meshio reads from each file."""
+"""Prints the numbers of points and tetrahedra that meshio reads from each file."""
 
 import json
 import sys
 
 import meshio
 
-found = []
+counts = []
 for path in sys.argv[1:]:
     mesh = meshio.read(path)
     cells = mesh.cells_dict
-    found.append({"points": len(mesh.points), "tetra": len(cells.get("tetra", []))})
-print(json.dumps(found))
+    counts.append({"points": len(mesh.points), "tetra": len(cells.get("tetra", []))})
+print(json.dumps(counts))

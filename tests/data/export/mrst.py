@@ -1,6 +1,7 @@
-"""Solves two-point flow on a grid for MRST with SciPy, and prints totals as JSON: mrst.py FILE SOURCE
-SINK, both cells from 1 on, with a rate of 1e-4 m3/s and a viscosity of 1e-3 Pa s; or mrst.py FILE, which has
-wells."""
+"""Solves two-point flow on a grid for MRST with SciPy, and prints totals as JSON.
+
+mrst.py FILE SOURCE SINK has a rate of 1e-4 m3/s between two cells, whose numbers begin at 1. mrst.py FILE has the wells
+of the file. The viscosity is 1e-3 Pa s."""
 
 import json
 import sys
@@ -10,7 +11,7 @@ import scipy.io
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
-# As MATLAB has it: everything is double.
+# All numbers are double, as in MATLAB.
 data = scipy.io.loadmat(sys.argv[1], mat_dtype=True, squeeze_me=True, struct_as_record=False)
 ends = [int(a) - 1 for a in sys.argv[2:4]]
 wells = np.atleast_1d(data.get("W", []))
@@ -19,8 +20,8 @@ cells, faces, nodes = grid.cells, grid.faces, grid.nodes
 n, nf = int(cells.num), int(faces.num)
 neighbors = faces.neighbors.astype(int)
 
-# What MRST's computeGeometry does: areas and normals of faces from their nodes, volumes of cells from
-# their faces.
+# Compute areas and normals of faces from their nodes, and volumes of cells from their faces, as MRST's
+# computeGeometry does.
 pos, ring = faces.nodePos.astype(int) - 1, faces.nodes.astype(int) - 1
 area_error, off_plane = 0.0, 0.0
 for f in range(nf):
@@ -33,12 +34,12 @@ flux = (faces.centroids * faces.normals).sum(axis=1) / 3
 volume = np.zeros(n)
 inside = neighbors > 0
 for k, sign in ((0, 1), (1, -1)):
-    at = inside[:, k]
-    np.add.at(volume, neighbors[at, k] - 1, sign * flux[at])
-own = cells.faces.astype(int) - 1
-start = cells.facePos.astype(int) - 1
+    has_cell = inside[:, k]
+    np.add.at(volume, neighbors[has_cell, k] - 1, sign * flux[has_cell])
+cell_faces = cells.faces.astype(int) - 1
+first_face = cells.facePos.astype(int) - 1
 listed = all(
-    c + 1 in neighbors[f] for c in range(n) for f in own[start[c] : start[c + 1]]
+    c + 1 in neighbors[f] for c in range(n) for f in cell_faces[first_face[c] : first_face[c + 1]]
 )
 
 inner = inside.all(axis=1)
@@ -54,7 +55,7 @@ if ends:
     pressure[free] = spsolve(matrix.tocsc()[free][:, free], 1e-3 * rates[free])
     pressure -= pressure.mean()
 else:
-    # As incompTPFA has it, without gravity: each well's pressure is one more unknown.
+    # The equations are those of incompTPFA without gravity: the pressure of each well is an additional unknown.
     matrix = sparse.block_diag([matrix, sparse.csr_matrix((len(wells), len(wells)))]).tolil()
     right = np.zeros(n + len(wells))
     for row, well in enumerate(wells, n):
@@ -74,7 +75,7 @@ print(
         {
             "cells": n,
             "faces": [nf, int(inner.sum())],
-            "listed": bool(listed) and len(own) == int(inside.sum()),
+            "listed": bool(listed) and len(cell_faces) == int(inside.sum()),
             "volumes": cells.volumes.tolist(),
             "own_volumes": volume.tolist(),
             "normals_off": area_error,

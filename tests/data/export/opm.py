@@ -1,5 +1,6 @@
-"""Prints what OPM Flow wrote of a case as JSON: opm.py FOLDER CASE. Pore volumes, transmissibilities
-as (cell, cell, T) from 0 on, depths, and the last pressures."""
+"""Prints results of OPM Flow as JSON: opm.py FOLDER CASE.
+
+These are pore volumes, transmissibilities as (cell, cell, T) with numbers from 0, depths, and the last pressures."""
 
 import json
 import sys
@@ -8,15 +9,15 @@ import resfo
 
 
 def arrays(ending):
-    found = {}
+    result = {}
     for keyword, values in resfo.read(f"{sys.argv[1]}/{sys.argv[2]}.{ending}"):
-        # Of several reports the last.
-        found[keyword.strip()] = values
-    return found
+        # The last report overwrites those before it.
+        result[keyword.strip()] = values
+    return result
 
 
 init, grid, restart = arrays("INIT"), arrays("EGRID"), arrays("UNRST")
-# What joins neighbours in the row of boxes is kept apart from what joins others.
+# OPM Flow stores connections of neighbours in the row of boxes separately.
 pairs = [(i, i + 1, float(t)) for i, t in enumerate(init["TRANX"]) if t != 0]
 others = zip(grid.get("NNC1", ()), grid.get("NNC2", ()), init.get("TRANNNC", ()))
 pairs += [(int(a) - 1, int(b) - 1, float(t)) for a, b, t in others]

@@ -1,5 +1,7 @@
-"""Prints what Gmsh reads of a mesh as JSON: physical.py FILE. The volume and the number of tetrahedra, and
-for each physical group its dimension, name and number of elements."""
+"""Prints the contents of a mesh, as Gmsh reads them, as JSON: physical.py FILE.
+
+These are the volume and the number of tetrahedra, and for each physical group its dimension, name and number of
+elements."""
 
 import json
 import sys

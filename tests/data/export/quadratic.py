@@ -1,5 +1,7 @@
-"""Prints what Gmsh makes of a mesh of quadratic tetrahedra as JSON: quadratic.py FILE. The volume by its Jacobians,
-how much these vary within an element, and the number of quadratic triangles."""
+"""Prints figures of a mesh of quadratic tetrahedra, as Gmsh reads it, as JSON: quadratic.py FILE.
+
+These are the volume from the Jacobians, their largest relative variation in an element, and the number of quadratic
+triangles."""
 
 import json
 import sys

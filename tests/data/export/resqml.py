@@ -1,4 +1,4 @@
-"""Prints what resqpy reads of a RESQML model as JSON: resqml.py FILE.epc."""
+"""Prints the contents of a RESQML model, as resqpy reads them, as JSON: resqml.py FILE.epc."""
 
 import json
 import logging
@@ -20,7 +20,7 @@ grid.cache_all_geometry_arrays()
 grid.check_indices()
 crs = resqpy.crs.Crs(model, uuid=grid.crs_uuid)
 
-# Volumes that rest on handedness: pyramids on the faces, as they say that they are turned.
+# Volumes of cells as sums of pyramids on their faces, with the signs that the file stores for the faces.
 points = grid.points_ref()
 node_ends = grid.nodes_per_face_cl.astype(int)
 nodes = grid.nodes_per_face.astype(int)
@@ -32,8 +32,8 @@ for face, end in enumerate(node_ends):
     areas = 0.5 * np.cross(ring - middle, np.roll(ring, -1, axis=0) - middle)
     flux[face] = (areas * (ring + np.roll(ring, -1, axis=0) + middle) / 9).sum()
 sign = np.where(np.asarray(grid.cell_face_is_right_handed, dtype=bool), 1, -1)
-handed = np.zeros(grid.cell_count)
-np.add.at(handed, cells, sign * flux[grid.faces_per_cell.astype(int)])
+signed_volumes = np.zeros(grid.cell_count)
+np.add.at(signed_volumes, cells, sign * flux[grid.faces_per_cell.astype(int)])
 
 properties = {}
 for uuid in (
@@ -41,18 +41,18 @@ for uuid in (
     + model.uuids(obj_type="DiscreteProperty")
     + model.uuids(obj_type="CategoricalProperty")
 ):
-    found = resqpy.property.Property(model, uuid=uuid)
-    names = found.string_lookup()
-    properties[found.title] = [
-        found.property_kind(),
-        found.uom() if found.is_continuous() else None,
-        found.facet(),
-        np.asarray(found.array_ref(), dtype=float).tolist(),
-        found.indexable_element(),
-        [names.get_string(int(n)) for n in found.array_ref()] if names is not None else None,
+    prop = resqpy.property.Property(model, uuid=uuid)
+    names = prop.string_lookup()
+    properties[prop.title] = [
+        prop.property_kind(),
+        prop.uom() if prop.is_continuous() else None,
+        prop.facet(),
+        np.asarray(prop.array_ref(), dtype=float).tolist(),
+        prop.indexable_element(),
+        [names.get_string(int(n)) for n in prop.array_ref()] if names is not None else None,
     ]
-# Its own volumes take long: of a few hundred cells. It cannot cut faces with a node in the middle of a
-# straight edge into triangles.
+# resqpy computes volumes slowly, so that there are only a few hundred. It cannot triangulate faces with a node in
+# the middle of a straight edge.
 volumes = {}
 for c in range(0, grid.cell_count, 1 + grid.cell_count // 600):
     try:
@@ -67,7 +67,7 @@ print(
             "units": [crs.xy_units, crs.z_units],
             "cells": grid.cell_count,
             "volume": volumes,
-            "handed": handed.tolist(),
+            "handed": signed_volumes.tolist(),
             "properties": properties,
         }
     )

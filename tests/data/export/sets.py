@@ -1,4 +1,5 @@
-"""What VTK reads of an Exodus, VTKHDF, XDMF or CGNS file: sizes and names of cells, faces and nodes."""
+"""Prints the names and sizes of the sets of cells, faces and nodes that VTK reads of an Exodus, VTKHDF, XDMF or CGNS
+file as JSON: sets.py FILE."""
 
 import json
 import sys
@@ -17,10 +18,10 @@ from vtkmodules.vtkIOXdmf2 import vtkXdmfReader
 def leaves(data, name=""):
     if data.IsA("vtkCompositeDataSet"):
         for i in range(data.GetNumberOfBlocks()):
-            said = data.GetMetaData(i) if data.HasMetaData(i) else None
-            own = said.Get(vtkCompositeDataSet.NAME()) if said else ""
+            metadata = data.GetMetaData(i) if data.HasMetaData(i) else None
+            block_name = metadata.Get(vtkCompositeDataSet.NAME()) if metadata else ""
             if data.GetBlock(i):
-                yield from leaves(data.GetBlock(i), f"{name}/{own}")
+                yield from leaves(data.GetBlock(i), f"{name}/{block_name}")
     else:
         yield name, data
 
@@ -33,7 +34,7 @@ reader.SetFileName(path)
 reader.UpdateInformation()
 if ending == "exo":
     kinds = [reader.ELEM_BLOCK, reader.NODE_SET]
-    # Of polyhedra, which have blocks of faces, VTK reads no side sets.
+    # VTK does not read side sets of polyhedra. Files of polyhedra have blocks of faces.
     if reader.GetNumberOfObjects(reader.FACE_BLOCK) == 0:
         kinds.append(reader.SIDE_SET)
     for kind in kinds:
@@ -44,22 +45,22 @@ elif ending == "cgns":
     reader.LoadBndPatchOn()
     reader.EnableAllCellArrays()
 reader.Update()
-found = []
+parts = []
 for name, grid in leaves(reader.GetOutputDataObject(0)):
     sizes = vtkCellSizeFilter()
     sizes.SetInputData(grid)
     sizes.Update()
-    own = sizes.GetOutput().GetCellData()
+    size_data = sizes.GetOutput().GetCellData()
     values, sets = grid.GetCellData(), grid.GetPointData()
     arrays = {values.GetArrayName(i): vtk_to_numpy(values.GetArray(i)) for i in range(values.GetNumberOfArrays())}
     nodes = {sets.GetArrayName(i): vtk_to_numpy(sets.GetArray(i)) for i in range(sets.GetNumberOfArrays())}
-    found.append({
+    parts.append({
         "name": name,
         "cells": grid.GetNumberOfCells(),
         "nodes": grid.GetNumberOfPoints(),
-        "volume": float(np.abs(vtk_to_numpy(own.GetArray("Volume"))).sum()),
-        "area": float(np.abs(vtk_to_numpy(own.GetArray("Area"))).sum()),
+        "volume": float(np.abs(vtk_to_numpy(size_data.GetArray("Volume"))).sum()),
+        "area": float(np.abs(vtk_to_numpy(size_data.GetArray("Area"))).sum()),
         "values": {name: float(np.sum(array)) for name, array in arrays.items()},
         "sets": {name: int(np.sum(array)) for name, array in nodes.items()},
     })
-print(json.dumps(found))
+print(json.dumps(parts))

@@ -1,5 +1,6 @@
-"""Prints what meshio reads of a mesh as JSON: simplices.py FILE [FORMAT]. Points, tetrahedra, the numbers of
-triangles and of edges, and the area of the triangles."""
+"""Prints the contents of a mesh, as meshio reads them, as JSON: simplices.py FILE [FORMAT].
+
+These are points, tetrahedra, the numbers of triangles and of edges, and the area of the triangles."""
 
 import json
 import sys

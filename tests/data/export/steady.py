@@ -1,6 +1,10 @@
-"""Runs open-DARTS to a steady state of water between two blocks of given pressure, and prints the pressures
-as JSON. On our own connections: steady.py NAME.conn NAME.cells HIGH LOW. On a mesh that it discretizes
-itself: steady.py NAME.msh HIGH LOW. Blocks begin with 0. Between wells: steady.py NAME.conn NAME.cells NAME.wells"""
+"""Runs open-DARTS to a steady state of water, and prints the pressures as JSON.
+
+    steady.py NAME.conn NAME.cells HIGH LOW     exported connections, two blocks with a fixed pressure
+    steady.py NAME.msh HIGH LOW                 a mesh that open-DARTS discretises, two blocks with a fixed pressure
+    steady.py NAME.conn NAME.cells NAME.wells   exported connections with wells
+
+Numbers of blocks begin at 0."""
 
 import contextlib
 import importlib.util
@@ -9,13 +13,13 @@ import os
 import sys
 import tempfile
 
-# It needs the C++ library that it brings, before Python loads another.
+# open-DARTS needs its own C++ library, which must be loaded before another one.
 library = os.path.join(importlib.util.find_spec("darts").submodule_search_locations[0], "libstdc++.so.6")
 if os.environ.get("LD_PRELOAD") != library:
     os.environ["LD_PRELOAD"] = library
     os.execv(sys.executable, [sys.executable, *sys.argv])
-# Its messages are not what is asked for.
-said = os.dup(1)
+# Messages of open-DARTS go to standard error, so that standard output has nothing but JSON.
+stdout = os.dup(1)
 os.dup2(2, 1)
 
 import numpy as np
@@ -52,7 +56,7 @@ class Connections(ReservoirBase):
         return mesh
 
     def set_wells(self, verbose=False):
-        """The wells of a file, each a body in which pressure is one."""
+        """Adds the wells of a file."""
         with open(files[2]) as lines:
             rows = [line.split() for line in lines if not line.startswith("#")]
         for name, block, index, radius, control, value in rows:
@@ -108,7 +112,7 @@ class Model(DartsModel):
         self.ts_control.dt_max = 1e6
 
     def set_wells(self, verbose=None):
-        # Water has no weight where all blocks are at one depth.
+        # Gravity has no effect if all blocks have the same depth.
         np.array(self.reservoir.mesh.depth, copy=False)[:] = 0.0
         if has_wells:
             self.reservoir.set_wells()
@@ -123,7 +127,7 @@ class Model(DartsModel):
     def set_initial_conditions(self):
         mesh = self.reservoir.mesh
         start = np.full(mesh.n_res_blocks, 200.0)
-        # So large that their pressure stays.
+        # With a very large volume the pressure of a block is constant.
         for block, pressure in zip(ends, (201.0, 199.0)):
             start[block] = pressure
             np.array(mesh.volume, copy=False)[block] = 1e15
@@ -138,7 +142,7 @@ with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
     blocks = model.reservoir.mesh.n_res_blocks
     pressure = np.array(model.physics.engine.X)[:blocks]
     volume = np.array(model.reservoir.mesh.volume)[:blocks]
-    os.dup2(said, 1)
+    os.dup2(stdout, 1)
     print(json.dumps({"pressure": pressure.tolist(), "volume": volume.tolist()}), flush=True)
-# Nothing else is to be said at the end.
+# End without the messages of open-DARTS at exit.
 os._exit(0)

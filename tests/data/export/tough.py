@@ -1,4 +1,4 @@
-"""Prints what toughio reads of TOUGH2's file MESH as JSON: tough.py FILE."""
+"""Prints the contents of TOUGH2's file MESH, as toughio reads them, as JSON: tough.py FILE."""
 
 import json
 import sys
@@ -7,10 +7,10 @@ import toughio
 
 parameters = toughio.read_input(sys.argv[1], file_format="tough")
 elements = list(parameters["elements"].items())
-place = {name: i for i, (name, _) in enumerate(elements)}
+index = {name: i for i, (name, _) in enumerate(elements)}
 connections = []
 for name, c in parameters["connections"].items():
-    pair = [place[name[:5]], place[name[5:]]]
+    pair = [index[name[:5]], index[name[5:]]]
     distances = [float(d) for d in c["nodal_distances"]]
     beta = float(c["gravity_cosine_angle"] or 0.0)
     connections.append(

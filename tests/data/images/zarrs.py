@@ -1,9 +1,10 @@
-"""Arrays written by zarr-python, in every type, codec and layout: `atomesh convert` must read their values; and
-what `atomesh convert` writes, zarr-python and xarray must read.
+"""Compares arrays of zarr-python in every type, codec and layout with those that `atomesh convert` reads, and checks
+that zarr-python and xarray read what `atomesh convert` writes.
 
     zarrs.py ATOMESH FOLDER
 
-Prints how many stores were read and written, and one line for each difference; exit code 1 if there is any."""
+Prints the numbers of stores read and written, and one line for each difference. The exit code is 1 if there is a
+difference."""
 
 import itertools
 import json
@@ -24,7 +25,7 @@ SHAPE = (13, 10, 17)
 
 
 def values(dtype, shape=SHAPE):
-    """Smooth with some noise, so that compression has something to do."""
+    """Returns smooth values with some noise, which compress well but not completely."""
     dtype = np.dtype(dtype)
     wave = 50 + 40 * np.sin(np.arange(np.prod(shape)) / 9).reshape(shape) + rng.integers(0, 5, shape)
     return (wave > 50) if dtype == bool else wave.astype(dtype)
@@ -36,9 +37,9 @@ def run(*words):
 
 def compare(name, array, path=None):
     global read
-    done = run("convert", path or name, "out.npy", "--quiet")
-    if done.returncode:
-        faults.append(f"{name}: refused: {done.stderr.strip()}")
+    result = run("convert", path or name, "out.npy", "--quiet")
+    if result.returncode:
+        faults.append(f"{name}: refused: {result.stderr.strip()}")
         return
     read += 1
     ours, theirs = np.load("out.npy"), np.asarray(array).astype(np.float32)
@@ -46,9 +47,9 @@ def compare(name, array, path=None):
         faults.append(f"{name}: {ours.shape} {theirs.shape} values differ")
 
 
-def write(name, array, **how):
-    how.setdefault("chunks", (5, 4, 8))
-    store = zarr.create_array(name, shape=array.shape, dtype=array.dtype, overwrite=True, **how)
+def write(name, array, **options):
+    options.setdefault("chunks", (5, 4, 8))
+    store = zarr.create_array(name, shape=array.shape, dtype=array.dtype, overwrite=True, **options)
     store[...] = array
     return store
 
@@ -63,7 +64,7 @@ for number, dtype in enumerate(types):
         write(f"b{number}.zarr", array, serializer=serializer)
         compare(f"b{number}.zarr", array)
 
-# Blosc by each of its compressors, with each of its shuffles; more than one block.
+# Blosc with each of its compressors and shuffles, in one block and in several.
 large = values("f4", (60, 50, 40))
 small = values("i2", (6, 7, 5))
 for number, (cname, shuffle, level) in enumerate(itertools.product(
@@ -96,17 +97,17 @@ chains = {
     "whole": dict(chunks=SHAPE),
     "thin": dict(chunks=(1, 10, 17)),
 }
-for name, how in chains.items():
-    write(f"{name}.zarr", array, **how)
+for name, options in chains.items():
+    write(f"{name}.zarr", array, **options)
     compare(f"{name}.zarr", array)
 
-# What no chunk holds, alone and within shards.
-for name, fill, how in (("gaps", 7.5, {}), ("nans", np.nan, {}), ("holes", -1.0, dict(shards=(10, 8, 16)))):
-    store = zarr.create_array(f"{name}.zarr", shape=SHAPE, dtype="f4", chunks=(5, 4, 8), fill_value=fill, **how)
+# Missing chunks, alone and within shards.
+for name, fill, options in (("gaps", 7.5, {}), ("nans", np.nan, {}), ("holes", -1.0, dict(shards=(10, 8, 16)))):
+    store = zarr.create_array(f"{name}.zarr", shape=SHAPE, dtype="f4", chunks=(5, 4, 8), fill_value=fill, **options)
     store[5:10, 4:8] = array[5:10, 4:8]
     compare(f"{name}.zarr", store[...])
 
-# In the plane, in a group, with an axis of one before the others, and as xarray writes coordinates.
+# A 2-D array, a group, an additional axis of length one, and coordinates of xarray.
 plane = values("u2", (30, 20))
 write("plane.zarr", plane, chunks=(8, 8))
 compare("plane.zarr", plane)
@@ -132,18 +133,18 @@ old = run("info", "old.zarr")
 if old.returncode != 1 or "Zarr version 2" not in old.stderr:
     faults.append(f"old.zarr: {old.stderr}")
 
-# What is written here, of every type that is kept, of small and large images.
+# Stores that atomesh writes, of every type that it keeps, of small and large images.
 for dtype, shape in itertools.product(["u1", "i2", "f2", "f4", "f8", "bool"], [(13, 10, 17), (70, 65, 130), (9, 70)]):
     array = values(dtype, shape)
     np.save("in.npy", array)
-    done = run("convert", "in.npy", "out.zarr", "--quiet", "--spacing", "2")
-    if done.returncode:
-        faults.append(f"writing {dtype} {shape}: {done.stderr}")
+    result = run("convert", "in.npy", "out.zarr", "--quiet", "--spacing", "2")
+    if result.returncode:
+        faults.append(f"writing {dtype} {shape}: {result.stderr}")
         continue
     written += 1
     theirs = zarr.open("out.zarr")["samples"]
-    kept = np.float32 if dtype == "f8" or len(shape) == 2 else np.dtype(dtype)
-    if theirs.dtype != kept or not np.array_equal(theirs[...], array.astype(kept)):
+    expected_type = np.float32 if dtype == "f8" or len(shape) == 2 else np.dtype(dtype)
+    if theirs.dtype != expected_type or not np.array_equal(theirs[...], array.astype(expected_type)):
         faults.append(f"writing {dtype} {shape}: read as {theirs}")
     data = xarray.open_zarr("out.zarr", consolidated=False)
     if data.samples.dims != ("z", "y", "x")[-len(shape):] or data.x.values[1] != 2:

@@ -1,4 +1,4 @@
-"""Headless Chromium, driven over a pipe by its DevTools protocol; nothing but Python's own library."""
+"""Controls headless Chromium over a pipe by the DevTools protocol, with the standard library of Python only."""
 import base64
 import json
 import os
@@ -9,26 +9,26 @@ import tempfile
 import time
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-# Software drawing: machines that test have no graphics card.
+# Chromium draws in software, since test machines have no graphics card.
 FLAGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
          "--ignore-gpu-blocklist", "--hide-scrollbars", "--remote-debugging-pipe",
          "--disable-background-networking", "--no-first-run", "--mute-audio"]
 
 
-def found():
-    """The program, or None."""
+def find_browser():
+    """Returns the path of the browser, or None if there is none."""
     return next((path for path in map(shutil.which, NAMES) if path), None)
 
 
 class Browser:
-    """One page in a browser of its own."""
+    """A browser process with one page."""
 
     def __init__(self, program):
         self.folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        to_browser, self.out = os.pipe()
-        self.inn, from_browser = os.pipe()
+        to_browser, self.output = os.pipe()
+        self.input, from_browser = os.pipe()
 
-        def ends():
+        def connect_pipes():
             # The browser reads from 3 and writes to 4.
             reads, writes = os.dup(to_browser), os.dup(from_browser)
             os.dup2(reads, 3)
@@ -36,11 +36,11 @@ class Browser:
 
         self.process = subprocess.Popen(
             [program, *FLAGS, f"--user-data-dir={self.folder.name}", "about:blank"],
-            preexec_fn=ends, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            preexec_fn=connect_pipes, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(to_browser)
         os.close(from_browser)
-        self.rest, self.number, self.session = b"", 0, None
-        self.complaints, self.requests = [], []
+        self.buffer, self.number, self.session = b"", 0, None
+        self.errors, self.requests = [], []
         targets = self.call("Target.getTargets")["targetInfos"]
         page = next(t["targetId"] for t in targets if t["type"] == "page")
         attached = self.call("Target.attachToTarget", targetId=page, flatten=True)
@@ -54,52 +54,53 @@ class Browser:
     def __exit__(self, *_):
         self.process.kill()
         self.process.wait()
-        os.close(self.out)
-        os.close(self.inn)
+        os.close(self.output)
+        os.close(self.input)
         self.folder.cleanup()
 
     def message(self, seconds):
-        """The next thing that the browser says."""
+        """Returns the next message of the browser."""
         end = time.monotonic() + seconds
-        while b"\0" not in self.rest:
-            if not select.select([self.inn], [], [], max(0, end - time.monotonic()))[0]:
-                raise TimeoutError(f"the browser has said nothing for {seconds} s")
-            read = os.read(self.inn, 1 << 16)
+        while b"\0" not in self.buffer:
+            if not select.select([self.input], [], [], max(0, end - time.monotonic()))[0]:
+                raise TimeoutError(f"the browser has sent nothing for {seconds} s")
+            read = os.read(self.input, 1 << 16)
             if not read:
                 raise EOFError("the browser has ended")
-            self.rest += read
-        text, self.rest = self.rest.split(b"\0", 1)
+            self.buffer += read
+        text, self.buffer = self.buffer.split(b"\0", 1)
         return json.loads(text)
 
-    def noted(self, said):
-        method, of = said.get("method"), said.get("params", {})
+    def record(self, message):
+        """Records errors and requests that a message reports."""
+        method, params = message.get("method"), message.get("params", {})
         if method == "Runtime.exceptionThrown":
-            details = of["exceptionDetails"]
-            self.complaints.append(details.get("exception", {}).get("description", details["text"]))
-        elif method == "Runtime.consoleAPICalled" and of["type"] in ("error", "warning", "assert"):
-            self.complaints.append(" ".join(str(a.get("value", a.get("description"))) for a in of["args"]))
-        elif method == "Log.entryAdded" and of["entry"]["level"] == "error":
-            self.complaints.append(of["entry"]["text"])
+            details = params["exceptionDetails"]
+            self.errors.append(details.get("exception", {}).get("description", details["text"]))
+        elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
+            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in params["args"]))
+        elif method == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.errors.append(params["entry"]["text"])
         elif method == "Network.requestWillBeSent":
-            self.requests.append(of["request"]["url"])
+            self.requests.append(params["request"]["url"])
 
     def call(self, method, seconds=120, **params):
-        """Asks the browser, and waits for its answer."""
+        """Calls a method of the browser and returns the result."""
         self.number += 1
-        asked = {"id": self.number, "method": method, "params": params}
+        request = {"id": self.number, "method": method, "params": params}
         if self.session:
-            asked["sessionId"] = self.session
-        os.write(self.out, json.dumps(asked).encode() + b"\0")
+            request["sessionId"] = self.session
+        os.write(self.output, json.dumps(request).encode() + b"\0")
         while True:
-            said = self.message(seconds)
-            if said.get("id") == self.number:
-                if "error" in said:
-                    raise RuntimeError(f"{method}: {said['error']}")
-                return said["result"]
-            self.noted(said)
+            message = self.message(seconds)
+            if message.get("id") == self.number:
+                if "error" in message:
+                    raise RuntimeError(f"{method}: {message['error']}")
+                return message["result"]
+            self.record(message)
 
     def window(self, width, height, dark=False, phone=False):
-        """The size of the window, and the colours that the user likes."""
+        """Sets the size of the window and the preferred colour scheme."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=2 if phone else 1, mobile=phone)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
@@ -107,19 +108,19 @@ class Browser:
         self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
 
     def open(self, path):
-        """Opens a file, and waits until it is drawn."""
+        """Opens a file and waits until it is drawn."""
         self.requests.clear()
         self.call("Page.navigate", url="file://" + os.path.abspath(path))
         end = time.monotonic() + 120
         while not self.value("!!(window.atomesh && atomesh.ready && atomesh.frames)"):
             message = self.value("(document.getElementById('message') || {}).textContent || ''")
-            if time.monotonic() > end or self.complaints:
-                raise TimeoutError(f"not drawn: {message} {self.complaints}")
+            if time.monotonic() > end or self.errors:
+                raise TimeoutError(f"not drawn: {message} {self.errors}")
             time.sleep(0.05)
         self.settle()
 
     def value(self, expression):
-        """What JavaScript makes of an expression."""
+        """Returns the value of a JavaScript expression."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True,
                            awaitPromise=True)
         if "exceptionDetails" in answer:
@@ -127,7 +128,7 @@ class Browser:
         return answer["result"].get("value")
 
     def settle(self):
-        """Waits until what was asked for is drawn."""
+        """Waits for two frames, so that changes are drawn."""
         self.value("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def key(self, key, shift=False):
@@ -144,9 +145,9 @@ class Browser:
         self.settle()
 
     def drag(self, start, end):
-        """With the mouse."""
-        def mouse(kind, at, buttons):
-            self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left",
+        """Drags the mouse with the left button."""
+        def mouse(kind, position, buttons):
+            self.call("Input.dispatchMouseEvent", type=kind, x=position[0], y=position[1], button="left",
                       buttons=buttons)
         mouse("mousePressed", start, 1)
         mouse("mouseMoved", [(a + b) / 2 for a, b in zip(start, end)], 1)
@@ -155,7 +156,7 @@ class Browser:
         self.settle()
 
     def touch(self, *steps):
-        """Fingers, put down, moved and lifted: each step is a list of places."""
+        """Puts fingers down, moves and lifts them. Each step is a list of positions."""
         for number, points in enumerate(steps):
             fingers = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
             kind = "touchStart" if number == 0 else "touchMove"

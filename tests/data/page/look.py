@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Opens pages in headless Chromium and uses them as people do: look.py OUT-FOLDER PAGE.html ...
+"""Opens pages in headless Chromium and uses their controls: look.py OUT-FOLDER PAGE.html ...
 
-Prints one line of JSON a page; says what is wrong and exits with 1 if anything is.
+Prints one line of JSON for each page. Prints an error and exits with 1 if a check fails.
 """
 import json
 import os
 import sys
 
-from browser import Browser, found
+from browser import Browser, find_browser
 
-# The pixels of the scene that are not ground, as a share, and a number that changes with them.
+# Returns the share of the scene's pixels that differ from the background, and a checksum of all pixels.
 PIXELS = """(() => {
   const scene = document.getElementById('scene'), gl = scene.getContext('webgl2');
   const [w, h] = [scene.width, scene.height];
@@ -25,7 +25,7 @@ PIXELS = """(() => {
   }
   return { share: drawn / (w * h), sum, colors: colors.size };
 })()"""
-# The same of what is written over it.
+# Returns the number of drawn pixels of the labels over the scene, and a checksum of them.
 INK = """(() => {
   const labels = document.getElementById('labels');
   const bytes = labels.getContext('2d').getImageData(0, 0, labels.width, labels.height).data;
@@ -33,74 +33,75 @@ INK = """(() => {
   for (let i = 3; i < bytes.length; i += 4) { if (bytes[i]) ink++; sum = (sum * 31 + bytes[i] + bytes[i - 1] + bytes[i - 3]) % 1000000007; }
   return { ink, sum };
 })()"""
-# Text that is cut off or lies outside of its element's window.
+# Is true if the page is wider than the window.
 OVERFLOW = """document.documentElement.scrollWidth > innerWidth + 1"""
 
 
 def slide(b, selector, value):
-    """Moves a slider, as a finger does."""
+    """Moves a slider."""
     b.value(f"""(() => {{ const s = document.querySelector({json.dumps(selector)}); s.value = {value};
         s.dispatchEvent(new Event('input', {{ bubbles: true }})); }})()""")
     b.settle()
 
 
-def check(truth, what):
-    if not truth:
-        raise AssertionError(what)
+def check(condition, message):
+    if not condition:
+        raise AssertionError(message)
 
 
-def drawn(b):
-    found = b.value(PIXELS)
-    check(found["share"] > 0.05, f"little is drawn: {found}")
-    check(found["colors"] > 4, f"few colours: {found}")
-    return found["sum"]
+def drawing(b):
+    """Checks that the scene is drawn, and returns the checksum of its pixels."""
+    pixels = b.value(PIXELS)
+    check(pixels["share"] > 0.05, f"little is drawn: {pixels}")
+    check(pixels["colors"] > 4, f"few colours: {pixels}")
+    return pixels["sum"]
 
 
 def middle(b):
-    """Somewhere on the mesh."""
+    """Returns the position of the middle of the mesh in the window."""
     return b.value("""(() => { const s = document.getElementById('stage').getBoundingClientRect();
         return [s.left + s.width / 2 + atomesh.aside[0] / atomesh.ratio, s.top + s.height / 2 - atomesh.aside[1] / atomesh.ratio]; })()""")
 
 
 def controls(b, flat):
-    """All that can be moved changes what is drawn, and comes back."""
-    first = drawn(b)
-    triangles = b.value("atomesh.triangles")
+    """Checks that every control changes the drawing, and that the reset restores it."""
+    first = drawing(b)
+    triangle_count = b.value("atomesh.triangles")
     slide(b, "#cuts input", b.value("atomesh.facts.steps") * 0.25)
-    cut = drawn(b)
+    cut = drawing(b)
     check(cut != first, "the cut does not move")
-    check(b.value("atomesh.triangles") != triangles, "the cut hides no cell")
+    check(b.value("atomesh.triangles") != triangle_count, "the cut hides no cell")
     b.value("document.querySelector('#cuts button').click()")
     b.settle()
-    check(drawn(b) != cut, "the cut does not turn")
+    check(drawing(b) != cut, "the cut does not turn")
     b.value("document.getElementById('reset').click()")
     b.settle()
-    check(drawn(b) == first, "reset does not bring back the first view")
+    check(drawing(b) == first, "reset does not bring back the first view")
 
     check(b.value("atomesh.facts.image !== null"), "no image")
     if not flat:
         b.value("document.getElementById('cells').click()")
         b.settle()
         slide(b, "#sections label:nth-child(2) input[type=range]", 3)
-        near = drawn(b)
+        section = drawing(b)
         slide(b, "#sections label:nth-child(2) input[type=range]", 9)
-        check(drawn(b) != near, "the section does not move")
+        check(drawing(b) != section, "the section does not move")
         b.key("i")
         b.key("m")
-        check(drawn(b) == first, "sections and cells do not come back")
+        check(drawing(b) == first, "sections and cells do not come back")
 
 
 def colors(b):
-    """Every colouring has a legend, and they differ."""
-    seen = {}
+    """Checks that every colouring has a legend, and that legends differ."""
+    legends = {}
     for option in b.value("[...document.getElementById('color').options].map(o => o.value)"):
         b.value(f"""(() => {{ const c = document.getElementById('color'); c.value = {json.dumps(option)};
             c.dispatchEvent(new Event('change')); }})()""")
         b.settle()
         b.value(PIXELS)
-        seen[option] = b.value(INK)["sum"]
-    check(len(seen) >= 4, f"few colourings: {list(seen)}")
-    check(len(set(seen.values())) == len(seen), f"legends do not tell colourings apart: {seen}")
+        legends[option] = b.value(INK)["sum"]
+    check(len(legends) >= 4, f"few colourings: {list(legends)}")
+    check(len(set(legends.values())) == len(legends), f"some legends are equal: {legends}")
     units = b.value("atomesh.facts.arrays.filter(a => /angle|dihedral/.test(a.name) && a.name !== 'angles').map(a => a.unit)")
     check(all(unit == "degrees" for unit in units), f"units: {units}")
     b.value("document.getElementById('color').selectedIndex = 0; document.getElementById('color').dispatchEvent(new Event('change'))")
@@ -108,20 +109,20 @@ def colors(b):
 
 
 def click(b):
-    """A click tells the numbers of what is there."""
+    """Checks that a click shows the numbers of the cell."""
     b.click(*middle(b))
-    said = b.value("document.getElementById('picked').innerText")
+    text = b.value("document.getElementById('picked').innerText")
     for word in ("number", "Sample", "Image here"):
-        check(word in said, f"a click does not say {word!r}: {said}")
+        check(word in text, f"a click does not show {word!r}: {text}")
     cell = b.value("atomesh.picked.cell")
     check(b.value(f"atomesh.mesh.numbers[{cell}] < atomesh.facts.counts.cells"), "no such cell")
     b.click(6, middle(b)[1])
-    check(b.value("document.getElementById('picked').hidden"), "a click beside the mesh says something")
+    check(b.value("document.getElementById('picked').hidden"), "a click next to the mesh shows something")
 
 
 def keys(b, flat):
-    """Keys do what the table of keys says."""
-    first = drawn(b)
+    """Checks that keys have the effects of the table of keys."""
+    first = drawing(b)
     for key in ("ArrowLeft", "ArrowUp", "+", "-", "e", "c") + (() if flat else ("1", "5", "x")):
         before = b.value(PIXELS)["sum"]
         b.key(key)
@@ -130,7 +131,7 @@ def keys(b, flat):
     for _ in range(b.value("document.getElementById('color').options.length") - 1):
         b.key("c")
     b.key("e")
-    check(drawn(b) == first, "keys do not bring back the first view")
+    check(drawing(b) == first, "keys do not bring back the first view")
     dark = b.value("document.documentElement.dataset.theme")
     b.key("d")
     check(b.value("document.documentElement.dataset.theme") != dark, "key d does not change the theme")
@@ -140,20 +141,20 @@ def keys(b, flat):
 
 
 def pointers(b, flat, phone):
-    """Mouse and fingers turn and zoom."""
+    """Checks that mouse and fingers rotate and zoom."""
     first = b.value(PIXELS)["sum"]
     x, y = middle(b)
     if phone:
         b.touch([(x, y)], [(x + 30, y + 10)], [(x + 60, y + 20)])
-        turned = b.value(PIXELS)["sum"]
-        check(turned != first, "a finger does not turn")
+        rotated = b.value(PIXELS)["sum"]
+        check(rotated != first, "a finger does not rotate")
         zoom = b.value("atomesh.view.zoom")
         b.touch([(x - 20, y), (x + 20, y)], [(x - 40, y), (x + 20, y)], [(x - 60, y), (x + 60, y)])
         check(b.value("atomesh.view.zoom") > 1.5 * zoom, "two fingers do not zoom")
     else:
         b.drag((x, y), (x + 80, y + 30))
-        check(b.value(PIXELS)["sum"] != first, "the mouse does not turn")
-        check(b.value("document.getElementById('picked').hidden"), "turning is taken for a click")
+        check(b.value(PIXELS)["sum"] != first, "the mouse does not rotate")
+        check(b.value("document.getElementById('picked').hidden"), "a rotation counts as a click")
         zoom = b.value("atomesh.view.zoom")
         b.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-300)
         b.settle()
@@ -164,19 +165,20 @@ def pointers(b, flat, phone):
 
 
 def tables(b):
-    """Figures, histogram and provenance are there."""
+    """Checks that the page has figures, a histogram and the provenance."""
     figures = b.value("document.getElementById('figures').innerText")
     check("Nodes" in figures and "Valid, fills its box" in figures, f"figures: {figures}")
     check(b.value("!document.getElementById('histogram-section').hidden"), "no histogram")
-    made = b.value("document.getElementById('provenance').innerText")
-    check("atomesh" in made and "sha256" in made, f"provenance: {made}")
+    provenance = b.value("document.getElementById('provenance').innerText")
+    check("atomesh" in provenance and "sha256" in provenance, f"provenance: {provenance}")
     check("distance" in b.value("document.getElementById('parameters').textContent"), "no parameters")
     json.loads(b.value("document.getElementById('report').textContent"))
 
 
 def look(program, page, folder):
+    """Checks a page at two sizes in light and dark mode, and returns figures of the page."""
     name = os.path.splitext(os.path.basename(page))[0]
-    said = {"page": name, "bytes": os.path.getsize(page)}
+    result = {"page": name, "bytes": os.path.getsize(page)}
     for size, dark, phone in (((1920, 1080), False, False), ((1920, 1080), True, False),
                               ((360, 640), False, True), ((360, 640), True, True)):
         with Browser(program) as b:
@@ -187,10 +189,10 @@ def look(program, page, folder):
             check(theme == ("dark" if dark else "light"), f"theme {theme}")
             check(not b.value(OVERFLOW), "wider than the window")
             check(b.value(INK)["ink"] > 500, "no labels")
-            drawn(b)
+            drawing(b)
             kind = f"{size[0]}x{size[1]}-{'dark' if dark else 'light'}"
             b.shot(os.path.join(folder, f"{name}-{kind}.png"))
-            said[f"first_frame_ms {kind}"] = round(b.value("atomesh.firstFrame"))
+            result[f"first_frame_ms {kind}"] = round(b.value("atomesh.firstFrame"))
             pointers(b, flat, phone)
             if not dark and not phone:
                 controls(b, flat)
@@ -200,16 +202,16 @@ def look(program, page, folder):
             if not phone:
                 click(b)
             check(b.value("document.getElementById('message').textContent") == "", "a message stays")
-            outside = [url for url in b.requests if not url.startswith(("file://", "blob:", "data:"))]
-            check(not outside, f"asks the network for {outside}")
+            external = [url for url in b.requests if not url.startswith(("file://", "blob:", "data:"))]
+            check(not external, f"requests from the network: {external}")
             files = [url for url in b.requests if url.startswith("file://")]
-            check(len(files) == 1, f"asks for other files: {files}")
-            check(not b.complaints, f"the browser complains: {b.complaints}")
-    return said
+            check(len(files) == 1, f"requests other files: {files}")
+            check(not b.errors, f"errors of the browser: {b.errors}")
+    return result
 
 
 if __name__ == "__main__":
-    program = found()
+    program = find_browser()
     if program is None:
         sys.exit("no Chromium")
     for page in sys.argv[2:]:

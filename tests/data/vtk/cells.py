@@ -1,5 +1,5 @@
-"""Prints the largest difference between the volumes of polyhedra as VTK finds them and as the file
-has them, over their mean: cells.py FILE.vtu. Each cell's faces are taken as a closed surface."""
+"""Prints the largest difference between the volumes of polyhedra that VTK computes and those in the file, divided by
+the mean volume: cells.py FILE.vtu. VTK computes the volume that the faces of a cell enclose."""
 
 import sys
 
@@ -18,16 +18,16 @@ for i in range(count):
     points = vtk.vtkPoints()
     points.SetDataTypeToDouble()
     polygons = vtk.vtkCellArray()
-    number = {}
+    new_id = {}
     for k in range(cell.GetNumberOfFaces()):
         face = cell.GetFace(k)
         ids = [face.GetPointId(j) for j in range(face.GetNumberOfPoints())]
         for n in ids:
-            if n not in number:
-                number[n] = points.InsertNextPoint(data.GetPoint(n))
+            if n not in new_id:
+                new_id[n] = points.InsertNextPoint(data.GetPoint(n))
         polygons.InsertNextCell(len(ids))
         for n in ids:
-            polygons.InsertCellPoint(number[n])
+            polygons.InsertCellPoint(new_id[n])
     surface = vtk.vtkPolyData()
     surface.SetPoints(points)
     surface.SetPolys(polygons)

@@ -1,4 +1,4 @@
-"""Lets VTK read files and prints what it finds, for tests/vtk.rs: judge.py FILE..."""
+"""Prints a description of the files that VTK reads, for tests/vtk.rs: judge.py FILE..."""
 
 import sys
 

@@ -1,5 +1,5 @@
-"""Writes this folder's files with VTK (pip install vtk): one small image and one small mesh, in
-the variants of VTK's XML container that our readers must understand. Run in this folder."""
+"""Writes the files of this folder with VTK (pip install vtk): a small image and small meshes, in the variants of VTK's
+formats that atomesh must read. Run it in this folder."""
 
 import numpy as np
 import vtk
@@ -84,7 +84,7 @@ for mode, compressor, header, order in VARIANTS:
 
 
 def cells(kind):
-    """Two cells: tetrahedra, polyhedra, or a triangle beside a quadrilateral in the plane."""
+    """Returns a mesh of two cells: tetrahedra, polyhedra, or a quadrilateral and a triangle in the plane."""
     data = vtk.vtkUnstructuredGrid()
     points = vtk.vtkPoints()
     points.SetDataTypeToDouble()
@@ -101,7 +101,7 @@ def cells(kind):
         if kind == "tets":
             data.InsertNextCell(vtk.VTK_TETRA, 4, [a, b, c, d])
             continue
-        # Out of the cell, whichever way round its nodes are.
+        # Faces are oriented outwards for either orientation of the nodes.
         faces = [(a, c, b), (a, b, d), (b, c, d), (a, d, c)]
         faces = [face if (a, b, c, d) == (0, 1, 2, 3) else face[::-1] for face in faces]
         ids = vtk.vtkIdList()
@@ -134,11 +134,11 @@ for binary in [False, True]:
         if binary:
             writer.SetFileTypeToBinary()
         else:
-            # Also as programs of before VTK 9 write it.
+            # This is the version of programs before VTK 9.
             writer.SetFileVersion(42)
         writer.Write()
         if path == f"legacy_{name}.vtk":
-            # VTK rounds to six digits here; other programs do not.
+            # VTK rounds the origin to six digits, while other programs do not.
             with open(path, "rb") as file:
                 content = file.read()
             with open(path, "wb") as file:

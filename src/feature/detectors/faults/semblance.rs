@@ -63,12 +63,12 @@ pub const HALO_LAYERS: usize =
 ///
 /// # Errors
 /// Returns the errors of reading layers of `amplitude`.
-pub fn likelihood<const D: usize>(
-    amplitude: &Samples<'_, D>,
+pub fn likelihood<'a, const D: usize>(
+    amplitude: &Samples<'a, D>,
     (normals, rms): (&NormalField<D>, f32),
     live: Option<&LiveMask<D>>,
     cancel: &CancelToken<'_>,
-) -> Result<Samples<'static, D>> {
+) -> Result<Samples<'a, D>> {
     let vertical = normals.main_axis();
     amplitude.map_windows(HALO_LAYERS, cancel, |stack| {
         let dims = stack.volume.dims;

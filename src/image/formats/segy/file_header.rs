@@ -10,6 +10,7 @@ use super::bytes::TRACE_HEADER_BYTES;
 use super::text::{self, TEXT_HEADER_BYTES};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::read_exact_at;
+use crate::image::formats::packed::open_with_length;
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
 /// Length in bytes of the textual and the binary header together: the minimum length of a SEG-Y
@@ -58,11 +59,7 @@ impl SegyFile {
     pub fn open(path: &Path) -> Result<Self> {
         let refuse =
             |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
-        let file = File::open(path).map_err(|e| io_error(path, "open", e))?;
-        let length = file
-            .metadata()
-            .map_err(|e| io_error(path, "read", e))?
-            .len();
+        let (file, length) = open_with_length(path)?;
         if length < FILE_HEADER_BYTES as u64 {
             let problem = format!(
                 "is cut off: {length} bytes, where a SEG-Y header alone has {FILE_HEADER_BYTES}"

@@ -272,6 +272,7 @@ pub fn compress(bytes: &[u8], size: usize) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::random::splitmix64;
 
     #[test]
     fn compressed_bytes_are_decompressed_exactly() {
@@ -286,13 +287,7 @@ mod tests {
             }
         }
         // Noise cannot be compressed and is copied.
-        let mut state = 1u32;
-        let noise: Vec<u8> = (0..5000)
-            .map(|_| {
-                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (state >> 24) as u8
-            })
-            .collect();
+        let noise: Vec<u8> = (0..5000).map(|n| splitmix64(n) as u8).collect();
         let packed = compress(&noise, 4);
         assert_eq!(packed.len(), noise.len() + HEADER_BYTES);
         assert_eq!(decompress(&packed, 5000).unwrap(), noise);

@@ -129,17 +129,15 @@ fn write_coordinates<const D: usize>(
             ("crossline", Some([_, crosslines])) => Some(crosslines),
             _ => None,
         };
+        let write_axis = |bytes: Vec<u8>, sample_type: SampleType, unit: &str| {
+            let (name, axes) = (&names[k], &names[k..=k]);
+            let array = single_chunk_array(folder, name, axes, vec![count], sample_type);
+            array.write_single_chunk(&bytes, unit)
+        };
         if let Some(lines) = lines {
             let numbers = (0..count as i64).map(|i| (lines.first + i * lines.step) as i32);
-            let bytes: Vec<u8> = numbers.flat_map(i32::to_le_bytes).collect();
-            let array = single_chunk_array(
-                folder,
-                &names[k],
-                &names[k..=k],
-                vec![count],
-                SampleType::I32,
-            );
-            array.write_single_chunk(&bytes, "")?;
+            let bytes = numbers.flat_map(i32::to_le_bytes).collect();
+            write_axis(bytes, SampleType::I32, "")?;
             continue;
         }
         // The coordinate of an axis along one physical coordinate; depths and times are written as
@@ -153,17 +151,8 @@ fn write_coordinates<const D: usize>(
             1.0
         };
         let value = |i| 0.0 + sign * (geometry.origin[c] + i as f64 * geometry.axes[k][c]);
-        let bytes: Vec<u8> = (0..count)
-            .flat_map(|i| f64::to_le_bytes(value(i)))
-            .collect();
-        let array = single_chunk_array(
-            folder,
-            &names[k],
-            &names[k..=k],
-            vec![count],
-            SampleType::F64,
-        );
-        array.write_single_chunk(&bytes, &geometry.units[c])?;
+        let bytes = (0..count).flat_map(|i| f64::to_le_bytes(value(i)));
+        write_axis(bytes.collect(), SampleType::F64, &geometry.units[c])?;
     }
     if image.line_numbers.is_none() || D < 3 {
         return Ok(Vec::new());

@@ -4,6 +4,7 @@
 
 use super::{TetImprover, smooth};
 use crate::error::{Error, cause};
+use crate::geometry::sorted_distinct;
 use crate::geometry::{norm, sub, volume6};
 use crate::improve::constraint::NodeConstraint;
 use crate::improve::feature_planes::FeaturePlanes;
@@ -324,12 +325,11 @@ impl TetImprover<'_> {
         for drag in 0..MAX_DRAGS {
             let x = self.complex.nodes[node as usize];
             self.complex.star(node, &mut self.star);
-            let mut around: Vec<u32> = (self.star.iter())
-                .flat_map(|&t| self.complex.tets[t as usize])
-                .filter(|&n| n != node)
-                .collect();
-            around.sort_unstable();
-            around.dedup();
+            let mut around = sorted_distinct(
+                (self.star.iter())
+                    .flat_map(|&t| self.complex.tets[t as usize])
+                    .filter(|&n| n != node),
+            );
             around.sort_by(|&a, &b| {
                 let distance = |n: u32| norm(sub(self.complex.nodes[n as usize], x));
                 distance(a).total_cmp(&distance(b))
@@ -357,8 +357,9 @@ impl TetImprover<'_> {
         let mut to_skip = nth;
         for &n in around {
             let to = self.complex.nodes[n as usize];
-            let off_side = (0..3).any(|k| constraint.fixed_axes >> k & 1 == 1 && from[k] != to[k]);
-            if off_side || !constraint.is_subset_of(&self.constraints[n as usize]) {
+            let is_allowed = constraint.allows_move(from, to)
+                && constraint.is_subset_of(&self.constraints[n as usize]);
+            if !is_allowed {
                 continue;
             }
             let point_at = |fraction: &f64| -> [f64; 3] {

@@ -1,6 +1,7 @@
 //! Nodes are added, removed and moved.
 
 use super::*;
+use crate::geometry::random::Random;
 use crate::lattice::seeding::{Alignment, fcc};
 use crate::mesh::check::check;
 use crate::mesh::delaunay;
@@ -159,12 +160,9 @@ fn containing_tet_is_the_one_in_which_the_position_lies_deepest() {
         0.2,
         &CancelToken::never(),
     );
-    let mut state = 9u32;
-    let mut random = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        f64::from(state >> 8) / f64::from(1 << 24)
-    };
-    let mut positions: Vec<[f64; 3]> = (0..400).map(|_| EXTENT.map(|l| l * random())).collect();
+    let mut random = Random::new(9);
+    let mut position = || EXTENT.map(|l| l * random.draw());
+    let mut positions: Vec<[f64; 3]> = (0..400).map(|_| position()).collect();
     // Positions on nodes, edges and faces, too.
     for t in tets.iter().step_by(5) {
         for count in 1..4 {

@@ -14,6 +14,7 @@ mod submesh;
 #[cfg(test)]
 mod tests;
 
+use crate::improve::constraint::common_sides;
 use std::ops::Range;
 
 use crate::parallel::prelude::*;
@@ -228,10 +229,7 @@ impl SlabContext<'_> {
 
     /// Returns `true` if a face lies in a side of the box.
     fn is_in_side(&self, face: [[f64; 3]; 3]) -> bool {
-        (0..3).any(|k| {
-            let [x, others @ ..] = face.map(|x| x[k]);
-            (x == 0.0 || x == self.extent[k]) && others == [x; 2]
-        })
+        common_sides(face.into_iter(), self.extent) != 0
     }
 }
 
@@ -493,7 +491,7 @@ fn improve_part(
         context.target_sine(),
         cancel,
     );
-    (improver.is_rank_local, improver.axis_range) = (true, range);
+    improver.axis_range = range;
     for (constraint, known) in improver.constraints.iter_mut().zip(known_constraints) {
         *constraint = known.unwrap_or(*constraint);
     }

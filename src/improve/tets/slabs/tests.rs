@@ -4,6 +4,7 @@ use super::super::tests::box_mesh;
 use super::*;
 use crate::comm::{SelfComm, run_threads};
 use crate::feature::FeaturePoint;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, normal};
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::complex;
@@ -99,6 +100,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
         &planes,
         &distance,
         &target,
+        &SelfComm,
         &CancelToken::never(),
     )
     .unwrap();
@@ -144,7 +146,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
 fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
     let atoms = |n: [usize; 3], d: f64| -> Vec<[f64; 3]> {
         let all = (0..n[0] * n[1] * n[2]).map(|i| {
-            let at = [i % n[0], i / n[0] % n[1], i / n[0] / n[1]];
+            let at = index_at(n, i);
             at.map(|i| i as f64 * d)
         });
         all.collect()

@@ -1,6 +1,7 @@
 //! Tests of the neighbour list against all pairs.
 
 use super::*;
+use crate::geometry::random::Random;
 
 #[test]
 fn fixed_point_rounds_to_the_nearest() {
@@ -14,13 +15,9 @@ fn fixed_point_rounds_to_the_nearest() {
 #[test]
 fn lists_exactly_the_pairs_within_reach() {
     let fixed = FixedPointMap::new(&[20.0, 13.0, 9.0]);
-    let mut seed = 7u64;
-    let mut random = || {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-        (seed >> 33) as f64 / (1u64 << 31) as f64
-    };
+    let mut random = Random::new(7);
     let positions: Vec<[f64; 3]> = (0..1500)
-        .map(|_| [20.0 * random(), 13.0 * random(), 9.0 * random()])
+        .map(|_| [20.0, 13.0, 9.0].map(|e| e * random.draw()))
         .collect();
     let points: Vec<IntPoint> = positions.iter().map(|x| fixed.to_point(x)).collect();
     // The last 200 are points, but not atoms.

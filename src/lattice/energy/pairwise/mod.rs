@@ -490,4 +490,4 @@ impl<const D: usize> Energy<D> for PairwiseEnergy<'_, D> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -1,6 +1,7 @@
 //! Tests of the exact evaluator against the definition of the energy.
 
 use super::*;
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::ScalarField;
 
 /// Cubic convolution from its definition, in `f64` and one axis after the other.
@@ -12,16 +13,14 @@ fn interpolate<const D: usize>(field: &ScalarField<D>, x: &[f64; D]) -> f64 {
     };
     let mut sum = 0.0;
     for tap in 0..6usize.pow(D as u32) {
-        let (mut flat, mut stride, mut rest, mut weight) = (0, 1, tap, 1.0);
-        for k in 0..D {
+        let (taps, mut weight) = (index_at([6; D], tap), 1.0);
+        let sample: [usize; D] = std::array::from_fn(|k| {
             let index = x[k] / field.step[k];
-            let sample_index = index.floor() + (rest % 6) as f64 - 2.0;
-            rest /= 6;
+            let sample_index = index.floor() + taps[k] as f64 - 2.0;
             weight *= kernel(index - sample_index);
-            flat += stride * sample_index.clamp(0.0, (field.dims[k] - 1) as f64) as usize;
-            stride *= field.dims[k];
-        }
-        sum += weight * f64::from(field.samples[flat]);
+            sample_index.clamp(0.0, (field.dims[k] - 1) as f64) as usize
+        });
+        sum += weight * f64::from(field.samples[offset_of(field.dims, sample)]);
     }
     sum
 }
@@ -36,7 +35,18 @@ struct EnergyCase<'a, const D: usize> {
     alignment: Alignment,
 }
 
-impl<const D: usize> EnergyCase<'_, D> {
+impl<'a, const D: usize> EnergyCase<'a, D> {
+    fn new(extent: [f64; D], distance: &'a Distance<D>, potential: &'a ScalarField<D>) -> Self {
+        Self {
+            extent,
+            distance,
+            potential,
+            beta: Beta::Constant(0.5),
+            stiffness: 0.0,
+            alignment: Alignment::OnFeatures,
+        }
+    }
+
     /// Returns the terms of the energy that involve atom `n`, computed from the definition: those
     /// that it shares with other atoms, and its own.
     fn terms(&self, x: &[[f64; D]], n: usize) -> (f64, f64) {
@@ -152,7 +162,7 @@ fn lattice<const D: usize>(extent: [f64; D], min_distance: f64, seed: u64) -> Ve
 }
 
 /// A slowly varying field between two values.
-fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
+pub fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<D> {
     let dims = extent.map(|l| l as usize + 1);
     ScalarField::from_fn(dims, [1.0; D], |x| {
         let wave: f64 = (0..D).map(|k| (0.11 * x[k] + k as f64).sin()).sum::<f64>() / D as f64;
@@ -164,21 +174,9 @@ fn smooth<const D: usize>(extent: [f64; D], low: f64, high: f64) -> ScalarField<
 fn lattice_gradient_is_exact_for_constant_distance() {
     let extent = [21.0, 18.0, 24.0];
     let x = lattice(extent, 1.8, 3);
-    let zero_potential = ScalarField {
-        dims: [2; 3],
-        step: [30.0; 3],
-        samples: vec![0.0; 8],
-    };
+    let zero_potential = ScalarField::from_fn([2; 3], [30.0; 3], |_| 0.0);
     let distance = Distance::Constant(3.0);
-    let (gradient, energy) = EnergyCase {
-        extent,
-        distance: &distance,
-        potential: &zero_potential,
-        beta: Beta::Constant(0.5),
-        stiffness: 0.0,
-        alignment: Alignment::OnFeatures,
-    }
-    .errors(&x);
+    let (gradient, energy) = EnergyCase::new(extent, &distance, &zero_potential).errors(&x);
     println!("constant d: gradient {gradient:.1e}, energy {energy:.1e}");
     assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
 }
@@ -190,21 +188,9 @@ fn lattice_gradient_is_exact_far_from_the_origin() {
     for atom in &mut x {
         *atom = atom.map(|c| c + 870.0);
     }
-    let zero_potential = ScalarField {
-        dims: [2; 3],
-        step: [900.0; 3],
-        samples: vec![0.0; 8],
-    };
+    let zero_potential = ScalarField::from_fn([2; 3], [900.0; 3], |_| 0.0);
     let distance = Distance::Constant(3.0);
-    let (gradient, _) = EnergyCase {
-        extent,
-        distance: &distance,
-        potential: &zero_potential,
-        beta: Beta::Constant(0.5),
-        stiffness: 0.0,
-        alignment: Alignment::OnFeatures,
-    }
-    .errors(&x);
+    let (gradient, _) = EnergyCase::new(extent, &distance, &zero_potential).errors(&x);
     // Positions are resolved to 2^-20 of a sample here, 3e-7 of d.
     assert!(gradient < 3e-6, "{gradient:e}");
 }
@@ -217,12 +203,9 @@ fn gradient_includes_the_derivatives_of_distance_image_and_beta() {
     let potential = smooth(extent, -1.0, 0.0);
     for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
         let (gradient, energy) = EnergyCase {
-            extent,
-            distance: &distance,
-            potential: &potential,
             beta,
             stiffness: 40.0,
-            alignment: Alignment::OnFeatures,
+            ..EnergyCase::new(extent, &distance, &potential)
         }
         .errors(&x);
         println!("variable d: gradient {gradient:.1e}, energy {energy:.1e}");
@@ -230,12 +213,9 @@ fn gradient_includes_the_derivatives_of_distance_image_and_beta() {
     }
     let constant = Distance::Constant(3.0);
     let (gradient, _) = EnergyCase {
-        extent,
-        distance: &constant,
-        potential: &potential,
         beta: Beta::Constant(0.4),
         stiffness: 40.0,
-        alignment: Alignment::OnFeatures,
+        ..EnergyCase::new(extent, &constant, &potential)
     }
     .errors(&x);
     assert!(gradient < 1e-6, "{gradient:e}");
@@ -247,15 +227,7 @@ fn gradient_is_exact_in_two_dimensions() {
     let x = lattice(extent, 1.8, 6);
     let distance = Distance::Field(smooth(extent, 2.0, 4.0));
     let potential = smooth(extent, -1.0, 0.0);
-    let (gradient, energy) = EnergyCase {
-        extent,
-        distance: &distance,
-        potential: &potential,
-        beta: Beta::Constant(0.5),
-        stiffness: 0.0,
-        alignment: Alignment::OnFeatures,
-    }
-    .errors(&x);
+    let (gradient, energy) = EnergyCase::new(extent, &distance, &potential).errors(&x);
     assert!(gradient < 1e-6 && energy < 1e-6, "{gradient:e} {energy:e}");
 }
 
@@ -270,12 +242,10 @@ fn gradient_is_exact_with_mirror_images() {
         for distance in [Distance::Constant(3.0), varying] {
             for beta in [Beta::Constant(0.4), Beta::Field(smooth(extent, 0.2, 0.8))] {
                 let (gradient, energy) = EnergyCase {
-                    extent,
-                    distance: &distance,
-                    potential: &potential,
                     beta,
                     stiffness: 15.0,
                     alignment: Alignment::AlongsideFeatures,
+                    ..EnergyCase::new(extent, &distance, &potential)
                 }
                 .errors(&x);
                 println!("{D}-D: gradient {gradient:.1e}, energy {energy:.1e}");

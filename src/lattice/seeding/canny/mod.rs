@@ -20,6 +20,7 @@ use crate::feature::eigen::{SymmetricMatrix, eigenvalues};
 use crate::feature::volume::Volume;
 use crate::feature::voxel_index::CandidateIndex;
 use crate::geometry::dot;
+use crate::geometry::grid_index::{block_rows, index_at, offset_of};
 use crate::image::ScalarField;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, from_atoms};
@@ -411,13 +412,10 @@ fn quantile(mut values: Vec<f32>, fraction: f64) -> f32 {
 fn add_uniform_points<const D: usize>(occupied: &OccupiedSamples<D>, points: &mut Vec<[f64; D]>) {
     let last = occupied.dims.map(|n| (n - 1) as f64);
     let cells = last.map(|l| (l / UNIFORM_SPACING).round().max(1.0) as usize);
-    for number in 0..cells.iter().map(|c| c + 1).product() {
-        let mut remaining: usize = number;
-        let x: [f64; D] = std::array::from_fn(|k| {
-            let i = remaining % (cells[k] + 1);
-            remaining /= cells[k] + 1;
-            last[k] * i as f64 / cells[k] as f64
-        });
+    let grid = cells.map(|c| c + 1);
+    for number in 0..grid.iter().product() {
+        let index = index_at(grid, number);
+        let x: [f64; D] = std::array::from_fn(|k| last[k] * index[k] as f64 / cells[k] as f64);
         let sides = side_count(x, last);
         let sample = x.map(|c| c.round() as i32);
         let is_wanted = match sides {
@@ -443,18 +441,11 @@ impl<const D: usize> OccupiedSamples<D> {
     }
 
     fn coordinates(&self, index: usize) -> [i32; D] {
-        let volume = Volume {
-            dims: self.dims,
-            samples: &[],
-        };
-        volume.coordinates(index).map(|i| i as i32)
+        index_at(self.dims, index).map(|i| i as i32)
     }
 
     fn occupy(&mut self, sample: [i32; D]) {
-        let index = (0..D)
-            .rev()
-            .fold(0, |i, k| i * self.dims[k] + sample[k] as usize);
-        self.is_occupied[index] = true;
+        self.is_occupied[offset_of(self.dims, sample.map(|i| i as usize))] = true;
     }
 
     /// Returns `true` if a sample is at least `radius` samples from the sides of the box.
@@ -482,15 +473,8 @@ impl<const D: usize> OccupiedSamples<D> {
         let span: [usize; D] = std::array::from_fn(|k| {
             ((sample[k] + radius[k]) as usize).min(self.dims[k] - 1) + 1 - low[k]
         });
-        (0..span[1..].iter().product()).all(|row: usize| {
-            let (mut remaining, mut start, mut stride) = (row, low[0], self.dims[0]);
-            for k in 1..D {
-                start += (low[k] + remaining % span[k]) * stride;
-                remaining /= span[k];
-                stride *= self.dims[k];
-            }
-            self.is_occupied[start..start + span[0]].iter().all(|h| !h)
-        })
+        block_rows(self.dims, low, span)
+            .all(|start| self.is_occupied[start..start + span[0]].iter().all(|h| !h))
     }
 }
 

@@ -17,6 +17,7 @@
 //! the farther they are from features.
 
 use super::grow::faces;
+use crate::geometry::grid_index::{index_at, offset_of};
 mod table;
 
 pub use table::GuideTable;
@@ -250,25 +251,19 @@ impl<'a, const D: usize> FieldFace<'a, D> {
 
     /// Returns the index in the field of sample `n`.
     fn sample(&self, n: usize) -> u32 {
-        let (mut rest, mut stride, mut sample) = (n, 1, 0);
-        for k in 0..D {
-            sample += (rest % self.dims[k] + self.first_index[k]) * stride;
-            rest /= self.dims[k];
-            stride *= self.field.dims[k];
-        }
-        sample as u32
+        let index = index_at(self.dims, n);
+        let in_field = std::array::from_fn(|k| index[k] + self.first_index[k]);
+        offset_of(self.field.dims, in_field) as u32
     }
 
     /// Returns the position of a sample of the field; exact on sides.
     fn position(&self, sample: usize) -> [f64; D] {
-        let mut rest = sample;
+        let index = index_at(self.field.dims, sample);
         std::array::from_fn(|k| {
-            let index = rest % self.field.dims[k];
-            rest /= self.field.dims[k];
-            if index == 0 || index + 1 == self.field.dims[k] {
+            if index[k] == 0 || index[k] + 1 == self.field.dims[k] {
                 self.corner[k]
             } else {
-                index as f64 * self.field.step[k]
+                index[k] as f64 * self.field.step[k]
             }
         })
     }

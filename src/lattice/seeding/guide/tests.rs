@@ -3,7 +3,7 @@
 use super::*;
 use crate::image::SparseField;
 use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
-use crate::lattice::seeding::{Seeding, seed};
+use crate::lattice::seeding::{Atoms, Seeding, seed, seed_on_features};
 
 fn uniform_numbers(seed: u64, count: usize) -> impl Iterator<Item = f64> {
     let mut random = random_sequence(seed);
@@ -134,6 +134,33 @@ pub fn valley<const D: usize>(extent: [f64; D]) -> ScalarField<D> {
     })
 }
 
+/// Checks the spacing of atoms that were placed in the [`valley`] first. There must be more atoms on
+/// the feature than `densest` times the number that fits there side by side.
+pub fn check_atoms_in_valley<const D: usize>(
+    atoms: &Atoms<D>,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    densest: f64,
+) {
+    let spacing = spacing_quantiles(atoms, distance);
+    let [min, _, median, _, max] = spacing;
+    let is_on_feature = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs() < 1.0;
+    let on_feature = atoms.positions.iter().filter(|x| is_on_feature(x)).count();
+    println!(
+        "{D}-D: {} atoms, {on_feature} on the feature; nearest / d {spacing:.3?}",
+        atoms.len()
+    );
+    // d may be smaller at the other end.
+    assert!(min > 0.72 && max < 1.5 && median < 1.05);
+    let length = extent[1] * 17.0f64.sqrt() / 4.0;
+    let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
+    assert!(
+        on_feature as f64
+            > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
+        "{on_feature}"
+    );
+}
+
 fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
     let potential = valley(extent);
     let guide = |seed, max_atoms| Seeding::Guide { seed, max_atoms };
@@ -150,25 +177,9 @@ fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64)
         .unwrap()
     };
     let atoms = place_atoms(guide(1, usize::MAX), Alignment::OnFeatures);
-    let spacing = spacing_quantiles(&atoms, distance);
-    let [min, _, median, _, max] = spacing;
-    let is_on_feature = |x: &[f64; D]| (x[0] + 0.25 * x[1] - 0.6 * extent[0]).abs() < 1.0;
-    let on_feature = atoms.positions.iter().filter(|x| is_on_feature(x)).count();
-    println!(
-        "{D}-D: {} atoms, {on_feature} on the feature; nearest / d {spacing:.3?}",
-        atoms.len()
-    );
-    // d may be smaller at the other end.
-    assert!(min > 0.72 && max < 1.5 && median < 1.05);
     // Nearly as many atoms on the feature as random positions could fill there (Renyi: 0.75 of the
     // length in the plane; 0.547 of the area in space).
-    let length = extent[1] * 17.0f64.sqrt() / 4.0;
-    let area: f64 = (2..D).map(|k| extent[k]).product::<f64>() * length;
-    assert!(
-        on_feature as f64
-            > densest * area / (MIN_SITE_DISTANCE * distance.max()).powi(D as i32 - 1),
-        "{on_feature}"
-    );
+    check_atoms_in_valley(&atoms, extent, distance, densest);
     assert_eq!(
         atoms,
         place_atoms(guide(1, usize::MAX), Alignment::OnFeatures)
@@ -210,17 +221,9 @@ fn a_potential_without_features_is_refused() {
         max_atoms: usize::MAX,
     };
     let message = |field: Option<&ScalarField<2>>| {
-        seed(
-            seeding,
-            extent,
-            &distance,
-            &[],
-            Alignment::OnFeatures,
-            field.map(SparseField::from_field).as_ref(),
-            &CancelToken::never(),
-        )
-        .unwrap_err()
-        .to_string()
+        seed_on_features(seeding, extent, &distance, &[], field)
+            .unwrap_err()
+            .to_string()
     };
     assert!(message(None).contains("image"));
     field.samples.fill(-0.25);

@@ -13,8 +13,7 @@ mod parts;
 #[cfg(feature = "tetgen")]
 mod worker;
 
-#[cfg(feature = "tetgen")]
-use crate::comm;
+use crate::comm::{Comm, SelfComm};
 use crate::error::{Result, cause};
 #[cfg(feature = "tetgen")]
 use crate::files::codec::codec_fields;
@@ -27,6 +26,9 @@ use std::sync::atomic::Ordering::Relaxed;
 pub use global_points::GlobalPoints;
 #[cfg(feature = "tetgen")]
 pub use worker::{peak_mb, run_in_worker, serve, share_with_workers};
+
+/// Place of this module's errors.
+const PLACE: &str = "Delaunay triangulation";
 
 /// Stands for the outside, beyond a face of the hull.
 pub const OUTSIDE: u32 = u32::MAX;
@@ -66,7 +68,16 @@ pub struct Delaunay {
 /// that is not finite, for points in one plane, for coinciding points (the message names both), or
 /// without the feature `tetgen`.
 pub fn delaunay(points: &[[f64; 3]]) -> Result<TetMesh> {
-    Ok(run(points, false)?.mesh)
+    distributed_delaunay(points, &SelfComm)
+}
+
+/// Returns the [`delaunay`] triangulation on all ranks of `comm`, which have the same points and
+/// share the work.
+///
+/// # Errors
+/// Returns the errors of [`delaunay`], on whichever rank.
+pub(crate) fn distributed_delaunay(points: &[[f64; 3]], comm: &dyn Comm) -> Result<TetMesh> {
+    Ok(run(points, false, comm)?.mesh)
 }
 
 /// Returns the [`delaunay`] triangulation with its adjacency, which takes about a tenth more time.
@@ -74,7 +85,18 @@ pub fn delaunay(points: &[[f64; 3]]) -> Result<TetMesh> {
 /// # Errors
 /// Returns the errors of [`delaunay`].
 pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
-    run(points, true)
+    distributed_delaunay_with_neighbors(points, &SelfComm)
+}
+
+/// Returns the triangulation of [`distributed_delaunay`] with its adjacency.
+///
+/// # Errors
+/// Returns the errors of [`distributed_delaunay`].
+pub(crate) fn distributed_delaunay_with_neighbors(
+    points: &[[f64; 3]],
+    comm: &dyn Comm,
+) -> Result<Delaunay> {
+    run(points, true, comm)
 }
 
 /// Some of the tetrahedra of a [`Delaunay`] triangulation.
@@ -149,12 +171,12 @@ pub fn delaunay_in_intervals(
     _: &[f64],
     _: std::ops::Range<usize>,
 ) -> Result<Option<IntervalTets>> {
-    run_tetgen(points, true).map(|_| None)
+    run_tetgen(points, true, &SelfComm).map(|_| None)
 }
 
-fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
+fn run(points: &[[f64; 3]], with_neighbors: bool, comm: &dyn Comm) -> Result<Delaunay> {
     check_points(points)?;
-    let output = run_tetgen(points, with_neighbors)?;
+    let output = run_tetgen(points, with_neighbors, comm)?;
     check_all_used(points, &output.tets)?;
     Ok(Delaunay {
         mesh: TetMesh {
@@ -166,7 +188,7 @@ fn run(points: &[[f64; 3]], with_neighbors: bool) -> Result<Delaunay> {
 }
 
 fn delaunay_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> crate::Error {
-    crate::Error::Delaunay(cause("Delaunay triangulation", problem, remedy))
+    crate::Error::Delaunay(cause(PLACE, problem, remedy))
 }
 
 /// Checks for input on which TetGen would abort the process by an assertion, or print a message on
@@ -314,7 +336,7 @@ codec_fields! {
 }
 
 #[cfg(not(feature = "tetgen"))]
-fn run_tetgen(_: &[[f64; 3]], _: bool) -> Result<TetgenOutput> {
+fn run_tetgen(_: &[[f64; 3]], _: bool, _: &dyn Comm) -> Result<TetgenOutput> {
     Err(delaunay_error(
         "this atomesh was built without TetGen",
         "install libtet1.5-dev and libclang-dev and build with the feature `tetgen` (on by default)",
@@ -323,7 +345,7 @@ fn run_tetgen(_: &[[f64; 3]], _: bool) -> Result<TetgenOutput> {
 
 /// Returns tetrahedra and, if requested, neighbours. `points` have passed `check_points`.
 #[cfg(feature = "tetgen")]
-fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput> {
+fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool, comm: &dyn Comm) -> Result<TetgenOutput> {
     use tetgen_sys as sys;
     let run_once = |points: &[[f64; 3]], with_neighbors| match worker::program_for_all() {
         Some(program) => worker::run_program(program, points, with_neighbors),
@@ -332,7 +354,7 @@ fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput>
     let is_large = points.len() >= MIN_PARALLEL_POINTS;
     let local_workers = rayon::current_num_threads();
     let total_workers = if is_large {
-        comm::broadcast_from_root("processors", || Ok(local_workers * comm::size()))?
+        comm.broadcast_from_root("processors", || Ok(local_workers * comm.size()))?
     } else {
         1
     };
@@ -342,9 +364,8 @@ fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput>
     let count = (points.len().div_ceil(MAX_PART_POINTS)).next_multiple_of(total_workers);
     let combined = match worker::program_for_parts() {
         Some(program) if is_large && total_workers > 1 => {
-            parts::triangulate_in_parts(points, count, local_workers, &|part| {
-                worker::run_program(program, part, true)
-            })?
+            let run = |part: &[[f64; 3]]| worker::run_program(program, part, true);
+            parts::triangulate_in_parts(points, count, local_workers, comm, &run)?
         }
         _ => None,
     };
@@ -364,10 +385,7 @@ fn run_tetgen(points: &[[f64; 3]], with_neighbors: bool) -> Result<TetgenOutput>
             ));
         }
         sys::TETGEN_SHIM_OUT_OF_MEMORY => {
-            return Err(delaunay_error(
-                format!("{} points do not fit in memory", points.len()),
-                "use a larger nominal distance",
-            ));
+            return Err(super::out_of_memory(PLACE, points.len()));
         }
         status => {
             return Err(delaunay_error(

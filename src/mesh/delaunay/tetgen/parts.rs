@@ -22,7 +22,7 @@ use crate::parallel::prelude::*;
 
 use super::global_points::{GlobalPoints, INITIAL_HALO, MAX_HALO_TRIES};
 use super::{OUTSIDE, TetgenOutput};
-use crate::comm;
+use crate::comm::Comm;
 use crate::error::Result;
 use crate::geometry::counting_sort::sort_by_group_into;
 use crate::geometry::{cross, dot, sub};
@@ -37,15 +37,17 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 const SORT_CHUNK: usize = 4096;
 
 /// Returns the triangulation of all points, with neighbours and in no particular order, from the
-/// output of `run` for `count` parts, at most `worker_count` at the same time. Returns `None` if
-/// this does not work: for points that do not fill a box, or are too unevenly distributed.
+/// output of `run` for `count` parts, at most `worker_count` at the same time on each rank; the
+/// ranks of `comm` share the parts. Returns `None` if this does not work: for points that do not
+/// fill a box, or are too unevenly distributed.
 ///
 /// # Errors
-/// Returns the errors of `run`.
+/// Returns the errors of `run`, on whichever rank.
 pub fn triangulate_in_parts<R>(
     points: &[[f64; 3]],
     count: usize,
     worker_count: usize,
+    comm: &dyn Comm,
     run: &R,
 ) -> Result<Option<TetgenOutput>>
 where
@@ -61,7 +63,7 @@ where
         }
         Ok(())
     };
-    comm::distribute("slabs of points", count, triangulate, &mut |part| {
+    comm.distribute("slabs of points", count, triangulate, &mut |part| {
         parts.push(part)
     })?;
     let parts: Option<Vec<TetgenOutput>> = parts.into_iter().collect();
@@ -474,6 +476,7 @@ fn canonical_rotation(tet: &[u32; 4]) -> [u8; 4] {
 mod tests {
     use super::super::ffi;
     use super::*;
+    use crate::comm::SelfComm;
     use crate::geometry::random::Random;
 
     /// Returns the points of a lattice that has points on all sides of its box. Inner coordinates
@@ -514,7 +517,7 @@ mod tests {
         for (scene, points) in scenes.iter().enumerate() {
             let single = triangulate_whole(points);
             for count in [1, 2, 3, 5] {
-                let mut parts = triangulate_in_parts(points, count, count.min(3), &run)
+                let mut parts = triangulate_in_parts(points, count, count.min(3), &SelfComm, &run)
                     .unwrap()
                     .unwrap();
                 sort_canonical(points.len(), &mut parts);
@@ -610,11 +613,12 @@ mod tests {
                 .filter(|p| dot(*p, *p) < 1.0)
                 .take(3000)
                 .collect();
-        assert!(triangulate_in_parts(&ball, 2, 2, &run).unwrap().is_none());
+        let combined = triangulate_in_parts(&ball, 2, 2, &SelfComm, &run);
+        assert!(combined.unwrap().is_none());
     }
 
     #[test]
-    fn order_keeps_tetrahedra_and_neighbours() {
+    fn canonical_order_keeps_tetrahedra_and_neighbours() {
         let points = lattice([9, 8, 7], 0.7, |x| x);
         let before = ffi::run(&points, true);
         let after = triangulate_whole(&points);

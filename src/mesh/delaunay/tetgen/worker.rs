@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worker_answers_as_this_process_does() {
+    fn a_worker_gives_the_result_of_this_process() {
         let points = scattered(3000);
         for with_neighbors in [false, true] {
             let in_process = super::super::ffi::run(&points, with_neighbors);
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worker_that_does_not_answer_is_one_error() {
+    fn a_worker_without_output_gives_one_error() {
         let folder = tempfile::tempdir().unwrap();
         let points = scattered(5000);
         let cases = [

@@ -24,46 +24,36 @@ impl<const D: usize> FacetSurface<D> {
     /// face k is marked, on both sides of the face. `neighbors` has the cell beyond for every cell
     /// and face, in order.
     pub fn from_marked<M: Simplices<D>>(mesh: &M, neighbors: &[u32], marks: &[u8]) -> Self {
-        let mut surface = Self::default();
-        let mut new_index = vec![NONE; mesh.nodes().len()];
-        for (face, &beyond) in neighbors.iter().enumerate() {
-            let (cell, face_index) = (face / (D + 1), face % (D + 1));
-            if marks[cell] >> face_index & 1 == 0 || beyond == NONE || (beyond as usize) < cell {
-                continue;
-            }
-            let facet = mesh.face(cell, face_index).map(|n| {
-                let new_node = &mut new_index[n as usize];
-                if *new_node == NONE {
-                    *new_node = surface.nodes.len() as u32;
-                    surface.nodes.push(mesh.nodes()[n as usize]);
-                }
-                *new_node
-            });
-            surface.facets.push(facet);
-        }
-        surface
+        let marked_face = |(face, &beyond): (usize, &u32)| {
+            let (cell, k) = (face / (D + 1), face % (D + 1));
+            let is_first_side = beyond != NONE && beyond as usize >= cell;
+            (marks[cell] >> k & 1 == 1 && is_first_side).then(|| mesh.face(cell, k))
+        };
+        let facets = neighbors.iter().enumerate().filter_map(marked_face);
+        Self::from_facets(mesh.nodes(), facets)
     }
 
     /// Returns the facets for which `is_selected` holds, as a surface.
     pub fn subset(&self, is_selected: impl Fn(usize) -> bool) -> Self {
-        let mut subset = Self::default();
-        let mut new_index = vec![NONE; self.nodes.len()];
-        for (_, facet) in self
-            .facets
-            .iter()
-            .enumerate()
-            .filter(|&(f, _)| is_selected(f))
-        {
-            subset.facets.push(facet.map(|n| {
+        let selected = (0..self.facets.len()).filter(|&f| is_selected(f));
+        Self::from_facets(&self.nodes, selected.map(|f| self.facets[f]))
+    }
+
+    /// Creates a surface of these facets. Its nodes are numbered in the order of their first use.
+    fn from_facets(nodes: &[[f64; D]], facets: impl Iterator<Item = [u32; D]>) -> Self {
+        let mut surface = Self::default();
+        let mut new_index = vec![NONE; nodes.len()];
+        for facet in facets {
+            surface.facets.push(facet.map(|n| {
                 let new_node = &mut new_index[n as usize];
                 if *new_node == NONE {
-                    *new_node = subset.nodes.len() as u32;
-                    subset.nodes.push(self.nodes[n as usize]);
+                    *new_node = surface.nodes.len() as u32;
+                    surface.nodes.push(nodes[n as usize]);
                 }
                 *new_node
             }));
         }
-        subset
+        surface
     }
 
     /// Returns the positions of a facet's nodes.

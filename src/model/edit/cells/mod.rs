@@ -19,10 +19,10 @@ mod preserved;
 mod rebuilt;
 mod stitching;
 
-use super::{AtomChange, Context, Edit, EditStages, EditedMesh, Summary, history, resolve};
+use super::{AtomChange, Edit, EditStages, EditedMesh, Summary, history, resolve};
 use crate::Result;
 use crate::image::Image;
-use crate::job::{MeshSpace, Meshing, Params, lattice_beta};
+use crate::job::{MeshSpace, Meshing, Params};
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
 use crate::report::Clock;
@@ -69,20 +69,8 @@ where
         atoms: vec![None; edits.len()],
         ..Summary::default()
     };
-    let resolved = match resolved {
-        Some(resolved) => resolved,
-        None => {
-            stages.resolve_detection(image, params, step, &mut summary, &mut editable.fields)?
-        }
-    };
-    let beta = lattice_beta(&params.beta, image.dims(), step)?;
-    let context = Context {
-        image,
-        params,
-        resolved_options: &resolved,
-        beta: &beta,
-        edits,
-    };
+    let fields = &mut editable.fields;
+    let context = stages.context(image, params, edits, step, resolved, &mut summary, fields)?;
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&editable.lattice(), edits, free)
     })?;

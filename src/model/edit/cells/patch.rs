@@ -5,7 +5,6 @@ use super::preserved::{FeatureChanges, PreservedParts};
 use super::rebuilt::RebuiltCells;
 use super::target_position;
 use crate::error::cause;
-use crate::feature::resolved::detection_reach;
 use crate::feature::{DetectionOptions, Features};
 use crate::geometry::distance2;
 use crate::job::cells::feature_surface_in_box;
@@ -107,19 +106,8 @@ where
         group: EditGroup<D>,
         context: &Context<'_, D>,
     ) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; D], [0.0f64; D]);
-        for (x, d) in &group.edited_places {
-            for k in 0..D {
-                low[k] = low[k].min(x[k] - INFLUENCE_RADIUS * d);
-                high[k] = high[k].max(x[k] + INFLUENCE_RADIUS * d);
-            }
-        }
-        let (margin, dims) = (
-            detection_reach::<D>(context.resolved_options),
-            context.image.dims(),
-        );
         let (step, extent) = (editable.space.step, editable.space.extent);
-        let window = EditWindow::from_bounds(low, high, margin, dims, step, extent);
+        let window = group.window(&[], context, step, extent);
         let to_window = |&(x, d): &([f64; D], f64)| (window.to_local(x), d);
         let edited_places: Vec<([f64; D], f64)> =
             group.edited_places.iter().map(to_window).collect();

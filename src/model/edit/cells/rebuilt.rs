@@ -6,6 +6,7 @@ use super::editable_cells::cells_of_nodes;
 use super::patch::{CellNeighbourhood, CellPatch, NewCell, PatchFace, PlacedAtom};
 use super::preserved::{FeatureChanges, PreservedParts};
 use crate::Result;
+use crate::comm::SelfComm;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2};
 use crate::job::cells::{cut_even_cells, relax_atoms};
@@ -141,6 +142,7 @@ where
             distance,
             extent,
             seed,
+            &SelfComm,
             progress,
         )?;
         let mesh = cut_even_cells(
@@ -149,6 +151,7 @@ where
             distance,
             extent,
             editable.weld,
+            &SelfComm,
             &mut || !cancel.is_cancelled(),
         )?;
         let rebuilt = Self {

@@ -7,7 +7,7 @@ use crate::files::vtk::DataArray;
 use crate::mesh::Mesh;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
-use crate::model::edit::Summary;
+use crate::model::edit::{Summary, newest_fields};
 use crate::store::output::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
@@ -233,19 +233,11 @@ pub fn stitch_patches<const D: usize>(
     let kind = |&i: &u32| new_cell(i).map_or_else(|| editable.kinds[i as usize], |f| f.kind) as u8;
     let kinds: Vec<u8> = cell_numbering.sources.iter().map(kind).collect();
     summary.nodes[1] = mesh.nodes.len();
-    // If a name occurs twice, the later field is the newer one.
-    let mut fields: Vec<(String, FieldValue)> = Vec::new();
     let horizons =
         (!horizons.is_empty()).then_some((HORIZON_FACES_ARRAY.into(), FieldValue::Ints(horizons)));
     editable
         .fields
         .retain(|(name, _)| name != HORIZON_FACES_ARRAY);
-    for (name, value) in editable.fields.into_iter().chain(horizons) {
-        match fields.iter_mut().find(|(existing, _)| *existing == name) {
-            Some(field) => field.1 = value,
-            None => fields.push((name, value)),
-        }
-    }
     Ok(MeshFile {
         cell_data: vec![
             DataArray::scalars(volume_name::<D>(), volumes),
@@ -254,7 +246,7 @@ pub fn stitch_patches<const D: usize>(
             DataArray::scalars(ATOM_KIND, kinds),
         ],
         point_data: Vec::new(),
-        field_data: fields,
+        field_data: newest_fields(editable.fields.into_iter().chain(horizons)),
         mesh,
     })
 }

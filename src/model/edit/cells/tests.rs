@@ -1,3 +1,4 @@
+use crate::geometry::grid_index::index_at;
 use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -229,12 +230,7 @@ fn image_with_disc<const D: usize>(dims: [usize; D], disc_x: Option<f64>, radius
     let Some(disc_x) = disc_x else { return image };
     let samples: Vec<f32> = (image.as_slice().iter().enumerate())
         .map(|(i, &value)| {
-            let mut remaining = i;
-            let x: [f64; D] = std::array::from_fn(|k| {
-                let x = remaining % dims[k];
-                remaining /= dims[k];
-                x as f64
-            });
+            let x = index_at(dims, i).map(|c| c as f64);
             let distance = disc_distance(&x, dims, disc_x, radius);
             value.max((-0.5 * (distance / 1.5).powi(2)).exp() as f32)
         })

@@ -1,6 +1,7 @@
 //! Tests of the grouping of facets into surfaces, and of their measures.
 
 use super::*;
+use crate::geometry::sorted_distinct;
 
 #[test]
 fn crossing_sheets_are_two_adjacent_surfaces() {
@@ -248,9 +249,7 @@ fn crossing_lines_in_two_dimensions_are_two_surfaces() {
     );
     for s in 0..2 {
         // The orientation is consistent: segments follow each other.
-        let mut first_nodes: Vec<u32> = surfaces.facets_of(s).iter().map(|f| f[0]).collect();
-        first_nodes.sort_unstable();
-        first_nodes.dedup();
+        let first_nodes = sorted_distinct(surfaces.facets_of(s).iter().map(|f| f[0]));
         assert_eq!(first_nodes.len(), 24);
     }
     // Without the segments at the crossing there are still two lines.

@@ -9,13 +9,6 @@ use crate::job::{self, Outcome, Params};
 use crate::lattice::optimize::NoProgress;
 use crate::mesh::interface::marks_from_bits;
 
-fn image(dims: [usize; 3], value: impl Fn([f64; 3]) -> f64) -> Image<3> {
-    let [nx, ny, _] = dims;
-    let position = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
-    let samples = (0..dims.iter().product()).map(|i| value(position(i)) as f32);
-    Image::new(dims, samples.collect(), Geometry::default())
-}
-
 fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {
     let params = Params::new(MeshSpec {
         distance: NominalDistance::Constant(d),
@@ -87,7 +80,7 @@ fn all_synthetic_faults_are_found() {
         );
         assert_eq!(measures.len(), 3, "{kind:?} {seed}: {measures:#?}");
         let truth = &synthetic.truth;
-        let [nx, ny, _] = truth.dims;
+        let position = |i: usize| truth.index_of(i).map(|c| c as f64);
         for m in &measures {
             // The exact plane comes from a nearby sample whose true orientation fits the surface
             // best.
@@ -95,13 +88,12 @@ fn all_synthetic_faults_are_found() {
             let middle: [f64; 3] = std::array::from_fn(|k| m.centre[k]);
             let candidates = (0..truth.distance.len()).filter(|&i| truth.distance[i] < 2.0);
             let fit = |&i: &usize| {
-                let position = [i % nx, i / nx % ny, i / (nx * ny)].map(|c| c as f64);
-                let distance = dot(geometry::sub(position, middle), n).abs();
+                let distance = dot(geometry::sub(position(i), middle), n).abs();
                 let aligned = dot(truth.direction[i].map(f64::from), n).abs();
                 (1.0 - aligned) + 1e-3 * distance
             };
             let best = candidates.min_by(|i, j| fit(i).total_cmp(&fit(j))).unwrap();
-            let position = [best % nx, best / nx % ny, best / (nx * ny)].map(|c| c as f64);
+            let position = position(best);
             let exact = truth.direction[best].map(f64::from);
             if kind == SyntheticKind::Planes {
                 let foot = geometry::add_scaled(position, f64::from(truth.distance[best]), exact);
@@ -163,7 +155,7 @@ fn layer_unit([x, y, z]: [f64; 3]) -> u32 {
 #[test]
 fn painted_units_have_their_volume_and_do_not_leak() {
     let dims = [72, 60, 52];
-    let image = image(dims, |x| f64::from(layer_unit(x)));
+    let image = Image::from_fn(dims, Geometry::default(), |x| f64::from(layer_unit(x)));
     let outcome = mesh(&image, feature::FeatureKind::Labels, 6.0);
     let mut closed = group_facets(&outcome, Some(0.0)).facets;
     closed.iter_mut().for_each(|f| f.sort_unstable());
@@ -227,7 +219,7 @@ fn painted_units_have_their_volume_and_do_not_leak() {
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let outcome = mesh(
-        &image([40, 36, 32], |x| {
+        &Image::from_fn([40, 36, 32], Geometry::default(), |x| {
             f64::from(u8::from(x[0] + 0.3 * x[1] > 25.0))
         }),
         feature::FeatureKind::Labels,

@@ -13,6 +13,7 @@ use super::adjacency::{CellAdjacency, enclosing_facets, find_cell};
 use super::measure::MapAxes;
 use super::*;
 use crate::geometry;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::{dot, norm, normal};
 use crate::mesh::Mesh;
 use crate::mesh::Simplices;
@@ -108,14 +109,7 @@ fn cell_at<const D: usize, F: Mesh<D>>(mesh: &F, x: [f64; D]) -> u32 {
 
 /// Returns sites whose Voronoi cells are unit cubes (squares in 2-D).
 fn cube_sites<const D: usize>(dims: [usize; D]) -> Vec<[f64; D]> {
-    let middle = |i: usize| {
-        let mut remaining = i;
-        dims.map(|n| {
-            let x = (remaining % n) as f64 + 0.5;
-            remaining /= n;
-            x
-        })
-    };
+    let middle = |i: usize| index_at(dims, i).map(|c| c as f64 + 0.5);
     (0..dims.iter().product()).map(middle).collect()
 }
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::*;
+use crate::geometry::sorted_distinct;
 use crate::image::formats::{self, ReadOptions};
 
 /// Returns a folder of images from other sources, which are not in the repository.
@@ -42,14 +43,7 @@ fn seismic3d() {
 
     let stats = loaded.image.stats();
     assert!((stats.min + 0.976_118).abs() < 1e-5 && (stats.max - 1.419_807).abs() < 1e-5);
-    let mut distinct: Vec<u32> = loaded
-        .image
-        .as_slice()
-        .iter()
-        .map(|v| v.to_bits())
-        .collect();
-    distinct.sort_unstable();
-    distinct.dedup();
+    let distinct = sorted_distinct(loaded.image.as_slice().iter().map(|v| v.to_bits()));
     assert_eq!(distinct.len(), 106);
 }
 

@@ -1,7 +1,7 @@
 //! A partitioned mesh is sealed like the whole mesh.
 
 use super::*;
-use crate::comm::run_threads;
+use crate::comm::{SelfComm, run_threads};
 use crate::geometry::bounding_box;
 use crate::lattice::distance::DistributedDistance;
 use crate::mesh::Mesh;
@@ -184,7 +184,7 @@ fn bumps_and_holes(seed: u64) -> MarkedMesh {
 
 /// Returns the improved mesh of an image of a network of faults.
 #[cfg(feature = "tetgen")]
-fn network(seed: u64) -> MarkedMesh {
+fn improved_fault_network(seed: u64) -> MarkedMesh {
     use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::synth::{self, SyntheticKind};
     use crate::improve::{Target, snap_to_features, tets};
@@ -224,6 +224,7 @@ fn network(seed: u64) -> MarkedMesh {
         &planes,
         &distance,
         &Target::default(),
+        &SelfComm,
         &CancelToken::never(),
     )
     .unwrap();
@@ -328,7 +329,7 @@ fn a_rank_that_cancels_stops_all() {
 fn partitions_of_improved_meshes_are_sealed_like_the_whole() {
     let mut max = SealReport::default();
     for seed in 1..5 {
-        let scene = network(seed);
+        let scene = improved_fault_network(seed);
         let (report, at_cut) = assert_same(&scene, &format!("network {seed}"));
         assert!(
             report.faces == 0 || at_cut > 0,

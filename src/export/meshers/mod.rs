@@ -5,6 +5,7 @@
 //! - `simplices`: the mesh that the writers share
 //! - `msh`: meshes for Gmsh
 //! - `inp`: Abaqus and CalculiX
+//! - `nastran`: NASTRAN bulk data
 //! - `medit`: meshes for Medit
 //! - `exodus`: Exodus II
 //! - `vtkhdf`, `xdmf`: HDF5 for VTK and ParaView
@@ -18,6 +19,7 @@ pub(crate) mod groups;
 pub(crate) mod inp;
 pub(crate) mod medit;
 pub(crate) mod msh;
+pub(crate) mod nastran;
 pub(crate) mod obj;
 pub(crate) mod simplices;
 pub(crate) mod stl;
@@ -32,6 +34,7 @@ pub(crate) const FORMATS: &[&ExportFormat] = &[
     &msh::FORMAT_V4,
     &msh::FORMAT_V2,
     &inp::FORMAT,
+    &nastran::FORMAT,
     &medit::FORMAT,
     &tetgen::FORMAT,
     &exodus::FORMAT,

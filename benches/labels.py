@@ -34,7 +34,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 DISTANCES = 0.05, 3.0  # range of the bound on the distance of CGAL's faces to the boundary, in samples
 COUNT_TOLERANCE = 0.04  # relative difference of the numbers of tetrahedra
-MIN_SAMPLES = 2000  # regions with fewer samples are left out of the comparison of volumes
+MIN_SAMPLES = 2000  # regions with fewer samples are excluded from the comparison of volumes
 
 
 def blobs():

@@ -6,7 +6,7 @@
 
 Runs the binary on small images and prints a line for each output: name, tab, SHA-256 (or the code, for the exit code
 of a run). VTK files have a line for each array, JSON reports a line for each member, folders a line for each file.
-Provenance, paths and costs are left out: see `PROVENANCE`, `UNHASHED` and `VERSION`.
+Provenance, paths and costs are omitted: see `PROVENANCE`, `UNHASHED` and `VERSION`.
 
 Each run has a folder of its name in a temporary folder or in OUTDIR (which is kept). `--only 'mesh2|export'` selects
 runs by a regular expression, and adds the runs that they need. `--data DIR` adds runs on real images, and `--list`

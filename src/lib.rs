@@ -23,7 +23,8 @@
 //! cli       the command line (feature `cli`)
 //! ```
 //!
-//! [`job::run`] runs a whole job:
+//! [`mesh`](mesh()) makes a mesh from an image and its options. [`job::run`] does the same with parameters
+//! that are read already:
 //!
 //! ```
 //! use atomesh::image::synth::{self, SyntheticKind};

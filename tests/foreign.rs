@@ -88,7 +88,7 @@ fn meshes_of_mixed_cells_are_read_as_polyhedra() {
         assert_eq!(
             report["nodes"],
             5 * 4 * 4 + 18,
-            "a point of no cell is left out"
+            "a point without a cell is dropped"
         );
         run(folder, &format!("validate {kind}.vtu --quiet"));
         let report = run_json(folder, &format!("surface {kind}.vtu -o a.obj --min-area 0"));

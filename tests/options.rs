@@ -338,8 +338,8 @@ fn row_options(row: &[usize]) -> String {
 }
 
 /// Returns the options of a row without one of them.
-fn without(row: &[usize], left_out: usize) -> String {
-    let option_of = |i: usize| if i == left_out { "" } else { CASES[i].option };
+fn without(row: &[usize], excluded: usize) -> String {
+    let option_of = |i: usize| if i == excluded { "" } else { CASES[i].option };
     let parts: Vec<&str> = row
         .iter()
         .flat_map(|&i| [CASES[i].needs, option_of(i)])

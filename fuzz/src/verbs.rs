@@ -5,10 +5,34 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
+use atomesh::Result;
 use atomesh::cli::args::CommandLine;
+use atomesh::cli::console::{Console, error_line};
+use atomesh::cli::host::Host;
 use atomesh::cli::interrupts::Interrupts;
-use atomesh::cli::{console, run};
+use atomesh::cli::run_with_console;
 use clap::Parser;
+use serde_json::Value;
+
+/// A host that ignores all messages, so that verbs read and write files only.
+struct SilentHost;
+
+impl Host for SilentHost {
+    fn result(&mut self, _text: &str, _json: &Value) {}
+
+    fn note(&self, _line: &str) {}
+
+    fn log_line(&self, _line: &str) {}
+
+    fn begin_stage(&mut self, _name: &str) {}
+
+    fn progress(&self, _fraction: f64, _detail: &str) {}
+}
+
+fn run(line: &CommandLine) -> Result<()> {
+    let mut console = Console::with_host(SilentHost);
+    run_with_console(line, &Interrupts::default(), &mut console).map(drop)
+}
 
 /// Runs a verb and returns `true` if it succeeds.
 ///
@@ -25,8 +49,8 @@ pub fn run_verb(folder: &Path, arguments: &[String]) -> bool {
         return false;
     };
     let before = file_names(folder);
-    match run(&line, &Interrupts::default()) {
-        Ok(_) => {
+    match run(&line) {
+        Ok(()) => {
             let hidden = file_names(folder)
                 .into_iter()
                 .find(|name| name.as_encoded_bytes().starts_with(b"."));
@@ -34,7 +58,7 @@ pub fn run_verb(folder: &Path, arguments: &[String]) -> bool {
             true
         }
         Err(error) => {
-            let message = console::error_line(&error);
+            let message = error_line(&error);
             assert!(
                 message.contains(": ") && message.contains("; ") && !message.contains('\n'),
                 "{arguments:?}: {message}"
@@ -68,7 +92,7 @@ pub fn run_mesh_verb(folder: &Path, arguments: &[String], mesh: &Path) -> bool {
     ];
     let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(validate));
     let line = line.expect("the verb");
-    if let Err(error) = run(&line, &Interrupts::default()) {
+    if let Err(error) = run(&line) {
         panic!("{arguments:?} made an invalid mesh: {error}");
     }
     true

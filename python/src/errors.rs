@@ -1,5 +1,11 @@
 //! Python's exceptions for errors of the library. Options appear in them as keyword arguments.
+//!
+//! Every exception is an instance of `atomesh.Error`, and of the standard exception that fits it.
 
+use std::error::Error as _;
+use std::io;
+
+use atomesh::ErrorKind;
 use pyo3::create_exception;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
@@ -13,6 +19,54 @@ create_exception!(
      kind : str\n    The kind of the error: \"Io\", \"Image\", \"Mesh\" ..."
 );
 
+/// The subclasses of `Error`, which `atomesh._errors` defines.
+#[derive(Debug, Clone, Copy)]
+enum ErrorClass {
+    /// An argument is unknown or missing: also a `TypeError`.
+    Argument,
+    /// A value is impossible, or the content of a file is: also a `ValueError`.
+    Value,
+    /// A file or a folder does not exist: also a `FileNotFoundError`.
+    MissingFile,
+    /// A file cannot be read or written: also an `OSError`.
+    File,
+    /// The work failed: also a `RuntimeError`.
+    Failure,
+}
+
+impl ErrorClass {
+    fn from_error(error: &atomesh::Error) -> Self {
+        let io_error = error
+            .source()
+            .and_then(|source| source.downcast_ref::<io::Error>());
+        match (io_error, error.kind()) {
+            (Some(io_error), _) if io_error.kind() == io::ErrorKind::NotFound => Self::MissingFile,
+            // Without a code of the operating system, the content of the file is at fault.
+            (Some(io_error), _) if io_error.raw_os_error().is_some() => Self::File,
+            (_, ErrorKind::Delaunay | ErrorKind::Interrupted) => Self::Failure,
+            _ => Self::Value,
+        }
+    }
+
+    /// Returns the exception with this message.
+    fn new_error(self, py: Python<'_>, message: String) -> PyErr {
+        let name = match self {
+            Self::Argument => "ArgumentError",
+            Self::Value => "InvalidValueError",
+            Self::MissingFile => "MissingFileError",
+            Self::File => "FileError",
+            Self::Failure => "FailureError",
+        };
+        let class = py
+            .import("atomesh._errors")
+            .and_then(|module| module.getattr(name));
+        match class.and_then(|class| class.call1((&message,))) {
+            Ok(value) => PyErr::from_value(value),
+            Err(_) => Error::new_err(message),
+        }
+    }
+}
+
 /// Converts an error of the library.
 pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
     let cause = error.cause();
@@ -22,6 +76,7 @@ pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
     };
     new_error(
         py,
+        ErrorClass::from_error(error),
         &cause.place,
         &cause.problem,
         &remedy,
@@ -34,6 +89,11 @@ pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
     if let Some(error) = atomesh::cli::args::value_error(error) {
         return library_error(py, &error);
     }
+    use clap::error::ErrorKind::{MissingRequiredArgument, UnknownArgument};
+    let class = match error.kind() {
+        UnknownArgument | MissingRequiredArgument => ErrorClass::Argument,
+        _ => ErrorClass::Value,
+    };
     let text = error.render().to_string();
     let lines = text
         .lines()
@@ -45,6 +105,7 @@ pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
         .collect();
     new_error(
         py,
+        class,
         "arguments",
         &lines.join(" "),
         "atomesh.options(verb) lists them",
@@ -54,7 +115,8 @@ pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
 
 /// Returns an exception for an error of the operating system.
 pub fn os_error(py: Python<'_>, place: &str, error: &dyn std::error::Error) -> PyErr {
-    new_error(py, place, &error.to_string(), "try again with less", "Job")
+    let (class, remedy) = (ErrorClass::Failure, "try again with less");
+    new_error(py, class, place, &error.to_string(), remedy, "Job")
 }
 
 /// Returns the exception for a panic, which should never happen.
@@ -62,6 +124,7 @@ pub fn panic_error(py: Python<'_>) -> PyErr {
     let remedy = "please report it with the image and the options";
     new_error(
         py,
+        ErrorClass::Failure,
         "atomesh",
         "stopped at a fault of its own",
         remedy,
@@ -69,9 +132,16 @@ pub fn panic_error(py: Python<'_>) -> PyErr {
     )
 }
 
-fn new_error(py: Python<'_>, place: &str, problem: &str, remedy: &str, kind: &str) -> PyErr {
+fn new_error(
+    py: Python<'_>,
+    class: ErrorClass,
+    place: &str,
+    problem: &str,
+    remedy: &str,
+    kind: &str,
+) -> PyErr {
     let [place, problem, remedy] = [place, problem, remedy].map(options_to_keywords);
-    let error = Error::new_err(format!("{place}: {problem}; {remedy}"));
+    let error = class.new_error(py, format!("{place}: {problem}; {remedy}"));
     let value = error.value(py);
     let attributes = [
         ("place", &place),

@@ -2,6 +2,7 @@
 //! meshes and images in memory.
 //!
 //! - `objects`: meshes, images and surfaces as Python objects, with their arrays without copies
+//! - `parts`: the arrays from which meshes and surfaces are made, for pickles and subsets
 //! - `host`: the host that provides objects to verbs and receives their messages
 //! - `verbs`: descriptions of the verbs and their options
 //! - `errors`: exceptions for errors of the library
@@ -9,6 +10,7 @@
 mod errors;
 mod host;
 mod objects;
+mod parts;
 mod verbs;
 
 use std::collections::HashMap;
@@ -150,6 +152,14 @@ fn describe() -> String {
     verbs::describe_verbs().to_string()
 }
 
+/// Returns the name, the description and the file extensions of each format of `atomesh export`.
+#[pyfunction]
+fn export_formats() -> Vec<(&'static str, &'static str, Vec<&'static str>)> {
+    atomesh::export::formats()
+        .map(|format| (format.name, format.description, format.extensions.to_vec()))
+        .collect()
+}
+
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("Error", module.py().get_type::<Error>())?;
@@ -159,7 +169,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<objects::Surfaces>()?;
     module.add_function(wrap_pyfunction!(run, module)?)?;
     module.add_function(wrap_pyfunction!(run_tetgen_in, module)?)?;
-    module.add_function(wrap_pyfunction!(describe, module)?)
+    module.add_function(wrap_pyfunction!(describe, module)?)?;
+    module.add_function(wrap_pyfunction!(export_formats, module)?)
 }
 
 impl SharedResults {

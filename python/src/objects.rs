@@ -14,13 +14,14 @@ use atomesh::model::surface::facet_selection::marked_facets;
 use atomesh::store::{AnyMesh, CellStreams, FieldValue, MeshFile, Storable, read_any_vtu};
 use atomesh::with_mesh;
 use numpy::ndarray::{ArrayViewD, IxDyn};
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyString, PyType};
 use sha2::{Digest, Sha256};
 
 use crate::errors;
+use crate::parts::{MeshParts, Named, data_arrays, misfit, numbers, rows};
 
 /// Returns a NumPy array of data that `owner` holds.
 fn view<'py, T: Element>(
@@ -65,6 +66,27 @@ fn all_values<'py>(
     Ok(dict)
 }
 
+fn named_values<'py>(owner: &Bound<'py, PyAny>, arrays: &[DataArray]) -> PyResult<Named<'py>> {
+    let named = |array: &DataArray| Ok((array.name.clone(), values(owner, array)?));
+    arrays.iter().map(named).collect()
+}
+
+/// Returns field values as text and arrays, which keep their types even if they are empty.
+fn named_fields<'py>(
+    owner: &Bound<'py, PyAny>,
+    fields: &[(String, FieldValue)],
+) -> PyResult<Named<'py>> {
+    let named = |(name, value): &(String, FieldValue)| {
+        let value = match value {
+            FieldValue::Text(text) => PyString::new(owner.py(), text).into_any(),
+            FieldValue::F64s(numbers) => view(owner.clone(), numbers, &[numbers.len()])?,
+            FieldValue::Ints(numbers) => view(owner.clone(), numbers, &[numbers.len()])?,
+        };
+        Ok((name.clone(), value))
+    };
+    fields.iter().map(named).collect()
+}
+
 fn fields<'py>(py: Python<'py>, fields: &[(String, FieldValue)]) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     for (name, value) in fields {
@@ -88,21 +110,91 @@ struct LazyArrays {
     streams: OnceLock<(Vec<u32>, Vec<u64>)>,
 }
 
-impl Mesh {
-    fn new(mesh: AnyMesh) -> Self {
+impl From<AnyMesh> for Mesh {
+    fn from(mesh: AnyMesh) -> Self {
         Self(Arc::new(mesh), LazyArrays::default())
     }
 }
 
+/// Kind, nodes, cells, point data, cell data and fields of a mesh, as in [`MeshParts`].
+type MeshPartsTuple<'py> = (
+    &'static str,
+    Bound<'py, PyAny>,
+    Vec<Bound<'py, PyAny>>,
+    Named<'py>,
+    Named<'py>,
+    Named<'py>,
+);
+
 #[pymethods]
 impl Mesh {
+    /// Creates a mesh from its [`parts`](Self::parts).
+    #[new]
+    fn new<'py>(
+        kind: String,
+        nodes: Bound<'py, PyAny>,
+        cells: Vec<Bound<'py, PyAny>>,
+        point_data: Named<'py>,
+        cell_data: Named<'py>,
+        fields: Named<'py>,
+    ) -> PyResult<Self> {
+        let parts = MeshParts {
+            kind,
+            nodes,
+            cells,
+            point_data,
+            cell_data,
+            fields,
+        };
+        Ok(parts.into_mesh()?.into())
+    }
+
+    /// Returns the arguments that create the mesh; see [`MeshParts`].
+    fn parts<'py>(slf: &Bound<'py, Self>) -> PyResult<MeshPartsTuple<'py>> {
+        let any = slf.as_any();
+        let cells = match Self::simplices(slf)? {
+            Some(corners) => vec![corners],
+            None => {
+                let [items, offsets, face_cells, sites] =
+                    Self::faces(slf)?.expect("Voronoi cells have faces");
+                let (region, on_feature) = match &*slf.get().0 {
+                    AnyMesh::Polygons(file) => (&file.mesh.region, &file.mesh.on_feature),
+                    AnyMesh::Polyhedra(file) => (&file.mesh.region, &file.mesh.on_feature),
+                    _ => unreachable!("simplices have no faces"),
+                };
+                let region = view(any.clone(), region, &[region.len()])?;
+                let on_feature = view(any.clone(), on_feature, &[on_feature.len()])?;
+                vec![items, offsets, face_cells, sites, region, on_feature]
+            }
+        };
+        let (point_data, cell_data, fields) = with_mesh!(&*slf.get().0, file => (
+            named_values(any, &file.point_data)?,
+            named_values(any, &file.cell_data)?,
+            named_fields(any, &file.field_data)?,
+        ));
+        let kind = slf.get().kind();
+        Ok((
+            kind,
+            Self::points(slf)?,
+            cells,
+            point_data,
+            cell_data,
+            fields,
+        ))
+    }
+
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyType>, MeshPartsTuple<'py>)> {
+        Ok((slf.get_type(), Self::parts(slf)?))
+    }
+
     /// Reads a .vtu file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let result = py.detach(|| read_any_vtu(&path));
-        Ok(Self::new(
-            result.map_err(|error| errors::library_error(py, &error))?,
-        ))
+        let mesh = result.map_err(|error| errors::library_error(py, &error))?;
+        Ok(mesh.into())
     }
 
     /// Writes a .vtu file, which appears complete or not at all.
@@ -271,11 +363,26 @@ pub struct Image(pub Arc<AnyImage>);
 /// Origin, axes (one per row) and units of an image.
 type GeometryArrays = (Vec<f64>, Vec<Vec<f64>>, Vec<String>);
 
+/// The arguments that create an image.
+type ImageParts<'py> = (
+    Bound<'py, PyAny>,
+    GeometryArrays,
+    Vec<String>,
+    String,
+    Option<(Vec<i128>, Bound<'py, PyAny>)>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+);
+
 #[pymethods]
 impl Image {
     /// Creates an image from samples of shape (nz, ny, nx) or (ny, nx), x the fastest. `axes[k]` is
     /// the vector from a sample to the next one along axis k, x first.
+    ///
+    /// `missing` and `dead` flag rows of samples and samples that hold no data.
     #[new]
+    #[pyo3(signature = (samples, place, names, encoding, labels, missing=None, dead=None))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         samples: PyReadonlyArrayDyn<'_, f32>,
@@ -283,7 +390,14 @@ impl Image {
         names: Vec<String>,
         encoding: String,
         labels: Option<(Vec<i128>, PyReadonlyArrayDyn<'_, u32>)>,
+        missing: Option<Bound<'_, PyAny>>,
+        dead: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let flags = |array: Option<Bound<'_, PyAny>>| match array {
+            Some(array) => numbers::<bool>(&array),
+            None => Ok(Vec::new()),
+        };
+        let flags = [flags(missing)?, flags(dead)?];
         let array = samples.as_array();
         let shape: Vec<usize> = array.shape().iter().rev().copied().collect();
         let data = array.iter().copied().collect();
@@ -302,6 +416,7 @@ impl Image {
             names: Vec<String>,
             encoding: String,
             labels: Option<Arc<ExactLabels>>,
+            [missing, dead]: [Vec<bool>; 2],
         ) -> Option<LoadedImage<D>> {
             let axes: Option<Vec<[f64; D]>> = axes.into_iter().map(|a| a.try_into().ok()).collect();
             let geometry = Geometry {
@@ -311,7 +426,14 @@ impl Image {
                 units: units.try_into().ok()?,
             };
             let mut image = Samples::new(shape.try_into().ok()?, data, geometry);
-            image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
+            let (count, rows) = (
+                image.samples.len(),
+                image.samples.len() / image.dims()[0].max(1),
+            );
+            image.labels = labels.filter(|labels| labels.indices.len() == count);
+            let fits = |flags: &[bool], length| flags.is_empty() || flags.len() == length;
+            image.missing = Some(missing).filter(|flags| fits(flags, rows))?;
+            image.dead = Some(dead).filter(|flags| fits(flags, count))?;
             Some(LoadedImage {
                 image,
                 format: ImageFormat::Npy,
@@ -321,11 +443,14 @@ impl Image {
                 line_numbers: None,
             })
         }
-        let image = py.detach(|| match shape.len() {
-            2 => to_loaded(&shape, data, place, names, encoding, labels).map(AnyImage::Plane),
-            3 => to_loaded(&shape, data, place, names, encoding, labels).map(AnyImage::Space),
-            _ => None,
-        });
+        let image =
+            py.detach(|| match shape.len() {
+                2 => to_loaded(&shape, data, place, names, encoding, labels, flags)
+                    .map(AnyImage::Plane),
+                3 => to_loaded(&shape, data, place, names, encoding, labels, flags)
+                    .map(AnyImage::Space),
+                _ => None,
+            });
         let problem = "an image has two axes or three, and as many origins, axes, units and names";
         Ok(Self(Arc::new(image.ok_or_else(|| refuse(problem))?)))
     }
@@ -338,6 +463,38 @@ impl Image {
             AnyImage::Plane(l) => view(any, l.image.as_slice(), l.image.samples.shape()),
             AnyImage::Space(l) => view(any, l.image.as_slice(), l.image.samples.shape()),
         }
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, ImageParts<'py>)> {
+        fn parts<'py, const D: usize>(
+            slf: &Bound<'py, Image>,
+            loaded: &LoadedImage<D>,
+        ) -> PyResult<ImageParts<'py>> {
+            let image = &loaded.image;
+            let array = |flags: &[bool]| view(slf.as_any().clone(), flags, &[flags.len()]);
+            let labels = match &image.labels {
+                Some(labels) => {
+                    let indices = &labels.indices;
+                    let indices = view(slf.as_any().clone(), indices, &[indices.len()])?;
+                    Some((labels.values.clone(), indices))
+                }
+                None => None,
+            };
+            Ok((
+                Image::samples(slf)?,
+                slf.get().place(),
+                image.geometry.names.to_vec(),
+                loaded.encoding.clone(),
+                labels,
+                array(&image.missing)?,
+                array(&image.dead)?,
+            ))
+        }
+        let parts = match &*slf.get().0 {
+            AnyImage::Plane(loaded) => parts(slf, loaded)?,
+            AnyImage::Space(loaded) => parts(slf, loaded)?,
+        };
+        Ok((slf.get_type(), parts))
     }
 
     /// Origin, axes and units of the image.
@@ -384,8 +541,8 @@ pub struct Surfaces {
     cell_data: Vec<DataArray>,
 }
 
-impl Surfaces {
-    fn new<const D: usize>(file: &SurfaceFile<D>) -> Self {
+impl<const D: usize> From<&SurfaceFile<D>> for Surfaces {
+    fn from(file: &SurfaceFile<D>) -> Self {
         Self {
             points: file.nodes.clone(),
             facets: file.facets.as_flattened().to_vec(),
@@ -397,8 +554,64 @@ impl Surfaces {
     }
 }
 
+/// The arguments that create surfaces.
+type SurfaceParts<'py> = (
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Vec<usize>,
+    Vec<String>,
+    Named<'py>,
+);
+
 #[pymethods]
 impl Surfaces {
+    /// Creates surfaces from their points, the points of their faces, the index of the first face
+    /// of each surface with the number of all faces, their names, and the arrays of faces.
+    #[new]
+    fn new<'py>(
+        points: Bound<'py, PyAny>,
+        faces: PyReadonlyArrayDyn<'py, u32>,
+        start: Vec<usize>,
+        names: Vec<String>,
+        cell_data: Named<'py>,
+    ) -> PyResult<Self> {
+        let points = rows::<f64, 3>(&points)?;
+        let &[count, corners @ (2 | 3)] = faces.shape() else {
+            return Err(misfit("the faces"));
+        };
+        let facets: Vec<u32> = faces.as_array().iter().copied().collect();
+        let fits = facets.iter().all(|&n| (n as usize) < points.len())
+            && start.is_sorted()
+            && start.first() == Some(&0)
+            && start.last() == Some(&count)
+            && start.len() == names.len() + 1;
+        if !fits {
+            return Err(misfit("the faces"));
+        }
+        Ok(Self {
+            points,
+            facets,
+            corners,
+            start,
+            names,
+            cell_data: data_arrays(&cell_data, count)?,
+        })
+    }
+
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyType>, SurfaceParts<'py>)> {
+        let surfaces = slf.get();
+        let parts = (
+            Self::points(slf)?,
+            Self::faces(slf)?,
+            surfaces.start.clone(),
+            surfaces.names.clone(),
+            named_values(slf.as_any(), &surfaces.cell_data)?,
+        );
+        Ok((slf.get_type(), parts))
+    }
+
     #[getter]
     fn points<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         let points = &slf.get().points;
@@ -447,14 +660,14 @@ pub fn to_python<'py>(py: Python<'py>, output: MemoryOutput) -> PyResult<Bound<'
         }
     }
     Ok(match output {
-        MemoryOutput::Mesh(mesh) => Bound::new(py, Mesh::new(*mesh))?.into_any(),
+        MemoryOutput::Mesh(mesh) => Bound::new(py, Mesh::from(*mesh))?.into_any(),
         MemoryOutput::Plane(image) => {
             Bound::new(py, Image(Arc::new(AnyImage::Plane(to_loaded(image)))))?.into_any()
         }
         MemoryOutput::Space(image) => {
             Bound::new(py, Image(Arc::new(AnyImage::Space(to_loaded(image)))))?.into_any()
         }
-        MemoryOutput::Curves(file) => Bound::new(py, Surfaces::new(&file))?.into_any(),
-        MemoryOutput::Surfaces(file) => Bound::new(py, Surfaces::new(&file))?.into_any(),
+        MemoryOutput::Curves(file) => Bound::new(py, Surfaces::from(&file))?.into_any(),
+        MemoryOutput::Surfaces(file) => Bound::new(py, Surfaces::from(&file))?.into_any(),
     })
 }

@@ -40,7 +40,7 @@ pub struct RockOptions {
     /// An image of labels that sets the regions of the cells
     #[arg(long, value_name = "IMAGE")]
     pub region: Option<String>,
-    /// How to read the images.
+    /// Options for reading the images.
     #[command(flatten, next_help_heading = "Reading images")]
     pub input: InputOptions,
 }
@@ -222,7 +222,7 @@ impl RockOptions {
                 None => (text, mean),
             };
         let path = Path::new(path);
-        if !path.exists() {
+        if !console.image_exists(path) {
             let scalars = prepared.cell_data.iter().filter(|a| a.components == 1);
             let names: Vec<&str> = scalars.map(|array| array.name.as_str()).collect();
             return Err(option_error(

@@ -29,6 +29,7 @@ mod thread_comm;
 pub mod world;
 
 pub use collective::{Comm, SelfComm, concatenate};
+#[cfg(feature = "cli")]
 pub use launch::ranks_sharing_processors;
 pub use local_or_comm::LocalOrComm;
 pub use mpi_comm::MpiComm;

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::depth::ReadImage;
 use super::spec::{
     DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind, Slivers,
 };
@@ -13,7 +14,7 @@ use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
 use crate::files::csv;
-use crate::image::formats::{self, ReadOptions};
+use crate::image::formats::{self, AnyImage, ReadOptions};
 use crate::image::{Geometry, Image, Modality};
 use crate::lattice::seeding::{self, Seeding};
 use crate::{Error, Result};
@@ -249,6 +250,16 @@ impl<const D: usize> Params<D> {
     /// # Errors
     /// Returns the errors of [`Params::new`] and those of reading these files.
     pub fn read(spec: &MeshSpec) -> Result<Self> {
+        Self::read_with(spec, &|path| {
+            formats::read_any(path, &ReadOptions::default())
+        })
+    }
+
+    /// Returns the parameters as [`Params::read`] does, and reads images with `read_image`.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Params::read`] and of `read_image`.
+    pub(crate) fn read_with(spec: &MeshSpec, read_image: ReadImage<'_>) -> Result<Self> {
         let mut params = Self::new(spec.clone())?;
         if let Some(path) = &spec.atoms_from {
             params.fixed_atoms = read_fixed_atoms(path)?;
@@ -258,10 +269,11 @@ impl<const D: usize> Params<D> {
         }
         if let DistanceSource::File(path) = &spec.distance_from {
             let remedy = "give one distance per sample of the image";
-            params.distance_map = Some(Box::new(read_image("distance-from", path, remedy)?));
+            let distances = with_dimension("distance-from", path, read_image(path)?, remedy)?;
+            params.distance_map = Some(Box::new(distances));
         }
         if let NumberOrFile::File(path) = &spec.beta {
-            params.beta = Weight::Image(Box::new(read_beta(path)?));
+            params.beta = Weight::Image(Box::new(check_beta(path, read_image(path)?)?));
         }
         params.wells = (spec.well.iter())
             .map(|path| read_well(path))
@@ -396,9 +408,16 @@ fn read_well<const D: usize>(path: &Path) -> Result<WellPath<D>> {
     })
 }
 
-/// Reads an image that an option names; `remedy` says what to give.
-fn read_image<const D: usize>(option: &str, path: &Path, remedy: &str) -> Result<Image<D>> {
-    let image = formats::read_any(path, &ReadOptions::default())?;
+/// Returns the image that an option names; `remedy` says what to give.
+///
+/// # Errors
+/// Returns [`Error::Job`] if the image does not have `D` axes.
+fn with_dimension<const D: usize>(
+    option: &str,
+    path: &Path,
+    image: AnyImage,
+    remedy: &str,
+) -> Result<Image<D>> {
     image.into_image().ok_or_else(|| {
         Error::Job(cause(
             format!("{option} {}", path.display()),
@@ -408,9 +427,13 @@ fn read_image<const D: usize>(option: &str, path: &Path, remedy: &str) -> Result
     })
 }
 
-/// Reads an image of weights.
-fn read_beta<const D: usize>(path: &Path) -> Result<Image<D>> {
-    let image = read_image("beta", path, "give one weight per sample of the image")?;
+/// Returns the image of weights.
+///
+/// # Errors
+/// Returns [`Error::Job`] if it does not have `D` axes, or for a weight outside [0, 1).
+fn check_beta<const D: usize>(path: &Path, image: AnyImage) -> Result<Image<D>> {
+    let remedy = "give one weight per sample of the image";
+    let image = with_dimension("beta", path, image, remedy)?;
     let stats = image.stats();
     if stats.first_non_finite.is_some() || stats.min < 0.0 || stats.max >= 1.0 {
         return Err(Error::Job(cause(

@@ -5,15 +5,15 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::geometry::sorted_distinct;
-use crate::mesh::renumber::new_numbers;
 use super::vtu::{MeshFile, add_vtu, read_any_vtu};
 use super::{AnyMesh, Storable};
 use crate::error::cause;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
 use crate::files::vtk::{DataArray, Values, VtkFile};
+use crate::geometry::sorted_distinct;
 use crate::mesh::Simplices;
+use crate::mesh::renumber::new_numbers;
 use crate::{Error, Result};
 
 /// Array of the global node numbers.

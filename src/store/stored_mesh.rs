@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use crate::geometry::bounding_box;
 use super::depth::velocity_file;
 use super::labels::remove_labels;
 use super::named_surfaces::NamedSurfaces;
@@ -10,6 +9,7 @@ use super::output::{HORIZON_FACES_ARRAY, UNITS_FIELD, WELD_FIELD};
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
+use crate::geometry::bounding_box;
 use crate::image::Geometry;
 use crate::job::BOX_TOLERANCE;
 use crate::mesh::check;

@@ -18,17 +18,22 @@ from typing import TYPE_CHECKING, Any, Union
 import numpy as np
 
 from . import _native
-from ._native import Error
+from ._errors import ArgumentError, Error, InvalidValueError
 
 if TYPE_CHECKING:
     Progress = Union[bool, Callable[[str, float], object]]
 
 log = logging.getLogger("atomesh")
 
+#: Options whose images verbs read by name, so that they need not be files.
+IMAGES_IN_MEMORY = {
+    "beta", "distance-from", "horizon", "permeability", "porosity", "property", "region", "velocity",
+}
 
-def error(place: str, problem: str, remedy: str) -> Error:
-    """Returns the exception with this place, problem and remedy."""
-    exception = Error(f"{place}: {problem}; {remedy}")
+
+def error(place: str, problem: str, remedy: str, kind: type[Error] = InvalidValueError) -> Error:
+    """Returns the exception of a kind with this place, problem and remedy."""
+    exception = kind(f"{place}: {problem}; {remedy}")
     exception.place, exception.problem, exception.remedy, exception.kind = place, problem, remedy, "Usage"
     return exception
 
@@ -55,7 +60,9 @@ def argument(name: str) -> str:
 class Answer:
     """The messages and results of a verb."""
 
-    def __init__(self, results: dict[str, Any]) -> None:
+    def __init__(self, results: dict[str, Any], images: Mapping[str, _native.Image]) -> None:
+        #: Images in memory that options named.
+        self.images = images
         self.text: str = results["text"]
         self.report: dict[str, Any] = json.loads(results["json"]) or {}
         self.notes: list[str] = results["notes"]
@@ -96,43 +103,134 @@ def call(
     -------
     Answer
         The messages and results of the verb.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such option, or if its value has a type that it cannot have.
     """
     known = options_of(verb)
     words = [verb]
-    with tempfile.TemporaryDirectory(prefix="atomesh-") as folder, _ProgressDisplay(progress) as display:
+    with _Inputs(verb) as inputs, _ProgressDisplay(progress) as display:
         for name, value in options.items():
             option = known.get(name)
             if option is None:
                 close = difflib.get_close_matches(name, known, 1)
                 remedy = f"did you mean {close[0]}=?" if close else f"give one of {', '.join(known)}"
-                raise error(f"{verb}()", f"has no option {name}", remedy)
-            words += _words(option, value, Path(folder))
+                raise error(f"{verb}()", f"has no option {name}", remedy, ArgumentError)
+            words += inputs.words(option, value)
         words.append("--")
-        words += [os.fspath(path) for path in arguments]
-        return Answer(_native.run(words, dict(objects or {}), list(keep), display, threads))
+        words += [_path(path) for path in arguments]
+        results = _native.run(words, {**(objects or {}), **inputs.images}, list(keep), display, threads)
+        return Answer(results, inputs.images)
 
 
-def _words(option: Mapping[str, Any], value: Any, folder: Path) -> list[str]:
-    """Returns an option in the syntax of the command line."""
-    name = f"--{option['name']}"
-    if value is None or value is False:
-        return []
-    if option["flag"]:
-        return [name]
-    values = [value]
-    if option["repeated"]:
+def _path(path: Any) -> str:
+    try:
+        return os.fspath(path)
+    except TypeError:
+        problem = f"is of type {type(path).__name__}"
+        raise error(f"{path!r:.40}", problem, "give the path of a file", ArgumentError) from None
+
+
+class _Inputs:
+    """The options of a call in the syntax of the command line, with their images and temporary files."""
+
+    def __init__(self, verb: str) -> None:
+        self._verb = verb
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._file_count = 0
+        #: Images in memory by the names that stand for them.
+        self.images: dict[str, _native.Image] = {}
+
+    def __enter__(self) -> _Inputs:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def words(self, option: Mapping[str, Any], value: Any) -> list[str]:
+        """Returns an option in the syntax of the command line."""
+        name = f"--{option['name']}"
+        if value is None or value is False:
+            return []
+        if option["flag"]:
+            return [name]
+        values = [value]
+        if option["repeated"]:
+            if isinstance(value, Mapping):
+                # The separator is a colon in X,Y,Z[:RATE], N:X,Y,Z and [NAME=]X,Y,Z:VALUE, but = in SIDE=P.
+                separator = ":" if ":" in (option["value"] or ":") else "="
+                pairs = ((self._text(option, a), self._text(option, b)) for a, b in value.items())
+                return [f"{name}={a}{separator}{b}" for a, b in pairs]
+            if isinstance(value, (list, tuple)) and not _is_point(value):
+                values = list(value)
+            elif isinstance(value, np.ndarray) and value.ndim == 2 and not _is_table(option):
+                values = list(value)
+        return [f"{name}={self._text(option, item)}" for item in values]
+
+    def _text(self, option: Mapping[str, Any], value: Any) -> str:
+        """Returns a value in the syntax of the command line.
+
+        A point becomes X,Y,Z, a box X,Y,Z:X,Y,Z, a range of distances MIN:MAX and a dict NAME=VALUE,NAME=VALUE. An
+        array or an image becomes the name that stands for it.
+        """
+        if isinstance(value, np.generic):
+            value = value.item()
+        if isinstance(value, float):
+            return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+        if isinstance(value, (str, int)):
+            return str(value)
+        if isinstance(value, os.PathLike):
+            return os.fspath(value)
         if isinstance(value, Mapping):
-            # The separator is a colon in X,Y,Z[:RATE], N:X,Y,Z and [NAME=]X,Y,Z:VALUE, but = in SIDE=P.
-            separator = ":" if ":" in (option["value"] or ":") else "="
-            values = [f"{_text(a)}{separator}{_text(b)}" for a, b in value.items()]
-        elif isinstance(value, (list, tuple)) and not _is_point(value):
-            values = list(value)
-        elif isinstance(value, np.ndarray) and value.ndim == 2 and "csv" not in (option["value"] or ""):
-            values = list(value)
-    number = len(list(folder.iterdir()))
-    return [
-        f"{name}={_text(_in_file(option, item, folder, number + i))}" for i, item in enumerate(values)
-    ]
+            return ",".join(f"{name}={self._text(option, item)}" for name, item in value.items())
+        if isinstance(value, (list, tuple)) or isinstance(value, np.ndarray) and value.ndim == 1:
+            items = list(value)
+            is_range = option["name"] == "distance" and len(items) == 2
+            is_list = _is_point(items) and not is_range or any(isinstance(item, str) for item in items)
+            is_list = is_list or any(_is_image(item) for item in items)
+            return ("," if is_list else ":").join(self._text(option, item) for item in items)
+        return self._input(option, value)
+
+    def _input(self, option: Mapping[str, Any], value: Any) -> str:
+        """Returns the name that stands for an array or an image, or the path of a file that holds it."""
+        keyword = argument(option["name"])
+        if option["type"] not in ("text", "path") or not _is_image(value):
+            problem = f"is of type {type(value).__name__}"
+            remedy = f"atomesh.options({self._verb!r})[{keyword!r}] tells what it can be"
+            raise error(f"{keyword}=", problem, remedy, ArgumentError)
+        if _is_table(option):
+            path = self._new_path("csv")
+            np.savetxt(path, np.atleast_2d(np.asarray(value, dtype=float)), delimiter=",", fmt="%.17g")
+            return str(path)
+        if isinstance(value, np.ndarray) and value.ndim == 4:
+            path = self._new_path("npy")
+            np.save(path, value.astype(np.float32))
+            return str(path)
+        from ._image import Image
+
+        try:
+            image = Image.of(value)
+        except Error as problem_of_image:
+            problem, remedy = problem_of_image.problem, problem_of_image.remedy
+            raise error(f"{keyword}=", problem, remedy, type(problem_of_image)) from None
+        if option["name"] in IMAGES_IN_MEMORY:
+            count = len(self.images)
+            name = f"<{keyword} {count + 1}>" if f"<{keyword}>" in self.images else f"<{keyword}>"
+            self.images[name] = image._native
+            return name
+        path = self._new_path("vti")
+        image.save(path)
+        return str(path)
+
+    def _new_path(self, ending: str) -> Path:
+        """Returns the path of a new temporary file."""
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="atomesh-")
+        self._file_count += 1
+        return Path(self._folder.name) / f"{self._file_count}.{ending}"
 
 
 def _is_point(value: Any) -> bool:
@@ -140,38 +238,21 @@ def _is_point(value: Any) -> bool:
     return all(isinstance(c, (int, float, np.number)) for c in value)
 
 
-def _in_file(option: Mapping[str, Any], value: Any, folder: Path, number: int) -> Any:
-    """Writes an array or an image to a file and returns its path; returns any other value as it is."""
-    if isinstance(value, (str, os.PathLike, bool, int, float, np.number, tuple, list)):
-        return value
-    if "csv" in (option["value"] or ""):
-        path = folder / f"{number}.csv"
-        np.savetxt(path, np.atleast_2d(np.asarray(value, dtype=float)), delimiter=",", fmt="%.17g")
-        return path
-    if isinstance(value, np.ndarray) and value.ndim == 4:
-        path = folder / f"{number}.npy"
-        np.save(path, value.astype(np.float32))
-        return path
-    if isinstance(value, np.ndarray) and value.ndim <= 1:
-        return value
-    from ._image import Image
-
-    path = folder / f"{number}.vti"
-    Image.of(value).save(path)
-    return path
+def _is_table(option: Mapping[str, Any]) -> bool:
+    """Returns True if the option takes a file of comma-separated values."""
+    return "csv" in (option["value"] or "")
 
 
-def _text(value: Any) -> str:
-    """Returns a value in the syntax of the command line: a point is X,Y,Z, a box X,Y,Z:X,Y,Z."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, (list, tuple, np.ndarray)):
-        parts = list(value)
-        separator = "," if _is_point(parts) or any(isinstance(p, str) for p in parts) else ":"
-        return separator.join(_text(part) for part in parts)
-    if isinstance(value, float):
-        return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-    return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
+def _is_image(value: Any) -> bool:
+    """Returns True for arrays, and for objects that hold an image or behave as arrays."""
+    if isinstance(value, (str, bytes, int, float, np.number, list, tuple, Mapping, os.PathLike)):
+        return False
+    if isinstance(value, np.ndarray):
+        return value.ndim > 1
+    if any(hasattr(value, name) for name in ("samples", "GetSpacing", "dataobj", "point_data")):
+        return True
+    array = np.asarray(value)
+    return array.ndim > 1 and array.dtype != object
 
 
 class _ProgressDisplay:

@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _native
 from ._call import call, error
+from ._errors import ArgumentError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -37,7 +38,7 @@ class Image:
     def of(
         cls,
         volume: Volume,
-        spacing: Sequence[float] | None = None,
+        spacing: float | Sequence[float] | None = None,
         origin: Sequence[float] | None = None,
         units: str | Sequence[str] | None = None,
     ) -> Image:
@@ -50,7 +51,8 @@ class Image:
             pyvista.ImageData or vtkImageData, a SimpleITK image or a nibabel image. Masked samples of a masked
             array are missing (NaN).
         spacing
-            The distances between samples along x, y, z. They replace those of the volume.
+            The distances between samples along x, y, z, or one distance for all axes. They replace those of the
+            volume.
         origin
             The position of the first sample: x, y, z. It replaces that of the volume.
         units
@@ -60,6 +62,20 @@ class Image:
         -------
         Image
             The image.
+
+        Raises
+        ------
+        ArgumentError
+            If the volume is of a type that holds no real numbers. This is also a TypeError.
+        InvalidValueError
+            If the array has a wrong shape, or if the other arguments do not fit it. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> image = atomesh.Image.of(np.zeros((20, 30, 40)), spacing=12.5, units="m")
+        >>> image.spacing
+        array([12.5, 12.5, 12.5])
         """
         if isinstance(volume, (str, os.PathLike)):
             return cls.of(read(volume), spacing, origin, units)
@@ -68,14 +84,15 @@ class Image:
         else:
             source = _source(volume)
         array = _filled(source.array)
+        if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
+            kind = type(source.array).__name__ if array.dtype == object else str(array.dtype)
+            raise error(NAME, f"holds {kind}", "give real numbers", ArgumentError)
         if array.ndim == 3 and array.shape[0] == 1:
             array = array[0]
             source.origin, source.axes = source.origin[:2], source.axes[:2, :2]
         if array.ndim not in (2, 3):
             shape = "x".join(map(str, array.shape))
             raise error(NAME, f"has shape {shape}", "give an array of two axes or three")
-        if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
-            raise error(NAME, f"holds {array.dtype}", "give real numbers")
         count = array.ndim
         axes = np.array(source.axes, dtype=float)
         if spacing is not None:
@@ -157,7 +174,7 @@ class Image:
 
 
 def read(path: str | os.PathLike[str], **options: Any) -> Image:
-    """Reads an image file of any format that atomesh supports.
+    """Reads the file of an image, of any format that atomesh supports. `load` reads the file of a mesh.
 
     Parameters
     ----------
@@ -170,16 +187,39 @@ def read(path: str | os.PathLike[str], **options: Any) -> Image:
     -------
     Image
         The image.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file. This is also a FileNotFoundError.
+
+    See Also
+    --------
+    load : Reads the file of a mesh.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> atomesh.synth("sphere", dims=(20, 20, 20)).save("sphere.vti")
+    >>> atomesh.read("sphere.vti").samples.shape
+    (20, 20, 20)
     """
     answer = call("convert", [path, "<image>.vti"], options, keep=["<image>.vti"])
     return Image(answer.kept["<image>.vti"])
 
 
-def _numbers(name: str, values: Sequence[float], count: int) -> npt.NDArray[np.float64]:
-    numbers = np.atleast_1d(np.asarray(values, dtype=float))
+def _numbers(name: str, values: float | Sequence[float], count: int) -> npt.NDArray[np.float64]:
+    order = "x, y, z" if count == 3 else "x, y"
+    try:
+        numbers = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise error(f"{name}={values!r}", "is not numbers", f"give {order}", ArgumentError) from None
+    if name == "spacing":
+        order += ", or one number for all axes"
+        numbers = np.full(count, numbers) if numbers.ndim == 0 else numbers
     if numbers.shape != (count,) or not np.isfinite(numbers).all() or (name == "spacing" and (numbers <= 0).any()):
-        order = "x, y, z" if count == 3 else "x, y"
-        raise error(f"{name}={values}", f"is not {count} numbers", f"give {order}")
+        problem = f"is not {count} positive numbers" if name == "spacing" else f"is not {count} numbers"
+        raise error(f"{name}={values}", problem, f"give {order}")
     return numbers
 
 

@@ -54,7 +54,7 @@ pub struct ColumnsArgs {
     /// Unit of z [default: the unit of the map's x]
     #[arg(long, value_name = "UNIT")]
     pub z_unit: Option<String>,
-    /// How to read the images.
+    /// Options for reading the images.
     #[command(flatten, next_help_heading = "Reading images")]
     pub input: InputOptions,
 }

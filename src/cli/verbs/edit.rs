@@ -58,7 +58,7 @@ pub struct EditArgs {
     /// Let added and moved atoms move like all others. By default they stay in place, as wells do
     #[arg(long)]
     pub free: bool,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
@@ -119,7 +119,8 @@ fn run<const D: usize, M: Storable<D>>(
         )));
     };
     image.check(&args.image.display().to_string())?;
-    let mut params = Params::<D>::read(&spec).map_err(with_option_name)?;
+    let read_image = |path: &Path| console.read_image(path, &InputOptions::default());
+    let mut params = Params::<D>::read_with(&spec, &read_image).map_err(with_option_name)?;
     // An image that is in depth already is not converted.
     let velocity = (spec.velocity.as_ref()).filter(|_| image.geometry.time_coordinate().is_some());
     let labels = params.spec.feature.has_labels();

@@ -64,7 +64,7 @@ pub struct FeatureArgs {
     /// Seed of the random numbers, for --feature paths
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub rng_seed: u64,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::geometry::bounding_box;
 use crate::Result;
 use crate::cli::common::options::read_options;
 use crate::cli::console::Console;
 use crate::files::vtk::DataArray;
+use crate::geometry::bounding_box;
 use crate::image::formats;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
@@ -22,7 +22,7 @@ pub struct InfoArgs {
     /// An image or a mesh
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

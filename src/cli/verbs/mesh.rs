@@ -18,7 +18,7 @@ use crate::error::{cause, io_error};
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::files::vtk::DataArray;
 use crate::image::formats::stream::{ImageStream, OpenedImage};
-use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
+use crate::image::formats::{AnyImage, InputOptions, LoadedImage, into_any_image};
 use crate::image::{Geometry, Image, ImageSource, Modality};
 use crate::job::spec::NumberOrFile;
 use crate::job::{
@@ -103,9 +103,10 @@ pub(crate) fn mesh(
                 *geometry = geometry.to_depth(velocity).map_err(with_option_name)?.0;
             }
             let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
+            let read_image = |path: &Path| console.read_image(path, &InputOptions::default());
             let params = Params {
                 modality: Modality::detect(stream.header.format, &stream.header.geometry),
-                ..Params::read(&spec).map_err(with_option_name)?
+                ..Params::read_with(&spec, &read_image).map_err(with_option_name)?
             };
             run.mesh(image, dims, params, &|| stream_notes(&stream), console)
         }
@@ -189,7 +190,9 @@ impl MeshRun<'_> {
         } = loaded;
         let dims = image.dims();
         image.check(&self.path.display().to_string())?;
-        let mut params = Params::<D>::read(self.spec).map_err(with_option_name)?;
+        let read_image = |path: &Path| console.read_image(path, &InputOptions::default());
+        let mut params =
+            Params::<D>::read_with(self.spec, &read_image).map_err(with_option_name)?;
         params.modality = Modality::detect(format, &image.geometry);
         let velocity = self.spec.velocity.as_ref();
         let is_labels = params.spec.feature.has_labels();

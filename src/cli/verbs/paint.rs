@@ -61,7 +61,7 @@ pub struct PaintArgs {
     /// Options that group faces into the surfaces that paint does not cross.
     #[command(flatten)]
     pub grouping: GroupingOptions,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

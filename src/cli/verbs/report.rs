@@ -37,7 +37,7 @@ pub struct ReportArgs {
     /// Heading of the page [default: the mesh's name]
     #[arg(long, value_name = "TEXT")]
     pub title: Option<String>,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

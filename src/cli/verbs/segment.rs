@@ -73,7 +73,7 @@ pub struct SegmentArgs {
     /// Also cut the image's samples themselves, which is the classical method, and report both
     #[arg(long)]
     pub voxels: bool,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

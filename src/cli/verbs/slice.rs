@@ -50,7 +50,7 @@ pub struct SliceArgs {
     /// image has it; z if unknown]
     #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<String>,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

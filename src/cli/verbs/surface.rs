@@ -82,7 +82,7 @@ pub struct SurfaceArgs {
     /// file of interval velocities in m/s on a grid in two-way time
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
-    /// How to read the image.
+    /// Options for reading the image.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }

@@ -5,11 +5,10 @@
 //! Pillars are made vertical again where features are too flat or too close to each other. So no
 //! column is turned inside out.
 
-use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
-use crate::geometry::{add_scaled, dot, sub};
+use crate::geometry::{add_scaled, dot, sorted_distinct, sub};
 use crate::mesh::graph::{Connection, Graph};
 use crate::{Error, Result};
 

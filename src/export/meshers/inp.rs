@@ -10,14 +10,14 @@
 use std::io::Write;
 use std::path::Path;
 
-use crate::export::containers::text::FileWriter;
-use crate::geometry::sorted_distinct;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::Result;
+use crate::export::containers::text::FileWriter;
 use crate::export::containers::text::{TextBuilder, write_items};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
+use crate::geometry::sorted_distinct;
 use crate::model::reservoir::Model;
 
 /// Entry of this format in the list of formats.

@@ -11,11 +11,11 @@
 use std::io::Write;
 use std::path::Path;
 
-use crate::export::containers::text::{FileWriter, WriteResult};
 use super::groups::NamedSides;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::{SimplexMesh, TornSurface};
 use crate::Result;
+use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::containers::text::{TextBuilder, write_items};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;

@@ -8,7 +8,6 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::geometry::sorted_distinct;
 use super::NAMES_AND_ROCK;
 use super::simplices::SimplexMesh;
 use crate::Result;
@@ -18,6 +17,7 @@ use crate::export::format::ExportFormat;
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
+use crate::geometry::sorted_distinct;
 use crate::model::reservoir::Model;
 
 /// Entry of this format in the list of formats.

@@ -3,10 +3,10 @@
 
 use std::io::Write;
 
-use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::Result;
 use crate::error::{Error, cause};
 use crate::export::containers::text::write_numbers;
+use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::model::reservoir::{
     BAR, Control, DAY, Fluid, Model, OIL_DENSITY, SimulationCase, WATER_DENSITY, Well,
 };

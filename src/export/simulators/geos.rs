@@ -15,7 +15,6 @@
 use std::io::Write;
 use std::path::Path;
 
-use crate::geometry::sorted_distinct;
 use crate::Result;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{NamedSides, region_shift};
@@ -23,6 +22,7 @@ use crate::export::meshers::simplices::{SimplexMesh, TornSurface};
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
 use crate::files::vtk::xml::escape;
+use crate::geometry::sorted_distinct;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::model::flow::SplitMesh;

@@ -1,8 +1,7 @@
 //! Labelled surfaces with their names, values and units, as all surface formats write them.
 
 use crate::files::vtk::DataArray;
-use crate::geometry::sorted_distinct;
-use crate::geometry::to_3d;
+use crate::geometry::{sorted_distinct, to_3d};
 use crate::store::FieldValue;
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.

@@ -268,11 +268,11 @@ pub fn check_target(path: &Path) -> Result<()> {
     let folder = parent_folder(path);
     if !folder.is_dir() {
         let problem = format!("the folder {} does not exist", folder.display());
-        return Err(Error::Io(cause(
-            path.display(),
-            problem,
-            "create it, or write elsewhere",
-        )));
+        let remedy = "create it, or write elsewhere";
+        let source = io::Error::from(io::ErrorKind::NotFound);
+        return Err(Error::Io(
+            cause(path.display(), problem, remedy).with_source(source),
+        ));
     }
     if path.is_dir() || path.file_name().is_none() {
         return Err(Error::Io(cause(

@@ -5,8 +5,7 @@
 use super::attempt_cache::AttemptKind;
 use super::{NodeConstraint, SMOOTHING_MARGIN, TetImprover};
 use crate::Result;
-use crate::geometry::sorted_distinct;
-use crate::geometry::{norm, sub};
+use crate::geometry::{norm, sorted_distinct, sub};
 use crate::improve::target::UNUSABLE_ANGLE;
 use crate::mesh::{EDGES, FACES};
 use crate::progress::CancelToken;

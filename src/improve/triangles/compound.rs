@@ -4,11 +4,10 @@
 use std::cmp::Ordering;
 use std::collections::HashSet;
 
-use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
 use super::{MAX_COTANGENT, TriImprover};
-use crate::geometry::{add_scaled, to_3d};
+use crate::geometry::{add_scaled, sorted_distinct, to_3d};
 use crate::improve::feature_planes::MAX_FACE_OFFSET;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;

@@ -190,7 +190,7 @@ pub struct MeshSpec {
     /// The report then has the energy and the quality of each
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd", help_heading = FILES))]
     pub trace: Option<PathBuf>,
-    /// How to read the image.
+    /// Options for reading the image.
     #[cfg_attr(
         feature = "cli",
         command(flatten, next_help_heading = "Reading the image")

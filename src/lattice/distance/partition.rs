@@ -7,12 +7,12 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use crate::geometry::grid_index::{index_at, offset_of};
 use super::features::{DistanceLimits, coarse_grid, for_each_corner};
 use super::grading::limit_gradient_in_layers;
 use super::{CellPosition, Distance, GridCell, density_sum, max_slopes, slope_norm};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::geometry::morphology;
 use crate::image::{MissFlag, ScalarField};
 use crate::progress::CancelToken;

@@ -20,14 +20,13 @@ pub(crate) mod prepared_model;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
-use crate::geometry::sorted_distinct;
 pub use prepared_model::{MeshPlacement, PreparedModel};
 
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
-use crate::geometry::dot;
+use crate::geometry::{dot, sorted_distinct};
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};

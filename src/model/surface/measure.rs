@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 use serde::Serialize;
 
@@ -10,7 +9,9 @@ use super::Surfaces;
 use super::facets::FacetComplex;
 use super::kind::{SurfaceKind, surface_kinds};
 use crate::geometry::union_find::UnionFind;
-use crate::geometry::{add_scaled, bounding_box, cross, dot, norm, normal, sub, to_3d, unit};
+use crate::geometry::{
+    add_scaled, bounding_box, cross, dot, norm, normal, sorted_distinct, sub, to_3d, unit,
+};
 use crate::image::Geometry;
 
 /// Measures of one surface, in the space of the given nodes. In 2-D, area means length.

@@ -49,8 +49,7 @@ pub mod names;
 pub mod region_interfaces;
 pub mod stored_surfaces;
 
-use crate::geometry::norm;
-use crate::geometry::sorted_distinct;
+use crate::geometry::{norm, sorted_distinct};
 use crate::mesh::complex::NONE;
 use continuation_votes::{SmoothPieces, Vote, crossing_votes, gap_votes, ridge_votes, rim_lengths};
 use facets::FacetComplex;

@@ -16,8 +16,6 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use crate::geometry::sorted_distinct;
-use crate::mesh::renumber::{new_numbers, used_items};
 use super::labels::{LabelledRegion, regions_field};
 use super::named_surfaces::NamedSurfaces;
 use super::output::HORIZON_FACES_ARRAY;
@@ -26,8 +24,10 @@ use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, io_error};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
+use crate::geometry::sorted_distinct;
 use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
+use crate::mesh::renumber::{new_numbers, used_items};
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::{Error, Result};
 

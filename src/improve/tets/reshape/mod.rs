@@ -4,8 +4,7 @@
 
 use super::{TetImprover, smooth};
 use crate::error::{Error, cause};
-use crate::geometry::sorted_distinct;
-use crate::geometry::{norm, sub, volume6};
+use crate::geometry::{norm, sorted_distinct, sub, volume6};
 use crate::improve::constraint::NodeConstraint;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult, Target};

@@ -9,6 +9,7 @@
 //! - `edges`: ridges of Prewitt's gradient magnitude
 //! - `canny`: maxima of the gradient magnitude along the gradient
 //! - `paths`: the boundary of one object, by random shortest paths
+//! - `isosurface`: surfaces on which the image has a given value
 //! - `labels`: interfaces between labels
 //! - `masks`: the medial surface of thin masks
 //! - `label_smoothing`: winning label of each sample after smoothing
@@ -27,6 +28,7 @@ pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
 pub(crate) mod horizons;
+pub(crate) mod isosurface;
 pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
@@ -106,6 +108,9 @@ feature_kinds! {
     Edges = "edges" [edges::Edges];
     /// Steps of brightness, by non-maximum suppression and hysteresis
     Canny = "canny" [canny::Canny];
+    /// Surfaces on which the image has the value of --threshold, such as 300 HU for bone in CT
+    /// images; without it, that of Otsu's threshold
+    Isosurface = "isosurface" [isosurface::Isosurface];
     /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
     Paths = "paths" [paths::Paths];
     /// Peaks and troughs of seismic amplitude along the bedding's normal
@@ -197,6 +202,8 @@ impl FromStr for FeatureKind {
 pub enum ThresholdMeaning {
     /// Smallest strength of a feature.
     MinStrength,
+    /// Value of the image on a feature.
+    Level,
     /// None: features of this kind have no strength.
     Unused,
 }

@@ -31,11 +31,17 @@ from typing import Any, Literal, TypeAlias, TypedDict
 import numpy as np
 import numpy.typing as npt
 
+from ._image import Image
+
 _Path: TypeAlias = str | os.PathLike[str]
 _Number: TypeAlias = float | np.floating[Any] | np.integer[Any]
-#: Words, numbers, points (x, y, z), boxes of two points, files, and arrays where a file is asked for.
-_Value: TypeAlias = str | os.PathLike[str] | _Number | Sequence[_Number] | Sequence[Sequence[_Number]] | npt.NDArray[Any]
-_Values: TypeAlias = _Value | Sequence[_Value] | Mapping[Any, _Value]
+#: Words, numbers, points (x, y, z), pairs of numbers (a range), boxes of two points, files, and arrays or images in
+#: place of files.
+_Value: TypeAlias = (
+    str | os.PathLike[str] | _Number | Sequence[_Number] | Sequence[Sequence[_Number]] | npt.NDArray[Any] | Image
+)
+#: One value or several. A dict holds pairs; what is requested of a label is a dict of its own.
+_Values: TypeAlias = _Value | Sequence[_Value] | Mapping[Any, _Value | Mapping[str, _Value]]
 '''
 
 

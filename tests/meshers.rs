@@ -57,7 +57,7 @@ fn gmsh_reads_volumes_regions_and_surfaces() {
 
 #[test]
 #[ignore = "needs meshio: make test-all"]
-fn meshio_reads_medit_tetgen_and_abaqus() {
+fn meshio_reads_medit_tetgen_abaqus_and_nastran() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
@@ -65,7 +65,10 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
         ("medit", "a.mesh", "medit"),
         ("tetgen", "a.node", "tetgen"),
         ("inp", "a.inp", "abaqus"),
+        ("nastran", "a.bdf", "nastran"),
     ] {
+        // Coordinates of NASTRAN have 16 characters.
+        let tolerance = if to == "nastran" { 1e-12 } else { 1e-14 };
         run(
             folder,
             &format!("export tets.vtu --to {to} -o {file} --quiet"),
@@ -84,16 +87,66 @@ fn meshio_reads_medit_tetgen_and_abaqus() {
         let points = rows("points");
         assert_eq!(points.len(), mesh.nodes.len());
         for (point, node) in points.iter().zip(&mesh.nodes) {
-            assert!((0..3).all(|k| is_close(point[k], node[k], 1e-14)), "{to}");
+            assert!(
+                (0..3).all(|k| is_close(point[k], node[k], tolerance)),
+                "{to}"
+            );
         }
         let tets: Vec<[u32; 4]> = rows("tets")
             .iter()
             .map(|row| [0, 1, 2, 3].map(|k| row[k] as u32))
             .collect();
         assert_eq!(tets, mesh.tets, "{to}");
-        if to == "medit" {
+        if ["medit", "nastran"].contains(&to) {
             assert!(result["triangles"].as_u64().unwrap() > 100);
         }
+    }
+}
+
+#[test]
+#[ignore = "needs meshio: make test-all"]
+fn meshio_reads_regions_sides_and_quadratic_elements_of_nastran() {
+    let folder = folder_with_meshes();
+    let folder = folder.path();
+    write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+        if z < 16 { 1.0 } else { 2.0 }
+    });
+    let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
+    let export = "export tets.vtu --to nastran -o a.bdf --region labels.npy --quiet";
+    for (option, kinds) in [
+        ("", ["tetra", "triangle"]),
+        ("--quadratic", ["tetra10", "triangle6"]),
+    ] {
+        run(folder, format!("{export} {option}").trim());
+        let result = run_validator("meshio", "nastran.py", &[folder.join("a.bdf").as_os_str()]);
+        let properties = result["properties"].as_object().unwrap();
+        assert_eq!(properties.len(), 10, "{result}");
+        let number = |name: &str, key: &str| properties[name][key].as_f64().unwrap();
+        let regions = ["region1", "region2"];
+        let total = |key: &str| number(regions[0], key) + number(regions[1], key);
+        assert_eq!(total("cells") as usize, mesh.tets.len());
+        assert!(is_close(total("size"), VOLUME, 1e-12), "{result}");
+        for region in regions {
+            assert!(number(region, "min") > 0.0, "{result}");
+            assert_eq!(properties[region]["kind"], kinds[0]);
+        }
+        let areas = [35.0 * 31.0, 39.0 * 31.0, 39.0 * 35.0];
+        // Triangles on the sides of the box face outward.
+        let sides = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
+        for (i, side) in sides.into_iter().enumerate() {
+            let sign = if i % 2 == 0 { -1.0 } else { 1.0 };
+            let vector = numbers(&properties[side]["vector"]);
+            assert!(
+                is_close(vector[i / 2], sign * areas[i / 2], 1e-12),
+                "{side}: {result}"
+            );
+            assert_eq!(properties[side]["kind"], kinds[1]);
+        }
+        for name in ["fault1", "interface_1_2"] {
+            assert!(number(name, "cells") > 10.0, "{result}");
+        }
+        assert!(result["distance"].as_f64().unwrap() < 1e-12, "{result}");
+        assert_eq!(result["nodes"] == mesh.nodes.len(), option.is_empty());
     }
 }
 

@@ -1,9 +1,9 @@
 //! Tests which features `auto` chooses for scans and labels from the format, the geometry and the
-//! values.
+//! values; and isosurfaces of scans.
 
 use std::path::Path;
 
-use crate::common::{Survey, run, write_npy, write_segy};
+use crate::common::{Survey, expect_refusal, run, write_npy, write_segy};
 
 /// Returns the distance of a sample from a point.
 fn distance([x, y, z]: [usize; 3], centre: [f64; 3]) -> f64 {
@@ -164,4 +164,53 @@ fn hounsfield_units_are_no_amplitudes() {
     run(folder, "convert layers.npy layers.nii.gz --quiet");
     let stdout = run(folder, "feature layers.nii.gz -o b.vti --distance 4");
     assert!(!stdout.contains("features: horizons"), "{stdout}");
+}
+
+#[test]
+fn an_isosurface_has_its_value() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // A bone of 1200 HU with a soft edge in tissue of 40 HU, with noise.
+    const RADIUS: f64 = 13.0;
+    let centre = [24.0, 21.0, 20.0];
+    write_npy(&folder.join("bone.npy"), [48, 44, 40], |index| {
+        let edge = ((RADIUS - distance(index, centre)) / 1.2).tanh();
+        (40.0 + 580.0 * (1.0 + edge) + 60.0 * (noise(index) - 0.5)) as f32
+    });
+    // Without a value, the threshold of Otsu is near the middle of the two classes.
+    for (value, note) in [
+        ("--threshold 300", "isosurface of the value 300 (given)"),
+        ("", "(Otsu's threshold)"),
+    ] {
+        run(
+            folder,
+            &format!(
+                "mesh bone.npy -o m.vtu --feature isosurface {value} --distance 4 --report r.json --quiet"
+            ),
+        );
+        let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert!(report["notes"].to_string().contains(note), "{report}");
+        let faces = &report["fidelity"]["tagged_faces"];
+        let [coverage, precision] =
+            ["coverage_one", "precision"].map(|key| faces[key].as_f64().unwrap());
+        assert!(coverage > 0.95 && precision > 0.95, "{faces}");
+    }
+    let error = expect_refusal(
+        folder,
+        &[
+            "feature",
+            "bone.npy",
+            "-o",
+            "b.vti",
+            "--feature",
+            "isosurface",
+            "--threshold",
+            "3000",
+        ],
+    );
+    assert!(
+        error.contains("threshold 3000") && error.contains("values of the image are from"),
+        "{error}"
+    );
 }

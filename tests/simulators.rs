@@ -687,6 +687,7 @@ fn triangles_of_the_plane_are_exported_as_triangles() {
         ("msh2", "b.msh", "gmsh", true),
         ("medit", "a.mesh", "medit", true),
         ("inp", "a.inp", "abaqus", false),
+        ("nastran", "a.bdf", "nastran", true),
     ] {
         // meshio does not support elements of plane strain.
         let downs = if to == "inp" {

@@ -1,8 +1,8 @@
 //! The arrays from which meshes and surfaces are made, for pickles and for subsets of cells.
 
 use atomesh::files::vtk::{DataArray, Values};
-use atomesh::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 use atomesh::mesh::Simplices;
+use atomesh::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 use atomesh::store::{AnyMesh, FieldValue, MeshFile};
 use numpy::{Element, PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};

@@ -75,8 +75,6 @@ def test_a_saved_mesh_is_loaded_unchanged(mesh, tmp_path):
     assert loaded.fidelity == {} and loaded.report == {}
     assert {"parameters", "units", "atomesh_version"} <= set(loaded.fields)
     assert atomesh.info(tmp_path / "a.vtu")["tetrahedra"] == mesh.n_cells
-    with pytest.raises(atomesh.Error, match="use export"):
-        mesh.save(tmp_path / "a.msh")
 
 
 def test_triangles():

@@ -147,7 +147,7 @@ def test_nibabel(tmp_path, expected):
         (np.zeros(5), {}, "shape 5; give an array of two axes or three"),
         (np.zeros((4, 4, 4), complex), {}, "holds complex128; give real numbers"),
         (np.array([["a"]]), {}, "give real numbers"),
-        (ball(), {"spacing": (1, 2)}, "is not 3 numbers; give x, y, z"),
+        (ball(), {"spacing": (1, 2)}, "is not 3 positive numbers; give x, y, z"),
         (ball(), {"spacing": (1, 2, 0)}, "spacing=.* give x, y, z"),
         (ball(), {"units": ["m"]}, "as many"),
         (np.full((9, 9, 9), np.nan), {}, "NaN"),

@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex};
 use super::world::World;
 use super::{Comm, MpiComm};
 
-/// What threads send one another.
+/// Messages that threads send one another.
 struct Mailbox {
     /// For each thread, what it sends to each thread.
     sent: Mutex<Vec<Vec<Vec<u8>>>>,

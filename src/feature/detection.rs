@@ -22,7 +22,8 @@ pub struct DetectionOptions<const D: usize> {
     pub scale: Option<f64>,
     /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
     pub smoothing: Option<f64>,
-    /// Smallest strength of a feature, in units of the image; chosen from the image if `None`.
+    /// Smallest strength of a feature, or value of an isosurface, in units of the image; chosen from
+    /// the image if `None`.
     pub threshold: Option<f32>,
     /// Depths, in (0, 1], of the valleys of faults and of horizons if both are followed.
     pub weights: [f64; 2],

@@ -28,7 +28,7 @@ pub struct TimeCoordinate {
 pub struct NoDepthReason {
     /// The obstacle.
     pub problem: String,
-    /// What the user can do.
+    /// Advice for the user.
     pub remedy: &'static str,
 }
 

@@ -5,7 +5,7 @@ use super::ImproveReport;
 use crate::Error;
 use crate::lattice::AtomKind;
 
-/// Nodes that a part of a mesh shall have.
+/// Nodes that a part of a mesh is to have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReshapeRequest<const D: usize> {
     /// Position of each node: first the nodes that the part has, then the new ones.
@@ -13,7 +13,7 @@ pub struct ReshapeRequest<const D: usize> {
     /// Kind of each node. An [`AtomKind::Fixed`] node must be exactly at its target and not move
     /// from there. All nodes that the part shares with the rest of the mesh must be fixed.
     pub kinds: Vec<AtomKind>,
-    /// `true` for each node that shall be removed.
+    /// `true` for each node that is to be removed.
     pub is_removed: Vec<bool>,
 }
 

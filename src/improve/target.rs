@@ -9,7 +9,7 @@ pub(super) const UNUSABLE_ANGLE: f64 = 21.0;
 /// Mesh quality that improvement aims at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// Smallest dihedral angle, in degrees: every one shall lie in [min_dihedral, 180 -
+    /// Smallest dihedral angle, in degrees: every one is to lie in [min_dihedral, 180 -
     /// min_dihedral].
     pub min_dihedral: f64,
     /// Method that removes slivers in 3-D.

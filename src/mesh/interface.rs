@@ -407,7 +407,7 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
         if D == 2 {
             return visit(std::array::from_fn(|k| ring[k]));
         }
-        // A fan round the node with the lowest number, which does not depend on the face's
+        // A fan around the node with the lowest number, which does not depend on the face's
         // orientation.
         let lowest = ring.iter().enumerate().min_by_key(|(_, node)| **node);
         let first = lowest.map_or(0, |(index, _)| index);

@@ -94,7 +94,7 @@ pub fn radius_edge_ratio(p: &[[f64; 2]; 3]) -> f64 {
 /// triangles have in the same direction, so that they overlap.
 pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, [u32; 2]> {
     let side_of = |code: u32| SIDES[code as usize % 3].map(|i| triangles[code as usize / 3][i]);
-    // A counting sort by the smaller node leaves only a few edges in each bucket.
+    // A counting sort by the smaller node leaves only a few edges in each group.
     let smaller_nodes = (0..3 * triangles.len() as u32).map(|code| {
         let [a, b] = side_of(code);
         a.min(b) as usize

@@ -1,6 +1,6 @@
 //! Loops on all threads, with the methods of rayon's parallel iterators.
 //!
-//! Rayon compiles its scheduler anew for each loop: some 6,000 lines of LLVM IR, which made up a
+//! Rayon compiles its scheduler once more for each loop: some 6,000 lines of LLVM IR, which made up a
 //! quarter of this crate. Here a loop is cut into pieces, each of which is an ordinary iterator.
 //! One function, which is compiled once, distributes the numbers of the pieces to rayon's threads.
 //! The price is one call through a pointer for each piece, and none for each item.

@@ -44,7 +44,7 @@ pub struct Voronoi {
     /// should be 0: the maximum and the mean (by area). Faces below 1e-6 of the mean area are
     /// omitted, because their direction is not meaningful.
     pub angle: [f64; 2],
-    /// The same angles in physical space, unless its axes have different units. If they are not 0,
+    /// Angles in physical space, unless its axes have different units. If they are not 0,
     /// two-point flux is an approximation.
     pub angle_physical: Option<[f64; 2]>,
     /// Number of connections whose two-point transmissibility in physical space is not positive.

@@ -362,7 +362,9 @@ impl Report {
         let target = self
             .job_options()
             .and_then(|options| options["min-dihedral"].as_f64());
-        target.map_or(DEFAULT_MIN_ANGLE, |asked| asked.min(DEFAULT_MIN_ANGLE))
+        target.map_or(DEFAULT_MIN_ANGLE, |requested| {
+            requested.min(DEFAULT_MIN_ANGLE)
+        })
     }
 
     /// Returns the issue of angles with which simulators fail or are slow.

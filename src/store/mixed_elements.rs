@@ -183,9 +183,9 @@ fn find_unmatched_face(mesh: &PolyMesh<3>) -> Option<[u32; 2]> {
     let larger = boundary.filter(|&f| mesh.faces.get(f).len() == 4);
     larger.into_iter().find_map(|f| {
         let nodes = sorted(f);
-        (0..4).find_map(|left_out| {
+        (0..4).find_map(|omitted| {
             let mut triangle = nodes.clone();
-            triangle.remove(left_out);
+            triangle.remove(omitted);
             let index = triangles
                 .binary_search_by(|known| known.0.cmp(&triangle))
                 .ok()?;

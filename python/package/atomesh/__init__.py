@@ -3,12 +3,14 @@
     mesh = atomesh.mesh(volume, spacing=(25, 12.5, 4), distance=8, feature="faults")
     mesh.points, mesh.cells, mesh.feature_faces
     mesh.quality, mesh.fidelity
-    mesh.to_pyvista(), mesh.to_meshio(), mesh.save("mesh.vtu")
+    mesh.regions, mesh.surfaces["fault1"], mesh[mesh.cell_data["region"] == 1]
+    mesh.to_pyvista(), mesh.to_meshio(), mesh.save("mesh.vtu"), mesh.save("mesh.msh")
     cells = atomesh.voronoi(volume); cells.flow(injectors=[...], producers=[...])
 
 The module has a function or a method for every verb of the command line. mesh, voronoi, feature, convert, info and
-synth are functions, as are read (an image) and load (a mesh); the other verbs are methods of Mesh. Options have the
-names of the command line, with underscores: `options("mesh")` lists them. All errors are of the exception Error.
+synth are functions; the other verbs are methods of Mesh. `read` reads the file of an image, `load` that of a mesh.
+Options have the names of the command line, with underscores: `options("mesh")` lists them. All errors are instances of
+Error, and also of the standard exception that fits them: TypeError, ValueError, FileNotFoundError and so on.
 """
 
 from __future__ import annotations
@@ -20,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 from . import _native
 from ._call import call as _call
 from ._call import options_of as _options_of
+from ._errors import Error
 from ._image import NAME as _NAME
 from ._image import Image, read
-from ._mesh import Mesh, Picture, load, mesh, voronoi
-from ._native import Error
-from ._surfaces import Surface, Surfaces
+from ._mesh import Mesh, Picture, Region, load, mesh, voronoi
+from ._surfaces import Surface, Surfaces, SurfacesOfMesh
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -38,8 +40,10 @@ __all__ = [
     "Image",
     "Mesh",
     "Picture",
+    "Region",
     "Surface",
     "Surfaces",
+    "SurfacesOfMesh",
     "convert",
     "feature",
     "info",

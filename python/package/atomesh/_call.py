@@ -127,7 +127,7 @@ def call(
 
 def _path(path: Any) -> str:
     try:
-        return os.fspath(path)
+        return str(os.fspath(path))
     except TypeError:
         problem = f"is of type {type(path).__name__}"
         raise error(f"{path!r:.40}", problem, "give the path of a file", ArgumentError) from None
@@ -164,7 +164,7 @@ class _Inputs:
                 separator = ":" if ":" in (option["value"] or ":") else "="
                 pairs = ((self._text(option, a), self._text(option, b)) for a, b in value.items())
                 return [f"{name}={a}{separator}{b}" for a, b in pairs]
-            if isinstance(value, (list, tuple)) and not _is_point(value):
+            if isinstance(value, (list, tuple)) and not _is_point(value) and not _is_rows(option, value):
                 values = list(value)
             elif isinstance(value, np.ndarray) and value.ndim == 2 and not _is_table(option):
                 values = list(value)
@@ -183,8 +183,10 @@ class _Inputs:
         if isinstance(value, (str, int)):
             return str(value)
         if isinstance(value, os.PathLike):
-            return os.fspath(value)
-        if isinstance(value, Mapping):
+            return str(os.fspath(value))
+        if isinstance(value, np.ndarray) and _is_table(option) or _is_rows(option, value):
+            return self._input(option, np.atleast_2d(np.asarray(value, dtype=float)))
+        if isinstance(value, Mapping) and option["repeated"]:
             return ",".join(f"{name}={self._text(option, item)}" for name, item in value.items())
         if isinstance(value, (list, tuple)) or isinstance(value, np.ndarray) and value.ndim == 1:
             items = list(value)
@@ -203,7 +205,7 @@ class _Inputs:
             raise error(f"{keyword}=", problem, remedy, ArgumentError)
         if _is_table(option):
             path = self._new_path("csv")
-            np.savetxt(path, np.atleast_2d(np.asarray(value, dtype=float)), delimiter=",", fmt="%.17g")
+            np.savetxt(path, np.asarray(value, dtype=float), delimiter=",", fmt="%.17g")
             return str(path)
         if isinstance(value, np.ndarray) and value.ndim == 4:
             path = self._new_path("npy")
@@ -241,6 +243,13 @@ def _is_point(value: Any) -> bool:
 def _is_table(option: Mapping[str, Any]) -> bool:
     """Returns True if the option takes a file of comma-separated values."""
     return "csv" in (option["value"] or "")
+
+
+def _is_rows(option: Mapping[str, Any], value: Any) -> bool:
+    """Returns True if these are the rows of a table of numbers, and the option takes one."""
+    if not _is_table(option) or not isinstance(value, (list, tuple)):
+        return False
+    return len(value) > 0 and all(isinstance(row, (list, tuple)) and _is_point(row) for row in value)
 
 
 def _is_image(value: Any) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import errno
 
-from ._native import Error
+from ._native import Error as Error
 
 
 class ArgumentError(Error, TypeError):
@@ -34,7 +34,7 @@ class FileError(Error, OSError):
         return str(self.args[0])
 
     @property
-    def filename(self) -> str:  # type: ignore[override]
+    def filename(self) -> str:
         """The name of the file."""
         return self.place
 

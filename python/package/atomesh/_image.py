@@ -35,7 +35,7 @@ class Image:
         self.report: dict[str, Any] = {}
 
     @classmethod
-    def of(
+    def of(  # words: allow
         cls,
         volume: Volume,
         spacing: float | Sequence[float] | None = None,
@@ -85,8 +85,9 @@ class Image:
             source = _source(volume)
         array = _filled(source.array)
         if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
-            kind = type(source.array).__name__ if array.dtype == object else str(array.dtype)
-            raise error(NAME, f"holds {kind}", "give real numbers", ArgumentError)
+            is_other_type = array.dtype == object and array.ndim == 0
+            problem = f"is of type {type(volume).__name__}" if is_other_type else f"holds {array.dtype}"
+            raise error(NAME, problem, "give real numbers", ArgumentError)
         if array.ndim == 3 and array.shape[0] == 1:
             array = array[0]
             source.origin, source.axes = source.origin[:2], source.axes[:2, :2]

@@ -10,14 +10,16 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Any, NamedTuple, Union
 
 import numpy as np
 
 from . import _native
 from ._call import Answer, call, error, options_of
+from ._errors import ArgumentError
 from ._image import NAME, Image, read
-from ._surfaces import Surfaces
+from ._subset import cell_numbers, cell_volumes, select_cells
+from ._surfaces import Surfaces, SurfacesOfMesh
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -62,11 +64,30 @@ class Picture:
         Path(path).write_bytes(self.png)
 
 
+class Region(NamedTuple):
+    """A region of a mesh: the cells of one label of the image, or of one painted block."""
+
+    #: The number of the region, as in the cell array `region`.
+    region: int
+    #: The label of the image's samples; None if the region is no label.
+    label: float | int | None
+    #: The name of the label, or None.
+    name: str | None
+    #: The volume of its cells, in the plane their area, in physical coordinates.
+    volume: float
+    #: The number of its cells.
+    cells: int
+
+
 class Mesh:
     """A mesh in the image's physical coordinates, with its arrays and its report.
 
-    Arrays are read-only NumPy arrays that share the memory of the mesh.
+    Arrays are read-only NumPy arrays that share the memory of the mesh. A mesh can be copied (`copy.copy`,
+    `copy.deepcopy`) and pickled. `mesh[cells]` is the mesh of some cells.
     """
+
+    # A mesh is no sequence of its cells.
+    __iter__ = None
 
     def __init__(
         self,
@@ -79,6 +100,9 @@ class Mesh:
         self._text = answer.text if answer else ""
         self._report: dict[str, Any] = answer.report if answer else {}
         self._measured: dict[str, Any] | None = None
+        self._default_surfaces: Surfaces | None = None
+        # Images in memory that options named; later verbs may read them again.
+        self._option_images: dict[str, _native.Image] = dict(answer.images) if answer else {}
         #: True if the job was stopped; the mesh is then the one so far.
         self.interrupted: bool = bool(answer and answer.interrupted)
 
@@ -171,6 +195,70 @@ class Mesh:
         return self._native.fields
 
     @property
+    def regions(self) -> list[Region]:
+        """The regions of the mesh, ascending by their numbers; empty if it has none.
+
+        A mesh of an image of labels has a region for each label. The rows are named tuples: `pandas.DataFrame`
+        makes a table of them.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> labels = np.ones((40, 40), dtype=np.uint8)
+        >>> labels[:, 20:] = 5
+        >>> mesh = atomesh.mesh(labels, feature="labels", distance=5, label={5: {"name": "core"}})
+        >>> [(region.label, region.name) for region in mesh.regions]
+        [(1, None), (5, 'core')]
+        """
+        numbers = self.cell_data.get("region")
+        if numbers is None:
+            return []
+        labels = {row["region"]: row for row in json.loads(self.fields.get("labels", "[]"))}
+        found, inverse, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+        volumes = np.bincount(inverse.ravel(), cell_volumes(self._native), len(found))
+        rows = zip(found.tolist(), volumes.tolist(), counts.tolist())
+        return [
+            Region(number, labels.get(number, {}).get("label"), labels.get(number, {}).get("name"), volume, count)
+            for number, volume, count in rows
+        ]
+
+    def __getitem__(self, cells: Any) -> Mesh:
+        """Returns the mesh of some cells, with their data and only the points that they use.
+
+        Parameters
+        ----------
+        cells
+            A mask with one value per cell, numbers of cells, or a slice.
+
+        Returns
+        -------
+        Mesh
+            The mesh. Its cells have the order of `cells`, and its points the order that they have here. Faces whose
+            other cell is omitted become boundary faces. It has no report.
+
+        Raises
+        ------
+        MissingItemError
+            If there is no such cell, or if the mask has a wrong length. This is also an IndexError.
+        InvalidValueError
+            If no cell is selected, or one cell twice. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> labels = np.zeros((40, 40), dtype=np.uint8)
+        >>> labels[:, 20:] = 1
+        >>> mesh = atomesh.mesh(labels, feature="labels", distance=5)
+        >>> part = mesh[mesh.cell_data["region"] == 1]
+        >>> bool(part.points[:, 0].min() > 15)
+        True
+        """
+        native = select_cells(self._native, cell_numbers(cells, self.n_cells))
+        part = Mesh(native, None, self._image)
+        part._option_images = dict(self._option_images)
+        return part
+
+    @property
     def image(self) -> Image | None:
         """The image that was meshed, or None. If it was given as a file, it is read again at the first use."""
         if callable(self._image):
@@ -234,19 +322,48 @@ class Mesh:
 
     # Output
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a .vtu file with all arrays of the mesh, for ParaView, `load` and the command line.
+    def save(self, path: str | os.PathLike[str], **options: Unpack[ExportOptions]) -> None:
+        """Writes the mesh in the format of the file's ending.
 
-        For other programs see `export`.
+        A .vtu file holds the whole mesh with all its data, for `load`, the command line and ParaView. Other endings
+        choose a format of `export`: .msh (Gmsh), .inp (Abaqus), .bdf (Nastran), .exo (Exodus), .stl and so on.
 
         Parameters
         ----------
         path
-            The file to write, which ends in .vtu.
+            The file.
+        **options
+            Options of `export`, for other formats than .vtu.
+
+        Raises
+        ------
+        InvalidValueError
+            If no format has this ending; the message lists the endings. This is also a ValueError.
+        ArgumentError
+            If options are given for a .vtu file. This is also a TypeError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.save("sphere.vtu")
+        >>> mesh.save("sphere.msh")
         """
-        if Path(path).suffix.lower() != ".vtu":
-            raise error(os.fspath(path), "does not end in .vtu", "give such a name, or use export(format, path)")
-        self._native.write(Path(path))
+        path = Path(path)
+        if path.suffix.lower() == ".vtu":
+            if options:
+                problem = f"takes no {next(iter(options))}="
+                remedy = "omit it, or use export(format, path), which takes options"
+                raise error(os.fspath(path), problem, remedy, ArgumentError)
+            self._native.write(path)
+            return
+        formats = _formats_by_ending()
+        name = formats.get(path.suffix[1:]) or formats.get(path.name)
+        if name is None:
+            endings = ", ".join(f".{ending}" for ending in ["vtu", *formats])
+            remedy = f"give one of {endings}; formats that are folders need export(format, path)"
+            raise error(os.fspath(path), "has an unknown ending", remedy)
+        self.export(name, path, **options)
 
     def export(
         self, to: str, path: str | os.PathLike[str], *, threads: int | None = None, **options: Unpack[ExportOptions]
@@ -435,25 +552,38 @@ class Mesh:
 
     # Verbs
 
-    def surfaces(
-        self, kind: str | Sequence[str] | None = None, image: Volume | None = None, **options: Unpack[SurfaceOptions]
-    ) -> Surfaces:
-        """Groups the faces on features into labelled surfaces: `atomesh surface`.
+    @property
+    def surfaces(self) -> SurfacesOfMesh:
+        """The labelled surfaces of the faces on features: faults, horizons, interfaces of regions.
 
-        Parameters
-        ----------
-        kind
-            The kind of the surfaces that are returned, such as "fault" or "horizon"; by default all.
-        image
-            An image; faces on its features are used and not those that the mesh declares.
-        **options
-            Options of the verb; `atomesh.options("surface")` lists them.
+        It is a sequence of all surfaces, which are extracted at the first use; a name is also an index. Called as a
+        function, it extracts surfaces with options: `mesh.surfaces(kind="fault", image=None, **options)`, as
+        `atomesh surface` does.
 
-        Returns
-        -------
-        Surfaces
-            The surfaces.
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> labels = np.ones((20, 20, 20), dtype=np.uint8)
+        >>> labels[:, :, 10:] = 2
+        >>> mesh = atomesh.mesh(labels, feature="labels", distance=5)
+        >>> mesh.surfaces.names
+        ['interface_1_2']
+        >>> mesh.surfaces["1_2"].kind
+        'interface'
+        >>> len(mesh.surfaces(kind="fault"))
+        0
         """
+        return SurfacesOfMesh(self._extract_surfaces, self._surfaces)
+
+    def _surfaces(self) -> Surfaces:
+        """Returns the surfaces with default options."""
+        if self._default_surfaces is None:
+            self._default_surfaces = self._extract_surfaces()
+        return self._default_surfaces
+
+    def _extract_surfaces(
+        self, kind: str | Sequence[str] | None = None, image: Volume | None = None, **options: Any
+    ) -> Surfaces:
         objects: dict[str, Any] = {}
         arguments = [MESH]
         if image is not None:
@@ -612,7 +742,8 @@ class Mesh:
     def _call(
         self, verb: str, arguments: Sequence[str], options: Mapping[str, Any], objects: Any = None, **call_options: Any
     ) -> Answer:
-        return call(verb, arguments, options, {MESH: self._native, **(objects or {})}, **call_options)
+        objects = {**self._option_images, MESH: self._native, **(objects or {})}
+        return call(verb, arguments, options, objects, **call_options)
 
     def _run(
         self, verb: str, arguments: Sequence[str], options: Mapping[str, Any], objects: Any = None,
@@ -620,7 +751,9 @@ class Mesh:
     ) -> Mesh:
         """Runs a verb that makes a mesh of this one."""
         answer = self._call(verb, arguments, {"output": RESULT, **options}, objects, keep=[RESULT], **call_options)
-        return Mesh(answer.kept[RESULT], answer, image or self._image)
+        made = Mesh(answer.kept[RESULT], answer, image or self._image)
+        made._option_images = {**self._option_images, **made._option_images}
+        return made
 
     # Display
 
@@ -640,8 +773,19 @@ class Mesh:
 _PLURAL = {"tetra": "tetrahedra", "triangle": "triangles", "polyhedron": "polyhedra", "polygon": "polygons"}
 
 
+@functools.lru_cache(maxsize=1)
+def _formats_by_ending() -> dict[str, str]:
+    """Returns the first export format of each ending, or whole file name. The ending .vtu belongs to `save`."""
+    formats: dict[str, str] = {}
+    for name, _, endings in _native.export_formats():
+        for ending in endings:
+            formats.setdefault(ending, name)
+    formats.pop("vtu", None)
+    return formats
+
+
 def load(path: str | os.PathLike[str], image: Volume | None = None) -> Mesh:
-    """Reads a .vtu file that atomesh, meshio, VTK or ParaView wrote.
+    """Reads a .vtu file of a mesh that atomesh, meshio, VTK or ParaView wrote. `read` reads the file of an image.
 
     Parameters
     ----------
@@ -654,6 +798,22 @@ def load(path: str | os.PathLike[str], image: Volume | None = None) -> Mesh:
     -------
     Mesh
         The mesh.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file. This is also a FileNotFoundError.
+
+    See Also
+    --------
+    read : Reads the file of an image.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5).save("sphere.vtu")
+    >>> atomesh.load("sphere.vtu").kind
+    'tetra'
     """
     return Mesh(_native.Mesh.read(Path(path)), None, None if image is None else Image.of(image))
 
@@ -661,7 +821,7 @@ def load(path: str | os.PathLike[str], image: Volume | None = None) -> Mesh:
 def mesh(
     volume: Volume,
     *,
-    spacing: Sequence[float] | None = None,
+    spacing: float | Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
     units: str | Sequence[str] | None = None,
     progress: Progress = False,
@@ -679,7 +839,7 @@ def mesh(
         A NumPy array of shape (nz, ny, nx) or (ny, nx), the path of a file, an xarray.DataArray, a
         pyvista.ImageData, a SimpleITK image or a nibabel image.
     spacing
-        The distances between samples along x, y, z. They replace those of the volume.
+        The distances between samples along x, y, z, or one distance for all axes. They replace those of the volume.
     origin
         The position of the first sample: x, y, z. It replaces that of the volume.
     units
@@ -690,13 +850,33 @@ def mesh(
     threads
         Number of threads; by default all processors.
     **options
-        Options of the verb. The most usual ones are `distance` (between atoms, in samples; "4:10" for a range),
-        `feature` ("faults", "horizons", "edges", "labels" ...) and `beta`; `atomesh.options("mesh")` lists all.
+        Options of the verb. The most usual ones are `distance` (between atoms, in samples; a pair such as (4, 10)
+        for a range), `feature` ("faults", "horizons", "edges", "labels" ...), `beta` (a number or an array) and
+        `label` (a dict from labels to what is requested of them, such as
+        `{1: {"distance": 3, "name": "core"}, 5: {"into": 1}}`); `atomesh.options("mesh")` lists all.
 
     Returns
     -------
     Mesh
         The mesh, with its report.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such option, or if an argument has a wrong type. This is also a TypeError.
+    InvalidValueError
+        If an option or the image has impossible values. This is also a ValueError.
+    MissingFileError
+        If a file does not exist. This is also a FileNotFoundError.
+
+    Examples
+    --------
+    >>> import atomesh, numpy as np
+    >>> y, x = np.mgrid[:48, :48]
+    >>> disc = (np.hypot(x - 24, y - 22) < 14).astype(np.float32)
+    >>> mesh = atomesh.mesh(disc, distance=(4, 10), feature="edges", spacing=2.0)
+    >>> mesh.kind
+    'triangle'
     """
     objects: dict[str, Any] = {}
     image: Image | Callable[[], Image] | None = None

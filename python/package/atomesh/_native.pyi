@@ -21,7 +21,29 @@ class Error(Exception):
     #: The kind of the error: "Io", "Image", "Mesh", "Usage" ...
     kind: str
 
+#: Arrays, or field values, by name.
+_Named = Sequence[tuple[str, Any]]
+
 class Mesh:
+    def __init__(
+        self,
+        kind: str,
+        nodes: npt.NDArray[np.float64],
+        cells: Sequence[npt.NDArray[Any]],
+        point_data: _Named,
+        cell_data: _Named,
+        fields: _Named,
+    ) -> None: ...
+    def parts(
+        self,
+    ) -> tuple[
+        str,
+        npt.NDArray[np.float64],
+        list[npt.NDArray[Any]],
+        list[tuple[str, npt.NDArray[Any]]],
+        list[tuple[str, npt.NDArray[Any]]],
+        list[tuple[str, str | npt.NDArray[Any]]],
+    ]: ...
     @staticmethod
     def read(path: Path) -> Mesh: ...
     def write(self, path: Path) -> None: ...
@@ -54,6 +76,8 @@ class Image:
         names: Sequence[str],
         encoding: str,
         labels: tuple[list[int], npt.NDArray[np.uint32]] | None,
+        missing: npt.NDArray[np.bool_] | None = None,
+        dead: npt.NDArray[np.bool_] | None = None,
     ) -> None: ...
     @property
     def samples(self) -> npt.NDArray[np.float32]: ...
@@ -61,6 +85,14 @@ class Image:
     def place(self) -> tuple[list[float], list[list[float]], list[str]]: ...
 
 class Surfaces:
+    def __init__(
+        self,
+        points: npt.NDArray[np.float64],
+        faces: npt.NDArray[np.uint32],
+        start: Sequence[int],
+        names: Sequence[str],
+        cell_data: _Named,
+    ) -> None: ...
     @property
     def points(self) -> npt.NDArray[np.float64]: ...
     @property
@@ -81,3 +113,4 @@ def run(
 ) -> dict[str, Any]: ...
 def run_tetgen_in(program: Path) -> None: ...
 def describe() -> str: ...
+def export_formats() -> list[tuple[str, str, list[str]]]: ...

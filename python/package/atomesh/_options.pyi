@@ -23,7 +23,7 @@ class MeshOptions(TypedDict, total=False):
     #: per sample
     distance_from: _Value | None
     #: The features to follow [default: auto]
-    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
+    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
     #: Scale of the features in samples [default: by the kind of feature]
     sigma: _Number | None
     #: Smallest strength of a feature, in units of the feature image [default: automatic, printed]
@@ -143,7 +143,7 @@ class FeatureOptions(TypedDict, total=False):
     #: and the two sheets (in 2-D the points): .vtp
     lines: _Path | None
     #: The features to find
-    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
+    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
     #: Nominal distance between atoms, in samples: the valleys of the potential are a quarter of it
     #: wide
     distance: _Number | None
@@ -638,7 +638,7 @@ class SurfaceOptions(TypedDict, total=False):
     #: [default: 0.6]
     depth: _Number | None
     #: The features of IMAGE [default: auto]
-    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
+    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
     #: Scale of the features in samples [default: by the kind of feature]
     sigma: _Number | None
     #: Smallest strength of a feature, in units of the feature image [default: automatic, printed]

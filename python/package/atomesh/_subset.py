@@ -102,7 +102,7 @@ def _select_faces(
     kept = np.flatnonzero(first >= 0)
     # Faces between cells come first; both kinds are sorted by their cells.
     order = kept[np.lexsort((second[kept], first[kept], second[kept] >= FIRST_SIDE))]
-    starts, sizes = offsets[:-1].astype(np.int64)[order], np.diff(offsets.astype(np.int64))[order]
+    starts, sizes = offsets[:-1].astype(np.int64)[order], _sizes(offsets)[order]
     ends = np.cumsum(sizes)
     within = np.arange(ends[-1]) - np.repeat(ends - sizes, sizes)
     # A face with another owner is seen from the other side.
@@ -113,6 +113,12 @@ def _select_faces(
     return used, [rings, new_offsets, pairs, sites[numbers], region[numbers], on_feature[order]]
 
 
+def _sizes(offsets: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Returns the lengths of lists from their offsets."""
+    ends = offsets.astype(np.int64)
+    return np.asarray(ends[1:] - ends[:-1], dtype=np.int64)
+
+
 def _renumbered_field(
     name: str, value: str | npt.NDArray[Any], new_numbers: npt.NDArray[np.int64]
 ) -> str | npt.NDArray[Any]:
@@ -120,7 +126,7 @@ def _renumbered_field(
     if name not in CELL_FIELDS or isinstance(value, str):
         return value
     width, columns = CELL_FIELDS[name]
-    rows = value.reshape(-1, width).copy()
+    rows: npt.NDArray[np.int64] = value.reshape(-1, width).astype(np.int64)
     rows[:, columns] = np.sort(new_numbers[rows[:, columns]], axis=1)
     return rows[rows[:, columns[0]] >= 0].ravel()
 
@@ -135,7 +141,7 @@ def cell_volumes(mesh: _native.Mesh) -> npt.NDArray[np.float64]:
     faces = mesh.faces
     assert faces is not None
     items, offsets, face_cells, sites = faces
-    sizes = np.diff(offsets.astype(np.int64))
+    sizes = _sizes(offsets)
     starts = offsets[:-1].astype(np.int64)
     # Positions relative to a point of the mesh, so that large coordinates cost no digits.
     points = points - sites[0]
@@ -148,7 +154,8 @@ def cell_volumes(mesh: _native.Mesh) -> npt.NDArray[np.float64]:
         following[starts + sizes - 1] = starts
         q = p[following]
         centres = np.add.reduceat(p, starts) / sizes[:, None]
-        fan = np.einsum("ij,ij->i", np.repeat(centres, sizes, axis=0), np.cross(p, q)) / 6
+        faces_of_items = np.repeat(np.arange(len(sizes)), sizes)
+        fan = np.einsum("ij,ij->i", centres[faces_of_items], np.cross(p, q)) / 6
         sums = np.add.reduceat(fan, starts)
     count = len(sites)
     volumes = np.bincount(face_cells[:, 0], sums, count)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from . import _native
+from ._call import error
+from ._errors import MissingItemError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
+    from typing_extensions import Unpack
+
+    from ._image import Volume
+    from ._options import SurfaceOptions
 
 
 class Surface:
@@ -51,7 +57,11 @@ class Surface:
 
 
 class Surfaces(Sequence[Surface]):
-    """Surfaces, the largest first. All share the array `points`."""
+    """Surfaces, the largest first. All share the array `points`.
+
+    Surfaces are a sequence: `len`, iteration, indices and slices work. A name is also an index: `surfaces["fault1"]`.
+    The interface of two regions can be named without its kind: `surfaces["1_2"]` is `surfaces["interface_1_2"]`.
+    """
 
     def __init__(
         self, native: _native.Surfaces, report: Mapping[str, Any], kinds: Sequence[str] | None = None
@@ -67,12 +77,33 @@ class Surfaces(Sequence[Surface]):
         """The points of all surfaces: a read-only array of shape (n, 3), without a copy."""
         return self._native.points
 
+    @property
+    def names(self) -> list[str]:
+        """The names of the surfaces, in their order."""
+        return [surface.name for surface in self._selected]
+
     @overload
-    def __getitem__(self, index: int) -> Surface: ...
+    def __getitem__(self, index: int | str) -> Surface: ...
     @overload
     def __getitem__(self, index: slice) -> list[Surface]: ...
-    def __getitem__(self, index: int | slice) -> Surface | list[Surface]:
-        return self._selected[index]
+    def __getitem__(self, index: int | str | slice) -> Surface | list[Surface]:
+        if isinstance(index, slice):
+            return self._selected[index]
+        count = len(self._selected)
+        if isinstance(index, str):
+            for surface in self._selected:
+                if surface.name in (index, f"interface_{index}"):
+                    return surface
+        elif -count <= index < count:
+            return self._selected[index]
+        names = ", ".join(self.names)
+        remedy = f"give one of {names}, or a number below {count}" if names else "this mesh has no such surfaces"
+        raise error(f"surfaces[{index!r}]", "there is no such surface", remedy, MissingItemError)
+
+    def __contains__(self, item: object) -> bool:
+        if isinstance(item, str):
+            return any(surface.name in (item, f"interface_{item}") for surface in self._selected)
+        return item in self._selected
 
     def __len__(self) -> int:
         return len(self._selected)
@@ -94,6 +125,85 @@ class Surfaces(Sequence[Surface]):
 
     def __repr__(self) -> str:
         return f"<atomesh.Surfaces: {', '.join(surface.name for surface in self._selected) or 'none'}>"
+
+
+class SurfacesOfMesh(Sequence[Surface]):
+    """The surfaces of a mesh: a sequence, and a function that takes options.
+
+    `mesh.surfaces` is the sequence of all surfaces with default options, which are extracted at the first use.
+    `mesh.surfaces(...)` extracts surfaces with options.
+    """
+
+    def __init__(self, extract: Callable[..., Surfaces], default: Callable[[], Surfaces]) -> None:
+        self._extract = extract
+        self._default = default
+
+    def __call__(
+        self, kind: str | Sequence[str] | None = None, image: Volume | None = None, **options: Unpack[SurfaceOptions]
+    ) -> Surfaces:
+        """Groups the faces on features into labelled surfaces: `atomesh surface`.
+
+        Parameters
+        ----------
+        kind
+            The kind of the surfaces that are returned, such as "fault" or "horizon"; by default all.
+        image
+            An image; faces on its features are used and not those that the mesh declares.
+        **options
+            Options of the verb; `atomesh.options("surface")` lists them.
+
+        Returns
+        -------
+        Surfaces
+            The surfaces.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> image = atomesh.synth("faults", dims=(48, 44, 40), count=1)
+        >>> mesh = atomesh.mesh(image, distance=6, feature="ridges")
+        >>> mesh.surfaces(kind="fault")[0].kind
+        'fault'
+        """
+        return self._extract(kind, image, **options)
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """The points of all surfaces: a read-only array of shape (n, 3), without a copy."""
+        return self._default().points
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the surfaces, in their order."""
+        return self._default().names
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The report of the verb."""
+        return self._default().report
+
+    @overload
+    def __getitem__(self, index: int | str) -> Surface: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Surface]: ...
+    def __getitem__(self, index: int | str | slice) -> Surface | list[Surface]:
+        return self._default()[index]
+
+    def __len__(self) -> int:
+        return len(self._default())
+
+    def __iter__(self) -> Iterator[Surface]:
+        return iter(self._default())
+
+    def __contains__(self, item: object) -> bool:
+        return item in self._default()
+
+    def to_pyvista(self) -> Any:
+        """Returns a pyvista.PolyData with the cell arrays `surface`, `dip`, `strike`, `area` ..."""
+        return self._default().to_pyvista()
+
+    def __repr__(self) -> str:
+        return repr(self._default())
 
 
 def _polydata(points: npt.NDArray[np.float64], faces: npt.NDArray[np.uint32]) -> Any:

@@ -43,8 +43,8 @@ pub struct FeatureArgs {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image [default: automatic; it is
-    /// printed]
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// [default: automatic; it is printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed

@@ -69,8 +69,8 @@ pub struct SurfaceArgs {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image [default: automatic; it is
-    /// printed]
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// [default: automatic; it is printed]
     #[arg(
         long,
         value_name = "T",

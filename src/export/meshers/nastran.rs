@@ -22,7 +22,7 @@ use std::path::Path;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::error::cause;
-use crate::export::containers::text::{TextBuilder, write_items};
+use crate::export::containers::text::{FileWriter, TextBuilder, WriteResult, write_items};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
@@ -47,7 +47,6 @@ pub const FORMAT: ExportFormat = ExportFormat {
 };
 
 const ERROR_PLACE: &str = "NASTRAN's format";
-type FileWriter<'a> = &'a mut std::io::BufWriter<std::fs::File>;
 
 /// Width of a field of integers, in characters.
 const INTEGER_WIDTH: usize = 8;
@@ -156,7 +155,7 @@ fn check_count(count: usize, items: &str) -> Result<()> {
 }
 
 /// Writes the comments that name a property. `card` is the name of the card that follows.
-fn write_name(out: FileWriter, card: &str, number: usize, name: &str) -> std::io::Result<()> {
+fn write_name(out: FileWriter, card: &str, number: usize, name: &str) -> WriteResult {
     // Readers of HyperMesh's comments (OpenFOAM) expect the number to end in column 32.
     writeln!(out, "$HMNAME COMP{number:>20}\"{name}\"")?;
     writeln!(out, "$HMNAME PROP{number:>20}\"{name}\"")?;

@@ -66,7 +66,7 @@ const MIN_END_OFFSET_SHARE: f64 = 0.33;
 /// reason for it.
 const AHEAD_DISTANCE: f64 = 4.0;
 
-/// What happens at a line.
+/// Kind of a line: what surfaces do there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LineKind {

@@ -164,7 +164,7 @@ impl<const D: usize> Samples<'_, D> {
     }
 
     /// Returns the interior rows and layers of a window in which samples are mapped. The samples of
-    /// the halo are mapped in vain: half of all, if the halo is half as wide as the interior. The
+    /// the halo are mapped and then discarded: half of all, if the halo is half as wide as the interior. The
     /// interior is smaller only if memory is short.
     pub(super) fn mapped_interior(&self, window_halo: WindowHalo) -> Result<[usize; 2]> {
         let (rows, count) = (rows_per_layer(self.dims), self.dims[D - 1]);

@@ -132,7 +132,6 @@ pub struct ImageStream {
 
 /// Largest number of samples of an image that is loaded into memory although it could stay in its
 /// file.
-#[cfg(feature = "cli")]
 pub(super) const MAX_SAMPLES_IN_MEMORY: usize = 1 << 26;
 
 /// Memory, in bytes, of the samples that are read at a time, unless a single plane takes more.

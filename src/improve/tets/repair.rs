@@ -98,7 +98,7 @@ impl TetImprover<'_> {
         MAX_TETS_PER_ROUND.max(self.complex.tets.len() / 100)
     }
 
-    /// Returns `true` if so many tetrahedra are below target that not all can be repaired.
+    /// Returns `true` if more tetrahedra are below target than can be repaired.
     pub(super) fn has_too_many(&self, count: usize) -> bool {
         count > MAX_ROUNDS * self.max_tets_per_round()
     }

@@ -149,7 +149,7 @@ struct TriImprover<'a> {
     distance: &'a Distance<2>,
     /// Largest cotangent of a usable triangle.
     max_usable_cotangent: f64,
-    /// Largest cotangent that an angle shall have.
+    /// Largest cotangent that an angle may have.
     target_cotangent: f64,
     /// Cotangent at which smoothing stops; a little smaller than the target.
     smoothing_target: f64,

@@ -61,8 +61,8 @@ pub struct MeshSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image [default: automatic; it is
-    /// printed]
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// [default: automatic; it is printed]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)

@@ -33,7 +33,7 @@ use crate::image::ScalarField;
 /// The nominal distance between neighbouring atoms, in lattice units.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Distance<const D: usize> {
-    /// The same everywhere.
+    /// One distance everywhere.
     Constant(f64),
     /// Samples over the lattice-space box, interpolated multilinearly, so that a value is never
     /// below the smallest or above the largest sample.

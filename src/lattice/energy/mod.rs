@@ -37,7 +37,7 @@ use crate::lattice::halo::OwnedAndGhosts;
 /// The weight of the image against the lattice: 0 is lattice only, 1 image only.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Beta<const D: usize> {
-    /// The same everywhere.
+    /// One weight everywhere.
     Constant(f64),
     /// A smooth function of position in lattice space.
     Field(ScalarField<D>),

@@ -108,7 +108,7 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         sampled
     }
 
-    /// Sets where atoms shall end up, as
+    /// Sets where atoms end up, as
     /// [`PairwiseEnergy::with_alignment`](super::PairwiseEnergy::with_alignment) does.
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;

@@ -294,7 +294,7 @@ fn an_edit_changes_its_neighbourhood_only() {
     );
 }
 
-/// The same energy as a problem for argmin, over flat coordinates without the fixed ones.
+/// The pairwise energy as a problem for argmin, over flat coordinates without the fixed ones.
 struct ArgminProblem<'a> {
     energy: std::cell::RefCell<PairwiseEnergy<'a, 3>>,
     start: Vec<[f64; 3]>,

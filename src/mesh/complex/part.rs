@@ -162,7 +162,7 @@ mod tests {
     use crate::mesh::TetMesh;
     use crate::mesh::complex::{Ring, neighbors};
 
-    /// Returns an open fan of `count` tetrahedra round the axis (0, 1).
+    /// Returns an open fan of `count` tetrahedra around the axis (0, 1).
     fn fan(count: u32) -> Complex {
         let mut nodes = vec![[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]];
         for i in 0..=count {

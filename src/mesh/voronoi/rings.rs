@@ -30,7 +30,7 @@ pub struct Rings {
 /// Number of atoms in one parallel task.
 const CHUNK_SIZE: usize = 2048;
 
-/// One simplex at an edge (a, b), which leads round the edge from one face to the next.
+/// One simplex at an edge (a, b), which leads around the edge from one face to the next.
 #[derive(Debug, Clone, Copy, Default)]
 struct RingStep {
     from_neighbour: u32,

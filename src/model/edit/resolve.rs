@@ -59,7 +59,7 @@ pub enum Action<const D: usize> {
     Insert {
         /// Position of the new atom.
         target: [f64; D],
-        /// Number that the atom shall have, if it is an existing atom that moves far.
+        /// Number that the atom is to have, if it is an existing atom that moves far.
         number: Option<u32>,
     },
     /// Shifts an atom by less than [`MAX_SHIFT`].

@@ -305,7 +305,7 @@ where
         (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
     });
     let figures = format!(
-        "{D}-D edited: angles {:.2} to {:.2}, mean ratio {:.4}, coverage {:.4}; anew: {:.2} to {:.2}, {:.4}, {:.4}",
+        "{D}-D edited: angles {:.2} to {:.2}, mean ratio {:.4}, coverage {:.4}; meshed again: {:.2} to {:.2}, {:.4}, {:.4}",
         q.smallest_angle.worst,
         q.largest_angle.worst,
         q.mean_ratio_mean,

@@ -64,9 +64,9 @@ pub struct Model {
     /// The cells, in metres with z upwards: a point at depth d has z = -d. Faces on the box have
     /// the number of its side (along the image's axes).
     pub mesh: PolyMesh<3>,
-    /// The same cells as tetrahedra, if they are tetrahedra.
+    /// Cells of `mesh` as tetrahedra, if they are tetrahedra.
     pub tets: Option<TetMesh>,
-    /// `true` if simplices shall have nodes at the midpoints of their edges.
+    /// `true` if simplices have nodes at the midpoints of their edges.
     pub is_quadratic: bool,
     /// The tetrahedra split along surfaces, if requested.
     pub split_mesh: Option<SplitMesh>,

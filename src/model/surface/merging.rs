@@ -291,7 +291,7 @@ mod tests {
         };
         assert_eq!(count([0.9, 0.436, 0.0], 40), 1);
         assert_eq!(count([0.6, 0.8, 0.0], 40), 2);
-        assert_eq!(count([0.6, 0.8, 0.0], 10), 1, "a crumb");
+        assert_eq!(count([0.6, 0.8, 0.0], 10), 1, "a fragment");
     }
 
     #[test]

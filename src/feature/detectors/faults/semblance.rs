@@ -232,7 +232,7 @@ type SideValues = [[f32; LANES]; 2];
 /// Half discs of the layers on both sides of faults of one strike.
 struct FaultSides<'a, const D: usize> {
     balanced_amplitude: LayerStack<'a, D>,
-    /// The same samples as a separate volume.
+    /// Samples of `balanced_amplitude`, as a separate volume.
     amplitude: Volume<'a, D>,
     /// Weights by which the samples are multiplied; all are 1 if `None`.
     weights: Option<&'a [f32]>,

@@ -127,7 +127,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
         })
     }
 
-    /// Sets where atoms shall end up; the default is [`Alignment::OnFeatures`]. With
+    /// Sets where atoms end up; the default is [`Alignment::OnFeatures`]. With
     /// [`Alignment::AlongsideFeatures`], -b takes the place of b, and mirror images of the atoms
     /// beyond the sides act on those inside.
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {

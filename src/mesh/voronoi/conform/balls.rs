@@ -52,7 +52,7 @@ const MAX_GROWTH_FACTOR: f64 = 1.3;
 /// Relative tolerance: a sphere through a point does not cover it.
 const ROUNDING_TOLERANCE: f64 = 1e-9;
 
-/// Balls round the nodes of a surface in the box `[0, extent]`.
+/// Balls around the nodes of a surface in the box `[0, extent]`.
 #[derive(Debug)]
 pub struct Balls<const D: usize> {
     /// The surface.

@@ -50,7 +50,7 @@ pub struct PlacedAtom<const D: usize> {
     pub kind: AtomKind,
     /// Exact physical position, if it must not be rounded.
     pub world: Option<[f64; D]>,
-    /// Number that the atom shall have.
+    /// Number that the atom is to have.
     pub number: Option<u32>,
     pub edit: Option<usize>,
 }
@@ -65,7 +65,7 @@ pub struct NewCell<const D: usize> {
     pub kind: AtomKind,
     pub region: i32,
     pub distance: f32,
-    /// Number that the cell shall have.
+    /// Number that the cell is to have.
     pub number: Option<u32>,
 }
 

@@ -25,7 +25,7 @@ struct Renumbering {
 }
 
 impl Renumbering {
-    /// Assigns numbers. `requested` holds the number that each new item shall have, if any; it must
+    /// Assigns numbers. `requested` holds the number that each new item is to have, if any; it must
     /// be that of a removed item.
     fn new(is_removed: &[bool], requested: &[Option<u32>]) -> Self {
         let old = is_removed.len();

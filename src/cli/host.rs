@@ -41,7 +41,7 @@ pub trait Host: Send {
         None
     }
 
-    /// Returns the image of this name; `None` if it is a file.
+    /// Returns the image of this name, such as `<volume>`; `None` if it is a file.
     fn image(&self, _name: &Path) -> Option<AnyImage> {
         None
     }

@@ -49,7 +49,6 @@ pub(crate) mod well_file;
 use std::path::Path;
 
 use crate::Result;
-use crate::feature::FeatureKind;
 use crate::image::Image;
 use crate::image::formats::{self, ReadOptions};
 use crate::progress::Progress;
@@ -94,7 +93,7 @@ where
         return run(image, &params, progress);
     }
     let read = |path: &Path| formats::read_any(path, &ReadOptions::default());
-    let is_labels = params.spec.feature == FeatureKind::Labels;
+    let is_labels = params.spec.feature.has_labels();
     let (image, conversion) =
         depth::image_in_depth(image.clone(), spec.velocity.as_ref(), is_labels, &read)?;
     if let Some(conversion) = conversion {

@@ -50,6 +50,7 @@ impl<'a> MeshView<'a, 3, TetMesh, dyn Comm + 'a> {
     }
 }
 
+#[cfg(feature = "cli")]
 impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, dyn Comm + 'a> {
     /// Creates a view of the cells of this rank for measurements cell by cell. `first_cell` is the
     /// global number of the first cell; `global_counts` are the numbers of nodes and of cells of

@@ -17,10 +17,14 @@ use crate::image::{Geometry, ImageSource};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
+#[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
+#[cfg(feature = "cli")]
 use crate::progress::CancelToken;
-use crate::report::{Quality, quality, quality_of_partition, smallest_angles};
+use crate::report::smallest_angles;
+#[cfg(feature = "cli")]
+use crate::report::{Quality, quality, quality_of_partition};
 use crate::store::{
     AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
 };
@@ -147,6 +151,7 @@ where
     ///
     /// # Errors
     /// Returns the errors of [`write_with_image`](Self::write_with_image).
+    #[cfg(feature = "cli")]
     pub(crate) fn write_distributed(
         &self,
         path: &Path,
@@ -190,6 +195,7 @@ where
     ///
     /// # Errors
     /// Returns the errors of other ranks.
+    #[cfg(feature = "cli")]
     pub(crate) fn quality_in_world(&self, comm: &dyn Comm) -> Result<Option<Quality>> {
         let Some(annotated) = self.simplices() else {
             return Ok(None);

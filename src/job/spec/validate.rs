@@ -5,6 +5,7 @@
 
 use std::fmt::Display;
 
+use super::values::names_image;
 use super::{
     AtomAlignment, CellKind, DistanceSource, MeshSpec, NominalDistance, NumberOrFile, SeedingKind,
     Slivers,
@@ -237,7 +238,7 @@ impl Options<'_> {
                 &format!("makes the distance vary, but it is {d} everywhere"),
                 "give a distance MIN:MAX such as 5:15, or omit it",
             )),
-            (NominalDistance::Range { .. }, DistanceSource::File(path)) if !path.is_file() => {
+            (NominalDistance::Range { .. }, DistanceSource::File(path)) if !names_image(path) => {
                 Err(option_error(
                     "distance-from",
                     path.display(),
@@ -274,7 +275,7 @@ impl Options<'_> {
                 "is not at least 0 and below 1",
                 "0 ignores the image, 0.5 is the default",
             )),
-            NumberOrFile::File(path) if !path.is_file() => Err(option_error(
+            NumberOrFile::File(path) if !names_image(path) => Err(option_error(
                 "beta",
                 path.display(),
                 "is neither a number nor a file",

@@ -4,7 +4,7 @@
 //! If the text may be a number, TOML and JSON may also hold a number.
 
 use std::fmt::{self, Display, Formatter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -147,6 +147,13 @@ impl Display for DistanceSource {
     }
 }
 
+/// Returns `true` if `path` is a file, or `<name>`, the form in which front ends name images in
+/// memory.
+pub(super) fn names_image(path: &Path) -> bool {
+    let name = path.as_os_str().as_encoded_bytes();
+    path.is_file() || name.starts_with(b"<") && name.ends_with(b">")
+}
+
 /// A number that is the same everywhere, or a file with a number for each sample.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NumberOrFile {
@@ -158,7 +165,7 @@ pub enum NumberOrFile {
 
 impl NumberOrFile {
     /// Returns the path if the value is a file.
-    pub fn file(&self) -> Option<&std::path::Path> {
+    pub fn file(&self) -> Option<&Path> {
         match self {
             Self::Constant(_) => None,
             Self::File(path) => Some(path),

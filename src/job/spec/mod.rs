@@ -198,6 +198,17 @@ pub struct MeshSpec {
     pub input: InputOptions,
 }
 
+/// Options of the lattice whose energy is minimised; atoms that do not move have none of them.
+const LATTICE_OPTIONS: &[&str] = &[
+    "beta",
+    "kappa",
+    "optimizer",
+    "evaluator",
+    "rounds",
+    "coarse-to-fine",
+    "trace",
+];
+
 /// Default options, which the command line shows.
 #[cfg(feature = "cli")]
 fn defaults() -> MeshSpec {

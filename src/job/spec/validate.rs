@@ -7,8 +7,8 @@ use std::fmt::Display;
 
 use super::values::names_image;
 use super::{
-    AtomAlignment, CellKind, DistanceSource, MeshSpec, NominalDistance, NumberOrFile, SeedingKind,
-    Slivers,
+    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NominalDistance,
+    NumberOrFile, SeedingKind, Slivers,
 };
 use crate::Result;
 use crate::error::{Error, cause};
@@ -161,15 +161,7 @@ impl Options<'_> {
             "give wells as fixed atoms, or choose another seeding",
         )?;
         self.refuse(
-            &[
-                "beta",
-                "kappa",
-                "optimizer",
-                "evaluator",
-                "rounds",
-                "coarse-to-fine",
-                "trace",
-            ],
+            LATTICE_OPTIONS,
             "applies to a lattice whose energy is minimised, but with seeding canny no atom moves",
             remedy,
         )?;

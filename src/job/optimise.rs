@@ -118,16 +118,16 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
 
 /// Returns the optimiser's options for a job.
 pub(crate) fn optimize_options<const D: usize>(params: &Params<D>) -> optimize::OptimizeOptions {
-    let options = default_optimize_options(params.spec.rng_seed)
+    let mut options = default_optimize_options(params.spec.rng_seed)
         .with_method(params.spec.optimizer, params.spec.kappa != 1.0);
-    match params.spec.rounds {
-        None => options,
-        Some(rounds) => optimize::OptimizeOptions {
-            max_evaluations: options.max_evaluations / options.max_rounds * rounds,
-            max_rounds: rounds,
-            ..options
-        },
+    if let Some(rounds) = params.spec.rounds {
+        options.max_evaluations = options.max_evaluations / options.max_rounds * rounds;
+        options.max_rounds = rounds;
     }
+    if let Some(evaluations) = params.spec.max_evaluations {
+        options.max_evaluations = evaluations.get();
+    }
+    options
 }
 
 /// Returns the default options of the optimiser.

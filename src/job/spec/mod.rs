@@ -11,6 +11,7 @@
 mod validate;
 mod values;
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -151,6 +152,10 @@ pub struct MeshSpec {
     /// they end when a round gains nothing [default: 1; 3 with --kappa]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub rounds: Option<usize>,
+    /// Largest number of evaluations of the energy in all rounds together [default: 40 a round, more
+    /// with --kappa and for slower optimizers]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    pub max_evaluations: Option<NonZeroUsize>,
     /// Number of initial passes on a smoother potential
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().coarse_to_fine, help_heading = ATOMS))]
     pub coarse_to_fine: usize,
@@ -205,6 +210,7 @@ const LATTICE_OPTIONS: &[&str] = &[
     "optimizer",
     "evaluator",
     "rounds",
+    "max-evaluations",
     "coarse-to-fine",
     "trace",
 ];
@@ -245,6 +251,7 @@ impl Default for MeshSpec {
             kappa: 1.0,
             optimizer: Method::Lbfgs,
             rounds: None,
+            max_evaluations: None,
             coarse_to_fine: 0,
             min_dihedral: 30.0,
             slivers: Slivers::Joe,

@@ -83,6 +83,7 @@ def meshes():
         vary("kappa", "--kappa 0.7")
         vary("coarse-to-fine", "--coarse-to-fine 2")
         vary("rounds", "--rounds 3")
+        vary("max-evaluations", "--max-evaluations 10")
         vary("beta", "--beta 0.3")
         vary("beta-image", f"--beta @inputs/beta{dimension}.npy")
         for source in ("features", "image", "laplacian", f"@inputs/distance{dimension}.npy"):

@@ -90,6 +90,7 @@ const CASES: &[OptionCase] = &[
     option("--optimizer descent"),
     option("--optimizer genetic"),
     option("--rounds 2"),
+    option("--max-evaluations 10"),
     option("--coarse-to-fine 1"),
     option("--min-dihedral 12"),
     option("--slivers none"),

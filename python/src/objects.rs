@@ -465,7 +465,8 @@ impl Image {
         }
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, ImageParts<'py>)> {
+    /// Returns the arguments that create the image.
+    fn parts<'py>(slf: &Bound<'py, Self>) -> PyResult<ImageParts<'py>> {
         fn parts<'py, const D: usize>(
             slf: &Bound<'py, Image>,
             loaded: &LoadedImage<D>,
@@ -490,11 +491,14 @@ impl Image {
                 array(&image.dead)?,
             ))
         }
-        let parts = match &*slf.get().0 {
-            AnyImage::Plane(loaded) => parts(slf, loaded)?,
-            AnyImage::Space(loaded) => parts(slf, loaded)?,
-        };
-        Ok((slf.get_type(), parts))
+        match &*slf.get().0 {
+            AnyImage::Plane(loaded) => parts(slf, loaded),
+            AnyImage::Space(loaded) => parts(slf, loaded),
+        }
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, ImageParts<'py>)> {
+        Ok((slf.get_type(), Self::parts(slf)?))
     }
 
     /// Origin, axes and units of the image.

@@ -46,7 +46,7 @@ def test_one_spacing_is_that_of_all_axes():
 def test_scales_and_weights_are_tuples(faults):
     mesh = atomesh.mesh(ball(), distance=7, metric=(1, 1, 0.5), feature="edges")
     assert parameters(mesh)["metric"] == "1,1,0.5"
-    mesh = atomesh.mesh(faults, distance=7, feature="faults+horizons", feature_weights=(1, 0.5))
+    mesh = atomesh.mesh(faults, distance=6, feature="faults+horizons", feature_weights=(1, 0.5))
     assert parameters(mesh)["feature-weights"] == "1,0.5"
 
 

@@ -79,6 +79,8 @@ class Image:
         """
         if isinstance(volume, (str, os.PathLike)):
             return cls.of(read(volume), spacing, origin, units)
+        if isinstance(volume, Image) and (volume.samples.ndim == 2 or len(volume.samples) > 1):
+            return volume._at(spacing, origin, units)
         if isinstance(volume, Image):
             source = _Source(volume.samples, volume.origin, volume.axes, volume.units)
         else:
@@ -94,29 +96,33 @@ class Image:
         if array.ndim not in (2, 3):
             shape = "x".join(map(str, array.shape))
             raise error(NAME, f"has shape {shape}", "give an array of two axes or three")
-        count = array.ndim
-        axes = np.array(source.axes, dtype=float)
-        if spacing is not None:
-            lengths = np.linalg.norm(axes, axis=1)[:, None]
-            axes = axes / lengths * _numbers("spacing", spacing, count)[:, None]
-        place = source.origin if origin is None else _numbers("origin", origin, count)
-        if units is None:
-            units = source.units or [""] * count
-        units = [units] * count if isinstance(units, str) else list(units)
-        names = ["x", "y", "z"][:count]
+        names = ["x", "y", "z"][: array.ndim]
         samples = np.ascontiguousarray(array, dtype=np.float32)
         labels = None
         if array.dtype.kind in "iu" and array.dtype.itemsize > 2 and (np.abs(samples) >= 2**24).any():
             # 32-bit floats cannot represent these integers, so that they are also passed as exact labels.
             values, index = np.unique(array, return_inverse=True)
             labels = [int(value) for value in values], index.ravel().astype(np.uint32)
+        geometry = _geometry(source, array.ndim, spacing, origin, units)
+        return cls._new(samples, geometry, names, str(array.dtype), labels)
+
+    @classmethod
+    def _new(cls, *parts: Any) -> Image:
+        """Creates an image from the arguments of the native image."""
         try:
-            native = _native.Image(
-                samples, ([float(c) for c in place], axes.tolist(), units), names, str(array.dtype), labels
-            )
+            return cls(_native.Image(*parts))
         except ValueError as problem:
             raise error(NAME, str(problem), "give as many of each as the array has axes") from None
-        return cls(native)
+
+    def _at(
+        self, spacing: float | Sequence[float] | None, origin: Sequence[float] | None, units: str | Sequence[str] | None
+    ) -> Image:
+        """Returns the image with another geometry, or itself; exact labels and missing samples stay known."""
+        if spacing is None and origin is None and units is None:
+            return self
+        samples, _, *others = self._native.parts()
+        source = _Source(samples, self.origin, self.axes, self.units)
+        return self._new(samples, _geometry(source, samples.ndim, spacing, origin, units), *others)
 
     @property
     def samples(self) -> npt.NDArray[np.float32]:
@@ -207,6 +213,25 @@ def read(path: str | os.PathLike[str], **options: Any) -> Image:
     """
     answer = call("convert", [path, "<image>.vti"], options, keep=["<image>.vti"])
     return Image(answer.kept["<image>.vti"])
+
+
+def _geometry(
+    source: _Source,
+    count: int,
+    spacing: float | Sequence[float] | None,
+    origin: Sequence[float] | None,
+    units: str | Sequence[str] | None,
+) -> tuple[list[float], list[list[float]], list[str]]:
+    """Returns the origin, the axes and the units of a source, or those that replace them."""
+    axes = np.array(source.axes, dtype=float)
+    if spacing is not None:
+        lengths = np.linalg.norm(axes, axis=1)[:, None]
+        axes = axes / lengths * _numbers("spacing", spacing, count)[:, None]
+    place = source.origin if origin is None else _numbers("origin", origin, count)
+    if units is None:
+        units = source.units or [""] * count
+    units = [units] * count if isinstance(units, str) else list(units)
+    return [float(c) for c in place], axes.tolist(), units
 
 
 def _numbers(name: str, values: float | Sequence[float], count: int) -> npt.NDArray[np.float64]:

@@ -350,7 +350,7 @@ fn a_mesh_that_is_not_in_columns_is_refused_as_a_modflow_grid() {
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD";
     let line = format!("{export} {rock}");
     let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-    assert!(error.contains("columns only"), "{error}");
+    assert!(error.contains("needs columns"), "{error}");
 }
 
 #[test]

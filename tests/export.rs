@@ -602,7 +602,7 @@ fn images_fill_cells_and_errors_name_the_cause() {
         ("opm -o nowhere/B.DATA", "", "nowhere"),
         ("openfoam -o phi.npy", "", "is a file"),
         ("msh -o B.msh", "", "tetrahedra only"),
-        ("pflotran -o cells.uge", "", "replace the mesh"),
+        ("pflotran -o cells.uge", "", "overwrite the mesh"),
     ] {
         let line = format!("export cells.vtu --to {to} {options}");
         let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());

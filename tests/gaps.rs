@@ -317,7 +317,7 @@ fn null_values_are_options_of_the_command_line() {
     assert!(info.to_lowercase().contains("nan"), "{info}");
     let error = expect_refusal(index, &["mesh", "r.npy", "--null", "seven"]);
     assert!(
-        error.contains("null seven") && error.contains("no number"),
+        error.contains("null seven") && error.contains("is not a number"),
         "{error}"
     );
 }

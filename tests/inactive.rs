@@ -67,7 +67,7 @@ fn wells_separated_by_or_crossing_closed_faults_get_a_note_each() {
     let result = notes(&three_wells, "closed");
     assert_eq!(result.len(), 1, "{result:?}");
     assert!(
-        result[0].starts_with("producer P2: closed faults part its"),
+        result[0].starts_with("producer P2: closed faults separate its compartment"),
         "{result:?}"
     );
 

@@ -191,7 +191,7 @@ fn spacing_is_read_from_imagej_ome_tiff_and_ome_zarr() {
     let steps = ["(0.2500, 0.0000, 0.0000)", "(0.0000, 0.0000, 2.0000)"];
     for unit in ["unit=micron\n", "unit=\\u00B5m\n", "unit=um\n"] {
         let stdout = write(&imagej(unit), Some([4, 1]));
-        for part in [steps[0], steps[1], "um, um, um", "as ImageJ says"] {
+        for part in [steps[0], steps[1], "um, um, um", "from ImageJ metadata"] {
             assert!(stdout.contains(part), "no {part}: {stdout}");
         }
     }

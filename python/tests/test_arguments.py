@@ -20,7 +20,7 @@ def labels():
     return image
 
 
-@pytest.mark.parametrize("distance", [(4, 10), [4.0, 10.0], np.array([4, 10]), "4:10"])
+@pytest.mark.parametrize("distance", [(4, 10), [4.0, 10.0], np.array([4, 10]), "4:10", (np.array(4), np.float32(10))])
 def test_a_pair_is_a_range_of_distances(distance):
     mesh = atomesh.mesh(disc(), distance=distance, feature="edges")
     assert parameters(mesh)["distance"] == "4:10"
@@ -44,7 +44,7 @@ def test_one_spacing_is_that_of_all_axes():
 
 
 def test_scales_and_weights_are_tuples(faults):
-    mesh = atomesh.mesh(ball(), distance=7, metric=(1, 1, 0.5), feature="edges")
+    mesh = atomesh.mesh(ball(), distance=5, metric=(1, 1, 0.5), feature="edges")
     assert parameters(mesh)["metric"] == "1,1,0.5"
     mesh = atomesh.mesh(faults, distance=6, feature="faults+horizons", feature_weights=(1, 0.5))
     assert parameters(mesh)["feature-weights"] == "1,0.5"
@@ -92,6 +92,7 @@ def test_a_table_is_a_list_of_rows(faults):
         (disc(), {"distance": object()}, TypeError, "distance=: is of type object; atomesh.options"),
         (disc(), {"distance": {"min": 3}}, TypeError, "distance=: is of type dict"),
         (disc(), {"spacing": "wide"}, TypeError, "spacing='wide': is not numbers; give x, y"),
+        (disc(), {"units": 5}, TypeError, "units=5: is not text; give one unit"),
         (object(), {}, TypeError, "is of type object; give real numbers"),
         (None, {}, TypeError, "is of type NoneType"),
         (np.zeros((4, 4), complex), {}, TypeError, "holds complex128"),

@@ -127,7 +127,7 @@ def call(
 
 def _path(path: Any) -> str:
     try:
-        return str(os.fspath(path))
+        return os.fsdecode(path)
     except TypeError:
         problem = f"is of type {type(path).__name__}"
         raise error(f"{path!r:.40}", problem, "give the path of a file", ArgumentError) from None
@@ -176,14 +176,14 @@ class _Inputs:
         A point becomes X,Y,Z, a box X,Y,Z:X,Y,Z, a range of distances MIN:MAX and a dict NAME=VALUE,NAME=VALUE. An
         array or an image becomes the name that stands for it.
         """
-        if isinstance(value, np.generic):
+        if isinstance(value, np.generic) or isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         if isinstance(value, float):
             return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
         if isinstance(value, (str, int)):
             return str(value)
         if isinstance(value, os.PathLike):
-            return str(os.fspath(value))
+            return os.fsdecode(value)
         if isinstance(value, np.ndarray) and _is_table(option) or _is_rows(option, value):
             return self._input(option, np.atleast_2d(np.asarray(value, dtype=float)))
         if isinstance(value, Mapping) and option["repeated"]:

@@ -230,7 +230,11 @@ def _geometry(
     place = source.origin if origin is None else _numbers("origin", origin, count)
     if units is None:
         units = source.units or [""] * count
-    units = [units] * count if isinstance(units, str) else list(units)
+    if isinstance(units, str):
+        units = [units] * count
+    elif not (isinstance(units, Sequence) and all(isinstance(unit, str) for unit in units)):
+        raise error(f"units={units!r}", "is not text", "give one unit, or one for each axis", ArgumentError)
+    units = list(units)
     return [float(c) for c in place], axes.tolist(), units
 
 

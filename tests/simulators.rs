@@ -735,7 +735,7 @@ fn impossible_exports_are_refused() {
             "--depth-at-top 0 --grid 0,3,3",
             "three numbers",
         ),
-        ("geos -o cells.vtu", "", "replace the mesh"),
+        ("geos -o cells.vtu", "", "overwrite the mesh"),
     ] {
         let line = format!("export cells.vtu --to {to} {options}");
         let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());

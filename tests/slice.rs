@@ -152,7 +152,7 @@ fn impossible_drawings_are_refused() {
         ("slice sheet.vtp --view 3d --cut x", "omit it"),
         ("slice sheet.vtp --view 3d --at 1,2,3", "omit it"),
         ("slice sheet.vtp --view 3d --up w", "give x, y, z, or -x"),
-        ("slice sheet.vtp --view 3d --spacing 1,1,1", "omit it"),
+        ("slice sheet.vtp --view 3d --spacing 1,1,1", "omit them"),
         ("slice torn.vtp --view 3d", "torn.vtp"),
         ("slice absent.vtp --view 3d", "absent.vtp"),
         ("slice line.npy sheet.vtp", "the image is 2-D"),

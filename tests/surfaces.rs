@@ -620,7 +620,7 @@ fn one_velocity_converts_time_to_depth() {
             "{job} {area} {report}"
         );
         // Samples have times from 1000 to 1372 ms.
-        let depth = ["low", "high"].map(|end| surface[end][2].as_f64().unwrap());
+        let depth = ["min_corner", "max_corner"].map(|end| surface[end][2].as_f64().unwrap());
         assert!(depth[0] > 749.0 && depth[1] < 1030.0, "{report}");
     }
     let report = json(&run("surface time.vtu -o s.vtp --json"));

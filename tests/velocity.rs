@@ -308,7 +308,7 @@ fn unusable_velocities_are_refused() {
             "v.npy",
             "v.npy: does not say where its velocities lie in two-way time",
         ),
-        ("flat.npy", "--velocity flat.npy: is no 3-D image"),
+        ("flat.npy", "--velocity flat.npy: is not a 3-D image"),
         ("far.vti", "far.vti: lies elsewhere"),
         (
             "deep.vti",

@@ -230,12 +230,10 @@ def _geometry(
     place = source.origin if origin is None else _numbers("origin", origin, count)
     if units is None:
         units = source.units or [""] * count
-    if isinstance(units, str):
-        units = [units] * count
-    elif not (isinstance(units, Sequence) and all(isinstance(unit, str) for unit in units)):
+    texts = [units] * count if isinstance(units, str) else list(units) if np.iterable(units) else [units]
+    if not all(isinstance(text, str) for text in texts):
         raise error(f"units={units!r}", "is not text", "give one unit, or one for each axis", ArgumentError)
-    units = list(units)
-    return [float(c) for c in place], axes.tolist(), units
+    return [float(c) for c in place], axes.tolist(), [str(text) for text in texts]
 
 
 def _numbers(name: str, values: float | Sequence[float], count: int) -> npt.NDArray[np.float64]:

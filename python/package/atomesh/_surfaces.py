@@ -24,7 +24,7 @@ class Surface:
 
     def __init__(self, surfaces: Surfaces, number: int, measures: Mapping[str, Any]) -> None:
         self._all, self._number = surfaces, number
-        #: Measures of the surface: `kind`, `area`, `dip`, `strike`, `meets` ...
+        #: Measures of the surface: `kind`, `area`, `dip`, `strike`, `adjacent_surfaces` ...
         self.measures: dict[str, Any] = dict(measures)
 
     @property

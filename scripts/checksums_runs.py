@@ -228,25 +228,27 @@ def columns():
 
 
 def export_formats():
-    """Yields the export formats that src/export declares: name, extension (empty for a folder) and supported contents."""
+    """Yields the export formats that src/export declares: name, extension (empty for a folder), whether the format
+    uses depth, and supported contents."""
     source = Path(__file__).parent.parent / "src/export"
     entry = re.compile(r'ExportFormat = ExportFormat \{\s+name: "(\w+)",.*?extensions: &\[(?:"(\w+)")?'
-                       r'.*?supported_content: (.*?)\s+deck_path:', re.DOTALL)
+                       r'.*?uses_depth: (\w+),\s+supported_content: (.*?)\s+deck_path:', re.DOTALL)
     for folder in ("simulators", "corner_point", "meshers"):
         for path in sorted((source / folder).rglob("*.rs")):
-            for name, extension, contents in entry.findall(path.read_text()):
+            for name, extension, uses_depth, contents in entry.findall(path.read_text()):
                 contents = contents.replace("NAMES_AND_ROCK", "::Porosity, ::Permeability")
-                yield name, extension, re.findall(r"::(\w+)", contents)
+                yield name, extension, uses_depth == "true", re.findall(r"::(\w+)", contents)
 
 
 def exports():
     filled = "--porosity 0.2 --permeability 100,100,10 --permeability-unit mD"
     rock = f"{filled} --faults 0.01 --depth-at-top 2000"
     wells = "--injector 10,10,10:5 --producer 32,30,24:180"
-    for form, extension, contents in export_formats():
+    for form, extension, uses_depth, contents in export_formats():
         file = f"out.{extension}" if extension else "out"
-        has_rock, has_faults = "Permeability" in contents, "Faults" in contents
-        options = rock if has_faults else filled if has_rock else ""
+        options = filled if "Permeability" in contents else ""
+        options += " --faults 0.01" if "Faults" in contents else ""
+        options += " --depth-at-top 2000" if uses_depth else ""
         for mesh in ALL_MESHES:
             down = " --down z" if mesh == "columns" else ""
             thick = " --thickness 5" if "2" in mesh else ""

@@ -133,7 +133,7 @@ impl SolidAssembler {
         }
         let nodes: Vec<[f64; 3]> = kept.iter().map(|&n| nodes[n as usize]).collect();
         let count = self.count as usize;
-        let mut mesh = (self.faces.into_mesh::<3>(nodes, count))
+        let mut mesh = (self.faces.to_mesh::<3>(nodes, count))
             .ok_or("has a face that more than two cells share")?;
         mesh.sites = node_means(&mesh, count);
         orient_outwards(&mut mesh);

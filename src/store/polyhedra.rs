@@ -249,7 +249,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         return Err(damaged("their nodes"));
     }
     let mut mesh =
-        (sides.into_mesh::<D>(nodes, count)).ok_or_else(|| damaged("a face with three cells"))?;
+        (sides.to_mesh::<D>(nodes, count)).ok_or_else(|| damaged("a face with three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
     let mut take = |name: &str| {
@@ -415,7 +415,7 @@ impl CellFaces {
     }
 
     /// Returns the mesh, or `None` if three cells share a face.
-    pub fn into_mesh<const D: usize>(
+    pub fn to_mesh<const D: usize>(
         &self,
         nodes: Vec<[f64; D]>,
         cells: usize,
@@ -599,9 +599,9 @@ mod tests {
         sides
             .push_stream::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0])
             .unwrap();
-        let mesh = sides.into_mesh::<3>(vec![[0.0; 3]; 5], 2).unwrap();
+        let mesh = sides.to_mesh::<3>(vec![[0.0; 3]; 5], 2).unwrap();
         assert_eq!(mesh.face_cells, [[0, 1], [0, NO_CELL], [1, NO_CELL]]);
         sides.push_stream::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
-        assert!(sides.into_mesh::<3>(vec![[0.0; 3]; 5], 3).is_none());
+        assert!(sides.to_mesh::<3>(vec![[0.0; 3]; 5], 3).is_none());
     }
 }

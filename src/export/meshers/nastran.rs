@@ -379,7 +379,7 @@ mod tests {
                 let fields = integers(fields);
                 assert_eq!(fields[0], 7 + i);
                 let [a, b, c] = [2, 3, 4].map(|k| nodes[fields[k] - 1]);
-                let (axis, is_high) = ((fields[1] - 1) / 2, fields[1] % 2 == 0);
+                let (axis, is_high) = ((fields[1] - 1) / 2, fields[1].is_multiple_of(2));
                 let normal =
                     crate::geometry::cross(crate::geometry::sub(b, a), crate::geometry::sub(c, a));
                 // Sides of the box face outward.

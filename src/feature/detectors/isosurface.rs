@@ -105,9 +105,14 @@ fn find_in_samples<const D: usize>(
         layers.add(&window.interior);
         candidates.extend(crossings(window, level, cancel));
     };
-    samples.for_each_window(HALO_LAYERS, None, &|_| 1, cancel, &mut collect, &mut |()| {
-        ()
-    })?;
+    samples.for_each_window(
+        HALO_LAYERS,
+        None,
+        &|_| 1,
+        cancel,
+        &mut collect,
+        &mut |()| {},
+    )?;
     let counts = input.comm.all_gather("points of value", candidates.len())?;
     // A part of an image need not have the value.
     if input.resolved.is_none() && counts.iter().all(|&count| count == 0) {

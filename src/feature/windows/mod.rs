@@ -94,13 +94,13 @@ impl<'w, const D: usize> LayerStack<'w, D> {
 
     /// Converts coordinates in this stack to coordinates in the volume.
     #[inline]
-    pub fn to_volume(&self, at: [usize; D]) -> [usize; D] {
+    pub fn to_volume(self, at: [usize; D]) -> [usize; D] {
         std::array::from_fn(|k| at[k] + self.origin[k])
     }
 
     /// Converts coordinates in the volume to coordinates in this stack.
     #[inline]
-    pub fn to_stack(&self, at: [usize; D]) -> [usize; D] {
+    pub fn to_stack(self, at: [usize; D]) -> [usize; D] {
         std::array::from_fn(|k| at[k] - self.origin[k])
     }
 

@@ -64,7 +64,7 @@ impl CgalReport {
     }
 }
 
-/// Returns CGAL's Delaunay tetrahedra of `points`, positively oriented (see [`crate::mesh`]).
+/// Returns CGAL's Delaunay tetrahedra of `points`, positively oriented (see [`crate::mesh`](mod@crate::mesh)).
 ///
 /// Where more than four points lie on a sphere, the triangulation is not unique, and CGAL may
 /// choose another one than TetGen.

@@ -30,11 +30,11 @@ pub struct SurfaceMeasure {
     /// which depend on the mesh.
     pub area: f64,
     /// Unit normal of the plane that fits the surface best, pointing up. The fit is in units of
-    /// samples ([`MapAxes::with_geometry`]), in which errors of positions are similar along all
+    /// samples (`MapAxes::with_geometry`), in which errors of positions are similar along all
     /// axes.
     pub normal: Vec<f64>,
     /// Angle between that normal and up, in degrees: 0 is horizontal, 90 vertical. `None` if
-    /// coordinates have different units ([`MapAxes::with_units`]).
+    /// coordinates have different units (`MapAxes::with_units`).
     pub dip: Option<f64>,
     /// Direction of the horizontal line in that plane, in degrees from north towards east. The
     /// surface dips to the right of it. 3-D only; `None` if north and east have different units.

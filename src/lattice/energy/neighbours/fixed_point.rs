@@ -32,7 +32,7 @@ impl FixedPointMap {
 
     /// Returns the integers of a position, with 0 as the last element.
     #[inline(always)]
-    pub fn to_point<const D: usize>(&self, x: &[f64; D]) -> IntPoint {
+    pub fn to_point<const D: usize>(self, x: &[f64; D]) -> IntPoint {
         let mut point = [0; 4];
         for k in 0..D {
             point[k] = self.coordinate(x[k]);

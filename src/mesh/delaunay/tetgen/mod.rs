@@ -59,7 +59,7 @@ pub struct Delaunay {
 /// Returns the Delaunay triangulation of `points`.
 ///
 /// Nodes are all points in their order, and every one is used. Tetrahedra are positively oriented
-/// (see [`crate::mesh`]), never flat, and fill the convex hull exactly. Only one call at a time
+/// (see [`crate::mesh`](mod@crate::mesh)), never flat, and fill the convex hull exactly. Only one call at a time
 /// runs in a process; others wait, unless [`run_in_worker`](super::run_in_worker) gives each call a
 /// process of its own.
 ///

@@ -45,6 +45,7 @@
 //! ```
 
 #[cfg(feature = "cli")]
+#[doc(hidden)]
 #[allow(
     rustdoc::broken_intra_doc_links,
     rustdoc::private_intra_doc_links,

@@ -274,7 +274,12 @@ mod tests {
             assert!(count >= min_count, "{stage}: polled {count} times");
             for after in [0, 1, count / 2].into_iter().filter(|&n| n < count) {
                 let (outcome, progress) = run(image, params, Some((stage, after)));
-                assert!(progress.is_stopped, "{stage}: never stopped after {after}");
+                if !progress.is_stopped {
+                    // Loops poll at intervals of time, so a run on an idle machine polls less often.
+                    let polls = progress.polls.get(&stage).copied().unwrap_or(0);
+                    assert!(after > 1 && polls <= after, "{stage}: went on after {after}");
+                    continue;
+                }
                 match outcome {
                     Err(error) => {
                         assert_eq!(error.kind(), ErrorKind::Interrupted, "{stage}: {error}");

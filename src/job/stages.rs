@@ -277,7 +277,10 @@ mod tests {
                 if !progress.is_stopped {
                     // Loops poll at intervals of time, so a run on an idle machine polls less often.
                     let polls = progress.polls.get(&stage).copied().unwrap_or(0);
-                    assert!(after > 1 && polls <= after, "{stage}: went on after {after}");
+                    assert!(
+                        after > 1 && polls <= after,
+                        "{stage}: went on after {after}"
+                    );
                     continue;
                 }
                 match outcome {

@@ -333,7 +333,7 @@ fn unusable_velocities_are_refused() {
         ),
         (
             "mesh s.sgy --velocity v.vti --distance 8:12 --distance-from d.npy -o x.vtu",
-            "--distance-from: is of [100, 40, 23] samples",
+            "--distance-from: has [100, 40, 23] samples",
         ),
     ] {
         let error = expect_refusal(dir, &job.split_whitespace().collect::<Vec<_>>());

@@ -26,7 +26,7 @@ const REGION_ARRAY: &str = "region";
 ///
 /// ```
 /// use atomesh::image::{Geometry, Image};
-/// use atomesh::job::{self, Params, Spacing};
+/// use atomesh::MeshSpec;
 /// use atomesh::progress::NoProgress;
 /// use atomesh::store::{AnyMesh, StoredMesh, read_any_vtu};
 ///
@@ -35,9 +35,9 @@ const REGION_ARRAY: &str = "region";
 /// let disc = (0..40 * 36).map(|i| f32::from(from_centre(i) < 11.0));
 /// let geometry = Geometry { axes: [[25.0, 0.0], [0.0, 25.0]], ..Geometry::default() };
 /// let image = Image::new([40, 36], disc.collect(), geometry);
-/// let params = Params { spacing: Spacing::Constant(5.0), ..Params::default() };
+/// let spec = MeshSpec { distance: "5".parse()?, ..MeshSpec::default() };
 /// let path = std::env::temp_dir().join("atomesh-stored-mesh.vtu");
-/// job::run(&image, &params, &mut NoProgress)?.write(&path)?;
+/// atomesh::mesh(&image, &spec, &mut NoProgress)?.write(&path)?;
 ///
 /// let AnyMesh::Triangles(file) = read_any_vtu(&path)? else { unreachable!("the image is 2-D") };
 /// let stored = StoredMesh::new(file, "the disc")?;
@@ -45,7 +45,7 @@ const REGION_ARRAY: &str = "region";
 /// assert_eq!(stored.space.to_world([39.0, 35.0]), [975.0, 875.0]);
 /// assert!(stored.feature_marks().is_some_and(|marks| marks.contains(&true)));
 /// # std::fs::remove_file(&path).ok();
-/// # Ok::<(), atomesh::Error>(())
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredMesh<const D: usize = 3, M = TetMesh> {

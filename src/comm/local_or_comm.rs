@@ -1,5 +1,5 @@
 //! Group of ranks, or one process alone, for measurements that are written once for both. Exchange in a group may fail;
-//! a process alone cannot fail, so that functions such as [`quality`](crate::report::quality()) need not return an error.
+//! a process alone cannot fail, so that functions which measure a mesh in one process need not return an error.
 
 use std::convert::Infallible;
 use std::ops::Range;

@@ -54,10 +54,16 @@ pub struct MeshSpec {
     /// or cross at shallow angles), features (MIN on them, increasing away from them), image (MIN
     /// where it is darkest, or brightest if bright features are followed), laplacian (of the
     /// potential), or a file with a distance for each sample
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WHAT", default_value_t = defaults().distance_from))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "WHAT", default_value_t = defaults().distance_from)
+    )]
     pub distance_from: DistanceSource,
     /// The features to follow
-    #[cfg_attr(feature = "cli", arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum)
+    )]
     pub feature: FeatureKind,
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
@@ -70,11 +76,22 @@ pub struct MeshSpec {
     )]
     pub threshold: Option<f32>,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
-    #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t = defaults().feature_weights, help_heading = FEATURES))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "F,H",
+            default_value_t = defaults().feature_weights,
+            help_heading = FEATURES
+        )
+    )]
     pub feature_weights: FeatureWeights,
     /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
     /// or VALUE:into=VALUE, which merges it into another label; may be repeated
-    #[cfg_attr(feature = "cli", arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)
+    )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
@@ -117,10 +134,22 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
     pub cells: Option<CellKind>,
     /// Weight of the image against the lattice, in [0, 1): a number, or an image of weights
-    #[cfg_attr(feature = "cli", arg(long, value_name = "B", default_value_t = defaults().beta, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "B", default_value_t = defaults().beta, help_heading = ATOMS)
+    )]
     pub beta: NumberOrFile,
     /// Initial positions of atoms
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().seeding, value_enum, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "HOW",
+            default_value_t = defaults().seeding,
+            value_enum,
+            help_heading = ATOMS
+        )
+    )]
     pub seeding: SeedingKind,
     /// Largest number of atoms that --seeding guide places [default: as many as fit]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
@@ -138,15 +167,37 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "D", help_heading = ATOMS))]
     pub well_distance: Option<f64>,
     /// Evaluator of the lattice energy
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().evaluator, value_enum, alias = "potential", help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "HOW",
+            default_value_t = defaults().evaluator,
+            value_enum,
+            alias = "potential",
+            help_heading = ATOMS
+        )
+    )]
     #[serde(alias = "potential")]
     pub evaluator: Evaluator,
     /// Weight, in [0, 1], of the energy between atoms against their Laplacian coordinates, which
     /// make the lattice more regular. 1 omits them, 0.7 is typical with them
-    #[cfg_attr(feature = "cli", arg(long, value_name = "K", default_value_t = defaults().kappa, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "K", default_value_t = defaults().kappa, help_heading = ATOMS)
+    )]
     pub kappa: f64,
     /// Method that moves atoms
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().optimizer, value_enum, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "HOW",
+            default_value_t = defaults().optimizer,
+            value_enum,
+            help_heading = ATOMS
+        )
+    )]
     pub optimizer: Method,
     /// Largest number of rounds, each of which perturbs atoms at random and minimises the energy;
     /// they end when a round gains nothing [default: 1; 3 with --kappa]
@@ -157,25 +208,56 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_evaluations: Option<NonZeroUsize>,
     /// Number of initial passes on a smoother potential
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().coarse_to_fine, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "N",
+            default_value_t = defaults().coarse_to_fine,
+            help_heading = ATOMS
+        )
+    )]
     pub coarse_to_fine: usize,
     /// Target for the smallest dihedral angle, in degrees (in 2-D the smallest angle); the target
     /// for the largest is 180 minus it
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES", default_value_t = defaults().min_dihedral, help_heading = SHAPES))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "DEGREES",
+            default_value_t = defaults().min_dihedral,
+            help_heading = SHAPES
+        )
+    )]
     pub min_dihedral: f64,
     /// Method that removes slivers
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", default_value_t = defaults().slivers, value_enum, help_heading = SHAPES))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "HOW",
+            default_value_t = defaults().slivers,
+            value_enum,
+            help_heading = SHAPES
+        )
+    )]
     pub slivers: Slivers,
     /// Distance within which nodes of Voronoi cells are merged, as a fraction of the cells' radius,
     /// which removes the smallest faces
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE", default_value_t = defaults().weld, help_heading = SHAPES))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "SHARE", default_value_t = defaults().weld, help_heading = SHAPES)
+    )]
     pub weld: f64,
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
     /// Metric of lattice space: samples, physical, shape (physical proportions, with as many
     /// samples per cell as samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)
+    )]
     pub metric: Metric,
     /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
@@ -186,7 +268,10 @@ pub struct MeshSpec {
     )]
     pub velocity: Option<NumberOrFile>,
     /// Seed of all random numbers
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = defaults().rng_seed, help_heading = ATOMS))]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "N", default_value_t = defaults().rng_seed, help_heading = ATOMS)
+    )]
     pub rng_seed: u64,
     /// Also write the report as JSON
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json", help_heading = FILES))]

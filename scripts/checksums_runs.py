@@ -237,6 +237,7 @@ def export_formats():
         for path in sorted((source / folder).rglob("*.rs")):
             for name, extension, uses_depth, contents in entry.findall(path.read_text()):
                 contents = contents.replace("NAMES_AND_ROCK", "::Porosity, ::Permeability")
+                contents = contents.replace("CONNECTION_LIST", "::Porosity, ::Permeability, ::Faults")
                 yield name, extension, uses_depth == "true", re.findall(r"::(\w+)", contents)
 
 

@@ -55,3 +55,11 @@ const NAMES_AND_ROCK: &[ExportContent] = &[
     ExportContent::SplitNodes,
     ExportContent::Quadratic,
 ];
+
+/// Content of formats that hold named elements, linear or quadratic, without values.
+const NAMED_ELEMENTS: &[ExportContent] = &[
+    ExportContent::Names,
+    ExportContent::Regions,
+    ExportContent::SplitNodes,
+    ExportContent::Quadratic,
+];

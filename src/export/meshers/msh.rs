@@ -11,13 +11,14 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::NAMED_ELEMENTS;
 use super::groups::NamedSides;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::{SimplexMesh, TornSurface};
 use crate::Result;
 use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::containers::text::{TextBuilder, write_items};
-use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::format::ExportFormat;
 use crate::files::Batch;
 use crate::geometry::bounding_box;
 use crate::model::reservoir::Model;
@@ -30,12 +31,7 @@ pub const FORMAT_V4: ExportFormat = ExportFormat {
     has_companion: false,
     holds_any_cells: false,
     uses_depth: false,
-    supported_content: &[
-        ExportContent::Names,
-        ExportContent::Regions,
-        ExportContent::SplitNodes,
-        ExportContent::Quadratic,
-    ],
+    supported_content: NAMED_ELEMENTS,
     deck_path: None,
     write: write_v4,
 };
@@ -48,12 +44,7 @@ pub const FORMAT_V2: ExportFormat = ExportFormat {
     has_companion: false,
     holds_any_cells: false,
     uses_depth: false,
-    supported_content: &[
-        ExportContent::Names,
-        ExportContent::Regions,
-        ExportContent::SplitNodes,
-        ExportContent::Quadratic,
-    ],
+    supported_content: NAMED_ELEMENTS,
     deck_path: None,
     write: write_v2,
 };

@@ -19,11 +19,12 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::NAMED_ELEMENTS;
 use super::groups::{region_name, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, TextBuilder, WriteResult, write_items};
-use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::format::ExportFormat;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
@@ -36,12 +37,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     has_companion: false,
     holds_any_cells: false,
     uses_depth: false,
-    supported_content: &[
-        ExportContent::Names,
-        ExportContent::Regions,
-        ExportContent::SplitNodes,
-        ExportContent::Quadratic,
-    ],
+    supported_content: NAMED_ELEMENTS,
     deck_path: None,
     write,
 };

@@ -20,7 +20,7 @@ pub(crate) mod pflotran;
 pub(crate) mod resqml;
 pub(crate) mod tough;
 
-use super::format::ExportFormat;
+use super::format::{ExportContent, ExportFormat};
 
 /// Formats of this folder, in the order in which they are listed.
 pub(crate) const FORMATS: &[&ExportFormat] = &[
@@ -33,4 +33,15 @@ pub(crate) const FORMATS: &[&ExportFormat] = &[
     &geos::FORMAT,
     &resqml::FORMAT,
     &darts::FORMAT,
+];
+
+/// Content of formats that list cells and connections, without wells and schedule.
+const CONNECTION_LIST: &[ExportContent] = &[
+    ExportContent::Regions,
+    ExportContent::Porosity,
+    ExportContent::Permeability,
+    ExportContent::Properties,
+    ExportContent::Faults,
+    ExportContent::ClosedFaults,
+    ExportContent::FaultsWithoutRock,
 ];

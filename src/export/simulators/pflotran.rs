@@ -12,11 +12,12 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::CONNECTION_LIST;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::containers::text::write_items;
-use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::format::ExportFormat;
 use crate::export::meshers::groups::{region_name, sorted_regions};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
@@ -31,15 +32,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     has_companion: true,
     holds_any_cells: true,
     uses_depth: true,
-    supported_content: &[
-        ExportContent::Regions,
-        ExportContent::Porosity,
-        ExportContent::Permeability,
-        ExportContent::Properties,
-        ExportContent::Faults,
-        ExportContent::ClosedFaults,
-        ExportContent::FaultsWithoutRock,
-    ],
+    supported_content: CONNECTION_LIST,
     deck_path: None,
     write,
 };

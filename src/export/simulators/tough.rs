@@ -7,9 +7,10 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::CONNECTION_LIST;
 use crate::error::cause;
 use crate::export::containers::text::write_items;
-use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::format::ExportFormat;
 use crate::files::Batch;
 use crate::mesh::graph::Connection;
 use crate::model::reservoir::Model;
@@ -23,15 +24,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     has_companion: true,
     holds_any_cells: true,
     uses_depth: true,
-    supported_content: &[
-        ExportContent::Regions,
-        ExportContent::Porosity,
-        ExportContent::Permeability,
-        ExportContent::Properties,
-        ExportContent::Faults,
-        ExportContent::ClosedFaults,
-        ExportContent::FaultsWithoutRock,
-    ],
+    supported_content: CONNECTION_LIST,
     deck_path: None,
     write,
 };

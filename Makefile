@@ -3,6 +3,7 @@
 # make test-all   run all tests, also those against other programs (VTK, OPM Flow, Gmsh, ...), with MPI, and on
 #                 images of other projects: DATA=folder
 # make lint   run the lints of every kind of build and build the documentation of the library
+# make portable   check that the library and the program compile for Windows, macOS and WebAssembly
 # make bench   measure the table of docs/benchmarks.md, some minutes
 # make bench-networks   measure meshes of twenty random fault networks, some minutes
 # make bench-labels   compare meshes of label images with those of CGAL: DATA=folder of images of other projects
@@ -19,7 +20,7 @@
 # make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test test-all lint mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures fuzz soak help demo reservoir test test-all lint portable mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -57,6 +58,12 @@ lint: packages
 	cargo clippy --no-default-features --lib --locked -- -D warnings
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
+
+# The library alone needs nothing of a system. The program needs files, so in a browser it runs as a WASI program.
+portable:
+	scripts/cross.sh wasm32-unknown-unknown check --no-default-features --lib
+	scripts/cross.sh x86_64-pc-windows-gnu check --no-default-features --features cli
+	scripts/cross.sh x86_64-apple-darwin check --no-default-features --features cli
 
 # Ignored tests run, too, and fail if a program that they need is missing.
 test-all: lint validators

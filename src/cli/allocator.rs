@@ -15,13 +15,6 @@ use crate::files::remove_unfinished;
 /// Size in bytes of the stack on which a thread handles the overflow of its own stack.
 const SIGNAL_STACK_BYTES: usize = 8192;
 
-/// Size in bytes from which an array is allocated directly from the operating system. By default
-/// the C library raises this threshold by itself and keeps the memory of freed arrays: a sixth of
-/// the memory of a job of 256^3 samples.
-const MMAP_THRESHOLD_BYTES: usize = 4 << 20;
-/// Number of freed bytes below the threshold that the C library keeps for later allocations.
-const TRIM_THRESHOLD_BYTES: usize = 64 << 20;
-
 /// The system's allocator; it ends the process if there is no memory left.
 pub struct OomExitAllocator;
 
@@ -60,10 +53,16 @@ fn check_allocation(memory: *mut u8, size: usize) -> *mut u8 {
 /// there.
 pub fn configure() {
     // SAFETY: the calls only set two parameters of the C library.
-    #[cfg(target_env = "gnu")]
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
     unsafe {
-        libc::mallopt(libc::M_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES as libc::c_int);
-        libc::mallopt(libc::M_TRIM_THRESHOLD, TRIM_THRESHOLD_BYTES as libc::c_int);
+        // Size in bytes from which an array is allocated directly from the operating system. By default
+        // the C library raises this threshold by itself and keeps the memory of freed arrays: a sixth of
+        // the memory of a job of 256^3 samples.
+        const MMAP_THRESHOLD_BYTES: libc::c_int = 4 << 20;
+        // Number of freed bytes below the threshold that the C library keeps for later allocations.
+        const TRIM_THRESHOLD_BYTES: libc::c_int = 64 << 20;
+        libc::mallopt(libc::M_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, TRIM_THRESHOLD_BYTES);
     }
 }
 
@@ -71,7 +70,7 @@ pub fn configure() {
 /// it in a separate pool for each thread, where large arrays cannot use it.
 pub fn trim() {
     // SAFETY: the call only releases pages without live allocations.
-    #[cfg(target_env = "gnu")]
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
     unsafe {
         libc::malloc_trim(0);
     }
@@ -106,8 +105,18 @@ fn exit_out_of_memory(size: usize) -> ! {
     write_stderr(decimal(size, &mut digits));
     write_stderr(b" bytes more; give a larger distance or a part of the image, or use a machine with more memory\n");
     remove_unfinished();
-    // SAFETY: the call ends the process without running handlers that might need memory.
-    unsafe { libc::_exit(1) }
+    exit_at_once()
+}
+
+/// Ends the process, on Unix without handlers that might need memory.
+fn exit_at_once() -> ! {
+    // SAFETY: the call only ends the process.
+    #[cfg(unix)]
+    unsafe {
+        libc::_exit(1)
+    }
+    #[cfg(not(unix))]
+    std::process::exit(1)
 }
 
 /// Waits up to one second for the thread that ends the process.
@@ -115,13 +124,16 @@ fn wait_for_exit() -> ! {
     for _ in 0..100 {
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    // SAFETY: the call ends the process without running handlers that might need memory.
-    unsafe { libc::_exit(1) }
+    exit_at_once()
 }
 
+/// Writes to standard error, on Unix without its lock. A failed write is ignored.
 fn write_stderr(text: &[u8]) {
-    // SAFETY: the pointer and the length are those of a valid slice. A failed write is ignored.
-    let _ = unsafe { libc::write(2, text.as_ptr().cast(), text.len() as _) };
+    // SAFETY: the pointer and the length are those of a valid slice.
+    #[cfg(unix)]
+    let _ = unsafe { libc::write(2, text.as_ptr().cast(), text.len()) };
+    #[cfg(not(unix))]
+    let _ = std::io::Write::write_all(&mut std::io::stderr(), text);
 }
 
 fn decimal(mut number: usize, digits: &mut [u8; 20]) -> &[u8] {

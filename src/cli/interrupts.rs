@@ -10,12 +10,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use crate::Result;
 use crate::cli::console::Console;
 use crate::comm::Comm;
+#[cfg(not(target_family = "wasm"))]
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
 use crate::progress::{CancelToken, Stage};
-use crate::{Error, Result};
 
 /// The exit code of an interrupted process.
 pub const INTERRUPTED_EXIT_CODE: u8 = 130;
@@ -43,7 +44,7 @@ impl Interrupts {
     pub fn install() -> Result<Self> {
         let state = Self::default();
         let shared = Arc::clone(&state.0);
-        let installed = ctrlc::set_handler(move || {
+        set_ctrl_c_handler(move || {
             let is_second = shared.is_requested.swap(true, Ordering::SeqCst);
             if is_second || !shared.has_lattice.load(Ordering::SeqCst) {
                 exit_now();
@@ -53,9 +54,6 @@ impl Interrupts {
                 thread::sleep(GRACE_PERIOD);
                 exit_now();
             });
-        });
-        installed.map_err(|e| {
-            Error::Job(cause("interrupt handler", &e, "start the job again")).with_source(e)
         })?;
         Ok(state)
     }
@@ -92,6 +90,20 @@ impl Interrupts {
     pub fn is_requested(&self) -> bool {
         self.0.is_requested.load(Ordering::SeqCst)
     }
+}
+
+#[cfg(not(target_family = "wasm"))]
+fn set_ctrl_c_handler(handler: impl FnMut() + Send + 'static) -> Result<()> {
+    ctrlc::set_handler(handler).map_err(|e| {
+        let problem = cause("interrupt handler", &e, "start the job again");
+        crate::Error::Job(problem).with_source(e)
+    })
+}
+
+/// Does nothing: a WebAssembly program receives no signals.
+#[cfg(target_family = "wasm")]
+fn set_ctrl_c_handler(_: impl FnMut() + Send + 'static) -> Result<()> {
+    Ok(())
 }
 
 /// Ends the process and removes unfinished files.

@@ -79,6 +79,10 @@ pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
             share_with_workers(program, &[TETGEN_WORKER_ARG]);
         }
     }
+    // WebAssembly has one thread, whose stack the linker sizes.
+    if cfg!(target_family = "wasm") {
+        return parse_and_run(join);
+    }
     // A stack of fixed size. The stack of the first thread grows, and if there is no memory for
     // that, the system kills the process without a message.
     let stack = thread::Builder::new()
@@ -241,8 +245,12 @@ fn start_threads(count: Option<usize>) -> Result<()> {
     let processors = || thread::available_parallelism().map_or(1, usize::from);
     let per_rank = (ranks_sharing_processors() > 1)
         .then(|| (processors() / ranks_sharing_processors()).max(1));
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(count.or(per_rank).unwrap_or_default())
-        .build_global()
+    let pool = rayon::ThreadPoolBuilder::new();
+    let pool = if cfg!(target_family = "wasm") {
+        pool.num_threads(1).use_current_thread()
+    } else {
+        pool.num_threads(count.or(per_rank).unwrap_or_default())
+    };
+    pool.build_global()
         .map_err(|e| refuse(&e.to_string()).with_source(e))
 }

@@ -55,7 +55,7 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
         .try_fold(1_usize, |product, &dim| product.checked_mul(dim));
     // 2^32 samples take 16 GiB; an allocation beyond that would fail without a message.
     match samples {
-        Some(samples) if samples <= 1 << 32 => Ok(dims),
+        Some(samples) if samples as u64 <= 1 << 32 => Ok(dims),
         _ => Err(option_error(
             option,
             text,

@@ -17,20 +17,20 @@ pub struct Voxel([u16; 3]);
 
 impl Voxel {
     /// Number of samples that can be indexed.
-    pub const MAX_COUNT: usize = 1 << 48;
+    pub const MAX_COUNT: u64 = 1 << 48;
 
     /// Returns the index of sample `at` in a volume of `dims` samples.
     #[inline]
     pub fn new<const D: usize>(dims: [usize; D], at: [usize; D]) -> Self {
-        let index = Volume::new(dims, &[]).index(at);
+        let index = Volume::new(dims, &[]).index(at) as u64;
         Self([0, 16, 32].map(|bits| (index >> bits) as u16))
     }
 
     /// Returns the index.
     #[inline]
     pub fn index(self) -> usize {
-        let [low, middle, high] = self.0.map(usize::from);
-        low | middle << 16 | high << 32
+        let [low, middle, high] = self.0.map(u64::from);
+        (low | middle << 16 | high << 32) as usize
     }
 }
 

@@ -218,14 +218,14 @@ pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()
 
 /// Largest number of samples of an image that is searched in memory: algorithms in memory index
 /// samples by 32 bits.
-pub(super) const MAX_IN_MEMORY_SAMPLES: usize = u32::MAX as usize;
+pub(super) const MAX_IN_MEMORY_SAMPLES: u64 = u32::MAX as u64;
 
 /// Returns an error if the image has more samples than can be indexed.
-pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], max: usize) -> Result<()> {
+pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], max: u64) -> Result<()> {
     let samples = dims
         .iter()
         .fold(1u128, |product, &n| product.saturating_mul(n as u128));
-    if samples <= max as u128 && dims.iter().all(|&n| n <= i32::MAX as usize) {
+    if samples <= u128::from(max) && dims.iter().all(|&n| n <= i32::MAX as usize) {
         return Ok(());
     }
     Err(Error::Image(cause(

@@ -26,7 +26,7 @@ pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     }
     let marks: Vec<bool> = marks_from_bits::<D>(feature_faces).collect();
     let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
-    let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum();
+    let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum::<u8>();
     let flags = horizon_flags(mesh, &marks, features);
     flags.chunks_exact(D + 1).map(bits).collect()
 }

@@ -304,7 +304,7 @@ pub trait Detector<const D: usize>: Sync {
     }
 
     /// Returns the largest number of samples of an image in which the detector finds features.
-    fn max_samples(&self) -> usize {
+    fn max_samples(&self) -> u64 {
         if self.is_streamable() {
             Voxel::MAX_COUNT
         } else {

@@ -83,8 +83,9 @@ pub struct UnfinishedFile {
 pub struct FinishedFile {
     /// Its temporary path.
     pub path: TempPath,
-    /// Keeps the file locked, so that no other process takes it for a leftover.
-    _lock: File,
+    /// Keeps the file locked, so that no other process takes it for a leftover. `None` where a file
+    /// cannot have two handles, as in a browser.
+    _lock: Option<File>,
 }
 
 impl UnfinishedFile {
@@ -98,8 +99,7 @@ impl UnfinishedFile {
         leftovers::remove_leftovers(parent_folder(target));
         // The process must not end between creating the file and recording it.
         let mut paths = unfinished_paths();
-        let created =
-            create_locked(target).and_then(|file| Ok((file.as_file().try_clone()?, file)));
+        let created = create_locked(target).and_then(|file| Ok((second_handle(&file)?, file)));
         let (lock, file) = created.map_err(|error| io_error(target, "write", error))?;
         let (file, path) = file.into_parts();
         paths.files.insert(path.to_path_buf());
@@ -131,6 +131,14 @@ impl Drop for UnfinishedFile {
         if let Some(file) = self.file.take() {
             unfinished_paths().files.remove(&*file.path);
         }
+    }
+}
+
+/// Returns another handle of the same file, or `None` where a file cannot have two.
+fn second_handle(file: &NamedTempFile) -> io::Result<Option<File>> {
+    match file.as_file().try_clone() {
+        Err(error) if error.kind() == io::ErrorKind::Unsupported => Ok(None),
+        handle => handle.map(Some),
     }
 }
 

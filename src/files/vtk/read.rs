@@ -187,7 +187,7 @@ impl VtkFile {
             let text = String::from_utf8_lossy(&self.bytes[element.text.clone()]);
             text.split_ascii_whitespace()
                 .map(|word| {
-                    word.parse()
+                    word.parse::<u8>()
                         .map_err(|_| fault(format!("holds '{word}', which is not a character")))
                 })
                 .collect::<Result<Vec<u8>>>()?

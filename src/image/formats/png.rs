@@ -32,7 +32,7 @@ const RANGE_KEYWORD: &str = "atomesh range";
 const LUMINANCE_WEIGHTS: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Largest picture that is read, in bytes of samples.
-const MAX_PICTURE_BYTES: usize = 1 << 33;
+const MAX_PICTURE_BYTES: u64 = 1 << 33;
 
 /// Reads a picture as a 2-D image.
 ///
@@ -102,7 +102,7 @@ fn read_transformed(
         return refuse(problem, DAMAGED_REMEDY);
     }
     let size = match reader.output_buffer_size() {
-        Some(size) if size <= MAX_PICTURE_BYTES => size,
+        Some(size) if size as u64 <= MAX_PICTURE_BYTES => size,
         _ => {
             let problem = format!("claims {} x {} pixels", dims[0], dims[1]);
             return refuse(problem, "give a picture of at most 2^33 bytes");

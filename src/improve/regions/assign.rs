@@ -103,7 +103,7 @@ pub fn interface_marks<const D: usize>(regions: &[u32], neighbors: &[u32]) -> Ve
             .iter()
             .enumerate()
             .map(|(k, &n)| u8::from(has_other_label(n)) << k);
-        bits.sum()
+        bits.sum::<u8>()
     };
     regions
         .iter()

@@ -275,7 +275,7 @@ fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
     };
     let named_faces = NamedFaces::new(face_names);
     let face_bits = |is_set: &dyn Fn(usize, usize) -> bool| -> Vec<u8> {
-        let bits_of_cell = |c: usize| (0..N).map(|k| u8::from(is_set(c, k)) << k).sum();
+        let bits_of_cell = |c: usize| (0..N).map(|k| u8::from(is_set(c, k)) << k).sum::<u8>();
         (0..mesh.len()).map(bits_of_cell).collect()
     };
     let marks = face_bits(&|c, k| !groups(c, k).is_empty());

@@ -77,7 +77,7 @@ impl<const D: usize> Detector<D> for Paths {
     }
 
     /// Returns half of the usual number: paths search a graph of two copies of the image.
-    fn max_samples(&self) -> usize {
+    fn max_samples(&self) -> u64 {
         MAX_IN_MEMORY_SAMPLES / 2
     }
 

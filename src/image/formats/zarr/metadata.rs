@@ -17,7 +17,7 @@ const MAX_CHUNK_BYTES: usize = i32::MAX as usize;
 
 /// Largest number of elements of an array. Chunks without a file take no space, but reading them
 /// takes time.
-const MAX_ELEMENTS: usize = 1 << 40;
+const MAX_ELEMENTS: u64 = 1 << 40;
 
 /// Largest size of a metadata file in bytes.
 const MAX_METADATA_BYTES: u64 = 1 << 26;
@@ -120,7 +120,7 @@ impl ArrayMetadata {
             .filter(|&bytes| bytes <= MAX_CHUNK_BYTES)
             .ok_or_else(|| format!("has chunks of {chunk:?} elements, more than 2 GB"))?;
         checked_product(&shape)
-            .filter(|&count| count <= MAX_ELEMENTS)
+            .filter(|&count| count as u64 <= MAX_ELEMENTS)
             .ok_or_else(|| format!("has the shape {shape:?}, more than any survey"))?;
         let encoding = &value["chunk_key_encoding"];
         let has_prefix = match encoding["name"].as_str().or(encoding.as_str()) {

@@ -31,22 +31,24 @@ fn version() -> &'static str {
         (true, true) => concat!(
             env!("CARGO_PKG_VERSION"),
             "\nOwn sources: MIT OR Apache-2.0. Linked with TetGen (AGPL-3.0) and CGAL's triangulations",
-            "\n(GPL-3.0), so this program as a whole is AGPL-3.0. `--no-default-features` builds one",
-            "\nwithout them, which makes no 3-D mesh."
+            "\n(GPL-3.0), so this program as a whole is AGPL-3.0. `--no-default-features --features cli`",
+            "\nbuilds one without them, which makes the same meshes."
         ),
         (true, false) => concat!(
             env!("CARGO_PKG_VERSION"),
             "\nOwn sources: MIT OR Apache-2.0. Linked with TetGen (AGPL-3.0), so this program as a",
-            "\nwhole is AGPL-3.0. `--no-default-features` builds one without it, which makes no 3-D mesh."
+            "\nwhole is AGPL-3.0. `--no-default-features --features cli` builds one without it, which makes",
+            "\nthe same meshes."
         ),
         (false, true) => concat!(
             env!("CARGO_PKG_VERSION"),
             "\nOwn sources: MIT OR Apache-2.0. Linked with CGAL's triangulations (GPL-3.0), so this",
-            "\nprogram as a whole is GPL-3.0. Built without TetGen: it makes no 3-D mesh."
+            "\nprogram as a whole is GPL-3.0. `--no-default-features --features cli` builds one without",
+            "\nthem, which makes the same meshes."
         ),
         (false, false) => concat!(
             env!("CARGO_PKG_VERSION"),
-            "\nMIT OR Apache-2.0. Built without TetGen: this program makes no 3-D mesh."
+            "\nMIT OR Apache-2.0. Built without TetGen and CGAL, with atomesh's own Delaunay kernel."
         ),
     }
 }

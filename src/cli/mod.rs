@@ -48,10 +48,6 @@ use common::global::VerbStatus;
 use console::{Console, print_stderr};
 use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
 
-/// The argument that makes this program a worker of TetGen and nothing else.
-#[cfg(feature = "tetgen")]
-const TETGEN_WORKER_ARG: &str = "--tetgen-worker";
-
 /// Size in bytes of the stack of the main thread.
 const MAIN_STACK_BYTES: usize = 8 << 20;
 
@@ -65,20 +61,6 @@ pub fn main() -> ExitCode {
 pub fn main_with_join(join: Option<world::JoinFn>) -> ExitCode {
     allocator::configure();
     allocator::exit_on_thread_oom();
-    #[cfg(feature = "tetgen")]
-    {
-        use crate::mesh::delaunay::{serve, share_with_workers};
-        // Large meshes run TetGen in worker processes, which are this program again.
-        if std::env::args_os()
-            .nth(1)
-            .is_some_and(|first| first == TETGEN_WORKER_ARG)
-        {
-            return ExitCode::from(serve());
-        }
-        if let Ok(program) = std::env::current_exe() {
-            share_with_workers(program, &[TETGEN_WORKER_ARG]);
-        }
-    }
     // WebAssembly has one thread, whose stack the linker sizes.
     if cfg!(target_family = "wasm") {
         return parse_and_run(join);

@@ -14,7 +14,7 @@ use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
-    Delaunay, GlobalPoints, IntervalTets, delaunay_in_intervals,
+    Delaunay, DelaunayKernel, DelaunayTets, GlobalPoints, delaunay_in_intervals,
     distributed_delaunay_with_neighbors,
 };
 use crate::mesh::partition::MeshPartition;
@@ -91,7 +91,7 @@ pub fn make_partition(
     )?;
     drop(planes);
     stages.begin(Stage::Triangulating);
-    let (atoms, joined) = local_tetrahedra(atoms, &cuts, comm)?;
+    let (atoms, joined) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
     stages.begin(Stage::Improving);
     let (points, planes) = features_near(&atoms.atoms.positions)?;
     // All nodes of the final mesh are among these atoms, and no node moves further than `margin`.
@@ -212,6 +212,7 @@ fn feature_range(scene: &MeshScene<'_, 3>) -> f64 {
 fn local_tetrahedra(
     owned: OwnedAtoms<3>,
     cuts: &SlabCuts,
+    kernel: DelaunayKernel,
     comm: &dyn Comm,
 ) -> Result<(KnownAtoms, TetsAndNeighbours)> {
     let (slabs, atom_count) = (tets::slabs_of_rank(cuts.count(), comm), owned.global_count);
@@ -241,9 +242,10 @@ fn local_tetrahedra(
     };
     let IndexedAtoms { indices, atoms } =
         owned.exchange_wanted("atoms of slabs", is_wanted, comm)?;
-    let interval_tets = delaunay_in_intervals(&atoms.positions, points, cuts.axis, &ends, slabs)?;
+    let interval_tets =
+        delaunay_in_intervals(&atoms.positions, points, cuts.axis, &ends, slabs, kernel)?;
     let has_tets: Vec<bool> = comm.all_gather("tetrahedra of slabs", interval_tets.is_some())?;
-    if let Some(IntervalTets { tets, neighbors }) = interval_tets
+    if let Some(DelaunayTets { tets, neighbors }) = interval_tets
         && has_tets.iter().all(|&has| has)
     {
         let known = KnownAtoms {
@@ -255,7 +257,8 @@ fn local_tetrahedra(
     }
     drop((indices, atoms));
     let atoms = owned.all_gather(comm)?;
-    let Delaunay { mesh, neighbors } = distributed_delaunay_with_neighbors(&atoms.positions, comm)?;
+    let Delaunay { mesh, neighbors } =
+        distributed_delaunay_with_neighbors(&atoms.positions, kernel, comm)?;
     let known = KnownAtoms {
         atoms,
         global_ids: None,

@@ -303,6 +303,7 @@ impl Meshing<3> for MeshSpace<3> {
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<TetMesh>> {
         let (extent, distance, comm) = (scene.extent, scene.distance, stages.comm);
+        let kernel = stages.kernel;
         // The cuts are at the same places, whether this rank has all atoms or not.
         let cuts = match improvement {
             Some(_) => SlabCuts::new(&atoms.positions, extent, distance, &SelfComm)?,
@@ -315,7 +316,7 @@ impl Meshing<3> for MeshSpace<3> {
             mut mesh,
             mut neighbors,
         } = stages.load_or_run("4-joined", |_| {
-            delaunay::distributed_delaunay_with_neighbors(&atoms.positions, comm)
+            delaunay::distributed_delaunay_with_neighbors(&atoms.positions, kernel, comm)
         })?;
         let mut kinds = atoms.kinds;
         let (Some(options), Some(planes)) = (improvement, &planes) else {

@@ -256,6 +256,7 @@ where
 
     let mut stages = StageRunner::new(progress)
         .with_comm(comm)
+        .with_kernel(params.spec.delaunay)
         .with_checkpoint(checkpoint)
         .with_partitioning(is_partitioned);
     stages.begin_unless_stopped(Stage::Features)?;

@@ -5,6 +5,7 @@ use crate::Result;
 use crate::comm::{Comm, SelfComm};
 use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
+use crate::mesh::delaunay::DelaunayKernel;
 use crate::progress::{CancelToken, Progress, Stage, interrupted_error};
 use crate::report::{Clock, StageCost};
 
@@ -17,6 +18,8 @@ pub struct StageRunner<'a> {
     checkpoint: Option<JobCheckpoint>,
     /// `true` if each rank may hold only a part of the mesh.
     pub(super) may_partition: bool,
+    /// The program that joins atoms to tetrahedra.
+    pub(super) kernel: DelaunayKernel,
     /// The ranks that share the job.
     pub(super) comm: &'a dyn Comm,
 }
@@ -30,8 +33,14 @@ impl<'a> StageRunner<'a> {
             interrupted: false,
             checkpoint: None,
             may_partition: false,
+            kernel: DelaunayKernel::Auto,
             comm: &SelfComm,
         }
+    }
+
+    /// Joins atoms by `kernel`.
+    pub(super) fn with_kernel(self, kernel: DelaunayKernel) -> Self {
+        Self { kernel, ..self }
     }
 
     /// Shares the job among the ranks of `comm`.
@@ -399,7 +408,6 @@ mod tests {
     }
 
     #[test]
-    #[cfg(feature = "tetgen")]
     fn tetrahedra_are_stopped_at_any_poll_of_every_stage() {
         use Stage::*;
         let params = params(FeatureKind::Edges, SeedingKind::Fcc);

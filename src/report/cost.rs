@@ -93,16 +93,12 @@ pub fn cpu_seconds() -> f64 {
         / 100.0
 }
 
-/// Returns the peak resident memory of this process and its helper processes so far, in MB. Returns
-/// 0 if the system does not report it.
+/// Returns the peak resident memory of this process so far, in MB. Returns 0 if the system does not report it.
 pub fn peak_mb() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kilobytes = line.and_then(|value| value.split_whitespace().next()?.parse::<f64>().ok());
-    let peak = kilobytes.unwrap_or(0.0) * 1024.0 / 1e6;
-    #[cfg(feature = "tetgen")]
-    let peak = peak.max(crate::mesh::delaunay::peak_mb());
-    peak
+    kilobytes.unwrap_or(0.0) * 1024.0 / 1e6
 }
 
 #[cfg(all(test, target_os = "linux"))]

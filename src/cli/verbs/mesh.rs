@@ -91,13 +91,10 @@ pub(crate) fn mesh(
         clock,
         comm,
     };
-    let has_tetgen = cfg!(feature = "tetgen");
     match opened {
         OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded, console),
-        OpenedImage::InMemory(AnyImage::Space(loaded)) if has_tetgen => {
-            run.mesh_in_memory(loaded, console)
-        }
-        OpenedImage::Stream(mut stream) if has_tetgen => {
+        OpenedImage::InMemory(AnyImage::Space(loaded)) => run.mesh_in_memory(loaded, console),
+        OpenedImage::Stream(mut stream) => {
             if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {
                 let geometry = &mut stream.header.geometry;
                 *geometry = geometry.to_depth(velocity).map_err(with_option_name)?.0;
@@ -110,11 +107,6 @@ pub(crate) fn mesh(
             };
             run.mesh(image, dims, params, &|| stream_notes(&stream), console)
         }
-        _ => Err(Error::Job(cause(
-            "atomesh mesh",
-            "this program was built without TetGen and makes no 3-D mesh",
-            "build it with the default features",
-        ))),
     }
 }
 

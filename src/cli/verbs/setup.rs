@@ -126,7 +126,7 @@ pub fn doctor(console: &mut Console, has_mpi: bool) -> Result<()> {
             built(
                 cfg!(feature = "tetgen"),
                 "built in (AGPL-3.0)",
-                "no 3-D meshes",
+                "3-D meshes are made by atomesh's own kernel",
             ),
         ),
         (
@@ -134,7 +134,7 @@ pub fn doctor(console: &mut Console, has_mpi: bool) -> Result<()> {
             built(
                 cfg!(feature = "cgal"),
                 "built in (GPL-3.0)",
-                "no second opinion, refinement or exudation",
+                "no second opinion",
             ),
         ),
         (

@@ -10,7 +10,7 @@ use crate::cli::common::output::path_text;
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::mesh::check::{CheckHints, check_with_hints};
-use crate::mesh::delaunay;
+use crate::mesh::delaunay::{self, DelaunayKernel};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 use crate::store::{AnyMesh, StoredMesh};
 use crate::{Error, Result};
@@ -45,8 +45,10 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
             with_other_checkers(atomesh_verdict(&stored), || {
                 let tolerance = stored.space.tolerance();
                 let mut verdicts = Vec::new();
-                if cfg!(feature = "tetgen") {
-                    verdicts.push(tetgen_verdict(&stored.lattice, tolerance)?);
+                for (kernel, name) in kernels() {
+                    let mesh = &stored.lattice;
+                    let hull = delaunay::delaunay_by(&mesh.nodes, kernel)?;
+                    verdicts.push(hull_verdict(name, mesh, &hull, tolerance));
                 }
                 if cfg!(feature = "cgal") {
                     verdicts.push(stored.with_world_mesh(|mesh| cgal_verdict(mesh, tolerance))?);
@@ -130,11 +132,15 @@ fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Che
     }
 }
 
-/// Returns the verdict of TetGen. It cannot read a mesh without changing it, so that the mesh is
-/// compared with its triangulation of the nodes: both must fill the convex hull.
-fn tetgen_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
-    let hull = delaunay::delaunay(&mesh.nodes)?;
-    Ok(hull_verdict("TetGen", mesh, &hull, tolerance))
+/// Returns the built-in Delaunay kernels with their names. A mesh is compared with their
+/// triangulations of its nodes: both must fill the convex hull.
+fn kernels() -> impl Iterator<Item = (DelaunayKernel, &'static str)> {
+    let all = [
+        (DelaunayKernel::Native, "atomesh's kernel"),
+        (DelaunayKernel::Tetgen, "TetGen"),
+    ];
+    all.into_iter()
+        .filter(|(kernel, _)| kernel.check_built_in().is_ok())
 }
 
 /// Returns the verdict of spade, in the plane.

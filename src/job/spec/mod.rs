@@ -23,6 +23,7 @@ use crate::image::formats::InputOptions;
 use crate::improve::triangles::relax::Scheme;
 use crate::improve::{SliverMethod, Target};
 use crate::lattice::optimize::Method;
+use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
 pub use values::{
@@ -242,6 +243,18 @@ pub struct MeshSpec {
         )
     )]
     pub slivers: Slivers,
+    /// Program that joins atoms to tetrahedra. The result does not depend on it
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "KERNEL",
+            default_value_t = defaults().delaunay,
+            value_enum,
+            help_heading = SHAPES
+        )
+    )]
+    pub delaunay: DelaunayKernel,
     /// Distance within which nodes of Voronoi cells are merged, as a fraction of the cells' radius,
     /// which removes the smallest faces
     #[cfg_attr(
@@ -340,6 +353,7 @@ impl Default for MeshSpec {
             coarse_to_fine: 0,
             min_dihedral: 30.0,
             slivers: Slivers::Joe,
+            delaunay: DelaunayKernel::Auto,
             weld: 0.0,
             smooth: None,
             metric: Metric::Samples,

@@ -37,7 +37,7 @@ use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::mesh::Simplices;
-use crate::mesh::delaunay::{delaunay_plane, distributed_delaunay};
+use crate::mesh::delaunay::{DelaunayKernel, delaunay_plane, distributed_delaunay};
 
 /// Rounding e of |L| near zero, in units of d.
 const ROUNDING_LENGTH: f64 = 0.02;
@@ -86,7 +86,11 @@ impl AtomAdjacency {
         }
         match D {
             2 => Ok(Self::from_mesh(&delaunay_plane(&cast_dims(x))?)),
-            _ => Ok(Self::from_mesh(&distributed_delaunay(&cast_dims(x), comm)?)),
+            _ => Ok(Self::from_mesh(&distributed_delaunay(
+                &cast_dims(x),
+                DelaunayKernel::Auto,
+                comm,
+            )?)),
         }
     }
 
@@ -363,7 +367,6 @@ mod tests {
             }
         }
         check([40.0, 36.0]);
-        #[cfg(feature = "tetgen")]
         check([22.0, 20.0, 18.0]);
     }
 

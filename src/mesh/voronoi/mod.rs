@@ -25,7 +25,7 @@ use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
 use crate::mesh::check::broken_cells;
-use crate::mesh::delaunay;
+use crate::mesh::delaunay::{self, DelaunayKernel};
 use crate::mesh::poly::PolyMesh;
 use mirror::MirroredAtoms;
 use rings::Rings;
@@ -44,7 +44,7 @@ const SAME_NODE_TOLERANCE: f64 = 1e-10;
 ///
 /// # Errors
 /// Returns [`Error::Delaunay`] if there is no atom, if an atom lies on a side or outside, if two
-/// atoms coincide, or without the feature `tetgen`.
+/// atoms coincide.
 pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
     voronoi_welded(atoms, extent, 0.0)
 }
@@ -76,7 +76,7 @@ pub(crate) fn distributed_voronoi(
         atoms,
         extent,
         weld,
-        |points| Ok(delaunay::distributed_delaunay(points, comm)?.tets),
+        |points| Ok(delaunay::distributed_delaunay(points, DelaunayKernel::Auto, comm)?.tets),
         circumcentre::tetrahedron_circumcentre,
     )
 }
@@ -249,5 +249,4 @@ impl WeldedRings {
 }
 
 #[cfg(test)]
-#[cfg(feature = "tetgen")]
 mod tests;

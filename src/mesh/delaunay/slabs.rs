@@ -1,4 +1,4 @@
-//! Computes one triangulation by several concurrent runs of TetGen, each for a part of the points.
+//! Computes one triangulation by several concurrent runs of a kernel, each for a part of the points.
 //!
 //! 1. Space is cut into slabs across an axis. The points of a slab and of a halo round it are
 //!    triangulated.
@@ -8,23 +8,21 @@
 //!    point (the one with the lowest number) is its own. Otherwise the halo is widened (as Peterka,
 //!    Morozov and Phillips 2014 do with blocks).
 //!
-//! TetGen breaks ties of cospherical points by the points' numbers, which are in the same order in
-//! each part. Therefore the tetrahedra are those of a single run. [`sort_canonical`] brings both
-//! into the same order.
+//! Ties of cospherical points are broken by the points' numbers, which are in the same order in
+//! each part. Therefore the tetrahedra are those of a single run.
 
 use std::ops::Range;
 use std::panic::resume_unwind;
+use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::atomic::{AtomicU32, AtomicUsize};
 use std::thread;
 
 use crate::parallel::prelude::*;
 
 use super::global_points::{GlobalPoints, INITIAL_HALO, MAX_HALO_TRIES};
-use super::{OUTSIDE, TetgenOutput};
+use super::{DelaunayTets, Kernel, OUTSIDE};
 use crate::comm::Comm;
-use crate::error::Result;
-use crate::geometry::counting_sort::sort_by_group_into;
+use crate::error::{Error, Result};
 use crate::geometry::{cross, dot, sub};
 
 /// Stands for a neighbour that another slab keeps.
@@ -33,32 +31,27 @@ const IN_OTHER_SLAB: u32 = OUTSIDE - 1;
 /// grows with the square of the radius. It is 2e-16 times the amplification by a flat tetrahedron,
 /// with a margin.
 const ROUNDING_TOLERANCE: f64 = 1e-9;
-/// Number of points whose tetrahedra one task sorts.
-const SORT_CHUNK: usize = 4096;
 
 /// Returns the triangulation of all points, with neighbours and in no particular order, from the
-/// output of `run` for `count` parts, at most `worker_count` at the same time on each rank; the
+/// output of `kernel` for `count` slabs, at most `worker_count` at the same time on each rank; the
 /// ranks of `comm` share the parts. Returns `None` if this does not work: for points that do not
 /// fill a box, or are too unevenly distributed.
 ///
 /// # Errors
-/// Returns the errors of `run`, on whichever rank.
-pub fn triangulate_in_parts<R>(
+/// Returns the errors of `kernel`, on whichever rank.
+pub fn triangulate_in_slabs(
     points: &[[f64; 3]],
     count: usize,
     worker_count: usize,
     comm: &dyn Comm,
-    run: &R,
-) -> Result<Option<TetgenOutput>>
-where
-    R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
-{
+    kernel: &dyn Kernel,
+) -> Result<Option<DelaunayTets>> {
     let Some(slabs) = PointSlabs::new(points, count) else {
         return Ok(None);
     };
-    let mut parts: Vec<Option<TetgenOutput>> = Vec::with_capacity(count);
-    let triangulate = |own: Range<usize>, give: &mut dyn FnMut(Option<TetgenOutput>)| {
-        for part in slabs.triangulate_slabs(own, worker_count, run) {
+    let mut parts: Vec<Option<DelaunayTets>> = Vec::with_capacity(count);
+    let triangulate = |own: Range<usize>, give: &mut dyn FnMut(Option<DelaunayTets>)| {
+        for part in slabs.triangulate_slabs(own, worker_count, kernel) {
             give(part?);
         }
         Ok(())
@@ -66,7 +59,7 @@ where
     comm.distribute("slabs of points", count, triangulate, &mut |part| {
         parts.push(part)
     })?;
-    let parts: Option<Vec<TetgenOutput>> = parts.into_iter().collect();
+    let parts: Option<Vec<DelaunayTets>> = parts.into_iter().collect();
     Ok(parts.and_then(|parts| match concatenate(parts) {
         (all, 0) => Some(all),
         _ => None,
@@ -74,36 +67,31 @@ where
 }
 
 /// Returns the tetrahedra whose first point is in one of the `intervals` between `cuts` along an
-/// axis, with neighbours among them and in no particular order. They come from the output of `run`
-/// for parts of these intervals, at most `worker_count` at the same time. Returns `None` if this
-/// does not work, or if TetGen leaves out a point.
+/// axis, with neighbours among them and in no particular order. They come from the output of
+/// `kernel` for parts of these intervals, at most `worker_count` at the same time. Returns `None` if this
+/// does not work, or if the kernel leaves out a point.
 ///
-/// `limits` are the smallest and the largest number of points of a part, but a part is at most one
-/// interval. `global` describes all points; `points` needs to have only those in the intervals, or
+/// A part has at least `min_points`, but is at most one interval. `global` describes all points; `points` needs to have only those in the intervals, or
 /// no farther from them than [`GlobalPoints::max_halo`].
 ///
 /// # Errors
-/// Returns the errors of `run`.
-pub fn tets_in_intervals<R>(
+/// Returns the errors of `kernel`.
+pub fn tets_in_intervals(
     points: &[[f64; 3]],
     global: GlobalPoints,
     axis: usize,
     cuts: &[f64],
     intervals: Range<usize>,
     worker_count: usize,
-    limits: [usize; 2],
-    run: &R,
-) -> Result<Option<TetgenOutput>>
-where
-    R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
-{
+    min_points: usize,
+    kernel: &dyn Kernel,
+) -> Result<Option<DelaunayTets>> {
     let mut slabs = PointSlabs {
         axis,
         ..PointSlabs::single(points, global)
     };
     // Intervals are cut into parts so that all workers have work.
     let mut slab_range = 0..0;
-    let [min_points, max_points] = limits;
     let workers_per_interval = worker_count.div_ceil(intervals.len().max(1));
     for interval in 0..=cuts.len() {
         if interval == intervals.start {
@@ -118,9 +106,7 @@ where
             let mut coordinates: Vec<f64> =
                 coordinates.filter(|x| low <= *x && *x < high).collect();
             let count = coordinates.len();
-            let parts = workers_per_interval
-                .min(count / min_points)
-                .max(count.div_ceil(max_points));
+            let parts = workers_per_interval.min(count / min_points);
             for part in 1..parts {
                 let (_, cut, _) =
                     coordinates.select_nth_unstable_by(part * count / parts, f64::total_cmp);
@@ -133,8 +119,8 @@ where
     if !slabs.cuts.windows(2).all(|two| two[0] < two[1]) {
         return Ok(None);
     }
-    let parts: Result<Option<Vec<TetgenOutput>>> = (slabs
-        .triangulate_slabs(slab_range.clone(), worker_count, run)
+    let parts: Result<Option<Vec<DelaunayTets>>> = (slabs
+        .triangulate_slabs(slab_range.clone(), worker_count, kernel)
         .into_iter())
     .collect();
     let parts = parts?.filter(|parts| parts.len() == slab_range.len());
@@ -143,10 +129,9 @@ where
 
 /// Concatenates the tetrahedra of all parts, and connects neighbours across parts. Returns also the
 /// number of faces without a partner; these get the neighbour `OUTSIDE`.
-fn concatenate(parts: Vec<TetgenOutput>) -> (TetgenOutput, usize) {
+fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
-    let mut all = TetgenOutput {
-        status: parts.first().map_or(0, |part| part.status),
+    let mut all = DelaunayTets {
         tets: Vec::with_capacity(count),
         neighbors: Vec::with_capacity(count),
     };
@@ -235,15 +220,12 @@ impl<'a> PointSlabs<'a> {
 
     /// Triangulates a range of slabs, at most `worker_count` at the same time, and returns the
     /// results in their order. After the first failure no further slab is started.
-    fn triangulate_slabs<R>(
+    fn triangulate_slabs(
         &self,
         slabs: Range<usize>,
         worker_count: usize,
-        run: &R,
-    ) -> Vec<Result<Option<TetgenOutput>>>
-    where
-        R: Fn(&[[f64; 3]]) -> Result<TetgenOutput> + Sync,
-    {
+        kernel: &dyn Kernel,
+    ) -> Vec<Result<Option<DelaunayTets>>> {
         let (end, next) = (slabs.end, &AtomicUsize::new(slabs.start));
         // Each worker thread takes the next slab, until one fails.
         let worker = move || {
@@ -253,14 +235,17 @@ impl<'a> PointSlabs<'a> {
                 if slab >= end {
                     return done;
                 }
-                let part = self.triangulate_slab(slab, run);
+                let part = self.triangulate_slab(slab, kernel);
                 if !matches!(part, Ok(Some(_))) {
                     next.store(end, Relaxed);
                 }
                 done.push((slab, part));
             }
         };
-        let mut parts: Vec<(usize, Result<Option<TetgenOutput>>)> = thread::scope(|scope| {
+        if worker_count.min(slabs.len()) <= 1 {
+            return worker().into_iter().map(|part| part.1).collect();
+        }
+        let mut parts: Vec<(usize, Result<Option<DelaunayTets>>)> = thread::scope(|scope| {
             let workers: Vec<_> = (0..worker_count.min(slabs.len()))
                 .map(|_| scope.spawn(worker))
                 .collect();
@@ -274,10 +259,7 @@ impl<'a> PointSlabs<'a> {
     }
 
     /// Returns the tetrahedra that a slab keeps, with neighbours among them.
-    fn triangulate_slab<R>(&self, slab: usize, run: &R) -> Result<Option<TetgenOutput>>
-    where
-        R: Fn(&[[f64; 3]]) -> Result<TetgenOutput>,
-    {
+    fn triangulate_slab(&self, slab: usize, kernel: &dyn Kernel) -> Result<Option<DelaunayTets>> {
         let low = slab
             .checked_sub(1)
             .map_or(f64::NEG_INFINITY, |i| self.cuts[i]);
@@ -292,10 +274,11 @@ impl<'a> PointSlabs<'a> {
             };
             let members: Vec<u32> = (0..self.points.len() as u32).filter(is_in_bounds).collect();
             let points: Vec<[f64; 3]> = members.iter().map(|&i| self.points[i as usize]).collect();
-            let output = run(&points)?;
-            if output.status != 0 {
-                return Ok(None);
-            }
+            let output = match kernel.triangulate(&points, true) {
+                // The points of a slab may lie in one plane, those of all slabs not.
+                Err(Error::Delaunay(_)) => return Ok(None),
+                output => output?,
+            };
             if let Some(kept) = self.certified_tets(&output, &members, [low, high], bounds) {
                 return Ok(Some(kept));
             }
@@ -308,11 +291,11 @@ impl<'a> PointSlabs<'a> {
     /// the slab's points is not certified.
     fn certified_tets(
         &self,
-        output: &TetgenOutput,
+        output: &DelaunayTets,
         members: &[u32],
         [low, high]: [f64; 2],
         bounds: [f64; 2],
-    ) -> Option<TetgenOutput> {
+    ) -> Option<DelaunayTets> {
         let point = |local: u32| self.points[members[local as usize] as usize];
         let owns = |local: u32| {
             let x = point(local)[self.axis];
@@ -347,7 +330,7 @@ impl<'a> PointSlabs<'a> {
                 count += 1;
             }
         }
-        // TetGen leaves out a point that coincides with another.
+        // A kernel leaves out a point that coincides with another.
         if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
             return None;
         }
@@ -357,8 +340,7 @@ impl<'a> PointSlabs<'a> {
             n => new_index[n as usize],
         };
         let all_tets = 0..output.tets.len();
-        Some(TetgenOutput {
-            status: output.status,
+        Some(DelaunayTets {
             tets: (all_tets.clone().filter(is_kept))
                 .map(|t| output.tets[t].map(|local| members[local as usize]))
                 .collect(),
@@ -408,73 +390,10 @@ impl<'a> PointSlabs<'a> {
     }
 }
 
-/// Sorts tetrahedra into an order that depends only on the tetrahedra themselves. Each is rotated,
-/// with its orientation unchanged, to start with its lowest node and continue with the lowest of
-/// the others; then the tetrahedra are sorted by their nodes.
-pub fn sort_canonical(points: usize, output: &mut TetgenOutput) {
-    let TetgenOutput {
-        tets, neighbors, ..
-    } = output;
-    let with_neighbors = !neighbors.is_empty();
-    let rotations: Vec<[u8; 4]> = tets.par_iter().map(canonical_rotation).collect();
-    let rotated = |t: u32| rotations[t as usize].map(|k| tets[t as usize][usize::from(k)]);
-    // Group by the first node,
-    let first = |t: u32| rotated(t)[0];
-    let firsts: Vec<u32> = (0..tets.len() as u32).into_par_iter().map(first).collect();
-    let (mut starts, mut sorted) = (Vec::new(), Vec::new());
-    sort_by_group_into(points, &firsts, &mut starts, &mut sorted);
-    drop(firsts);
-    // then sort each group by the other nodes.
-    let mut remaining = sorted.as_mut_slice();
-    let mut chunks = Vec::with_capacity(points / SORT_CHUNK + 1);
-    for first in (0..points).step_by(SORT_CHUNK) {
-        let last = (first + SORT_CHUNK).min(points);
-        let (chunk, tail) = remaining.split_at_mut((starts[last] - starts[first]) as usize);
-        remaining = tail;
-        chunks.push((first..last, chunk));
-    }
-    chunks.into_par_iter().for_each(|(nodes, chunk)| {
-        let chunk_start = starts[nodes.start];
-        for node in nodes {
-            let range =
-                (starts[node] - chunk_start) as usize..(starts[node + 1] - chunk_start) as usize;
-            chunk[range].sort_unstable_by_key(|&t| rotated(t));
-        }
-    });
-    let new_tets = sorted.par_iter().map(|&t| rotated(t)).collect();
-    if with_neighbors {
-        let new_index = tets.par_iter().map(|_| AtomicU32::new(0));
-        let new_index: Vec<AtomicU32> = new_index.collect();
-        let pairs = sorted.par_iter().enumerate();
-        pairs.for_each(|(new, &old)| new_index[old as usize].store(new as u32, Relaxed));
-        let renumbered = |&t: &u32| {
-            rotations[t as usize].map(|k| match neighbors[t as usize][usize::from(k)] {
-                OUTSIDE => OUTSIDE,
-                n => new_index[n as usize].load(Relaxed),
-            })
-        };
-        *neighbors = sorted.par_iter().map(renumbered).collect();
-    }
-    *tets = new_tets;
-}
-
-/// Returns the even permutation that puts the lowest node first and the lowest of the others
-/// second.
-fn canonical_rotation(tet: &[u32; 4]) -> [u8; 4] {
-    const ROTATIONS: [[u8; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
-    let min_corner = (0..4).min_by_key(|&k| tet[k]).unwrap_or(0);
-    let [a, b, c, d] = ROTATIONS[min_corner];
-    let others = [[b, c, d], [c, d, b], [d, b, c]];
-    let [b, c, d] = others
-        .into_iter()
-        .min_by_key(|others| tet[usize::from(others[0])])
-        .unwrap_or([b, c, d]);
-    [a, b, c, d]
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::ffi;
+    use super::super::canonical::sort_canonical;
+    use super::super::native::Native;
     use super::*;
     use crate::comm::SelfComm;
     use crate::geometry::random::Random;
@@ -499,15 +418,14 @@ mod tests {
         points
     }
 
-    fn triangulate_whole(points: &[[f64; 3]]) -> TetgenOutput {
-        let mut output = ffi::run(points, true);
+    fn triangulate_whole(points: &[[f64; 3]]) -> DelaunayTets {
+        let mut output = Native.triangulate(points, true).unwrap();
         sort_canonical(points.len(), &mut output);
         output
     }
 
     #[test]
     fn parts_give_the_tetrahedra_of_a_single_run() {
-        let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
         let scenes = [
             // In general position, cospherical everywhere, and unevenly distributed.
             lattice([30, 14, 12], 0.9, |x| x),
@@ -517,9 +435,10 @@ mod tests {
         for (scene, points) in scenes.iter().enumerate() {
             let single = triangulate_whole(points);
             for count in [1, 2, 3, 5] {
-                let mut parts = triangulate_in_parts(points, count, count.min(3), &SelfComm, &run)
-                    .unwrap()
-                    .unwrap();
+                let mut parts =
+                    triangulate_in_slabs(points, count, count.min(3), &SelfComm, &Native)
+                        .unwrap()
+                        .unwrap();
                 sort_canonical(points.len(), &mut parts);
                 assert!(parts.tets == single.tets, "scene {scene}, {count} parts");
                 assert!(
@@ -532,7 +451,6 @@ mod tests {
 
     #[test]
     fn intervals_have_the_tetrahedra_of_a_single_run_in_its_order() {
-        let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
         let points = lattice([60, 14, 12], 0.9, |x| x);
         let (single, global) = (
             triangulate_whole(&points),
@@ -542,7 +460,6 @@ mod tests {
         let interval_of =
             |tet: &[u32; 4]| cuts.partition_point(|cut| *cut <= points[tet[0] as usize][0]);
         for intervals in [0..1, 1..3, 2..4, 0..4, 2..2_usize] {
-            let limits = [500, 1500];
             // Only the points that are needed are passed.
             let ends = [
                 intervals
@@ -566,8 +483,8 @@ mod tests {
                 &cuts,
                 intervals.clone(),
                 3,
-                limits,
-                &run,
+                500,
+                &Native,
             );
             let mut output = output.unwrap().unwrap();
             output
@@ -595,57 +512,24 @@ mod tests {
                 assert_eq!(*adjacent, expected, "{intervals:?}");
             }
         }
-        // Of two coinciding points TetGen drops one. Only a run with all points reports that.
+        // Of two coinciding points a kernel drops one. Only a run with all points reports that.
         let mut twice = points.clone();
         twice.push(points[1000]);
         let x = points[1000][0];
         let (cuts, global) = ([x - 4.0, x + 4.0], GlobalPoints::from_points(&twice));
-        let output = tets_in_intervals(&twice, global, 0, &cuts, 1..2, 1, [500, 9999], &run);
+        let output = tets_in_intervals(&twice, global, 0, &cuts, 1..2, 1, 500, &Native);
         assert!(output.unwrap().is_none());
     }
 
     #[test]
     fn points_that_do_not_fill_a_box_are_left_to_a_single_run() {
-        let run = |points: &[[f64; 3]]| Ok(ffi::run(points, true));
         let mut random = Random::new(3);
         let ball: Vec<[f64; 3]> =
             std::iter::repeat_with(|| std::array::from_fn(|_| 2.0 * random.draw() - 1.0))
                 .filter(|p| dot(*p, *p) < 1.0)
                 .take(3000)
                 .collect();
-        let combined = triangulate_in_parts(&ball, 2, 2, &SelfComm, &run);
+        let combined = triangulate_in_slabs(&ball, 2, 2, &SelfComm, &Native);
         assert!(combined.unwrap().is_none());
-    }
-
-    #[test]
-    fn canonical_order_keeps_tetrahedra_and_neighbours() {
-        let points = lattice([9, 8, 7], 0.7, |x| x);
-        let before = ffi::run(&points, true);
-        let after = triangulate_whole(&points);
-        let sorted = |tets: &[[u32; 4]]| {
-            let mut all: Vec<[u32; 4]> = tets.to_vec();
-            all.iter_mut().for_each(|t| t.sort_unstable());
-            all.sort_unstable();
-            all
-        };
-        assert_eq!(sorted(&before.tets), sorted(&after.tets));
-        assert!(after.tets.is_sorted());
-        for (t, tet) in after.tets.iter().enumerate() {
-            let [a, b, c, d] = tet.map(|i| points[i as usize]);
-            assert!(dot(cross(sub(b, a), sub(c, a)), sub(d, a)) > 0.0);
-            for (k, &n) in after.neighbors[t]
-                .iter()
-                .enumerate()
-                .filter(|n| *n.1 != OUTSIDE)
-            {
-                let shared = [1, 2, 3].map(|j| tet[(k + j) % 4]);
-                assert!(
-                    shared
-                        .iter()
-                        .all(|node| after.tets[n as usize].contains(node))
-                );
-                assert!(after.neighbors[n as usize].contains(&(t as u32)));
-            }
-        }
     }
 }

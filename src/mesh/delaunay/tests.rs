@@ -1,4 +1,4 @@
-//! Tests of TetGen with valid and invalid points.
+//! Tests of all kernels with valid and invalid points.
 
 use super::*;
 use crate::Error;

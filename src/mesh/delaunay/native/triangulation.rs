@@ -1,0 +1,615 @@
+//! Incremental construction of weighted Delaunay triangulations (Bowyer 1981, Watson 1981).
+//!
+//! A point is inserted in three steps:
+//!
+//! 1. *Locate*: from the cell of the point before, walk through faces that have the new point on
+//!    their other side, until a cell contains it.
+//! 2. *Cavity*: collect the cells whose spheres contain the point. They are connected.
+//! 3. *Star*: replace them by cells that join the point with the faces of the cavity.
+//!
+//! The space outside the convex hull is filled with *ghost cells*: each joins a face of the hull with
+//! the vertex [`GHOST`]. Its sphere is the half-space beyond the face, so that a point outside
+//! the hull is inserted like any other.
+//!
+//! Each cell has its sphere as `f32` numbers with an error bound; for nearly all points this is
+//! enough to tell on which side of the sphere they are, and it takes a fifth of the time of a
+//! determinant. The rest is decided by [`predicates`](super::predicates), without errors.
+
+use super::predicates::{self, Grid, WeightedPoint, in_sphere, orientation};
+use crate::geometry::{cross, dot, sub};
+
+/// The vertex at infinity. Points have the vertices 1, 2, ...
+pub const GHOST: u32 = 0;
+/// Stands for a cell that does not exist.
+const NO_CELL: u32 = u32::MAX;
+/// Stands for a vertex that is not on the boundary of the cavity.
+const NOT_LOCAL: u32 = u32::MAX;
+/// Vertices of the cavity's boundary for which edges are found by a table; its size is the square
+/// of this.
+const MAX_TABLE_VERTICES: usize = 128;
+/// The three edges opposite corner 0 and another corner: for each of the corners 1, 2 and 3 the two
+/// others, so that the permutation (0, corner, first, second) is even.
+const LINK_EDGES: [(u32, usize, usize); 3] = [(1, 1, 2), (2, 2, 0), (3, 0, 1)];
+/// The even permutations of the corners that put each corner in turn first.
+const ROTATIONS: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
+
+/// A tetrahedron, positively oriented; a ghost cell is so if a point beyond its face replaces
+/// [`GHOST`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cell {
+    /// Vertices.
+    pub vertices: [u32; 4],
+    /// What lies beyond the face opposite each vertex: 4 times the cell plus the corner of that cell
+    /// that is opposite the face.
+    pub neighbors: [u32; 4],
+}
+
+impl Cell {
+    /// Returns `true` if the cell lies outside the hull.
+    #[inline]
+    pub fn is_ghost(&self) -> bool {
+        self.vertices.contains(&GHOST)
+    }
+
+    /// Returns `true` if the cell lies inside the hull.
+    pub fn is_finite(&self) -> bool {
+        !self.is_ghost()
+    }
+}
+
+/// The sphere of a cell: its centre relative to [`Triangulation::origin`] and its squared radius,
+/// rounded. For a ghost cell the outward unit normal of its face, and the largest product of it
+/// with a point behind the face. The last bit of the last number is 1 for ghost cells.
+///
+/// With weights, the radius is that of the sphere that is orthogonal to the spheres round the
+/// corners.
+#[derive(Debug, Clone, Copy)]
+struct Sphere([f32; 4]);
+
+impl Sphere {
+    /// Marks a cell of the cavity; a NaN.
+    const CAVITY_BITS: u32 = 0x7fc0_0002;
+    const IN_CAVITY: Self = Self([0.0, 0.0, 0.0, f32::from_bits(Self::CAVITY_BITS)]);
+    /// A sphere that decides nothing.
+    const UNKNOWN: Self = Self([0.0, 0.0, 0.0, f32::from_bits(0x7fc0_0004)]);
+    /// A half-space that decides nothing.
+    const UNKNOWN_GHOST: Self = Self([0.0, 0.0, 0.0, f32::from_bits(0x7fc0_0005)]);
+    /// Bound of the relative error of all four numbers: half a unit in the last place by rounding,
+    /// one by the mark of ghosts, and the rounding of what was rounded.
+    const ERROR: f64 = 2e-7;
+
+    fn new(centre: [f64; 3], radius2: f64) -> Self {
+        let [x, y, z] = centre.map(|x| x as f32);
+        Self([x, y, z, f32::from_bits((radius2 as f32).to_bits() & !1)])
+    }
+
+    fn half_space(normal: [f64; 3], offset: f64) -> Self {
+        let [x, y, z] = normal.map(|x| x as f32);
+        Self([x, y, z, f32::from_bits((offset as f32).to_bits() | 1)])
+    }
+
+    #[inline(always)]
+    fn is_in_cavity(self) -> bool {
+        self.0[3].to_bits() == Self::CAVITY_BITS
+    }
+
+    #[inline(always)]
+    fn is_ghost(self) -> bool {
+        self.0[3].to_bits() & 1 == 1
+    }
+}
+
+/// Result of [`Triangulation::insert`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inserted {
+    /// The point is a vertex now.
+    Vertex,
+    /// The point coincides with this vertex.
+    Duplicate(u32),
+    /// The point is in no cell of the triangulation because of the weights of others.
+    Hidden,
+}
+
+/// A cell that joins a face of the cavity with the new point.
+#[derive(Debug, Clone, Copy)]
+struct NewCell {
+    slot: u32,
+    /// Indices of the face's vertices among those of the cavity's boundary.
+    locals: [u32; 3],
+}
+
+/// A vertex of the cavity's boundary, relative to the new point.
+#[derive(Debug, Clone, Copy, Default)]
+struct LinkVertex {
+    difference: [f64; 3],
+    /// Square of its distance minus its weight plus that of the new point.
+    lift: f64,
+    /// The larger of the square of its distance and the absolute value of `lift`.
+    size2: f64,
+}
+
+/// A weighted Delaunay triangulation to which points can be added.
+pub struct Triangulation<const WEIGHTED: bool> {
+    /// Positions by vertex. The first one is not used.
+    points: Vec<[f64; 3]>,
+    /// Weights by vertex; empty unless `WEIGHTED`.
+    weights: Vec<f64>,
+    /// Numbers by vertex, which decide ties.
+    numbers: Vec<u32>,
+    /// A grid on which all points are.
+    grid: Grid,
+    /// Centre of the points' box.
+    origin: [f64; 3],
+    /// Largest coordinate relative to the origin, and at least what rounding makes of it.
+    extent: f64,
+    cells: Vec<Cell>,
+    spheres: Vec<Sphere>,
+    free: Vec<u32>,
+    /// A cell where the next search starts, never a ghost.
+    recent: u32,
+    // Work space of `insert`.
+    cavity: Vec<u32>,
+    local_index: Vec<u32>,
+    link: Vec<u32>,
+    link_vertices: Vec<LinkVertex>,
+    edge_table: Box<[u32; MAX_TABLE_VERTICES * MAX_TABLE_VERTICES]>,
+    new_cells: Vec<NewCell>,
+}
+
+impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
+    /// Returns the triangulation of four points that are not in one plane. Space for `capacity`
+    /// points is reserved. Coordinates are between 1e-30 and 1e30, or smaller than what matters.
+    pub fn new(
+        first: [WeightedPoint; 4],
+        numbers: [u32; 4],
+        [low, high]: [[f64; 3]; 2],
+        grid: Grid,
+        capacity: usize,
+    ) -> Self {
+        let origin = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+        let largest = (0..3)
+            .map(|k| low[k].abs().max(high[k].abs()))
+            .fold(0.0, f64::max);
+        let half_size = (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(0.0, f64::max);
+        let mut new = Self {
+            points: Vec::with_capacity(capacity + 1),
+            weights: Vec::new(),
+            numbers: Vec::with_capacity(capacity + 1),
+            grid,
+            origin,
+            extent: half_size + 1e-8 * largest,
+            cells: Vec::with_capacity(7 * capacity),
+            spheres: Vec::with_capacity(7 * capacity),
+            free: Vec::new(),
+            recent: 0,
+            cavity: Vec::new(),
+            local_index: Vec::with_capacity(capacity + 1),
+            link: Vec::new(),
+            link_vertices: Vec::new(),
+            edge_table: Box::new([0; MAX_TABLE_VERTICES * MAX_TABLE_VERTICES]),
+            new_cells: Vec::new(),
+        };
+        new.push_vertex(
+            WeightedPoint {
+                x: [f64::NAN; 3],
+                weight: 0.0,
+            },
+            u32::MAX,
+        );
+        for (point, number) in first.into_iter().zip(numbers) {
+            new.push_vertex(point, number);
+        }
+        let mut vertices = [1, 2, 3, 4];
+        if orientation(first.map(|p| p.x)) < 0 {
+            vertices.swap(2, 3);
+        }
+        // The cell beyond the face opposite corner k is cell k + 1. Two corners are exchanged, so
+        // that it is oriented as the first cell seen from outside.
+        let [a, b, c, d] = vertices;
+        let ghosts = [
+            [b, GHOST, c, d],
+            [a, GHOST, d, c],
+            [a, GHOST, b, d],
+            [a, GHOST, c, b],
+        ];
+        new.cells.push(Cell {
+            vertices,
+            neighbors: [0; 4],
+        });
+        new.cells.extend(ghosts.map(|vertices| Cell {
+            vertices,
+            neighbors: [0; 4],
+        }));
+        for t in 0..5 {
+            for k in 0..4 {
+                let face = |t: usize, k: usize| {
+                    let mut face = [1, 2, 3].map(|j| new.cells[t].vertices[(k + j) % 4]);
+                    face.sort_unstable();
+                    face
+                };
+                let others = (0..20).filter(|i| i / 4 != t);
+                if let Some(other) = others
+                    .into_iter()
+                    .find(|i| face(i / 4, i % 4) == face(t, k))
+                {
+                    new.cells[t].neighbors[k] = other as u32;
+                }
+            }
+        }
+        new.spheres.push(Sphere::UNKNOWN);
+        new.spheres.extend([Sphere::UNKNOWN_GHOST; 4]);
+        new
+    }
+
+    /// Adds a point without cells.
+    fn push_vertex(&mut self, point: WeightedPoint, number: u32) -> u32 {
+        self.points.push(point.x);
+        if WEIGHTED {
+            self.weights.push(point.weight);
+        }
+        self.numbers.push(number);
+        self.local_index.push(NOT_LOCAL);
+        self.points.len() as u32 - 1
+    }
+
+    /// Returns all cells, among them ghosts and removed ones, and the number of each vertex.
+    pub fn into_cells(mut self) -> (Vec<Cell>, Vec<u32>) {
+        for &slot in &self.free {
+            self.cells[slot as usize].vertices = [GHOST; 4];
+        }
+        (self.cells, self.numbers)
+    }
+
+    #[inline]
+    fn point(&self, vertex: u32) -> [f64; 3] {
+        self.points[vertex as usize]
+    }
+
+    #[inline]
+    fn weighted_point(&self, vertex: u32) -> WeightedPoint {
+        let weight = if WEIGHTED {
+            self.weights[vertex as usize]
+        } else {
+            0.0
+        };
+        WeightedPoint {
+            x: self.points[vertex as usize],
+            weight,
+        }
+    }
+
+    /// Inserts a point. `number` decides ties.
+    pub fn insert(&mut self, point: WeightedPoint, number: u32) -> Inserted {
+        self.insert_near(point, number, self.recent)
+    }
+
+    /// Inserts a point; the search starts at the cell `near`, which is not a ghost.
+    pub fn insert_near(&mut self, point: WeightedPoint, number: u32, near: u32) -> Inserted {
+        let start = self.locate(point.x, near);
+        let cell = self.cells[start as usize];
+        if !cell.is_ghost() {
+            let same = cell.vertices.iter().find(|v| self.point(**v) == point.x);
+            match same {
+                Some(&vertex) if !WEIGHTED => {
+                    self.recent = start;
+                    return Inserted::Duplicate(vertex);
+                }
+                _ => {}
+            }
+        }
+        self.grid.include(point.x);
+        let vertex = self.push_vertex(point, number);
+        if WEIGHTED && !cell.is_ghost() && !self.is_in_conflict_exactly(start, vertex) {
+            self.points.pop();
+            self.weights.pop();
+            self.numbers.pop();
+            self.local_index.pop();
+            self.recent = start;
+            return Inserted::Hidden;
+        }
+        self.fill_cavity(start, vertex);
+        Inserted::Vertex
+    }
+
+    /// Returns a cell that contains the point, or a ghost cell whose half-space does.
+    fn locate(&self, x: [f64; 3], near: u32) -> u32 {
+        let mut current = near;
+        let mut previous = NO_CELL;
+        let mut first_corner = 0;
+        'walk: loop {
+            let cell = &self.cells[current as usize];
+            let [a, b, c, d] = cell.vertices;
+            let corners = [self.point(a), self.point(b), self.point(c), self.point(d)];
+            // Vectors from x.
+            let [a, b, c, d] = corners;
+            let [a, b, c, d] = [sub(a, x), sub(b, x), sub(c, x), sub(d, x)];
+            // Different corners first at each step, so that the walk cannot go in circles for long.
+            first_corner = (first_corner + 1) & 3;
+            for i in 0..4 {
+                let k = (first_corner + i) & 3;
+                let next = cell.neighbors[k] >> 2;
+                if next == previous {
+                    continue;
+                }
+                // The volume with x instead of corner k, up to its sign.
+                let [u, v, w] = match k {
+                    0 => [b, c, d],
+                    1 => [a, d, c],
+                    2 => [d, a, b],
+                    _ => [c, b, a],
+                };
+                let is_beyond = match predicates::orientation_filter(u, v, w) {
+                    Some(side) => side < 0,
+                    None => {
+                        let mut corners = corners;
+                        corners[k] = x;
+                        orientation(corners) < 0
+                    }
+                };
+                if is_beyond {
+                    if self.cells[next as usize].is_ghost() {
+                        return next;
+                    }
+                    previous = current;
+                    current = next;
+                    continue 'walk;
+                }
+            }
+            return current;
+        }
+    }
+
+    /// Returns `true` if the sphere of a cell contains a vertex, whose position is `x` relative to
+    /// the origin.
+    #[inline(always)]
+    fn is_in_conflict(&self, cell: u32, vertex: u32, x: [f64; 3]) -> bool {
+        let sphere = self.spheres[cell as usize];
+        let [a, b, c, last] = sphere.0;
+        let [a, b, c, last] = [f64::from(a), f64::from(b), f64::from(c), f64::from(last)];
+        if sphere.is_ghost() {
+            let height = a * x[0] + b * x[1] + c * x[2] - last;
+            if height.abs() > 4.0 * Sphere::ERROR * self.extent {
+                return height > 0.0;
+            }
+        } else {
+            let [dx, dy, dz] = sub(x, [a, b, c]);
+            let distance2 = dx * dx + dy * dy + dz * dz;
+            let weight = if WEIGHTED {
+                self.weights[vertex as usize]
+            } else {
+                0.0
+            };
+            let power = distance2 - weight - last;
+            // The error of the distance is that of the centre, whose coordinates are at most the
+            // distance larger than those of x.
+            let size4 = self.extent * self.extent * distance2
+                + distance2 * distance2
+                + last * last
+                + weight * weight;
+            if power * power > const { 8.0 * Sphere::ERROR * Sphere::ERROR } * size4 {
+                return power < 0.0;
+            }
+        }
+        self.is_in_conflict_exactly(cell, vertex)
+    }
+
+    /// Returns `true` if the sphere of a cell contains a vertex.
+    #[cold]
+    #[inline(never)]
+    fn is_in_conflict_exactly(&self, cell: u32, vertex: u32) -> bool {
+        let vertices = self.cells[cell as usize].vertices;
+        if vertices.contains(&GHOST) {
+            return self.is_beyond_hull(cell, vertex);
+        }
+        let [a, b, c, d] = vertices;
+        let numbers = [a, b, c, d, vertex].map(|v| self.numbers[v as usize]);
+        let tet = vertices.map(|v| self.weighted_point(v));
+        in_sphere(tet, self.weighted_point(vertex), numbers, self.grid) < 0
+    }
+
+    /// Returns `true` if a vertex is beyond the hull's face of a ghost cell, or in its plane and in
+    /// the sphere of the cell behind the face.
+    fn is_beyond_hull(&self, ghost: u32, vertex: u32) -> bool {
+        let cell = &self.cells[ghost as usize];
+        let corner = cell.vertices.iter().position(|v| *v == GHOST).unwrap_or(0);
+        let mut vertices = cell.vertices;
+        vertices[corner] = vertex;
+        match orientation(vertices.map(|v| self.point(v))) {
+            0 => {
+                // The neighbour is in the cavity already, or its sphere is known.
+                let inner = cell.neighbors[corner] >> 2;
+                self.spheres[inner as usize].is_in_cavity()
+                    || self.is_in_conflict_exactly(inner, vertex)
+            }
+            side => side > 0,
+        }
+    }
+
+    /// Replaces the cells in conflict with `vertex`, of which `start` is one, by cells that join the
+    /// faces of the cavity with the vertex.
+    fn fill_cavity(&mut self, start: u32, vertex: u32) {
+        let centre = self.point(vertex);
+        let x = sub(centre, self.origin);
+        self.extent = x.iter().fold(self.extent, |m, x| m.max(x.abs()));
+        self.cavity.clear();
+        self.new_cells.clear();
+        self.link.clear();
+        self.link_vertices.clear();
+        self.cavity.push(start);
+        self.spheres[start as usize] = Sphere::IN_CAVITY;
+        let mut next = 0;
+        while let Some(&in_cavity) = self.cavity.get(next) {
+            next += 1;
+            let cell = self.cells[in_cavity as usize];
+            for k in 0..4 {
+                let outer = cell.neighbors[k];
+                let neighbor = outer >> 2;
+                if self.spheres[neighbor as usize].is_in_cavity() {
+                    continue;
+                }
+                if self.is_in_conflict(neighbor, vertex, x) {
+                    self.spheres[neighbor as usize] = Sphere::IN_CAVITY;
+                    self.cavity.push(neighbor);
+                    continue;
+                }
+                let [_, a, b, c] = ROTATIONS[k];
+                let [a, b, c] = [cell.vertices[a], cell.vertices[b], cell.vertices[c]];
+                let locals = [
+                    self.link_index(a, vertex, centre),
+                    self.link_index(b, vertex, centre),
+                    self.link_index(c, vertex, centre),
+                ];
+                let sphere = self.sphere([a, b, c], locals, x, vertex);
+                let cell = Cell {
+                    vertices: [vertex, a, b, c],
+                    neighbors: [outer, 0, 0, 0],
+                };
+                let slot = self.put_cell(cell, sphere);
+                self.cells[neighbor as usize].neighbors[(outer & 3) as usize] = 4 * slot;
+                self.new_cells.push(NewCell { slot, locals });
+                for (corner, from, to) in LINK_EDGES {
+                    self.edge_table[edge_index(locals[from], locals[to])] = 4 * slot + corner;
+                }
+                if !sphere.is_ghost() {
+                    self.recent = slot;
+                }
+            }
+        }
+        if self.link.len() <= MAX_TABLE_VERTICES {
+            for &NewCell { slot, locals } in &self.new_cells {
+                let neighbors = &mut self.cells[slot as usize].neighbors;
+                for (corner, from, to) in LINK_EDGES {
+                    neighbors[corner as usize] =
+                        self.edge_table[edge_index(locals[to], locals[from])];
+                }
+            }
+        } else {
+            self.connect_by_sorting();
+        }
+        for &v in &self.link {
+            self.local_index[v as usize] = NOT_LOCAL;
+        }
+        self.free.extend_from_slice(&self.cavity);
+    }
+
+    /// Stores a new cell and returns its slot. Slots of removed cells are used first.
+    #[inline(always)]
+    fn put_cell(&mut self, cell: Cell, sphere: Sphere) -> u32 {
+        if let Some(slot) = self.free.pop() {
+            self.cells[slot as usize] = cell;
+            self.spheres[slot as usize] = sphere;
+            return slot;
+        }
+        self.cells.push(cell);
+        self.spheres.push(sphere);
+        self.cells.len() as u32 - 1
+    }
+
+    /// Returns the index of `v` among the vertices of the cavity's boundary, and appends it if it
+    /// is not yet there. `vertex` is the new point at `centre`.
+    #[inline(always)]
+    fn link_index(&mut self, v: u32, vertex: u32, centre: [f64; 3]) -> u32 {
+        let local = &mut self.local_index[v as usize];
+        if *local != NOT_LOCAL {
+            return *local;
+        }
+        *local = self.link.len() as u32;
+        let difference = sub(self.points[v as usize], centre);
+        let [x, y, z] = difference;
+        let mut lift = x * x + y * y + z * z;
+        let mut size2 = lift;
+        if WEIGHTED {
+            lift -= self.weights[v as usize] - self.weights[vertex as usize];
+            size2 = size2.max(lift.abs());
+        }
+        self.link.push(v);
+        self.link_vertices.push(LinkVertex {
+            difference,
+            lift,
+            size2,
+        });
+        *local
+    }
+
+    /// Connects the new cells with each other if they have too many vertices for the table.
+    #[cold]
+    fn connect_by_sorting(&mut self) {
+        let mut edges = Vec::with_capacity(3 * self.new_cells.len());
+        for &NewCell { slot, locals } in &self.new_cells {
+            for (corner, from, to) in LINK_EDGES {
+                let [from, to] = [locals[from], locals[to]];
+                edges.push((from.min(to), from.max(to), 4 * slot + corner));
+            }
+        }
+        edges.sort_unstable();
+        for pair in edges.chunks_exact(2) {
+            let [a, b] = [pair[0].2, pair[1].2];
+            self.cells[(a >> 2) as usize].neighbors[(a & 3) as usize] = b;
+            self.cells[(b >> 2) as usize].neighbors[(b & 3) as usize] = a;
+        }
+    }
+
+    /// Returns the sphere of a new cell, whose first corner is the new `vertex` at `x` relative to
+    /// the origin.
+    #[inline(always)]
+    fn sphere(&self, vertices: [u32; 3], locals: [u32; 3], x: [f64; 3], vertex: u32) -> Sphere {
+        if vertices.contains(&GHOST) {
+            return self.half_space(vertices, locals, x);
+        }
+        let [b, c, d] = locals;
+        let link_vertex = |local: u32| self.link_vertices[local as usize];
+        let [b, c, d] = [link_vertex(b), link_vertex(c), link_vertex(d)];
+        let normals = [
+            cross(c.difference, d.difference),
+            cross(d.difference, b.difference),
+            cross(b.difference, c.difference),
+        ];
+        let volume = dot(b.difference, normals[0]);
+        let size2 = b.size2.max(c.size2).max(d.size2);
+        // With L the largest square and u the unit roundoff, the error of the volume is 16 u
+        // L^(3/2), that of the numerator below 40 u L^2. Both are negligible unless the cell is
+        // extremely flat.
+        if volume * volume < 1e-11 * size2 * size2 * size2 {
+            return Sphere::UNKNOWN;
+        }
+        let factor = 0.5 / volume;
+        let centre: [f64; 3] = std::array::from_fn(|k| {
+            (b.lift * normals[0][k] + c.lift * normals[1][k] + d.lift * normals[2][k]) * factor
+        });
+        let weight = if WEIGHTED {
+            self.weights[vertex as usize]
+        } else {
+            0.0
+        };
+        let absolute = std::array::from_fn(|k| x[k] + centre[k]);
+        Sphere::new(absolute, dot(centre, centre) - weight)
+    }
+
+    /// Returns the half-space of a new ghost cell, whose first corner is at `x` relative to the
+    /// origin.
+    fn half_space(&self, vertices: [u32; 3], locals: [u32; 3], x: [f64; 3]) -> Sphere {
+        let difference = |k: usize| self.link_vertices[locals[k] as usize].difference;
+        // The outward normal, such that the volume with x instead of the ghost is normal . x.
+        let (u, v) = if vertices[0] == GHOST {
+            (difference(1), difference(2))
+        } else if vertices[1] == GHOST {
+            (difference(2), difference(0))
+        } else {
+            (difference(0), difference(1))
+        };
+        let normal = cross(u, v);
+        let length2 = dot(normal, normal);
+        if !(length2 > 1e-14 * dot(u, u) * dot(v, v) && length2.is_normal()) {
+            return Sphere::UNKNOWN_GHOST;
+        }
+        let normal = normal.map(|n| n / length2.sqrt());
+        Sphere::half_space(normal, dot(normal, x))
+    }
+}
+
+/// Returns the place of an edge in the table. Edges of vertices beyond the table overwrite others;
+/// then the table is not used.
+#[inline(always)]
+fn edge_index(from: u32, to: u32) -> usize {
+    (from as usize * MAX_TABLE_VERTICES + to as usize) % (MAX_TABLE_VERTICES * MAX_TABLE_VERTICES)
+}

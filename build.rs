@@ -1,11 +1,7 @@
-//! Builds the CGAL bridge if the feature `cgal` is on, and sets the path of the TetGen worker program.
+//! Builds the CGAL bridge if the feature `cgal` is on.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // The tests use this path of the program that runs TetGen in its own process.
-    if let Ok(worker) = std::env::var("DEP_TET_WORKER") {
-        println!("cargo::rustc-env=ATOMESH_TETGEN_WORKER={worker}");
-    }
     #[cfg(feature = "cgal")]
     cgal();
 }
@@ -13,7 +9,7 @@ fn main() {
 #[cfg(feature = "cgal")]
 fn cgal() {
     let bridge = "src/mesh/delaunay/bridge.rs";
-    let sources = ["cpp/cgal_bridge.cpp", "cpp/exude.cpp", "cpp/refine.cpp"];
+    let sources = ["cpp/cgal_bridge.cpp", "cpp/exude.cpp"];
     for file in [bridge, "cpp/cgal_bridge.h"].iter().chain(&sources) {
         println!("cargo::rerun-if-changed={file}");
     }
@@ -31,7 +27,7 @@ fn cgal() {
     if let Some(missing) = missing(compiler) {
         println!(
             "cargo::error=atomesh: {missing}; on Debian and Ubuntu: apt install g++ libtet1.5-dev \
-             libcgal-dev libclang-dev; without CGAL: --no-default-features --features cli,tetgen"
+             libcgal-dev libclang-dev; without both: --no-default-features --features cli"
         );
         return;
     }

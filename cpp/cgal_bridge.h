@@ -47,24 +47,12 @@ rust::Vec<std::uint32_t> cgal_triangulate(rust::Slice<const double> points);
 // Checks that tetrahedra (four point numbers each, all in range) are a triangulation.
 CgalVerdict cgal_validate(rust::Slice<const double> points, rust::Slice<const std::uint32_t> tets);
 
-// Returns CGAL's regular triangulation of `points` with all weights zero, which is a Delaunay
-// triangulation. Input and output are those of cgal_triangulate.
-rust::Vec<std::uint32_t> cgal_unweighted(rust::Slice<const double> points);
-
-// Returns the triangulation of cgal_unweighted after the points' weights are raised so that as few
-// dihedral angles as possible are below `angle` degrees. The hull and `faces` (three point numbers
-// each) are kept; `faces` that are not in the unweighted triangulation are ignored.
+// Returns the Delaunay triangulation after the points' weights are raised so that as few dihedral
+// angles as possible are below `angle` degrees. The hull and `faces` (three point numbers each) are
+// kept, except at the rim of a surface of `faces`; those that are no faces of the Delaunay
+// triangulation are ignored.
 rust::Vec<std::uint32_t> cgal_exude(rust::Slice<const double> points,
                                     rust::Slice<const std::uint32_t> faces, double angle);
-
-// Adds circumcentres of tetrahedra to `points` (x, y, z of each point, all finite), the one with
-// the largest ratio of circumradius to d first, until no tetrahedron with its circumcentre in the
-// box from the origin to `extent` has a ratio above `limit`. d is interpolated linearly between
-// `samples` on a grid of `dims` points (x fastest) that covers the box. Returns the added points.
-// Throws if the points lie in one plane.
-rust::Vec<double> cgal_refine(rust::Slice<const double> points, rust::Slice<const double> extent,
-                              rust::Slice<const float> samples, rust::Slice<const std::size_t> dims,
-                              double limit);
 
 // Allocates and frees memory. Tests use it to make an allocation fail.
 void cgal_allocate(std::size_t bytes);

@@ -91,10 +91,6 @@ Face numbers_of(const Triangulation::Facet &facet) {
 
 } // namespace
 
-rust::Vec<std::uint32_t> cgal_unweighted(rust::Slice<const double> points) {
-  return cells_of(triangulate(points));
-}
-
 rust::Vec<std::uint32_t> cgal_exude(rust::Slice<const double> points,
                                     rust::Slice<const std::uint32_t> faces, double angle) {
   Complex complex;

@@ -79,7 +79,6 @@ fn assert_restarts(folder: &Path, words: &str, stages: &[&str]) {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn tetrahedra_are_the_same_after_a_restart_from_any_stage() {
     let folder = tempfile::tempdir().unwrap();
     write_npy(

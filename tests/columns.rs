@@ -332,7 +332,6 @@ fn impossible_columns_are_refused() {
     }
 }
 
-#[cfg(feature = "tetgen")]
 #[test]
 fn a_mesh_that_is_not_in_columns_is_refused_as_a_modflow_grid() {
     let folder = tempfile::tempdir().unwrap();

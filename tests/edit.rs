@@ -22,7 +22,6 @@ fn words(line: &str) -> Vec<&str> {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn atoms_are_added_moved_and_removed_in_a_volume() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();

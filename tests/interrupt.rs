@@ -103,7 +103,6 @@ fn params_with_distance<const D: usize>(d: f64) -> Params<D> {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn tetrahedra_are_stopped_in_every_stage() {
     use Stage::*;
     let stages = [

@@ -612,7 +612,6 @@ fn a_printed_configuration_gives_the_same_bytes() {
 /// command of its page.
 #[test]
 #[ignore = "slow: make test-all"]
-#[cfg(feature = "tetgen")]
 fn examples_have_the_same_bytes_from_their_configurations() {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/faults.vti");
     let (mut seen, mut without_image) = (BTreeSet::new(), Vec::new());

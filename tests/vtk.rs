@@ -124,7 +124,6 @@ invalid cells 0
 /// Tests that meshio reads meshes of tetrahedra and of triangles with all their field data.
 #[test]
 #[ignore = "needs meshio: make test-all"]
-#[cfg(feature = "tetgen")]
 fn meshio_reads_meshes_with_their_text() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -145,7 +145,6 @@ fn smoothing_in_noise_keeps_the_edges_on_features() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn canny_points_in_space_give_a_valid_mesh() {
     let image = ball([48, 44, 40], 13.0);
     for min_dihedral in [None, Some(15.0)] {

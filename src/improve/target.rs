@@ -18,13 +18,15 @@ pub struct Target {
 
 /// Method that removes slivers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum SliverMethod {
     /// Local transformations (Joe) and smoothing.
     #[default]
     Joe,
-    /// Sliver exudation (CGAL).
+    /// Sliver exudation.
     Exude,
+    /// Sliver exudation by CGAL.
+    ExudeCgal,
 }
 
 impl Default for Target {
@@ -41,6 +43,7 @@ impl std::fmt::Display for SliverMethod {
         f.write_str(match self {
             Self::Joe => "flips and smoothing",
             Self::Exude => "exudation",
+            Self::ExudeCgal => "exudation by CGAL",
         })
     }
 }

@@ -371,7 +371,7 @@ impl Meshing<3> for MeshSpace<3> {
                     }
                 })?
             }
-            SliverMethod::Exude => {
+            SliverMethod::Exude | SliverMethod::ExudeCgal => {
                 stages.begin(Stage::ApplyingBaseline);
                 let (mut baseline_mesh, mut baseline_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = stages.run_cancellable(|cancel| {

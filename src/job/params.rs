@@ -7,9 +7,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::depth::ReadImage;
-use super::spec::{
-    DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind, Slivers,
-};
+use super::spec::{DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
@@ -234,7 +232,7 @@ impl<const D: usize> Params<D> {
                 "omit it",
             )));
         }
-        if D == 2 && spec.slivers == Slivers::Exude {
+        if D == 2 && spec.slivers.is_exudation() {
             return Err(Error::Job(cause(
                 "slivers exude",
                 "does nothing in 2-D, where the Delaunay triangulation has no slivers",

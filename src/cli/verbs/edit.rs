@@ -16,7 +16,7 @@ use crate::feature;
 use crate::image::formats::InputOptions;
 use crate::image::formats::{AnyImage, LoadedImage};
 use crate::image::{Image, ImageSource};
-use crate::job::spec::{CellKind, DistanceSource, NominalDistance, Slivers};
+use crate::job::spec::{CellKind, DistanceSource, NominalDistance};
 use crate::job::{MeshSpec, Params};
 use crate::mesh::Mesh;
 use crate::model::edit::cells::{self, edit_cells};
@@ -255,7 +255,7 @@ fn recorded_spec<M>(args: &EditArgs, file: &MeshFile<M>) -> Result<(MeshSpec, Ve
     if spec.smooth.is_some() {
         note("the mesh was smoothed; the edited part is not");
     }
-    if spec.slivers == Slivers::Exude {
+    if spec.slivers.is_exudation() {
         note(
             "slivers were removed by exudation; in the edited part they are removed by flips and smoothing",
         );

@@ -1,4 +1,4 @@
-//! Removes slivers by CGAL's exudation. Features are recovered as for the other method; after that
+//! Removes slivers by exudation, our own or CGAL's. Features are recovered as for the other method; after that
 //! nodes stay where they are, and only the tetrahedra change.
 
 use super::TetImprover;
@@ -6,10 +6,10 @@ use super::finish::{blocked_cells, faces_on_surfaces};
 use crate::Result;
 use crate::comm::Comm;
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::{ImproveReport, Target};
+use crate::improve::{ImproveReport, SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::mesh::delaunay::exude;
+use crate::mesh::delaunay::{self, cgal, exude};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::parallel::prelude::*;
@@ -52,7 +52,7 @@ pub fn exude(
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
     let constraints = finished.constraints;
 
-    mesh.tets = exude::unweighted_delaunay(&mesh.nodes)?;
+    mesh.tets = delaunay::delaunay(&mesh.nodes)?.tets;
     let kept_faces: Vec<[u32; 3]> = faces_on_surfaces(mesh, &constraints, planes)
         .iter()
         .zip(&mesh.tets)
@@ -61,7 +61,10 @@ pub fn exude(
             on_feature.map(|k| FACES[k].map(|i| tet[i]))
         })
         .collect();
-    mesh.tets = exude::exude(&mesh.nodes, &kept_faces, target.min_dihedral)?;
+    mesh.tets = match target.method {
+        SliverMethod::ExudeCgal => cgal::exude(&mesh.nodes, &kept_faces, target.min_dihedral)?,
+        _ => exude::exude(&mesh.nodes, &kept_faces, target.min_dihedral)?,
+    };
 
     let sines: Vec<f64> = (0..mesh.tets.len())
         .into_par_iter()

@@ -224,7 +224,6 @@ fn a_plane_that_cuts_through_cells_is_recovered() {
 }
 
 #[test]
-#[cfg(feature = "cgal")]
 fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     let (mesh, kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |x| x[0] != 12.0);
     let planes = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
@@ -248,7 +247,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     assert!((area_on_plane(&exuded, 12.0) - area).abs() < 1e-9 * area);
     assert!(marks.iter().any(|&bits| bits != 0));
     let delaunay = TetMesh {
-        tets: crate::mesh::delaunay::exude::unweighted_delaunay(&mesh.nodes).unwrap(),
+        tets: crate::mesh::delaunay::delaunay(&mesh.nodes).unwrap().tets,
         ..mesh
     };
     let count_below_target = |mesh: &TetMesh| {

@@ -396,18 +396,26 @@ pub enum Slivers {
     /// Flips and smoothing that keep faces on features
     #[default]
     Joe,
-    /// Vertex weights (CGAL's exudation, slow); the report compares both methods; 3-D only
+    /// Vertex weights (sliver exudation); the report compares both methods; 3-D only
     Exude,
+    /// Vertex weights by CGAL, if it is built in (slow)
+    ExudeCgal,
     /// The Delaunay triangulation without improvement
     None,
 }
 
 impl Slivers {
+    /// Returns `true` for the methods that give weights to vertices.
+    pub fn is_exudation(self) -> bool {
+        matches!(self, Self::Exude | Self::ExudeCgal)
+    }
+
     /// Returns the method that removes slivers; `None` if they are left.
     pub fn method(self) -> Option<SliverMethod> {
         match self {
             Self::Joe => Some(SliverMethod::Joe),
             Self::Exude => Some(SliverMethod::Exude),
+            Self::ExudeCgal => Some(SliverMethod::ExudeCgal),
             Self::None => None,
         }
     }

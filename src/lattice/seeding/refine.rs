@@ -10,7 +10,6 @@ use super::{Alignment, side_count};
 use crate::error::Result;
 use crate::geometry::distance2;
 use crate::geometry::random::Random;
-use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::refine::{refine_plane, refine_space};
 use crate::progress::CancelToken;
@@ -30,8 +29,7 @@ const MIN_FIXED_DISTANCE: f64 = 0.8;
 /// With [`Alignment::AlongsideFeatures`], all atoms are moved inwards, those of a side by half a d.
 ///
 /// # Errors
-/// Returns [`Error::Delaunay`](crate::Error::Delaunay) in 3-D if the crate is built without the
-/// feature `cgal`.
+/// Returns the errors of [`refine_plane`] and [`refine_space`].
 pub fn refine_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
@@ -127,25 +125,8 @@ fn refine_interior<const D: usize>(
         return Ok(added.into_iter().map(cast_dims).collect());
     }
     let space: Vec<[f64; 3]> = atoms.iter().map(|x| cast_dims(*x)).collect();
-    let d = match distance {
-        Distance::Constant(d) => ScalarField {
-            dims: [1; 3],
-            step: cast_dims(extent),
-            samples: vec![*d as f32],
-        },
-        Distance::Field(field) => ScalarField {
-            dims: std::array::from_fn(|k| field.dims[k]),
-            step: cast_dims(field.step),
-            samples: field.samples.clone(),
-        },
-        Distance::Bricks(_) => {
-            return Err(super::seeding_error(
-                "by refinement needs the distance everywhere",
-                "give the complete distance",
-            ));
-        }
-    };
-    let added = refine_space(&space, cast_dims(extent), &d, MAX_CIRCUMRADIUS_3D)?;
+    let d = |x: [f64; 3]| distance.value_at(cast_dims(x));
+    let added = refine_space(&space, cast_dims(extent), d, MAX_CIRCUMRADIUS_3D, cancel)?;
     Ok(added.into_iter().map(cast_dims).collect())
 }
 
@@ -216,7 +197,6 @@ mod tests {
         }
     }
 
-    #[cfg(feature = "cgal")]
     #[test]
     fn a_box_is_filled_evenly() {
         let extent = [60.0, 53.0, 48.0];

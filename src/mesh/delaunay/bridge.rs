@@ -1,5 +1,5 @@
 //! Bridge to CGAL (feature `cgal`): its functions, the checks of their input, and the errors that
-//! their exceptions become. The modules `cgal`, `exude` and `refine` call it.
+//! their exceptions become. The module `cgal` calls it.
 
 use super::out_of_memory;
 use crate::error::{Error, Result, cause};
@@ -73,22 +73,14 @@ pub(super) mod ffi {
     }
 
     // SAFETY: the functions only read their slices. `call` has checked that all coordinates are
-    // finite and that the points can be numbered; `validate`, that all node numbers are in range;
-    // `refine_space`, that there is a sample for each point of the grid. Faces are only compared.
+    // finite and that the points can be numbered; `validate`, that all node numbers are in range.
+    // Faces are only compared.
     unsafe extern "C++" {
         include!("atomesh/cpp/cgal_bridge.h");
 
         fn cgal_triangulate(points: &[f64]) -> Result<Vec<u32>>;
         fn cgal_validate(points: &[f64], tets: &[u32]) -> Result<CgalVerdict>;
-        fn cgal_unweighted(points: &[f64]) -> Result<Vec<u32>>;
         fn cgal_exude(points: &[f64], faces: &[u32], angle: f64) -> Result<Vec<u32>>;
-        fn cgal_refine(
-            points: &[f64],
-            extent: &[f64],
-            samples: &[f32],
-            dims: &[usize],
-            limit: f64,
-        ) -> Result<Vec<f64>>;
         /// Only tests call this function.
         #[allow(dead_code)]
         fn cgal_allocate(bytes: usize) -> Result<()>;
@@ -113,15 +105,7 @@ pub(super) mod ffi {
         missing()
     }
 
-    pub fn cgal_unweighted(_: &[f64]) -> Result<Vec<u32>> {
-        missing()
-    }
-
     pub fn cgal_exude(_: &[f64], _: &[u32], _: f64) -> Result<Vec<u32>> {
-        missing()
-    }
-
-    pub fn cgal_refine(_: &[f64], _: &[f64], _: &[f32], _: &[usize], _: f64) -> Result<Vec<f64>> {
         missing()
     }
 }
@@ -159,12 +143,11 @@ mod tests {
         assert_eq!(error("input: b: c; d"), "a: b: c; d");
         let reported = "please report it with the image or the mesh, and the options";
         assert_eq!(error("internal: b\nc"), format!("a: b c; {reported}"));
-        let plane = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
-        let refine = |points: &[f64]| ffi::cgal_refine(points, &[1.0; 3], &[1.0], &[1; 3], 1.0);
-        let error = call("refinement", &plane, refine).unwrap_err().to_string();
+        let twice = [[0.0; 3], [1.0, 0.0, 0.0], [0.0; 3]];
+        let error = call("cgal", &twice, ffi::cgal_triangulate).unwrap_err();
         assert_eq!(
-            error,
-            "refinement: all points lie in one plane or on one line; give points that span a volume"
+            error.to_string(),
+            "cgal: 1 of 3 points coincide with others; give distinct points"
         );
     }
 }

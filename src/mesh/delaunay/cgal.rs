@@ -1,5 +1,5 @@
-//! Validation by CGAL (feature `cgal`): a Delaunay triangulation that shares no code with TetGen's,
-//! and an independent check of any tetrahedral mesh with exact predicates.
+//! CGAL (feature `cgal`): a Delaunay triangulation that shares no code with the others, an
+//! independent check of any tetrahedral mesh with exact predicates, and sliver exudation.
 
 use super::bridge::{call, ffi, to_arrays};
 use crate::error::{Error, Result, cause};
@@ -74,6 +74,19 @@ impl CgalReport {
 /// runs out, or without the feature `cgal`.
 pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
     call(PLACE, points, ffi::cgal_triangulate).map(to_arrays)
+}
+
+/// Returns the Delaunay tetrahedra of `points` after CGAL's sliver exudation, as
+/// [`exude`](super::exude::exude) does it. A face of `faces` with an edge that no other of them
+/// shares may vanish.
+///
+/// # Errors
+/// Returns the errors of [`triangulate`].
+pub fn exude(points: &[[f64; 3]], faces: &[[u32; 3]], angle: f64) -> Result<Vec<[u32; 4]>> {
+    call("sliver exudation by CGAL", points, |points| {
+        ffi::cgal_exude(points, faces.as_flattened(), angle)
+    })
+    .map(to_arrays)
 }
 
 /// Checks that tetrahedra are a triangulation of the convex hull of their points.

@@ -1,15 +1,17 @@
 //! Delaunay refinement: adds points at the centres of circumspheres that are too large, the one
-//! largest relative to d first (Hale 2002). In 3-D by CGAL (feature `cgal`), in 2-D by spade.
+//! largest relative to d first (Hale 2002). In 3-D by our own kernel, in 2-D by spade.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use spade::handles::FixedVertexHandle;
-use spade::{DelaunayTriangulation, Point2, Triangulation};
+use spade::{DelaunayTriangulation, Point2, Triangulation as _};
 
-use super::bridge::{call, ffi, to_arrays};
+use super::native;
+use super::native::predicates::WeightedPoint;
+use super::native::triangulation::{GHOST, Inserted, Triangulation};
 use crate::error::{Error, Result, cause};
-use crate::image::ScalarField;
+use crate::geometry::{cross, distance2, dot, sub};
 use crate::progress::CancelToken;
 
 /// Place of this module's errors.
@@ -108,31 +110,147 @@ pub fn refine_plane(
     Ok(added)
 }
 
+/// A tetrahedron at whose circumcentre a point may be added.
+struct SpaceCandidate {
+    /// Circumradius over the nominal distance d at the circumcentre.
+    ratio: f64,
+    cell: u32,
+    /// Vertices of the cell. As long as it exists it has the same.
+    vertices: [u32; 4],
+    centre: [f64; 3],
+}
+
+impl Ord for SpaceCandidate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        // Equal ratios are sorted by vertices, so that every run gives the same result.
+        let by_ratio = self.ratio.total_cmp(&other.ratio);
+        by_ratio.then_with(|| other.vertices.cmp(&self.vertices))
+    }
+}
+
+impl PartialOrd for SpaceCandidate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl PartialEq for SpaceCandidate {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+
+impl Eq for SpaceCandidate {}
+
 /// Returns the points to add to `points` so that no tetrahedron of their Delaunay triangulation
-/// with its circumcentre in the box `[0, extent]` has a circumradius above `limit` times d. The
-/// field `d` covers the box.
+/// with its circumcentre in the box `[0, extent]` has a circumradius above `limit` times d.
+/// Returns fewer points if `cancel` is cancelled.
 ///
 /// # Errors
-/// Returns [`Error::Delaunay`] if a coordinate is not finite, if the points lie in one plane, if `d`
-/// has too few samples, if memory runs out, or without the feature `cgal`.
+/// Returns [`Error::Delaunay`] if a coordinate is not finite, or if the points lie in one plane.
 pub fn refine_space(
     points: &[[f64; 3]],
     extent: [f64; 3],
-    d: &ScalarField<3>,
+    d: impl Fn([f64; 3]) -> f64,
     limit: f64,
+    cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; 3]>> {
-    if d.samples.len() != d.dims.iter().product::<usize>() || d.samples.is_empty() {
-        return Err(refine_error(
-            "d does not have as many samples as it should",
-            "give one that covers the box",
-        ));
+    super::check_points(points)?;
+    let mut delaunay = native::incremental(points)?;
+    let candidate = |delaunay: &Triangulation<false>, cell: u32| {
+        let vertices = delaunay.cell(cell).vertices;
+        if vertices.contains(&GHOST) {
+            return None;
+        }
+        let corners = vertices.map(|v| delaunay.point(v));
+        let centre = circumcentre(corners);
+        if !(0..3).all(|k| centre[k] > 0.0 && centre[k] < extent[k]) {
+            return None;
+        }
+        let ratio = distance2(&centre, &corners[0]).sqrt() / d(centre);
+        (ratio > limit).then_some(SpaceCandidate {
+            ratio,
+            cell,
+            vertices,
+            centre,
+        })
+    };
+    let cells = 0..delaunay.cell_count() as u32;
+    let mut queue: BinaryHeap<_> = cells
+        .filter_map(|cell| candidate(&delaunay, cell))
+        .collect();
+    let mut added: Vec<[f64; 3]> = Vec::new();
+    while let Some(worst) = queue.pop() {
+        if cancel.is_cancelled() {
+            break;
+        }
+        if delaunay.cell(worst.cell).vertices != worst.vertices {
+            continue;
+        }
+        let point = WeightedPoint {
+            x: worst.centre,
+            weight: 0.0,
+        };
+        let number = (points.len() + added.len()) as u32;
+        if delaunay.insert_near(point, number, worst.cell) != Inserted::Vertex {
+            continue;
+        }
+        added.push(worst.centre);
+        let new_cells: Vec<u32> = delaunay.new_cells().collect();
+        queue.extend(
+            new_cells
+                .into_iter()
+                .filter_map(|cell| candidate(&delaunay, cell)),
+        );
     }
-    call(PLACE, points, |points| {
-        ffi::cgal_refine(points, &extent, &d.samples, &d.dims, limit)
-    })
-    .map(to_arrays)
+    Ok(added)
+}
+
+/// Returns the centre of the sphere through four points.
+fn circumcentre([a, b, c, d]: [[f64; 3]; 4]) -> [f64; 3] {
+    let [b, c, d] = [b, c, d].map(|p| sub(p, a));
+    let normals = [cross(c, d), cross(d, b), cross(b, c)];
+    let squares = [b, c, d].map(|p| dot(p, p));
+    let scale = 0.5 / dot(b, normals[0]);
+    std::array::from_fn(|k| a[k] + scale * (0..3).map(|i| squares[i] * normals[i][k]).sum::<f64>())
 }
 
 fn refine_error(problem: impl std::fmt::Display, remedy: impl std::fmt::Display) -> Error {
     Error::Delaunay(cause(PLACE, problem, remedy))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::delaunay::delaunay;
+
+    #[test]
+    fn no_circumsphere_in_the_box_is_too_large_afterwards() {
+        // The sides are filled already.
+        let grid = (0..216u32).map(|n| [n % 6, n / 6 % 6, n / 36]);
+        let on_sides = grid.filter(|index| index.iter().any(|&i| i == 0 || i == 5));
+        let mut points: Vec<[f64; 3]> = on_sides.map(|p| p.map(|i| 2.0 * f64::from(i))).collect();
+        points.push([4.1, 5.2, 5.3]);
+        let d = |x: [f64; 3]| 2.0 + 0.1 * x[0];
+        let added = refine_space(&points, [10.0; 3], d, 0.803, &CancelToken::never()).unwrap();
+        points.extend(added);
+        let mesh = delaunay(&points).unwrap();
+        let mut worst = 0.0f64;
+        for t in 0..mesh.tets.len() {
+            let corners = mesh.corners(t);
+            let centre = circumcentre(corners);
+            if centre.iter().all(|&c| 0.0 < c && c < 10.0) {
+                worst = worst.max(distance2(&centre, &corners[0]).sqrt() / d(centre));
+            }
+        }
+        assert!(worst <= 0.803 + 1e-9 && worst > 0.7, "{worst}");
+        assert!(points.len() > 200, "{}", points.len());
+    }
+
+    #[test]
+    fn points_in_one_plane_are_refused() {
+        let plane = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+        let refined = refine_space(&plane, [1.0; 3], |_| 1.0, 1.0, &CancelToken::never());
+        assert!(refined.unwrap_err().to_string().contains("span a volume"));
+    }
 }

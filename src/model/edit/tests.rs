@@ -259,7 +259,6 @@ where
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn edits_in_space_stay_local() {
     edits_stay_local([64, 60, 72], 4.0);
 }
@@ -333,7 +332,6 @@ where
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn edits_in_space_are_as_good_as_remeshing() {
     compare_with_remeshing([56, 52, 60], 5.0);
 }
@@ -373,7 +371,6 @@ fn work_does_not_grow_with_the_image() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn work_does_not_grow_with_the_volume() {
     let work = |dims: [usize; 3]| edit_work(dims, &params(5.0));
     check_equal_work(&work([60; 3]), &work([80, 100, 90]));

@@ -384,7 +384,6 @@ mod tests {
         check_well_to_well::<2, TriMesh>(&mesh, [1.0, 1.2], [5.1, 2.8]);
     }
 
-    #[cfg(feature = "tetgen")]
     #[test]
     fn reconstruction_in_polyhedra_is_conservative() {
         let extent = [6.0, 4.0, 3.0];

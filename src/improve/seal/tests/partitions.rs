@@ -183,7 +183,6 @@ fn bumps_and_holes(seed: u64) -> MarkedMesh {
 }
 
 /// Returns the improved mesh of an image of a network of faults.
-#[cfg(feature = "tetgen")]
 fn improved_fault_network(seed: u64) -> MarkedMesh {
     use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::synth::{self, SyntheticKind};
@@ -325,7 +324,6 @@ fn a_rank_that_cancels_stops_all() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn partitions_of_improved_meshes_are_sealed_like_the_whole() {
     let mut max = SealReport::default();
     for seed in 1..5 {

@@ -38,7 +38,6 @@ fn reshape_checked(mesh: TetMesh, request: &ReshapeRequest<3>) -> ReshapeResult<
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn every_atom_but_corners_can_be_removed() {
     let (mesh, kinds) = box_part();
     for node in (0..kinds.len())
@@ -63,7 +62,6 @@ fn every_atom_but_corners_can_be_removed() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn atoms_can_be_inserted_anywhere_also_on_faces_edges_and_sides() {
     let (mesh, kinds) = box_part();
     let middle = |nodes: &[u32]| -> [f64; 3] {
@@ -100,7 +98,6 @@ fn atoms_can_be_inserted_anywhere_also_on_faces_edges_and_sides() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn nodes_reach_their_targets() {
     let (mesh, kinds) = box_part();
     // A wave through the box that leaves the sides unchanged.
@@ -131,7 +128,6 @@ fn nodes_reach_their_targets() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn containing_tet_is_the_one_in_which_the_position_lies_deepest() {
     // A box with a dent: positions behind it cannot be reached by a straight walk.
     let (mut mesh, kinds) = box_part();

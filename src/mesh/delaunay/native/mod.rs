@@ -27,33 +27,47 @@ pub struct Native;
 
 impl Kernel for Native {
     fn triangulate(&self, points: &[[f64; 3]], with_neighbors: bool) -> Result<DelaunayTets> {
-        let scaled = normalized(points);
-        let mut order = insertion_order(&scaled);
-        put_simplex_first(&scaled, &mut order).ok_or_else(|| {
-            delaunay_error(
-                "all points lie in one plane or on one line",
-                "give points that span a volume",
-            )
-        })?;
-        let point = |i: u32| WeightedPoint {
-            x: scaled[i as usize],
-            weight: 0.0,
-        };
-        let first = [order[0], order[1], order[2], order[3]];
-        let mut triangulation = Triangulation::<false>::new(
-            first.map(point),
-            first,
-            bounding_box(&scaled),
-            Grid::of(scaled.iter()),
-            points.len(),
-        );
-        for &i in &order[4..] {
-            triangulation.insert(point(i), i);
-        }
-        drop((order, scaled));
+        let triangulation: Triangulation<false> = incremental(&normalized(points))?;
         let (cells, numbers) = triangulation.into_cells();
         Ok(compacted(cells, &numbers, with_neighbors))
     }
+}
+
+/// Returns the triangulation of `points`, to which more points can be added. Coordinates are
+/// between 1e-15 and 1e15, or smaller than what matters.
+///
+/// # Errors
+/// Returns [`Error::Delaunay`](crate::Error::Delaunay) if all points lie in one plane.
+pub fn incremental<const WEIGHTED: bool>(points: &[[f64; 3]]) -> Result<Triangulation<WEIGHTED>> {
+    let mut order = insertion_order(points);
+    put_simplex_first(points, &mut order).ok_or_else(|| {
+        delaunay_error(
+            "all points lie in one plane or on one line",
+            "give points that span a volume",
+        )
+    })?;
+    Ok(inserted(points, &[], &order))
+}
+
+/// Returns the triangulation of `points` with `weights`, all 0 if there are none, inserted in an
+/// order that begins with four points that are not in one plane.
+fn inserted<const WEIGHTED: bool>(
+    points: &[[f64; 3]],
+    weights: &[f64],
+    order: &[u32],
+) -> Triangulation<WEIGHTED> {
+    let point = |i: u32| WeightedPoint {
+        x: points[i as usize],
+        weight: weights.get(i as usize).copied().unwrap_or(0.0),
+    };
+    let first = [order[0], order[1], order[2], order[3]];
+    let grid = Grid::of(points.iter());
+    let bounds = bounding_box(points);
+    let mut triangulation = Triangulation::new(first.map(point), first, bounds, grid, points.len());
+    for &i in &order[4..] {
+        triangulation.insert(point(i), i);
+    }
+    triangulation
 }
 
 /// Returns the points times the power of two that brings the largest coordinate between 1 and 2.

@@ -172,26 +172,6 @@ fn the_order_of_insertion_does_not_matter() {
     }
 }
 
-fn inserted<const WEIGHTED: bool>(
-    points: &[[f64; 3]],
-    weights: &[f64],
-    order: &[u32],
-) -> Triangulation<WEIGHTED> {
-    let point = |i: u32| WeightedPoint {
-        x: points[i as usize],
-        weight: weights.get(i as usize).copied().unwrap_or(0.0),
-    };
-    let first = [order[0], order[1], order[2], order[3]];
-    let grid = Grid::of(points.iter());
-    let bounds = bounding_box(points);
-    let mut triangulation =
-        Triangulation::<WEIGHTED>::new(first.map(point), first, bounds, grid, points.len());
-    for &i in &order[4..] {
-        triangulation.insert(point(i), i);
-    }
-    triangulation
-}
-
 #[test]
 fn weights_give_the_lower_hull_of_lifted_points() {
     for seed in 0..20 {

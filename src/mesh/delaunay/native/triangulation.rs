@@ -20,6 +20,8 @@ use crate::geometry::{cross, dot, sub};
 
 /// The vertex at infinity. Points have the vertices 1, 2, ...
 pub const GHOST: u32 = 0;
+/// Vertices of a removed cell. It counts as a ghost.
+const REMOVED: [u32; 4] = [GHOST; 4];
 /// Stands for a cell that does not exist.
 const NO_CELL: u32 = u32::MAX;
 /// Stands for a vertex that is not on the boundary of the cavity.
@@ -252,16 +254,42 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         self.points.len() as u32 - 1
     }
 
+    /// Returns the point numbers of the cells inside the hull.
+    pub fn tets(&self) -> Vec<[u32; 4]> {
+        let finite = self.cells.iter().filter(|cell| cell.is_finite());
+        finite
+            .map(|cell| cell.vertices.map(|v| self.numbers[v as usize]))
+            .collect()
+    }
+
     /// Returns all cells, among them ghosts and removed ones, and the number of each vertex.
-    pub fn into_cells(mut self) -> (Vec<Cell>, Vec<u32>) {
-        for &slot in &self.free {
-            self.cells[slot as usize].vertices = [GHOST; 4];
-        }
+    pub fn into_cells(self) -> (Vec<Cell>, Vec<u32>) {
         (self.cells, self.numbers)
     }
 
+    /// Returns the number of slots for cells, some of which may be free.
+    pub fn cell_count(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Returns the cell of a slot.
+    pub fn cell(&self, slot: u32) -> &Cell {
+        &self.cells[slot as usize]
+    }
+
+    /// Returns the slots of the cells that the last insertion or replacement made.
+    pub fn new_cells(&self) -> impl Iterator<Item = u32> + '_ {
+        self.new_cells.iter().map(|cell| cell.slot)
+    }
+
+    /// Returns the number of a vertex's point.
+    pub fn number(&self, vertex: u32) -> u32 {
+        self.numbers[vertex as usize]
+    }
+
+    /// Returns the position of a vertex.
     #[inline]
-    fn point(&self, vertex: u32) -> [f64; 3] {
+    pub fn point(&self, vertex: u32) -> [f64; 3] {
         self.points[vertex as usize]
     }
 
@@ -489,7 +517,69 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         for &v in &self.link {
             self.local_index[v as usize] = NOT_LOCAL;
         }
+        for &slot in &self.cavity {
+            self.cells[slot as usize].vertices = REMOVED;
+        }
         self.free.extend_from_slice(&self.cavity);
+    }
+
+    /// Replaces connected cells, all cells of `vertex` inside the hull among them, by cells that
+    /// join the vertex with the boundary of these cells. The boundary is seen from the vertex as a
+    /// whole, and no other vertex is inside it. Afterwards the triangulation is no longer that of
+    /// the weights of `insert`, and nothing can be inserted.
+    pub fn replace_star(&mut self, vertex: u32, removed: &[u32]) {
+        self.new_cells.clear();
+        // The two faces at each edge that is opposite the vertex, as 4 times the cell plus corner.
+        let mut edges: Vec<([u32; 2], u32)> = Vec::new();
+        let sorted = |a: u32, b: u32| [a.min(b), a.max(b)];
+        let mut faces = Vec::new();
+        for &cell in removed {
+            let cell = self.cells[cell as usize];
+            for k in 0..4 {
+                let outer = cell.neighbors[k];
+                if removed.contains(&(outer >> 2)) {
+                    continue;
+                }
+                let others = [1, 2, 3].map(|j| cell.vertices[ROTATIONS[k][j]]);
+                if others.contains(&vertex) {
+                    let mut edge = others.into_iter().filter(|v| *v != vertex);
+                    if let (Some(a), Some(b)) = (edge.next(), edge.next()) {
+                        edges.push((sorted(a, b), outer));
+                    }
+                } else {
+                    faces.push((others, outer));
+                }
+            }
+        }
+        for &slot in removed {
+            self.cells[slot as usize].vertices = REMOVED;
+        }
+        self.free.extend_from_slice(removed);
+        for ([a, b, c], outer) in faces {
+            let cell = Cell {
+                vertices: [vertex, a, b, c],
+                neighbors: [outer, 0, 0, 0],
+            };
+            let slot = self.put_cell(cell, Sphere::UNKNOWN);
+            self.cells[(outer >> 2) as usize].neighbors[(outer & 3) as usize] = 4 * slot;
+            self.new_cells.push(NewCell {
+                slot,
+                locals: [0; 3],
+            });
+            edges.push((sorted(b, c), 4 * slot + 1));
+            edges.push((sorted(c, a), 4 * slot + 2));
+            edges.push((sorted(a, b), 4 * slot + 3));
+        }
+        edges.sort_unstable();
+        for pair in edges.chunks_exact(2) {
+            self.connect(pair[0].1, pair[1].1);
+        }
+    }
+
+    /// Makes two faces, given as 4 times the cell plus the corner, those of neighbours.
+    fn connect(&mut self, a: u32, b: u32) {
+        self.cells[(a >> 2) as usize].neighbors[(a & 3) as usize] = b;
+        self.cells[(b >> 2) as usize].neighbors[(b & 3) as usize] = a;
     }
 
     /// Stores a new cell and returns its slot. Slots of removed cells are used first.
@@ -543,9 +633,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         }
         edges.sort_unstable();
         for pair in edges.chunks_exact(2) {
-            let [a, b] = [pair[0].2, pair[1].2];
-            self.cells[(a >> 2) as usize].neighbors[(a & 3) as usize] = b;
-            self.cells[(b >> 2) as usize].neighbors[(b & 3) as usize] = a;
+            self.connect(pair[0].2, pair[1].2);
         }
     }
 

@@ -219,7 +219,6 @@ fn edits_of_polygons_stay_local() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn edits_of_polyhedra_stay_local() {
     edits_stay_local([56, 48, 60], 4.0);
 }
@@ -341,7 +340,6 @@ fn faults_among_polygons_are_edited_in_moved_and_taken_out() {
 }
 
 #[test]
-#[cfg(feature = "tetgen")]
 fn faults_among_polyhedra_are_edited_in_moved_and_taken_out() {
     faults_come_and_go([56, 44, 44], 4.0, 9.0);
 }

@@ -357,7 +357,6 @@ fn labels_of_facets_return_to_their_faces() {
     // A face between two simplices has two numbers.
     check::<3, TetMesh>(&cubes([4, 3, 2]), 2 * 2 * 6);
     check::<2, TriMesh>(&cubes([4, 3]), 2 * 3);
-    #[cfg(feature = "tetgen")]
     check::<3, PolyMesh<3>>(&boxes([4, 3, 2]), 6);
     check::<2, PolyMesh<2>>(&squares([4, 3]), 3);
 }

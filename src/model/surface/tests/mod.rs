@@ -5,7 +5,6 @@
 //! - `meshed`: surfaces in meshes of images
 
 mod grouping;
-#[cfg(feature = "tetgen")]
 mod meshed;
 mod painting;
 
@@ -117,7 +116,6 @@ fn squares(dims: [usize; 2]) -> PolyMesh<2> {
     voronoi_plane(&cube_sites(dims), dims.map(|n| n as f64)).unwrap()
 }
 
-#[cfg(feature = "tetgen")]
 fn boxes(dims: [usize; 3]) -> PolyMesh<3> {
     crate::mesh::voronoi::voronoi(&cube_sites(dims), dims.map(|n| n as f64)).unwrap()
 }

@@ -29,7 +29,6 @@ fn cells_have_volumes_and_links() {
     assert!(duplicated.cells_of_faces().is_err());
 }
 
-#[cfg(feature = "tetgen")]
 #[test]
 fn find_cell_returns_the_cell_of_the_nearest_site_despite_tiny_faces() {
     let mut seed = 7;
@@ -126,7 +125,6 @@ fn check_paint_fills_layer<const D: usize, F: Mesh<D>>(mesh: &F, thickness: f64)
 fn paint_fills_the_layer_of_its_seed_and_no_more() {
     check_paint_fills_layer::<3, TetMesh>(&cubes([12, 12, 18]), 6.0);
     check_paint_fills_layer::<2, TriMesh>(&cubes([12, 36]), 12.0);
-    #[cfg(feature = "tetgen")]
     check_paint_fills_layer::<3, PolyMesh<3>>(&boxes([12, 12, 36]), 12.0);
     check_paint_fills_layer::<2, PolyMesh<2>>(&squares([12, 36]), 12.0);
 }
@@ -219,7 +217,6 @@ fn check_enclosed_volume<const D: usize, F: Mesh<D>>(mesh: &F) {
 fn the_enclosing_facets_of_a_region_are_closed_and_have_its_volume() {
     check_enclosed_volume::<3, TetMesh>(&cubes([5, 4, 3]));
     check_enclosed_volume::<2, TriMesh>(&cubes([9, 7]));
-    #[cfg(feature = "tetgen")]
     check_enclosed_volume::<3, PolyMesh<3>>(&boxes([5, 4, 6]));
     check_enclosed_volume::<2, PolyMesh<2>>(&squares([9, 11]));
 }

@@ -56,8 +56,9 @@ const MIN_LARGE: usize = 40_000;
 const MIN_SLAB_POINTS: usize = 20_000;
 
 /// Computes Delaunay triangulations in space.
-trait Kernel: Sync {
-    /// Returns the tetrahedra of `points`, which have passed `check_points`, in no particular
+pub trait Kernel: Sync {
+    /// Returns the tetrahedra of `points`, of which at least four are not in one plane and
+    /// all are finite, in no particular
     /// order, and the neighbours of each if they are requested. A point that coincides with another
     /// may be left out.
     ///
@@ -97,8 +98,8 @@ impl DelaunayKernel {
         Ok(())
     }
 
-    /// Returns the kernel for a number of points.
-    fn kernel(self, point_count: usize) -> &'static dyn Kernel {
+    /// Returns the kernel for a number of points. Without TetGen it is always our own.
+    pub fn kernel(self, point_count: usize) -> &'static dyn Kernel {
         #[cfg(feature = "tetgen")]
         {
             let is_small = point_count < MIN_LARGE;

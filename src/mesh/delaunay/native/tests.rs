@@ -221,6 +221,35 @@ fn duplicates_are_left_out() {
     assert!(!tets.as_flattened().contains(&77) || !tets.as_flattened().contains(&1500));
 }
 
+#[test]
+#[ignore = "slow: make test-all"]
+#[cfg(feature = "tetgen")]
+fn a_hundred_thousand_small_sets_have_the_tetrahedra_of_tetgen() {
+    use crate::mesh::delaunay::tetgen::Tetgen;
+    let mut random = Random::new(2026);
+    for set in 0..100_000 {
+        let count = 4 + (random.draw() * 30.0) as usize;
+        // A third of the sets on a coarse grid, a third on a fine one, a third anywhere.
+        let grid = [4.0, 64.0, 0.0][set % 3];
+        let mut coordinate = || match grid {
+            0.0 => random.draw(),
+            cells => (random.draw() * cells).floor(),
+        };
+        let mut points: Vec<[f64; 3]> = (0..count)
+            .map(|_| std::array::from_fn(|_| coordinate()))
+            .collect();
+        points.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        points.dedup();
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        if points.len() < 4 || put_simplex_first(&points, &mut order).is_none() {
+            continue;
+        }
+        let mut by_tetgen = Tetgen.triangulate(&points, true).unwrap();
+        sort_canonical(points.len(), &mut by_tetgen);
+        assert!(triangulated(&points) == by_tetgen, "set {set}: {points:?}");
+    }
+}
+
 fn small_sets() -> impl Strategy<Value = Vec<[f64; 3]>> {
     // Coordinates on a coarse grid make ties of every kind.
     let coarse = prop::array::uniform3((0u8..5).prop_map(f64::from));

@@ -140,12 +140,6 @@ fn forward_event(on_event: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
     .map(|_| ())
 }
 
-/// Makes TetGen run in processes of this program.
-#[pyfunction]
-fn run_tetgen_in(program: PathBuf) {
-    atomesh::mesh::delaunay::run_in_worker(program);
-}
-
 /// Returns the verbs and their options as JSON.
 #[pyfunction]
 fn describe() -> String {
@@ -168,7 +162,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<objects::Image>()?;
     module.add_class::<objects::Surfaces>()?;
     module.add_function(wrap_pyfunction!(run, module)?)?;
-    module.add_function(wrap_pyfunction!(run_tetgen_in, module)?)?;
     module.add_function(wrap_pyfunction!(describe, module)?)?;
     module.add_function(wrap_pyfunction!(export_formats, module)?)
 }

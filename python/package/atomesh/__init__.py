@@ -16,7 +16,6 @@ Error, and also of the standard exception that fits them: TypeError, ValueError,
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import _native
@@ -56,8 +55,6 @@ __all__ = [
 ]
 
 __version__ = _native.__version__
-
-_native.run_tetgen_in(Path(__file__).parent / "atomesh-tetgen")
 
 
 def feature(volume: Volume, *, progress: Progress = False, **options: Unpack[FeatureOptions]) -> Image:

@@ -61,7 +61,7 @@ fn inserted<const WEIGHTED: bool>(
         weight: weights.get(i as usize).copied().unwrap_or(0.0),
     };
     let first = [order[0], order[1], order[2], order[3]];
-    let grid = Grid::of(points.iter());
+    let grid = Grid::from_points(points.iter());
     let bounds = bounding_box(points);
     let mut triangulation = Triangulation::new(first.map(point), first, bounds, grid, points.len());
     for &i in &order[4..] {

@@ -35,7 +35,7 @@ const SMALL: i64 = 1 << 23;
 pub struct WeightedPoint {
     /// Coordinates.
     pub x: [f64; 3],
-    /// Square of the radius of the sphere round the point.
+    /// Square of the radius of the sphere around the point.
     pub weight: f64,
 }
 
@@ -49,7 +49,7 @@ pub struct Grid {
 
 impl Grid {
     /// Returns the coarsest grid of `points`.
-    pub fn of<'a>(points: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Self {
+    pub fn from_points<'a>(points: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Self {
         let unit = common_unit(points.clone().flatten().copied());
         let largest = points.flatten().fold(0.0f64, |m, x| m.max(x.abs()));
         let scale = scale_of(unit).filter(|scale| largest * scale < MAX_COORDINATE);
@@ -115,7 +115,7 @@ fn exact_orientation(points: [[f64; 3]; 4]) -> i32 {
 
 /// Returns the position of `e` relative to the sphere through the corners of a positively oriented
 /// tetrahedron: 1 outside, -1 inside. If all weights are 0, this is the circumsphere; otherwise
-/// the sphere that is orthogonal to the spheres round the corners, and 1 means that the power of
+/// the sphere that is orthogonal to the spheres around the corners, and 1 means that the power of
 /// `e` is larger than its weight.
 ///
 /// Never returns 0: if `e` lies on the sphere, the answer is that for weights that differ by
@@ -194,11 +194,11 @@ fn perturbed(points: [[f64; 3]; 5], numbers: [u32; 5]) -> i32 {
         }
     }
     // The cofactors of the lifts, the lowest number first.
-    for left_out in 0..5 {
-        let others = std::array::from_fn(|i| order[i + usize::from(i >= left_out)]);
+    for dropped in 0..5 {
+        let others = std::array::from_fn(|i| order[i + usize::from(i >= dropped)]);
         let cofactor = orientation(others.map(|i: usize| points[i]));
         if cofactor != 0 {
-            return if left_out % 2 == 0 {
+            return if dropped % 2 == 0 {
                 -parity * cofactor
             } else {
                 parity * cofactor

@@ -81,7 +81,7 @@ fn assert_is_delaunay(name: &str, points: &[[f64; 3]], all: &DelaunayTets) {
         x: scaled[n as usize],
         weight: 0.0,
     };
-    let grid = Grid::of(scaled.iter());
+    let grid = Grid::from_points(scaled.iter());
     let mut hull = Vec::new();
     for (t, (tet, neighbors)) in all.tets.iter().zip(&all.neighbors).enumerate() {
         assert_eq!(orientation(tet.map(|n| point(n).x)), 1, "{name}");
@@ -186,7 +186,7 @@ fn weights_give_the_lower_hull_of_lifted_points() {
             x: points[n as usize],
             weight: weights[n as usize],
         };
-        let grid = Grid::of(points.iter());
+        let grid = Grid::from_points(points.iter());
         let mut volume = 0.0;
         for tet in &tets {
             assert_eq!(orientation(tet.map(|n| point(n).x)), 1);

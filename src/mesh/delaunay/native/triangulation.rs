@@ -41,7 +41,7 @@ const ROTATIONS: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3
 pub struct Cell {
     /// Vertices.
     pub vertices: [u32; 4],
-    /// What lies beyond the face opposite each vertex: 4 times the cell plus the corner of that cell
+    /// The neighbour beyond the face opposite each vertex: 4 times the cell plus the corner of it
     /// that is opposite the face.
     pub neighbors: [u32; 4],
 }
@@ -63,7 +63,7 @@ impl Cell {
 /// rounded. For a ghost cell the outward unit normal of its face, and the largest product of it
 /// with a point behind the face. The last bit of the last number is 1 for ghost cells.
 ///
-/// With weights, the radius is that of the sphere that is orthogonal to the spheres round the
+/// With weights, the radius is that of the sphere that is orthogonal to the spheres around the
 /// corners.
 #[derive(Debug, Clone, Copy)]
 struct Sphere([f32; 4]);

@@ -194,12 +194,12 @@ fn solve_inner_rates<const D: usize>(
         }
     }
     inner_faces.sort_unstable();
+    // Two faces of a cell with three common nodes on one line may both have the diagonal between
+    // the outer two. It joins facets of the same face, whose parts have successive numbers.
     let pairs: Vec<[usize; 2]> = inner_faces
         .chunk_by(|a, b| a.0 == b.0)
-        .filter_map(|same| match same {
-            [a, b] => Some([a.1 as usize, b.1 as usize]),
-            _ => None,
-        })
+        .flat_map(|same| same.as_chunks().0)
+        .map(|[a, b]| [a.1 as usize, b.1 as usize])
         .collect();
     // Each part keeps its share of the cell's source; the excess flows to its neighbours.
     let source: f64 = parts.outflow.iter().sum();

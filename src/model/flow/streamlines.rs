@@ -23,6 +23,7 @@ use super::wells::{LocatedWell, barycentric};
 use crate::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::{ArraySource, Document};
+use crate::geometry::distance2;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
@@ -43,6 +44,10 @@ pub struct Streamlines<const D: usize = 3> {
     /// The rate that each line carries.
     pub rate: f64,
 }
+
+/// A cell with a smaller volume, relative to the cube of its longest edge at one corner, is flat: its
+/// shape is rounding error.
+const FLAT_VOLUME: f64 = 1e-12;
 
 /// A face where streamlines begin. `cell` is the cell that fluid enters through the face; if
 /// `source` is given, it is the cell that fluid leaves.
@@ -268,6 +273,13 @@ fn point_on_face<const D: usize, M: Simplices<D>>(
     })
 }
 
+/// Returns `true` if a cell has no volume but for rounding errors.
+fn is_flat<const D: usize>(corners: &[[f64; D]; 4], volume: f64) -> bool {
+    let lengths2 = corners[1..=D].iter().map(|p| distance2(p, &corners[0]));
+    let longest = lengths2.fold(0.0, f64::max).sqrt();
+    volume <= FLAT_VOLUME * longest.powi(D as i32)
+}
+
 /// Appends the points of a path that starts at the last point, which lies in `cell`. Returns the
 /// cell in which the path ends, or `None` if it leaves the mesh.
 fn trace_path<const D: usize, M: Simplices<D>>(
@@ -282,6 +294,17 @@ fn trace_path<const D: usize, M: Simplices<D>>(
     for _ in 0..MAX_CROSSED_FACES {
         let p = corners(mesh, cell as usize);
         let (outflow, neighbors) = rates.faces_of(cell as usize);
+        if is_flat(&p, mesh.volume(cell as usize)) {
+            // The path crosses the cell in one point, where most of the fluid leaves it.
+            let widest = (0..=D).max_by(|&a, &b| outflow[a].total_cmp(&outflow[b]));
+            match widest.map(|k| neighbors[k]) {
+                Some(next) if next != NONE && next != previous => {
+                    (previous, cell) = (cell, next);
+                    continue;
+                }
+                _ => return Some(cell),
+            }
+        }
         let size = D as f64 * mesh.volume(cell as usize);
         let growth = outflow.iter().sum::<f64>() / size;
         let velocity: [f64; D] = std::array::from_fn(|c| {

@@ -42,9 +42,12 @@ pub fn marked_facets<const D: usize, F: Mesh<D>>(mesh: &F, marks: &[bool]) -> Ve
     facets_where(mesh, |face, _| marks[face])
 }
 
-/// Returns a label for each face of a mesh: the most frequent label of its facets in `labelled`
-/// (nodes ascending, sorted), the first one of equals. It is 0 unless all facets of the face have a
-/// label. If two faces share a facet, each gets its own label.
+/// Returns a label for each face of a mesh: the label that covers most of the area of its facets in
+/// `labelled` (nodes ascending, sorted), the first one of equals. It is 0 unless all facets of the
+/// face have a label.
+///
+/// Two polyhedral faces share a facet if three of its nodes lie on one edge of both. Such a facet
+/// has no area, so that its label, which may be that of the other face, does not count.
 pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
     mesh: &F,
     labelled: &[([u32; D], u32)],
@@ -54,7 +57,7 @@ pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
         is_labelled[n as usize] = true;
     }
     let label = |face: usize| {
-        let mut counts: Vec<(u32, usize)> = Vec::new();
+        let mut areas: Vec<(u32, f64)> = Vec::new();
         let mut has_unlabelled = false;
         mesh.facets(face, |mut facet| {
             facet.sort_unstable();
@@ -71,15 +74,16 @@ pub fn labels_of_faces<const D: usize, F: Mesh<D>>(
                 return;
             };
             let facet_label = labelled[index].1;
-            match counts.iter_mut().find(|count| count.0 == facet_label) {
-                Some(count) => count.1 += 1,
-                None => counts.push((facet_label, 1)),
+            let area = norm(normal(&facet.map(|n| mesh.nodes()[n as usize])));
+            match areas.iter_mut().find(|entry| entry.0 == facet_label) {
+                Some(entry) => entry.1 += area,
+                None => areas.push((facet_label, area)),
             }
         });
-        let mut best = (0, 0);
-        for count in counts {
-            if count.1 > best.1 {
-                best = count;
+        let mut best = (0, -1.0);
+        for entry in areas {
+            if entry.1 > best.1 {
+                best = entry;
             }
         }
         if has_unlabelled { 0 } else { best.0 }

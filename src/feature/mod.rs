@@ -84,10 +84,11 @@ use crate::error::Result;
 use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
 use crate::progress::{CancelToken, Stage};
 use detectors::auto::LayerChoice;
-use detectors::{Detector, DetectorInput, labels};
+use detectors::labels::{self, LabelSpacing};
+use detectors::{Detector, DetectorInput, DetectorOutput};
 use potential::PotentialValleys;
 use std::borrow::Cow;
-use surfaces::{FeatureSurfaces, OpenSides};
+use surfaces::{FeatureSurfaces, OpenSides, SurfaceRules};
 use volume::Volume;
 use windows::Samples;
 
@@ -355,56 +356,20 @@ fn run_detector<const D: usize>(
     let (dims, options, kind) = (input.dims(), input.options, detector.kind());
     detection::ensure_sample_count(dims, detector.max_samples())?;
     let mut notes = Vec::new();
-    let output = detector.find(input, &mut notes);
-    input.cancel.set_fraction(PROGRESS_FOUND);
-    input.cancel.check(Stage::Features)?;
-    let mut output = output?;
-    match (input.live_mask, input.source) {
-        (Some(live), _) => output.candidates.retain(|c| {
-            let at = Volume::new(dims, &[]).coordinates(c.voxel.index());
-            live.is_usable(at)
-        }),
-        (None, ImageSource::InMemory(image)) => {
-            output.drop_near_missing_data(image, detector.extra_reach(), &mut notes, input.comm)?;
-        }
-        (None, ImageSource::Layered(_)) => (),
-    }
-    let thresholds = output.thresholds;
-    let rules = surfaces::SurfaceRules {
-        high: thresholds.high,
-        agreement: if output.has_sharp_normals {
-            surfaces::SHARP_NORMALS
-        } else {
-            surfaces::BLUNT_NORMALS
-        },
-        resolution: options.min_distance()
-            * match output.labels {
-                Some(_) => INTERFACE_RESOLUTION,
-                None => detector.resolution(),
-            },
-        min_area: match output.labels {
-            // Components that are too small were absorbed before: all others are followed.
-            Some(_) => 0.0,
-            None => input.min_area(detector.min_surface_cells()),
-        },
-        min_strong_share: detector.min_strong_share(),
-        min_width: detector.min_width(options.d_min),
-        open_sides,
-    };
+    let output = find_candidates(input, detector, &mut notes)?;
+    let rules = surface_rules(input, detector, &output, open_sides);
+    let resolved = resolved_options(kind, &output, &rules);
     let comm = input.comm;
-    let comm_and_cancel = (comm, input.cancel);
     let mut surfaces = surfaces::extract_surfaces(
         dims,
         output.candidates,
         output.layers,
         options.step,
         &rules,
-        comm_and_cancel,
+        (comm, input.cancel),
     )?;
     input.cancel.set_fraction(PROGRESS_GROUPED);
     surfaces.describe(kind, &rules, &mut notes);
-    let sigma = options.d_max() / 4.0;
-    let gaps = options.gap_distance_range();
     // The spacing of labels needs the points of all ranks.
     let is_partitioned = options.is_distributed && output.labels.is_none();
     let points_comm: &dyn Comm = if is_partitioned {
@@ -413,70 +378,22 @@ fn run_detector<const D: usize>(
         surfaces = surfaces.gather(comm)?;
         &SelfComm
     };
-    // Edges do not cross at small angles, but noise scatters their normals, so that points of one
-    // edge are told apart by the number of their surface. Other surfaces may run as near to each
-    // other as points of one surface do: they are told apart by their normals.
-    let has_scattered_normals = detector.has_scattered_normals();
-    let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
-    let spacing = gaps.map(|[min, max]| {
-        let points = &surfaces.points;
-        let has_labels = output.labels.is_some();
-        let min_spacing = if has_labels {
-            labels::MIN_THIN_DISTANCE_RATIO * min
-        } else {
-            min
-        };
-        let limits = [min_spacing, max];
-        let mut spacing =
-            local_feature_size::spacing(dims, points, surface, options.step, limits, points_comm)?;
-        if has_labels {
-            let distances = spacing.iter_mut();
-            distances.for_each(|gap| *gap = labels::distance_in_gap(*gap, [min, max]));
-        }
-        Ok(spacing)
-    });
-    let spacing = spacing.transpose()?;
-    let (labels, limits) = output.labels.unzip();
-    let spacing = match limits {
-        Some(limits) => limits.spacing(&surfaces.points, options.step, spacing),
-        None => spacing,
-    };
-    if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {
-        if labels.is_some() {
-            limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
-        }
-        notes.push(local_feature_size::spacing_note(
-            spacing,
-            limits,
-            points_comm,
-        )?);
-    }
-    let direct_potential = match input.source {
-        ImageSource::InMemory(image) => detector.potential(image),
-        ImageSource::Layered(_) => None,
-    };
-    let potential = match direct_potential {
-        Some(samples) => SparseField::from_field(&sample_field(dims, options, samples)),
-        None => {
-            let FeatureSurfaces { points, is_rim, .. } = &surfaces;
-            // A valley is as wide as a quarter of the distance between atoms there (Hale 2002).
-            let valleys = PotentialValleys {
-                dims,
-                step: options.step,
-                sigma,
-                points: Cow::Borrowed(points),
-                is_rim: Cow::Borrowed(is_rim),
-                spacing: spacing.as_deref().map(Cow::Borrowed),
-            };
-            match (is_partitioned, options.is_distributed) {
-                (false, false) => valleys.potential(input.cancel),
-                (false, true) => valleys.distributed_potential(comm, input.cancel),
-                (true, _) => valleys
-                    .gather_for_share(comm)?
-                    .distributed_potential(comm, input.cancel),
-            }
-        }
-    };
+    let (labels, label_spacing) = output.labels.unzip();
+    let spacing = point_spacing(
+        input,
+        detector,
+        &surfaces,
+        label_spacing.as_ref(),
+        points_comm,
+        &mut notes,
+    )?;
+    let potential = feature_potential(
+        input,
+        detector,
+        &surfaces,
+        spacing.as_deref(),
+        is_partitioned,
+    )?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
     let outcome = KindOutcome {
@@ -501,24 +418,163 @@ fn run_detector<const D: usize>(
         surface: surfaces.surface,
         spacing,
         potential,
-        sigma,
+        sigma: options.d_max() / 4.0,
         outcomes: vec![outcome],
         missing: None,
         notes,
-        resolved: vec![ResolvedOptions {
-            kind,
-            scale: output.scale,
-            low: thresholds.low,
-            high: thresholds.high,
-            min_area: rules.min_area,
-            mask: output.mask_value,
-        }],
+        resolved: vec![resolved],
         labels,
         confidence: output
             .confidence
             .map(|samples| sample_field(dims, options, samples)),
         doubt: None,
     })
+}
+
+/// Runs a detector, and drops candidates near samples that hold no data.
+fn find_candidates<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    notes: &mut Vec<String>,
+) -> Result<DetectorOutput<D>> {
+    let output = detector.find(input, notes);
+    input.cancel.set_fraction(PROGRESS_FOUND);
+    input.cancel.check(Stage::Features)?;
+    let mut output = output?;
+    match (input.live_mask, input.source) {
+        (Some(live), _) => output.candidates.retain(|c| {
+            let at = Volume::new(input.dims(), &[]).coordinates(c.voxel.index());
+            live.is_usable(at)
+        }),
+        (None, ImageSource::InMemory(image)) => {
+            output.drop_near_missing_data(image, detector.extra_reach(), notes, input.comm)?;
+        }
+        (None, ImageSource::Layered(_)) => (),
+    }
+    Ok(output)
+}
+
+/// Returns the rules by which the candidates in `output` form surfaces.
+fn surface_rules<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    output: &DetectorOutput<D>,
+    open_sides: OpenSides<D>,
+) -> SurfaceRules<D> {
+    SurfaceRules {
+        high: output.thresholds.high,
+        agreement: if output.has_sharp_normals {
+            surfaces::SHARP_NORMALS
+        } else {
+            surfaces::BLUNT_NORMALS
+        },
+        resolution: input.options.min_distance()
+            * match output.labels {
+                Some(_) => INTERFACE_RESOLUTION,
+                None => detector.resolution(),
+            },
+        min_area: match output.labels {
+            // Components that are too small were absorbed before: all others are followed.
+            Some(_) => 0.0,
+            None => input.min_area(detector.min_surface_cells()),
+        },
+        min_strong_share: detector.min_strong_share(),
+        min_width: detector.min_width(input.options.d_min),
+        open_sides,
+    }
+}
+
+/// Returns the scales and thresholds with which features were found.
+fn resolved_options<const D: usize>(
+    kind: FeatureKind,
+    output: &DetectorOutput<D>,
+    rules: &SurfaceRules<D>,
+) -> ResolvedOptions {
+    ResolvedOptions {
+        kind,
+        scale: output.scale,
+        low: output.thresholds.low,
+        high: output.thresholds.high,
+        min_area: rules.min_area,
+        mask: output.mask_value,
+    }
+}
+
+/// Returns the distance between atoms at each point of `surfaces`, if it follows the gaps between
+/// features or the label of the point, and adds a note on its range. The ranks of `comm` share the
+/// points.
+fn point_spacing<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    surfaces: &FeatureSurfaces<D>,
+    labels: Option<&LabelSpacing<D>>,
+    comm: &dyn Comm,
+    notes: &mut Vec<String>,
+) -> Result<Option<Vec<f32>>> {
+    let (points, step) = (&surfaces.points, input.options.step);
+    let gaps = input.options.gap_distance_range();
+    // Edges do not cross at small angles, but noise scatters their normals, so that points of one
+    // edge are told apart by the number of their surface. Other surfaces may run as near to each
+    // other as points of one surface do: they are told apart by their normals.
+    let has_scattered_normals = detector.has_scattered_normals();
+    let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
+    let gap_spacing = |[min, max]: [f64; 2]| {
+        let spacing =
+            |limits| local_feature_size::spacing(input.dims(), points, surface, step, limits, comm);
+        if labels.is_none() {
+            return spacing([min, max]);
+        }
+        let mut spacing = spacing([labels::MIN_THIN_DISTANCE_RATIO * min, max])?;
+        let distances = spacing.iter_mut();
+        distances.for_each(|gap| *gap = labels::distance_in_gap(*gap, [min, max]));
+        Ok(spacing)
+    };
+    let mut spacing = gaps.map(gap_spacing).transpose()?;
+    if let Some(labels) = labels {
+        spacing = labels.spacing(points, step, spacing);
+    }
+    if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {
+        if labels.is_some() {
+            limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
+        }
+        notes.push(local_feature_size::spacing_note(spacing, limits, comm)?);
+    }
+    Ok(spacing)
+}
+
+/// Returns the potential b(x): that of the detector, if it has its own, or else a valley along each
+/// surface.
+fn feature_potential<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    surfaces: &FeatureSurfaces<D>,
+    spacing: Option<&[f32]>,
+    is_partitioned: bool,
+) -> Result<SparseField<D>> {
+    let (dims, options, cancel) = (input.dims(), input.options, input.cancel);
+    if let ImageSource::InMemory(image) = input.source
+        && let Some(samples) = detector.potential(image)
+    {
+        let field = sample_field(dims, options, samples);
+        return Ok(SparseField::from_field(&field));
+    }
+    // A valley is as wide as a quarter of the distance between atoms there (Hale 2002).
+    let valleys = PotentialValleys {
+        dims,
+        step: options.step,
+        sigma: options.d_max() / 4.0,
+        points: Cow::Borrowed(&surfaces.points),
+        is_rim: Cow::Borrowed(&surfaces.is_rim),
+        spacing: spacing.map(Cow::Borrowed),
+    };
+    match (is_partitioned, options.is_distributed) {
+        (false, false) => Ok(valleys.potential(cancel)),
+        (false, true) => Ok(valleys.distributed_potential(input.comm, cancel)),
+        (true, _) => {
+            let valleys = valleys.gather_for_share(input.comm)?;
+            Ok(valleys.distributed_potential(input.comm, cancel))
+        }
+    }
 }
 
 /// Returns a field in lattice space with a value at each sample of the image.

@@ -45,6 +45,19 @@ struct TraceDepths {
     min_step: f64,
 }
 
+/// Returns the smallest and the largest depth that all traces cover, times the `direction` of the
+/// samples (1 or -1), and the smallest step of any trace.
+fn common_depths(traces: &[TraceDepths], direction: f64) -> [f64; 3] {
+    let everything = [f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
+    traces.iter().fold(everything, |[start, end, step], trace| {
+        [
+            start.max(direction * trace.start),
+            end.min(direction * trace.end),
+            step.min(trace.min_step),
+        ]
+    })
+}
+
 impl<const D: usize> DepthConversion<D> {
     /// Creates the conversion for `image` and for all images on the same grid, with the given
     /// velocities.
@@ -76,13 +89,7 @@ impl<const D: usize> DepthConversion<D> {
             time_geometry: time,
             dims,
         };
-        let trace_starts: Vec<[f64; D]> = (0..dims.iter().product::<usize>()
-            / dims[time_axis].max(1))
-            .filter(|&lane| {
-                time_axis != 0 || !image.missing.get(lane).is_some_and(|missing| *missing)
-            })
-            .map(|lane| conversion.trace_start(lane))
-            .collect();
+        let trace_starts = conversion.trace_starts(&image.missing);
         let trace_ends = |&start: &[f64; D]| {
             let mut index = start;
             index[time_axis] = dims[time_axis] as f64 - 1.0;
@@ -101,15 +108,7 @@ impl<const D: usize> DepthConversion<D> {
             .map(|&s| conversion.trace_depths(s))
             .collect();
         let direction = conversion.time_step.signum();
-        let start = extents
-            .iter()
-            .fold(f64::NEG_INFINITY, |max, e| max.max(direction * e.start));
-        let end = extents
-            .iter()
-            .fold(f64::INFINITY, |min, e| min.min(direction * e.end));
-        let step = extents
-            .iter()
-            .fold(f64::INFINITY, |min, e| min.min(e.min_step));
+        let [start, end, step] = common_depths(&extents, direction);
         if end - start < step {
             let problem = format!(
                 "leaves no depth range that all traces cover: one begins at {:.1} m, another ends at {:.1} m",
@@ -142,6 +141,15 @@ impl<const D: usize> DepthConversion<D> {
             (100.0 * (1.0 - kept_extent / total_extent)).max(0.0)
         ));
         Ok(conversion)
+    }
+
+    /// Returns the index of the first sample of each trace, except for rows of samples that are
+    /// `missing`, if these are the traces.
+    fn trace_starts(&self, missing: &[bool]) -> Vec<[f64; D]> {
+        let count = self.dims.iter().product::<usize>() / self.dims[self.time_axis].max(1);
+        let is_missing = |lane: usize| self.time_axis == 0 && missing.get(lane) == Some(&true);
+        let lanes = (0..count).filter(|&lane| !is_missing(lane));
+        lanes.map(|lane| self.trace_start(lane)).collect()
     }
 
     /// Returns the index of the first sample of a trace. Traces are numbered in memory order.

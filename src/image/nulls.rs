@@ -62,6 +62,107 @@ pub struct MaskedImage<const D: usize> {
     pub notes: Vec<String>,
 }
 
+/// Samples of an image that hold no data, by the reason for which they are recognised.
+#[derive(Default)]
+struct DeadSamples {
+    /// Number of samples that are not finite.
+    non_finite: usize,
+    nulls: Vec<NullValue>,
+    /// First sample of each trace that is zero throughout.
+    zero_traces: Vec<usize>,
+    outliers: Vec<usize>,
+}
+
+impl DeadSamples {
+    /// Finds the samples that are not finite and, if `recognise` is set, the others.
+    fn find<const D: usize>(image: &Image<D>, recognise: bool) -> Self {
+        let non_finite = |part: &[f32]| part.iter().filter(|s| !s.is_finite()).count();
+        let mut found = Self {
+            non_finite: image.as_slice().par_chunks(4096).map(non_finite).sum(),
+            ..Self::default()
+        };
+        if recognise {
+            found.nulls = image.common_nulls();
+            found.zero_traces = image.zero_traces(&found.nulls);
+            found.outliers = image.outliers(&found.nulls);
+        }
+        found
+    }
+
+    /// Returns `true` if every sample holds data.
+    fn is_empty(&self) -> bool {
+        self.non_finite == 0
+            && self.nulls.is_empty()
+            && self.zero_traces.is_empty()
+            && self.outliers.is_empty()
+    }
+
+    /// Returns one line for each kind of dead sample.
+    fn notes<const D: usize>(&self, image: &Image<D>) -> Vec<String> {
+        let samples = image.as_slice();
+        let percent = |part: usize| 100.0 * part as f64 / samples.len().max(1) as f64;
+        let mut notes = Vec::new();
+        if self.non_finite > 0 {
+            notes.push(format!(
+                "{} samples ({:.2} %) are not finite and count as missing",
+                self.non_finite,
+                percent(self.non_finite)
+            ));
+        }
+        for null in &self.nulls {
+            notes.push(format!(
+                "{} samples ({:.2} %) hold {}, a common null value, and count as missing (--null none \
+                 keeps them)",
+                null.count,
+                percent(null.count),
+                null.value,
+            ));
+        }
+        if !self.outliers.is_empty() {
+            let values = self.outliers.iter().map(|&i| samples[i]);
+            let farthest = values.max_by(|a, b| a.abs().total_cmp(&b.abs()));
+            notes.push(format!(
+                "{} isolated samples ({:.2} %) lie {OUTLIER_FACTOR} times farther from the median than all others (up to {}) and \
+                 count as missing (--null none keeps them)",
+                self.outliers.len(),
+                percent(self.outliers.len()),
+                farthest.unwrap_or_default(),
+            ));
+        }
+        if !self.zero_traces.is_empty() {
+            let traces = samples.len() / image.dims()[image.vertical_axis()];
+            notes.push(format!(
+                "{} of {traces} traces ({:.2} %) are zero throughout and count as missing (--null none keeps \
+                 them)",
+                self.zero_traces.len(),
+                100.0 * self.zero_traces.len() as f64 / traces as f64
+            ));
+        }
+        notes
+    }
+
+    /// Returns `true` for each sample that is dead, those that the image has marked already
+    /// included.
+    fn flags<const D: usize>(&self, image: &Image<D>) -> Vec<bool> {
+        let is_dead =
+            |s: &f32| !s.is_finite() || self.nulls.iter().any(|null| is_null(*s, null.value));
+        let mut flags: Vec<bool> = image.as_slice().par_iter().map(is_dead).collect();
+        self.outliers.iter().for_each(|&i| flags[i] = true);
+        let (dims, vertical) = (image.dims(), image.vertical_axis());
+        let stride = strides(dims)[vertical];
+        for &start in &self.zero_traces {
+            (0..dims[vertical]).for_each(|i| flags[start + i * stride] = true);
+        }
+        let marked = flags.iter_mut().zip(&image.dead);
+        marked.for_each(|(flag, dead)| *flag |= dead);
+        let rows = image.missing.iter().enumerate();
+        for (row, _) in rows.filter(|(_, missing)| **missing) {
+            flags[row * dims[0]..][..dims[0]].fill(true);
+        }
+        flags
+    }
+}
+
 impl<const D: usize> Image<D> {
     /// Returns the image with dead samples marked, or `None` if there are no others than those
     /// marked already.
@@ -75,25 +176,8 @@ impl<const D: usize> Image<D> {
     pub fn mark_dead(&self, recognise: bool) -> Result<Option<MaskedImage<D>>> {
         let samples = self.as_slice();
         let count = samples.len();
-        let percent = |part: usize| 100.0 * part as f64 / count.max(1) as f64;
-        let nulls = if recognise {
-            self.common_nulls()
-        } else {
-            Vec::new()
-        };
-        let is_finite = |part: &[f32]| part.iter().fold(true, |all, s| all & s.is_finite());
-        let finite = samples.par_chunks(4096).all(is_finite);
-        let zeros = if recognise {
-            self.zero_traces(&nulls)
-        } else {
-            Vec::new()
-        };
-        let outliers = if recognise {
-            self.outliers(&nulls)
-        } else {
-            Vec::new()
-        };
-        if finite && nulls.is_empty() && zeros.is_empty() && outliers.is_empty() {
+        let found = DeadSamples::find(self, recognise);
+        if found.is_empty() {
             return Ok(None);
         }
         memory::ensure_available(
@@ -102,67 +186,8 @@ impl<const D: usize> Image<D> {
             format!("marks of {count} samples, some of which hold no data"),
             "mesh a part of it",
         )?;
-        let mut notes = Vec::new();
-        let is_dead = |s: &f32| !s.is_finite() || nulls.iter().any(|null| is_null(*s, null.value));
-        let mut flags: Vec<bool> = samples.par_iter().map(is_dead).collect();
-        if !finite {
-            let non_finite_count = samples.iter().filter(|s| !s.is_finite()).count();
-            notes.push(format!(
-                "{non_finite_count} samples ({:.2} %) are not finite and count as missing",
-                percent(non_finite_count)
-            ));
-        }
-        for null in &nulls {
-            notes.push(format!(
-                "{} samples ({:.2} %) hold {}, a common null value, and count as missing (--null none \
-                 keeps them)",
-                null.count,
-                percent(null.count),
-                null.value,
-            ));
-        }
-        if !outliers.is_empty() {
-            outliers.iter().for_each(|&i| flags[i] = true);
-            let farthest = outliers
-                .iter()
-                .map(|&i| samples[i])
-                .max_by(|a, b| a.abs().total_cmp(&b.abs()));
-            notes.push(format!(
-                "{} isolated samples ({:.2} %) lie {OUTLIER_FACTOR} times farther from the median than all others (up to {}) and \
-                 count as missing (--null none keeps them)",
-                outliers.len(),
-                percent(outliers.len()),
-                farthest.unwrap_or_default(),
-            ));
-        }
-        if !zeros.is_empty() {
-            let vertical = self.vertical_axis();
-            let (length, stride) = (self.dims()[vertical], strides(self.dims())[vertical]);
-            for &start in &zeros {
-                (0..length).for_each(|i| flags[start + i * stride] = true);
-            }
-            let traces = count / length;
-            notes.push(format!(
-                "{} of {traces} traces ({:.2} %) are zero throughout and count as missing (--null none keeps \
-                 them)",
-                zeros.len(),
-                100.0 * zeros.len() as f64 / traces as f64
-            ));
-        }
-        if !self.dead.is_empty() {
-            flags
-                .iter_mut()
-                .zip(&self.dead)
-                .for_each(|(flag, dead)| *flag |= dead);
-        }
-        for (row, _) in self
-            .missing
-            .iter()
-            .enumerate()
-            .filter(|(_, missing)| **missing)
-        {
-            flags[row * self.dims()[0]..][..self.dims()[0]].fill(true);
-        }
+        let notes = found.notes(self);
+        let flags = found.flags(self);
         if !flags.contains(&false) {
             return Err(Error::Image(cause(
                 "image",

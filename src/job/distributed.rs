@@ -8,7 +8,7 @@ use crate::comm::Comm;
 use crate::feature::PointSubset;
 use crate::geometry::bounding_box;
 use crate::image::synth::truth::MAX_DISTANCE;
-use crate::improve::tets::{self, KnownAtoms, SlabContext, SlabCuts, SlabResult};
+use crate::improve::tets::{self, ImproveContext, KnownAtoms, SlabCuts, SlabResult};
 use crate::improve::{self, SliverMethod, Target};
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
@@ -107,11 +107,11 @@ pub fn make_partition(
         distance: &local_distance,
         ..*scene
     };
-    let context = SlabContext {
+    let context = ImproveContext {
         extent,
         planes: &planes,
         distance: &local_distance,
-        target,
+        target: *target,
     };
     let SlabResult {
         partition,

@@ -9,11 +9,11 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::to_3d;
 use crate::image::ImageSource;
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::tets::{KnownAtoms, SlabContext, SlabCuts};
+use crate::improve::tets::{ImproveContext, KnownAtoms, SlabCuts};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
-    self, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod, Target, tets,
-    triangles,
+    self, ImproveReport, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod,
+    Target, tets, triangles,
 };
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
@@ -273,6 +273,33 @@ pub(super) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Resu
     })
 }
 
+/// Improves a whole mesh slab by slab, as [`tets::improve`] does it at once.
+fn improve_slabs(
+    mesh: &mut TetMesh,
+    neighbors: &mut Vec<[u32; 4]>,
+    kinds: &mut Vec<AtomKind>,
+    cuts: &SlabCuts,
+    context: ImproveContext<'_>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
+) -> Result<(ImproveReport, Vec<u8>)> {
+    let TetMesh { nodes, tets } = std::mem::take(mesh);
+    let joined = (tets, std::mem::take(neighbors));
+    let atoms = KnownAtoms {
+        global_count: nodes.len(),
+        atoms: Atoms {
+            positions: nodes,
+            kinds: std::mem::take(kinds),
+        },
+        global_ids: None,
+    };
+    let improved = tets::improve_in_slabs(atoms, joined, cuts, context, comm, cancel)?;
+    let improved = improved.all_gather(comm)?;
+    (*mesh, *neighbors) = (improved.partition.mesh, improved.partition.neighbors);
+    *kinds = improved.kinds;
+    Ok((improved.report, improved.feature_faces))
+}
+
 impl Meshing<3> for MeshSpace<3> {
     type Mesh = TetMesh;
 
@@ -319,81 +346,46 @@ impl Meshing<3> for MeshSpace<3> {
             delaunay::distributed_delaunay_with_neighbors(&atoms.positions, kernel, comm)
         })?;
         let mut kinds = atoms.kinds;
-        let (Some(options), Some(planes)) = (improvement, &planes) else {
+        let (Some(&target), Some(planes)) = (improvement, &planes) else {
             return Ok(JoinedMesh::unimproved(
                 mesh,
                 kinds,
                 Some(neighbors.into_flattened()),
             ));
         };
+        let context = ImproveContext {
+            extent,
+            planes,
+            distance,
+            target,
+        };
         let mut baseline = None;
-        let (neighbors, (outcome, feature_faces)) = match options.method {
+        let (neighbors, (outcome, feature_faces)) = match target.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                stages.run_cancellable(|cancel| match &cuts {
+                let result = stages.run_cancellable(|cancel| match &cuts {
                     Some(cuts) => {
-                        let context = SlabContext {
-                            extent,
-                            planes,
-                            distance,
-                            target: options,
-                        };
-                        let TetMesh { nodes, tets } = std::mem::take(&mut mesh);
-                        let joined = (tets, std::mem::take(&mut neighbors));
-                        let atoms = KnownAtoms {
-                            global_count: nodes.len(),
-                            atoms: Atoms {
-                                positions: nodes,
-                                kinds: std::mem::take(&mut kinds),
-                            },
-                            global_ids: None,
-                        };
-                        let improved =
-                            tets::improve_in_slabs(atoms, joined, cuts, context, comm, cancel)?;
-                        let improved = improved.all_gather(comm)?;
-                        (mesh, kinds) = (improved.partition.mesh, improved.kinds);
-                        let neighbors = improved.partition.neighbors.into_flattened();
-                        Ok((Some(neighbors), (improved.report, improved.feature_faces)))
+                        let (mesh, neighbors) = (&mut mesh, &mut neighbors);
+                        improve_slabs(mesh, neighbors, &mut kinds, cuts, context, comm, cancel)
                     }
                     None => {
-                        let result = tets::improve(
-                            &mut mesh,
-                            &mut neighbors,
-                            &mut kinds,
-                            extent,
-                            planes,
-                            distance,
-                            options,
-                            comm,
-                            cancel,
-                        )?;
-                        Ok::<_, Error>((Some(neighbors.into_flattened()), result))
+                        let (mesh, neighbors) = (&mut mesh, &mut neighbors);
+                        tets::improve(mesh, neighbors, &mut kinds, context, comm, cancel)
                     }
-                })?
+                })?;
+                (Some(neighbors.into_flattened()), result)
             }
             SliverMethod::Exude | SliverMethod::ExudeCgal => {
                 stages.begin(Stage::ApplyingBaseline);
                 let (mut baseline_mesh, mut baseline_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = stages.run_cancellable(|cancel| {
-                    tets::improve(
-                        &mut baseline_mesh,
-                        &mut neighbors.clone(),
-                        &mut baseline_kinds,
-                        extent,
-                        planes,
-                        distance,
-                        options,
-                        comm,
-                        cancel,
-                    )
+                    let (mesh, neighbors) = (&mut baseline_mesh, &mut neighbors.clone());
+                    tets::improve(mesh, neighbors, &mut baseline_kinds, context, comm, cancel)
                 })?;
                 baseline = Some((baseline_mesh, faces));
                 stages.begin(Stage::Improving);
                 let result = stages.run_cancellable(|cancel| {
-                    tets::exude(
-                        &mut mesh, neighbors, &mut kinds, extent, planes, distance, options, comm,
-                        cancel,
-                    )
+                    tets::exude(&mut mesh, neighbors, &mut kinds, context, comm, cancel)
                 })?;
                 (None, result)
             }
@@ -420,11 +412,16 @@ impl Meshing<3> for MeshSpace<3> {
     ) -> std::result::Result<ReshapeResult<TetMesh>, ReshapeError> {
         let (extent, distance) = (scene.extent, scene.distance);
         let planes = snap_to_planes(&mut request.targets, &request.kinds, scene);
-        let options = Target {
-            min_dihedral: min_angle,
-            method: SliverMethod::Joe,
+        let context = ImproveContext {
+            extent,
+            planes: &planes,
+            distance,
+            target: Target {
+                min_dihedral: min_angle,
+                method: SliverMethod::Joe,
+            },
         };
-        let part = tets::reshape(part, &request, extent, &planes, distance, &options)?;
+        let part = tets::reshape(part, &request, context)?;
         close_partition_holes(part, scene)
     }
 

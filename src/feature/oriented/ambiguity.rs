@@ -1,7 +1,9 @@
 //! Mask of the samples at which more than one surface orientation is possible.
 
 use super::normal_dispersion::normal_dispersion;
+use crate::comm::Comm;
 use crate::error::Result;
+use crate::feature::candidate::Candidate;
 use crate::feature::candidate_slab::{CandidateSlab, select_nth};
 use crate::feature::eigen::SymmetricMatrix;
 use crate::feature::ridges::HEIGHT_FACTOR;
@@ -155,7 +157,7 @@ impl<const D: usize> AmbiguityMask<D> {
             width_sums: [0.0; 2],
             strong_width_sums: [0.0; 2],
         };
-        let mut ridges: Vec<CellRidges<D>> = slots.iter().map(ridges).collect();
+        let ridges: Vec<CellRidges<D>> = slots.iter().map(ridges).collect();
         let layer: usize = cells.dims[..D - 1].iter().product();
         let layers = slab.owned_layers();
         let owned_cells =
@@ -168,11 +170,30 @@ impl<const D: usize> AmbiguityMask<D> {
             slots,
             tensors: vec![[[0.0; D]; D]; ridges.len()],
         };
-        for (c, height, cell) in informative {
-            let Some(slot) = mask.slots.slot(cell) else {
+        let ridges = mask.sum_ridges(ridges, informative, strong_threshold);
+        if let Some(flags) = mask.ridge_flags(&ridges, scale, comm)? {
+            mask.dilate(&ridges, &flags);
+            let owned_flags = &mask.flags[mask.owned_cells.clone()];
+            let flagged = owned_flags.iter().filter(|&&flag| flag != 0).count() as u64;
+            let [flagged] = slab.global_sums("ambiguous cells", [flagged])?;
+            mask.share = flagged as f64 / mask.flags.len().max(1) as f64;
+        }
+        Ok(mask)
+    }
+
+    /// Adds ridge points, each with its height and its cell, to `ridges` and to the tensors of
+    /// normals, and returns `ridges`. Normals are those of points of at least `strong_threshold`.
+    fn sum_ridges<'a>(
+        &mut self,
+        mut ridges: Vec<CellRidges<D>>,
+        points: impl Iterator<Item = (&'a Candidate<D>, f64, usize)>,
+        strong_threshold: f32,
+    ) -> Vec<CellRidges<D>> {
+        for (c, height, cell) in points {
+            let Some(slot) = self.slots.slot(cell) else {
                 continue;
             };
-            let (cell, tensor) = (&mut ridges[slot], &mut mask.tensors[slot]);
+            let (cell, tensor) = (&mut ridges[slot], &mut self.tensors[slot]);
             let width = [height, f64::from(c.strength)];
             cell.width_sums = [0, 1].map(|k: usize| cell.width_sums[k] + width[k]);
             if c.strength < strong_threshold {
@@ -186,62 +207,68 @@ impl<const D: usize> AmbiguityMask<D> {
                 }
             }
         }
+        ridges
+    }
+
+    /// Returns the flags of each of `ridges`, found in an image smoothed over `scale` samples;
+    /// `None` if there is no strong ridge.
+    fn ridge_flags(
+        &self,
+        ridges: &[CellRidges<D>],
+        scale: f64,
+        comm: &dyn Comm,
+    ) -> Result<Option<Vec<u8>>> {
         let ratio = |w: [f64; 2]| w[0] / w[1];
         let owned_ridges = ridges
             .iter()
-            .filter(|ridge| mask.owned_cells.contains(&ridge.cell));
+            .filter(|ridge| self.owned_cells.contains(&ridge.cell));
         let sure_widths = owned_ridges.map(|cell| cell.strong_width_sums);
         let ratios: Vec<f64> = sure_widths.filter(|w| w[1] > 0.0).map(ratio).collect();
         let Some(narrow_ratio) = select_nth("widths of ridges", ratios, |count| count / 4, comm)?
         else {
-            return Ok(mask);
+            return Ok(None);
         };
         // All ridges may be pairs. A strength is a curvature times HEIGHT_FACTOR scale^2.
         let usual_ratio =
             narrow_ratio.min((1.0 + MAX_SINGLE_VARIANCE / (scale * scale)) / HEIGHT_FACTOR);
-        let width_sums_around = |i: usize| {
+        let slots_around =
+            |cell| cells_around(&self.cells, cell, 1).filter_map(|cell| self.slots.slot(cell));
+        let width_sums_around = |cell| {
             let mut sum = [0.0; 2];
-            for j in cells_around(&mask.cells, i, 1).filter_map(|j| mask.slots.slot(j)) {
+            for j in slots_around(cell) {
                 sum = [0, 1].map(|k: usize| sum[k] + ridges[j].width_sums[k]);
             }
             sum
         };
         let position_sums: Vec<[f64; D]> = ridges.iter().map(|cell| cell.position_sum).collect();
-        let neighbours = |slot: usize| {
-            cells_around(&mask.cells, ridges[slot].cell, 1).filter_map(|cell| mask.slots.slot(cell))
-        };
-        let dispersion = normal_dispersion(&mask.tensors, &position_sums, neighbours);
-        let positive = dispersion.iter().zip(&ridges).filter(|(s, _)| **s > 0.0);
-        let positive = positive.filter(|(_, ridge)| mask.owned_cells.contains(&ridge.cell));
+        let neighbours = |slot: usize| slots_around(ridges[slot].cell);
+        let dispersion = normal_dispersion(&self.tensors, &position_sums, neighbours);
+        let positive = dispersion.iter().zip(ridges).filter(|(s, _)| **s > 0.0);
+        let positive = positive.filter(|(_, ridge)| self.owned_cells.contains(&ridge.cell));
         let positive = positive.map(|(s, _)| *s).collect();
         let noise = select_nth("spreads of normals", positive, |count| count / 10, comm)?;
         let noise = noise.unwrap_or(0.0);
         let max_dispersion =
             (NOISE_FACTOR * noise).clamp(DISPERSION_BOUNDS[0], DISPERSION_BOUNDS[1]);
-        let flags: Vec<u8> = (0..ridges.len())
-            .into_par_iter()
-            .map(|i| {
-                if ridges[i].width_sums[1] == 0.0 {
-                    return 0;
-                }
-                let is_mixed = dispersion[i] > max_dispersion;
-                let is_wide = usual_ratio > 0.0
-                    && ratio(width_sums_around(ridges[i].cell)) > WIDE_VARIANCE_RATIO * usual_ratio;
-                u8::from(is_mixed) * MIXED_NORMALS + u8::from(is_wide) * WIDE_RIDGES
-            })
-            .collect();
-        for (i, flag) in flags.into_iter().enumerate().filter(|f| f.1 != 0) {
-            let neighbours: Vec<usize> =
-                cells_around(&mask.cells, ridges[i].cell, DILATION_CELLS).collect();
-            for j in neighbours {
-                mask.flags[j] |= flag;
+        let flags = (0..ridges.len()).into_par_iter().map(|i| {
+            if ridges[i].width_sums[1] == 0.0 {
+                return 0;
+            }
+            let is_mixed = dispersion[i] > max_dispersion;
+            let is_wide = usual_ratio > 0.0
+                && ratio(width_sums_around(ridges[i].cell)) > WIDE_VARIANCE_RATIO * usual_ratio;
+            u8::from(is_mixed) * MIXED_NORMALS + u8::from(is_wide) * WIDE_RIDGES
+        });
+        Ok(Some(flags.collect()))
+    }
+
+    /// Sets the flags of ridges in their cells and in the cells around these.
+    fn dilate(&mut self, ridges: &[CellRidges<D>], flags: &[u8]) {
+        for (ridge, flag) in ridges.iter().zip(flags).filter(|f| *f.1 != 0) {
+            for j in cells_around(&self.cells, ridge.cell, DILATION_CELLS) {
+                self.flags[j] |= flag;
             }
         }
-        let owned_flags = &mask.flags[mask.owned_cells.clone()];
-        let flagged = owned_flags.iter().filter(|&&flag| flag != 0).count() as u64;
-        let [flagged] = slab.global_sums("ambiguous cells", [flagged])?;
-        mask.share = flagged as f64 / mask.flags.len().max(1) as f64;
-        Ok(mask)
     }
 
     /// Returns the share of the image that is ambiguous.

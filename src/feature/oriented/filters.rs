@@ -272,114 +272,144 @@ impl<const D: usize> OrientedFilters<D> {
         scratch: &mut BlockScratch,
     ) {
         let rows = mask.rows.iter().filter(|r| **r).count();
-        let buffer_strides = std::array::from_fn(|k| BUFFER_EDGE.pow(k as u32));
-        let padded_strides: [usize; D] = std::array::from_fn(|k| match k {
-            0 => 1,
-            _ => PADDED_WIDTH_X * PADDED_EDGE.pow(k as u32 - 1),
-        });
+        for buffer in [
+            &mut scratch.second_derivative,
+            &mut scratch.first_derivative,
+        ] {
+            buffer.resize(rows * self.angles.len() * BLOCK_SIZE, 0.0);
+        }
+        let samples = mask.rows_around.start.len() * PADDED_WIDTH_X;
+        scratch.surface.resize(samples, 0.0);
+        for slot in 0..self.angles.len() {
+            self.smooth_along_surface(slot, dims, first, mask, scratch);
+            self.differentiate_across(slot, mask, scratch);
+        }
+    }
+
+    /// Computes the means along a surface at the angle `slot`, of the block and its derivative
+    /// margin. The block begins at sample `first` of an image.
+    fn smooth_along_surface(
+        &self,
+        slot: usize,
+        dims: [usize; D],
+        first: [usize; D],
+        mask: &BlockMask,
+        scratch: &mut BlockScratch,
+    ) {
         let BlockScratch {
             line,
             is_inside,
             inside_share,
             surface,
+            ..
+        } = scratch;
+        let buffer_strides = std::array::from_fn(|k| BUFFER_EDGE.pow(k as u32));
+        let surface_mean = &self.surface_means[slot];
+        let mean_taps = surface_mean.offsets(buffer_strides);
+        // Returns `true` if all samples that contribute to means of a row are inside the image.
+        let is_axis_inside = |k: usize, at: isize, length: usize| {
+            let ((low, high), (before, after)) = (surface_mean.reach[k], self.line_mean.reach[k]);
+            at + low + before >= 0 && at + length as isize + high + after <= dims[k] as isize
+        };
+        let is_x_inside = is_axis_inside(
+            0,
+            first[0] as isize - DERIVATIVE_MARGIN_X as isize,
+            PADDED_WIDTH_X,
+        );
+        dispatch_simd(
+            #[inline(always)]
+            || {
+                for row in 0..mask.rows_around.start.len() {
+                    let range = mask.rows_around.range(row);
+                    if range.is_empty() {
+                        continue;
+                    }
+                    let (mut remaining, mut at) = (row, BLOCK_OFFSET - DERIVATIVE_MARGIN_X);
+                    let mut is_row_inside = is_x_inside;
+                    for k in 1..D {
+                        let i = remaining % PADDED_EDGE;
+                        at += (BLOCK_OFFSET - DERIVATIVE_MARGIN + i) * buffer_strides[k];
+                        is_row_inside &= is_axis_inside(
+                            k,
+                            (first[k] + i) as isize - DERIVATIVE_MARGIN as isize,
+                            1,
+                        );
+                        remaining /= PADDED_EDGE;
+                    }
+                    let row_shares = (!(is_row_inside || *is_inside)).then_some(&inside_share[..]);
+                    let target = row * PADDED_WIDTH_X;
+                    if range.len() <= MAX_SPARSE_ROW_SAMPLES {
+                        let start = (DERIVATIVE_MARGIN_X - DERIVATIVE_MARGIN + range.start)
+                            .min(PADDED_WIDTH_X - MAX_SPARSE_ROW_SAMPLES);
+                        let surface = &mut surface[target + start..];
+                        weighted_means::<MAX_SPARSE_ROW_SAMPLES>(
+                            line,
+                            row_shares,
+                            at + start,
+                            &mean_taps,
+                            surface,
+                        );
+                    } else {
+                        weighted_means::<PADDED_WIDTH_X>(
+                            line,
+                            row_shares,
+                            at,
+                            &mean_taps,
+                            &mut surface[target..],
+                        );
+                    }
+                }
+            },
+        );
+    }
+
+    /// Computes C and D at the angle `slot`, of every needed sample of the block, from the means
+    /// along a surface.
+    fn differentiate_across(&self, slot: usize, mask: &BlockMask, scratch: &mut BlockScratch) {
+        let BlockScratch {
+            surface,
             second_derivative,
             first_derivative,
+            ..
         } = scratch;
-        for buffer in [&mut *second_derivative, &mut *first_derivative] {
-            buffer.resize(rows * self.angles.len() * BLOCK_SIZE, 0.0);
-        }
-        surface.resize(mask.rows_around.start.len() * PADDED_WIDTH_X, 0.0);
-        for (slot, (&angle, surface_mean)) in
-            self.angles.iter().zip(&self.surface_means).enumerate()
-        {
-            let (_, across) = self.directions(angle as f64);
-            let mean_taps = surface_mean.offsets(buffer_strides);
-            let [after_taps, before_taps] = [1.0, -1.0].map(|sign| {
-                Stencil::new(vec![(across.map(|c| sign * c), 1.0)]).offsets(padded_strides)
-            });
-            // Returns `true` if all samples that contribute to means of a row are inside the image.
-            let is_axis_inside = |k: usize, at: isize, length: usize| {
-                let ((low, high), (before, after)) =
-                    (surface_mean.reach[k], self.line_mean.reach[k]);
-                at + low + before >= 0 && at + length as isize + high + after <= dims[k] as isize
-            };
-            let is_x_inside = is_axis_inside(
-                0,
-                first[0] as isize - DERIVATIVE_MARGIN_X as isize,
-                PADDED_WIDTH_X,
-            );
-            dispatch_simd(
-                #[inline(always)]
-                || {
-                    for row in 0..mask.rows_around.start.len() {
-                        let range = mask.rows_around.range(row);
-                        if range.is_empty() {
-                            continue;
-                        }
-                        let (mut remaining, mut at) = (row, BLOCK_OFFSET - DERIVATIVE_MARGIN_X);
-                        let mut is_row_inside = is_x_inside;
-                        for k in 1..D {
-                            let i = remaining % PADDED_EDGE;
-                            at += (BLOCK_OFFSET - DERIVATIVE_MARGIN + i) * buffer_strides[k];
-                            is_row_inside &= is_axis_inside(
-                                k,
-                                (first[k] + i) as isize - DERIVATIVE_MARGIN as isize,
-                                1,
-                            );
-                            remaining /= PADDED_EDGE;
-                        }
-                        let row_shares =
-                            (!(is_row_inside || *is_inside)).then_some(&inside_share[..]);
-                        let target = row * PADDED_WIDTH_X;
-                        if range.len() <= MAX_SPARSE_ROW_SAMPLES {
-                            let start = (DERIVATIVE_MARGIN_X - DERIVATIVE_MARGIN + range.start)
-                                .min(PADDED_WIDTH_X - MAX_SPARSE_ROW_SAMPLES);
-                            let surface = &mut surface[target + start..];
-                            weighted_means::<MAX_SPARSE_ROW_SAMPLES>(
-                                line,
-                                row_shares,
-                                at + start,
-                                &mean_taps,
-                                surface,
-                            );
-                        } else {
-                            weighted_means::<PADDED_WIDTH_X>(
-                                line,
-                                row_shares,
-                                at,
-                                &mean_taps,
-                                &mut surface[target..],
-                            );
-                        }
+        let padded_strides: [usize; D] = std::array::from_fn(|k| match k {
+            0 => 1,
+            _ => PADDED_WIDTH_X * PADDED_EDGE.pow(k as u32 - 1),
+        });
+        let (_, across) = self.directions(self.angles[slot] as f64);
+        let [after_taps, before_taps] = [1.0, -1.0].map(|sign| {
+            Stencil::new(vec![(across.map(|c| sign * c), 1.0)]).offsets(padded_strides)
+        });
+        dispatch_simd(
+            #[inline(always)]
+            || {
+                let rows = mask.rows.iter().enumerate().filter(|r| *r.1);
+                for (number, (row, _)) in rows.enumerate() {
+                    let (mut remaining, mut at) = (row, DERIVATIVE_MARGIN_X);
+                    for k in 1..D {
+                        at += (DERIVATIVE_MARGIN + remaining % BLOCK_SIZE) * padded_strides[k];
+                        remaining /= BLOCK_SIZE;
                     }
-                    let rows = mask.rows.iter().enumerate().filter(|r| *r.1);
-                    for (number, (row, _)) in rows.enumerate() {
-                        let (mut remaining, mut at) = (row, DERIVATIVE_MARGIN_X);
-                        for k in 1..D {
-                            at += (DERIVATIVE_MARGIN + remaining % BLOCK_SIZE) * padded_strides[k];
-                            remaining /= BLOCK_SIZE;
-                        }
-                        let target = (number * self.angles.len() + slot) * BLOCK_SIZE;
-                        let centre = &surface[at..at + BLOCK_SIZE];
-                        let after = weighted_sums::<BLOCK_SIZE, SHORT_ROW_ACCUMULATOR_COUNT>(
-                            surface,
-                            at as isize,
-                            &after_taps,
-                        );
-                        let before = weighted_sums::<BLOCK_SIZE, SHORT_ROW_ACCUMULATOR_COUNT>(
-                            surface,
-                            at as isize,
-                            &before_taps,
-                        );
-                        // The negated second derivative, and the first derivative.
-                        for l in 0..BLOCK_SIZE {
-                            second_derivative[target + l] = 2.0 * centre[l] - before[l] - after[l];
-                            first_derivative[target + l] = 0.5 * (after[l] - before[l]);
-                        }
+                    let target = (number * self.angles.len() + slot) * BLOCK_SIZE;
+                    let centre = &surface[at..at + BLOCK_SIZE];
+                    let after = weighted_sums::<BLOCK_SIZE, SHORT_ROW_ACCUMULATOR_COUNT>(
+                        surface,
+                        at as isize,
+                        &after_taps,
+                    );
+                    let before = weighted_sums::<BLOCK_SIZE, SHORT_ROW_ACCUMULATOR_COUNT>(
+                        surface,
+                        at as isize,
+                        &before_taps,
+                    );
+                    // The negated second derivative, and the first derivative.
+                    for l in 0..BLOCK_SIZE {
+                        second_derivative[target + l] = 2.0 * centre[l] - before[l] - after[l];
+                        first_derivative[target + l] = 0.5 * (after[l] - before[l]);
                     }
-                },
-            );
-        }
+                }
+            },
+        );
     }
 
     /// Adds the points of surfaces: maxima of C over the angle. The block begins at sample `first`.

@@ -349,18 +349,14 @@ mod tests {
             dropped += reference.dropped;
             for count in [2, 3, 5] {
                 let results = run_threads(count, |comm| {
-                    let owned = partition_range(dims[2], comm.rank(), count);
-                    let layer = |c: &Candidate<3>| c.voxel.index() / (dims[0] * dims[1]);
-                    let all_candidates = candidates.iter().copied();
-                    let (local_candidates, layers) = match seed % 2 {
-                        0 => (
-                            all_candidates
-                                .filter(|c| owned.contains(&layer(c)))
-                                .collect(),
-                            Some(owned),
-                        ),
-                        _ => (all_candidates.collect(), None),
-                    };
+                    let mut local_candidates = candidates.clone();
+                    let mut layers = None;
+                    if seed % 2 == 0 {
+                        let owned = partition_range(dims[2], comm.rank(), count);
+                        let layer = |c: &Candidate<3>| c.voxel.index() / (dims[0] * dims[1]);
+                        local_candidates.retain(|c| owned.contains(&layer(c)));
+                        layers = Some(owned);
+                    }
                     let comm_and_cancel = (comm, &CancelToken::never());
                     let surfaces = extract_surfaces(
                         dims,
@@ -369,8 +365,8 @@ mod tests {
                         step,
                         &rules,
                         comm_and_cancel,
-                    )
-                    .unwrap();
+                    );
+                    let surfaces = surfaces.unwrap();
                     assert_eq!(surfaces.total_points, reference.points.len());
                     surfaces.gather(comm).unwrap()
                 });

@@ -78,31 +78,9 @@ fn window_contents<const D: usize>(image: &Image<D>, mode: &ReadMode) -> ([Vec<f
         let stacks = [(window.raw, 20), (window.smoothed, 3), (window.blurred, 20)];
         let mut contents: Vec<Vec<f32>> = Vec::new();
         for ((stack, halo), expected) in stacks.into_iter().zip(&expected) {
-            // The halo must be as right as the interior.
-            let with_halo = WindowInterior {
-                rows: widen(own_rows, halo, rows_per_layer(dims)),
-                layers: widen(layers, halo, count),
-            };
-            assert_eq!(stack.origin[D - 1], with_halo.layers.start);
-            assert_eq!(stack.volume.dims[D - 1], with_halo.layers.len());
-            for (i, rows) in with_halo
-                .layers
-                .clone()
-                .zip(stack.interior_rows(&with_halo))
-            {
-                let first = i * layer + with_halo.rows.start * nx;
-                assert!(
-                    rows == &expected[first..first + rows.len()],
-                    "halo of {halo}"
-                );
-            }
-            contents.push(
-                stack
-                    .interior_rows(&window.interior)
-                    .flatten()
-                    .copied()
-                    .collect(),
-            );
+            assert_halo_matches(&stack, halo, &window.interior, dims, expected);
+            let rows = stack.interior_rows(&window.interior);
+            contents.push(rows.flatten().copied().collect());
         }
         let interior = [own_rows.start, own_rows.end, layers.start, layers.end];
         (interior, contents)
@@ -123,6 +101,31 @@ fn window_contents<const D: usize>(image: &Image<D>, mode: &ReadMode) -> ([Vec<f
         .unwrap();
     assert_eq!(next, [rows_per_layer(dims), 0]);
     (contents, windows)
+}
+
+/// Checks that the samples of a stack are those `expected` of an image of dimensions `dims`, in the
+/// interior of its window and in a halo of `halo` rows and layers.
+fn assert_halo_matches<const D: usize>(
+    stack: &LayerStack<'_, D>,
+    halo: usize,
+    interior: &WindowInterior,
+    dims: [usize; D],
+    expected: &[f32],
+) {
+    let with_halo = WindowInterior {
+        rows: widen(&interior.rows, halo, rows_per_layer(dims)),
+        layers: widen(&interior.layers, halo, dims[D - 1]),
+    };
+    assert_eq!(stack.origin[D - 1], with_halo.layers.start);
+    assert_eq!(stack.volume.dims[D - 1], with_halo.layers.len());
+    let layers = with_halo.layers.clone();
+    for (i, rows) in layers.zip(stack.interior_rows(&with_halo)) {
+        let first = i * layer_len(dims) + with_halo.rows.start * dims[0];
+        assert!(
+            rows == &expected[first..first + rows.len()],
+            "halo of {halo}"
+        );
+    }
 }
 
 fn gaussian_of<const D: usize>(image: &Image<D>, scales: &[f64]) -> Vec<f32> {

@@ -66,6 +66,13 @@ impl<'a> Header<'a> {
         keys.iter().find_map(entry).map(|(_, value)| *value)
     }
 
+    fn required_value(&self, key: &str) -> Result<&'a str> {
+        self.value(&[key]).ok_or_else(|| {
+            let problem = format!("its header has no {key}");
+            file_error(self.path, problem, DAMAGED_REMEDY)
+        })
+    }
+
     /// Returns `true` if the value of a key is true in MetaIO: it begins with `T`, `t` or `1`.
     fn is_true(&self, keys: &[&str]) -> bool {
         self.value(keys)
@@ -86,6 +93,55 @@ impl<'a> Header<'a> {
             Ok(Some(numbers))
         } else {
             Err(self.value_error(keys[0], text))
+        }
+    }
+
+    /// Returns the number of samples along each axis.
+    fn sample_counts(&self) -> Result<Vec<usize>> {
+        let rank = self.required_value("NDims")?;
+        let n = match rank.parse::<usize>() {
+            Ok(n) if (1..=10).contains(&n) => n,
+            _ => return Err(self.value_error("NDims", rank)),
+        };
+        let sizes = self.required_value("DimSize")?;
+        let counts: Vec<usize> = sizes
+            .split_whitespace()
+            .filter_map(|w| w.parse().ok())
+            .collect();
+        if counts.len() != n || sizes.split_whitespace().count() != n {
+            return Err(self.value_error("DimSize", sizes));
+        }
+        Ok(counts)
+    }
+
+    /// Returns the file of the samples, and where in it they begin. The header ends at byte `end`.
+    fn sample_location(&self, end: u64) -> Result<(PathBuf, u64, SampleStart)> {
+        match self.value(&["ElementDataFile"]).unwrap_or_default() {
+            "LOCAL" | "Local" | "local" => {
+                Ok((self.path.to_path_buf(), end, SampleStart::Offset(0)))
+            }
+            data if data == "LIST" || data.starts_with("LIST ") || data.contains('%') => {
+                let problem = "its samples lie in a file for each slice";
+                let remedy = "write it as one file, e.g. in Python with SimpleITK";
+                Err(file_error(self.path, problem, remedy))
+            }
+            "" => {
+                let problem = "its header has no ElementDataFile";
+                Err(file_error(self.path, problem, DAMAGED_REMEDY))
+            }
+            name => {
+                let sample_start = match self.value(&["HeaderSize"]).map(str::parse::<i64>) {
+                    None => SampleStart::Offset(0),
+                    Some(Ok(-1)) => SampleStart::FromEnd,
+                    Some(Ok(n)) if n >= 0 => SampleStart::Offset(n as u64),
+                    _ => {
+                        return Err(
+                            self.value_error("HeaderSize", "which is not a number of bytes")
+                        );
+                    }
+                };
+                Ok((sibling(self.path, name), 0, sample_start))
+            }
         }
     }
 
@@ -128,28 +184,11 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             "give one component, or the magnitude",
         ));
     }
-    let missing = |key: &str| file_error(path, format!("its header has no {key}"), DAMAGED_REMEDY);
-    let rank = header.value(&["NDims"]).ok_or_else(|| missing("NDims"))?;
-    let n = match rank.parse::<usize>() {
-        Ok(n) if (1..=10).contains(&n) => n,
-        _ => return Err(header.value_error("NDims", rank)),
-    };
-    let sizes = header
-        .value(&["DimSize"])
-        .ok_or_else(|| missing("DimSize"))?;
-    let counts: Vec<usize> = sizes
-        .split_whitespace()
-        .filter_map(|w| w.parse().ok())
-        .collect();
-    if counts.len() != n || sizes.split_whitespace().count() != n {
-        return Err(header.value_error("DimSize", sizes));
-    }
+    let counts = header.sample_counts()?;
     let dims = dims_from_sizes(&counts)
         .map_err(|problem| file_error(path, problem, "give one volume of the series"))?;
 
-    let element = header
-        .value(&["ElementType"])
-        .ok_or_else(|| missing("ElementType"))?;
+    let element = header.required_value("ElementType")?;
     let sample = sample_type(element).ok_or_else(|| header.value_error("ElementType", element))?;
     let is_big_endian = header.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
     let endian = if is_big_endian {
@@ -163,26 +202,8 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         (false, true) => SamplePacking::Text,
         (false, false) => SamplePacking::Uncompressed,
     };
-    let data = header.value(&["ElementDataFile"]).unwrap_or_default();
-    let (file, offset, sample_start) = match data {
-        "LOCAL" | "Local" | "local" => (path.to_path_buf(), end, SampleStart::Offset(0)),
-        _ if data == "LIST" || data.starts_with("LIST ") || data.contains('%') => {
-            let problem = "its samples lie in a file for each slice";
-            let remedy = "write it as one file, e.g. in Python with SimpleITK";
-            return Err(file_error(path, problem, remedy));
-        }
-        "" => return Err(missing("ElementDataFile")),
-        name => {
-            let sample_start = match header.value(&["HeaderSize"]).map(str::parse::<i64>) {
-                None => SampleStart::Offset(0),
-                Some(Ok(-1)) => SampleStart::FromEnd,
-                Some(Ok(n)) if n >= 0 => SampleStart::Offset(n as u64),
-                _ => return Err(header.value_error("HeaderSize", "which is not a number of bytes")),
-            };
-            (sibling(path, name), 0, sample_start)
-        }
-    };
-    let geometry = geometry(&header, n)?;
+    let (file, offset, sample_start) = header.sample_location(end)?;
+    let geometry = geometry(&header, counts.len())?;
     let packed = PackedSamples {
         path: file,
         offset,

@@ -73,6 +73,43 @@ impl NiftiHeader<'_> {
         if self.is_nifti2 { second } else { first }
     }
 
+    /// Returns the type of the samples; the error is a code that is not that of a real number.
+    fn sample_type(&self) -> std::result::Result<SampleType, i64> {
+        Ok(match self.integer(self.select_by_version(70, 12), 2) {
+            2 => SampleType::U8,
+            4 => SampleType::I16,
+            8 => SampleType::I32,
+            16 => SampleType::F32,
+            64 => SampleType::F64,
+            256 => SampleType::I8,
+            512 => SampleType::U16,
+            768 => SampleType::U32,
+            1024 => SampleType::I64,
+            1280 => SampleType::U64,
+            code => return Err(code),
+        })
+    }
+
+    /// Returns the offset of the first sample.
+    fn sample_offset(&self) -> f64 {
+        if self.is_nifti2 {
+            self.integer(168, 8) as f64
+        } else {
+            self.float(108)
+        }
+    }
+
+    /// Returns slope and intercept of the samples, unless they are to be used as they are.
+    fn scale(&self) -> Option<[f64; 2]> {
+        let offsets = [
+            self.select_by_version(112, 176),
+            self.select_by_version(116, 184),
+        ];
+        let scale = offsets.map(|at| self.float(at));
+        let is_valid = scale[0] != 0.0 && scale.iter().all(|v| v.is_finite());
+        (is_valid && scale != [1.0, 0.0]).then_some(scale)
+    }
+
     /// Returns `N` consecutive floats.
     fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
         let size = self.select_by_version(4, 8);
@@ -116,47 +153,18 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         let remedy = "give one volume, e.g. in Python with nibabel: image.slicer[..., 0]";
         file_error(path, problem, remedy)
     })?;
-    let sample = match fields.integer(fields.select_by_version(70, 12), 2) {
-        2 => SampleType::U8,
-        4 => SampleType::I16,
-        8 => SampleType::I32,
-        16 => SampleType::F32,
-        64 => SampleType::F64,
-        256 => SampleType::I8,
-        512 => SampleType::U16,
-        768 => SampleType::U32,
-        1024 => SampleType::I64,
-        1280 => SampleType::U64,
-        code => {
-            let problem = format!("its samples are of NIfTI type {code}, not real numbers");
-            return Err(file_error(path, problem, "give one real number per sample"));
-        }
-    };
-    let offset = if is_nifti2 {
-        fields.integer(168, 8) as f64
-    } else {
-        fields.float(108)
-    };
-    let skip = match is_detached {
-        false if (length as f64..1e15).contains(&offset) => offset as u64,
-        true if (0.0..1e15).contains(&offset) => offset as u64,
-        _ => {
-            let problem = format!("its samples are said to begin at byte {offset}");
-            return Err(file_error(path, problem, DAMAGED_REMEDY));
-        }
-    };
-    let scale = [
-        fields.select_by_version(112, 176),
-        fields.select_by_version(116, 184),
-    ]
-    .map(|at| fields.float(at));
+    let sample_type = fields.sample_type().map_err(|code| {
+        let problem = format!("its samples are of NIfTI type {code}, not real numbers");
+        file_error(path, problem, "give one real number per sample")
+    })?;
+    let offset = fields.sample_offset();
+    let min_offset = if is_detached { 0.0 } else { length as f64 };
+    if !(min_offset..1e15).contains(&offset) {
+        let problem = format!("its samples are said to begin at byte {offset}");
+        return Err(file_error(path, problem, DAMAGED_REMEDY));
+    }
+    let scale = fields.scale();
     let mut notes = Vec::new();
-    let scale = match scale {
-        [slope, intercept] if slope != 0.0 && slope.is_finite() && intercept.is_finite() => {
-            (scale != [1.0, 0.0]).then_some(scale)
-        }
-        _ => None,
-    };
     if let Some([slope, intercept]) = scale {
         notes.push(format!("samples are scaled: {slope} v + {intercept}"));
     }
@@ -170,9 +178,9 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         path,
         offset: 0,
         packing,
-        sample_start: SampleStart::Offset(skip),
+        sample_start: SampleStart::Offset(offset as u64),
         encoding: Encoding {
-            sample_type: sample,
+            sample_type,
             endian,
         },
         dims,

@@ -5,7 +5,7 @@
 //! left-posterior-superior, as ITK does. Positions in all other spaces are used as they are.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -85,6 +85,64 @@ impl<'a> Header<'a> {
             Some(text) => text.parse().map_err(|_| self.value_error(name, text)),
         }
     }
+
+    /// Returns how the samples are stored.
+    fn packing_and_encoding(&self) -> Result<(SamplePacking, Encoding)> {
+        let kind = self.required_value("type")?;
+        let sample_type = sample_type(kind).ok_or_else(|| self.value_error("type", kind))?;
+        let packing = match self.required_value("encoding")?.to_lowercase().as_str() {
+            "raw" => SamplePacking::Uncompressed,
+            "gz" | "gzip" => SamplePacking::Deflated,
+            "txt" | "text" | "ascii" => SamplePacking::Text,
+            other => {
+                let problem = format!("its samples are encoded as {other}, which is not read");
+                let remedy = "write it with the encoding raw or gzip, e.g. in Python with pynrrd";
+                return Err(file_error(self.path, problem, remedy));
+            }
+        };
+        let order = self.value("endian");
+        let endian = match order {
+            Some("big") => Endian::Big,
+            Some("little") | None => Endian::Little,
+            Some(other) => return Err(self.value_error("endian", other)),
+        };
+        let encoding = Encoding {
+            sample_type,
+            endian,
+        };
+        if encoding.size() > 1 && packing != SamplePacking::Text && order.is_none() {
+            let problem = "its header does not say the byte order";
+            let remedy = "add a line 'endian: little' or 'endian: big'";
+            return Err(file_error(self.path, problem, remedy));
+        }
+        Ok((packing, encoding))
+    }
+
+    /// Returns the file of the samples, the offset of their data in it, and where they begin in
+    /// this data.
+    fn sample_location(&self, packing: SamplePacking) -> Result<(PathBuf, u64, SampleStart)> {
+        let (file, start) = match self.value("datafile") {
+            None => (self.path.to_path_buf(), self.end),
+            Some(list) if list.starts_with("LIST") || list.contains('%') => {
+                let problem = "its samples lie in several files";
+                let remedy = "write it as one file, e.g. in Python with pynrrd";
+                return Err(file_error(self.path, problem, remedy));
+            }
+            Some(name) => (sibling(self.path, name), 0),
+        };
+        let lines = self.integer("lineskip", 0)?;
+        let start = skip_lines(&file, start, lines)
+            .ok_or_else(|| self.value_error("line skip", &lines.to_string()))?;
+        // For compressed data the skipped bytes are counted after decompression.
+        match self.integer("byteskip", 0)? {
+            -1 => Ok((file, start, SampleStart::FromEnd)),
+            n @ 0.. if packing == SamplePacking::Text => {
+                Ok((file, start.saturating_add(n as u64), SampleStart::Offset(0)))
+            }
+            n @ 0.. => Ok((file, start, SampleStart::Offset(n as u64))),
+            n => Err(self.value_error("byte skip", &n.to_string())),
+        }
+    }
 }
 
 /// Reads a volume. A plane is read as a volume with a single sample along z.
@@ -113,58 +171,8 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     let dims =
         dims_from_sizes(&image_sizes).map_err(|problem| file_error(path, problem, remedy))?;
 
-    let kind = header.required_value("type")?;
-    let sample = sample_type(kind).ok_or_else(|| header.value_error("type", kind))?;
-    let (packing, is_raw) = match header.required_value("encoding")?.to_lowercase().as_str() {
-        "raw" => (SamplePacking::Uncompressed, true),
-        "gz" | "gzip" => (SamplePacking::Deflated, false),
-        "txt" | "text" | "ascii" => (SamplePacking::Text, false),
-        other => {
-            let problem = format!("its samples are encoded as {other}, which is not read");
-            let remedy = "write it with the encoding raw or gzip, e.g. in Python with pynrrd";
-            return Err(file_error(path, problem, remedy));
-        }
-    };
-    let encoding = Encoding {
-        sample_type: sample,
-        endian: match header.value("endian") {
-            Some("big") => Endian::Big,
-            Some("little") | None => Endian::Little,
-            Some(other) => return Err(header.value_error("endian", other)),
-        },
-    };
-    if encoding.size() > 1 && packing != SamplePacking::Text && header.value("endian").is_none() {
-        let remedy = "add a line 'endian: little' or 'endian: big'";
-        return Err(file_error(
-            path,
-            "its header does not say the byte order",
-            remedy,
-        ));
-    }
-    let (file, start) = match header.value("datafile") {
-        None => (path.to_path_buf(), header.end),
-        Some(list) if list.starts_with("LIST") || list.contains('%') => {
-            let problem = "its samples lie in several files";
-            let remedy = "write it as one file, e.g. in Python with pynrrd";
-            return Err(file_error(path, problem, remedy));
-        }
-        Some(name) => (sibling(path, name), 0),
-    };
-    let lines = header.integer("lineskip", 0)?;
-    let data_start = skip_lines(&file, start, lines)
-        .ok_or_else(|| header.value_error("line skip", &lines.to_string()))?;
-    let skip = match header.integer("byteskip", 0)? {
-        -1 => SampleStart::FromEnd,
-        n @ 0.. => SampleStart::Offset(n as u64),
-        n => return Err(header.value_error("byte skip", &n.to_string())),
-    };
-    // For compressed data the skipped bytes are counted after decompression.
-    let (data_start, skip) = match skip {
-        SampleStart::Offset(n) if packing == SamplePacking::Text => {
-            (data_start.saturating_add(n), SampleStart::Offset(0))
-        }
-        other => (data_start, other),
-    };
+    let (packing, encoding) = header.packing_and_encoding()?;
+    let (file, data_start, skip) = header.sample_location(packing)?;
     let geometry = geometry(&header, &axes, &directions)?;
     let packed = PackedSamples {
         path: file,
@@ -181,7 +189,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         .find(|note| note.contains("are ignored"))
     {
         // Data beyond the samples means that something else precedes them.
-        Some(note) if !is_raw => {
+        Some(note) if packing != SamplePacking::Uncompressed => {
             let remedy = "if the samples come last, add a line 'byte skip: -1' to the header";
             Err(file_error(
                 path,

@@ -154,12 +154,7 @@ impl PackedSamples {
                     return too_short(available, "of text are there");
                 }
                 samples::check_memory(&self.path, count)?;
-                file.seek(SeekFrom::Start(self.offset))
-                    .map_err(|e| io_error(&self.path, "read", e))?;
-                let mut text = Vec::new();
-                file.read_to_end(&mut text)
-                    .map_err(|e| io_error(&self.path, "read", e))?;
-                let words = self.parse_text(&text, count)?;
+                let words = self.read_text(&mut file, count)?;
                 Ok((words.into_iter().map(T::from_number).collect(), 0))
             }
             SamplePacking::Deflated => {
@@ -189,6 +184,15 @@ impl PackedSamples {
                     })
             }
         }
+    }
+
+    /// Returns the numbers of a text of `count` samples.
+    fn read_text(&self, file: &mut File, count: usize) -> Result<Vec<f32>> {
+        let mut text = Vec::new();
+        file.seek(SeekFrom::Start(self.offset))
+            .and_then(|_| file.read_to_end(&mut text))
+            .map_err(|e| io_error(&self.path, "read", e))?;
+        self.parse_text(&text, count)
     }
 
     /// Returns the samples in `reader`, and the number of bytes after them. The samples take

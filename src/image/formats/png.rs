@@ -8,10 +8,11 @@
 //! An image whose samples are not whole numbers in that range is written in 65536 steps between its
 //! extremes. A text chunk stores the extremes, so that the image reads back to within half a step.
 
+use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::Path;
 
-use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Transformations};
+use png::{BitDepth, ColorType, Decoder, DecodingError, Encoder, Reader, Transformations};
 
 use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, open_with_length};
 use super::placement::NO_GEOMETRY_NOTE;
@@ -77,13 +78,11 @@ fn read_transformed(
     let info = reader.info();
     let (color_type, bits) = (info.color_type, info.bit_depth as u8);
     let dims = [info.width as usize, info.height as usize];
-    let refuse =
-        |problem: String, remedy: &str| Err(Error::Io(cause(path.display(), problem, remedy)));
     if let Some(colours) = info.palette.as_ref().map(|palette| palette.len())
         && (colours == 0 || !colours.is_multiple_of(3))
     {
         let problem = format!("has a palette of {colours} bytes, not three for each colour");
-        return refuse(problem, DAMAGED_REMEDY);
+        return Err(Error::Io(cause(path.display(), problem, DAMAGED_REMEDY)));
     }
     let reads_indices = transformations == Transformations::IDENTITY;
     let has_colours = |palette: &[u8]| !is_grey(palette);
@@ -93,21 +92,8 @@ fn read_transformed(
     {
         return Ok(None);
     }
-    let packed = (info.raw_row_length() as u64).saturating_mul(dims[1] as u64);
-    if packed > length.saturating_mul(MAX_DEFLATE_RATIO) {
-        let problem = format!(
-            "claims {} x {} pixels, which its {length} bytes cannot hold",
-            dims[0], dims[1]
-        );
-        return refuse(problem, DAMAGED_REMEDY);
-    }
-    let size = match reader.output_buffer_size() {
-        Some(size) if size as u64 <= MAX_PICTURE_BYTES => size,
-        _ => {
-            let problem = format!("claims {} x {} pixels", dims[0], dims[1]);
-            return refuse(problem, "give a picture of at most 2^33 bytes");
-        }
-    };
+    let size = buffer_size(&reader, length)
+        .map_err(|(problem, remedy)| Error::Io(cause(path.display(), problem, remedy)))?;
     let channels = reader.output_color_type().0.samples();
     samples::check_memory(path, dims[0] * dims[1] * channels)?;
     let mut bytes = vec![0; size];
@@ -148,21 +134,43 @@ fn read_transformed(
             .iter_mut()
             .for_each(|v| *v = decode_sample(*v, low, high));
     }
-    let name = match color_type {
+    Ok(Some(LoadedImage {
+        image: Image::new(dims, samples, Geometry::default()),
+        format: ImageFormat::Png,
+        encoding: format!("{bits}-bit {}", color_name(color_type)),
+        notes,
+        survey: None,
+        line_numbers: None,
+    }))
+}
+
+/// Returns the number of bytes of the decoded picture, after checks of the claims of a file of
+/// `length` bytes. The error is the problem and the remedy.
+fn buffer_size(
+    reader: &Reader<BufReader<File>>,
+    length: u64,
+) -> std::result::Result<usize, (String, &'static str)> {
+    let info = reader.info();
+    let claim = format!("claims {} x {} pixels", info.width, info.height);
+    let packed = (info.raw_row_length() as u64).saturating_mul(u64::from(info.height));
+    if packed > length.saturating_mul(MAX_DEFLATE_RATIO) {
+        let problem = format!("{claim}, which its {length} bytes cannot hold");
+        return Err((problem, DAMAGED_REMEDY));
+    }
+    let size = reader.output_buffer_size();
+    size.filter(|&size| size as u64 <= MAX_PICTURE_BYTES)
+        .ok_or((claim, "give a picture of at most 2^33 bytes"))
+}
+
+/// Returns how reports call the colours of a picture.
+fn color_name(color_type: ColorType) -> &'static str {
+    match color_type {
         ColorType::Grayscale => "grey",
         ColorType::GrayscaleAlpha => "grey with transparency",
         ColorType::Rgb => "colours",
         ColorType::Rgba => "colours with transparency",
         ColorType::Indexed => "palette",
-    };
-    Ok(Some(LoadedImage {
-        image: Image::new(dims, samples, Geometry::default()),
-        format: ImageFormat::Png,
-        encoding: format!("{bits}-bit {name}"),
-        notes,
-        survey: None,
-        line_numbers: None,
-    }))
+    }
 }
 
 /// Returns the sample that a code from 0 to 65535 stands for.

@@ -4,6 +4,7 @@
 //! as in [`png`](mod@super::png). TIFF has no geometry that all writers agree on: the spacing is
 //! that of ImageJ or OME-TIFF metadata, if there are any.
 
+use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, file_error, open_with_len
 use super::placement::{NO_GEOMETRY_NOTE, length_unit};
 use super::png::luminance;
 use super::{ImageFormat, LoadedImage};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::labels::LabelCollector;
 use crate::image::{Geometry, Image};
 
@@ -39,16 +40,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     let mut limits = Limits::default();
     limits.decoding_buffer_size = max_bytes;
     limits.intermediate_buffer_size = max_bytes;
-    let mut pages = 0;
-    let refusal = |(problem, remedy): (String, &str)| Err(file_error(path, problem, remedy));
-    let page_error = |pages: usize, e: TiffError| {
-        let remedy = match e {
-            TiffError::UnsupportedError(_) => "write it as grey samples, uncompressed",
-            _ => DAMAGED_REMEDY,
-        };
-        file_error(path, format!("page {pages}: {e}"), remedy).with_source(e)
-    };
-    let decoder = Decoder::new(BufReader::new(file)).map_err(|e| page_error(0, e))?;
+    let decoder = Decoder::new(BufReader::new(file)).map_err(|e| page_error(path, 0, e))?;
     let mut decoder = decoder.with_limits(limits);
     let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
     let description = description.unwrap_or_default();
@@ -61,84 +53,11 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             _ => None,
         }
     });
-    let mut exact = Some(LabelCollector::default());
-    let mut first = None;
-    let mut is_wide_integer = false;
-    let mut samples = Vec::new();
-    loop {
-        let (nx, ny) = decoder.dimensions().map_err(|e| page_error(pages, e))?;
-        let color = decoder.colortype().map_err(|e| page_error(pages, e))?;
-        let (shown, expected) = (
-            format!("{nx} x {ny}, {color:?}"),
-            first.get_or_insert((nx, ny, color)),
-        );
-        if *expected != (nx, ny, color) {
-            let (a, b, c) = expected;
-            let problem = format!("page {pages} is {shown}, the first {a} x {b}, {c:?}");
-            return Err(file_error(path, problem, "give pages of one size and kind"));
-        }
-        let channels = match color {
-            ColorType::Gray(_) => 1,
-            ColorType::GrayA(_) => 2,
-            ColorType::RGB(_) => 3,
-            ColorType::RGBA(_) => 4,
-            _ => {
-                let problem = format!("its pages are {color:?}, neither grey nor colours");
-                return Err(file_error(path, problem, "write it as grey samples"));
-            }
-        };
-        if channels > 1
-            && decoder
-                .find_tag_unsigned(Tag::PlanarConfiguration)
-                .ok()
-                .flatten()
-                == Some(2u16)
-        {
-            let problem =
-                format!("page {pages} stores each of its {channels} colours in a separate plane");
-            let remedy = "write it as grey samples, or with interleaved colours";
-            return Err(file_error(path, problem, remedy));
-        }
-        let page = decoder.read_image().map_err(|e| page_error(pages, e))?;
-        let count = nx as usize * ny as usize;
-        let start = samples.len();
-        match (page, color) {
-            (DecodingResult::U8(bytes), ColorType::Gray(bits @ (1 | 2 | 4))) => {
-                add_bits(&bytes, bits, nx as usize, count, &mut samples);
-            }
-            (page, _) => {
-                is_wide_integer |= matches!(
-                    page,
-                    DecodingResult::U32(_)
-                        | DecodingResult::I32(_)
-                        | DecodingResult::U64(_)
-                        | DecodingResult::I64(_)
-                );
-                match (&mut exact, channels) {
-                    (Some(collector), 1) if is_wide_integer => {
-                        add_integers(&page, count, collector)
-                    }
-                    _ => exact = None,
-                }
-                add_page(page, channels, count, &mut samples);
-            }
-        }
-        if samples.len() != start + count || count == 0 {
-            let problem = format!("page {pages} does not hold {shown}");
-            return Err(file_error(path, problem, DAMAGED_REMEDY));
-        }
-        pages += 1;
-        if !decoder.more_images() {
-            break;
-        }
-        decoder.next_image().map_err(|e| page_error(pages, e))?;
-    }
-    let Some((nx, ny, color)) = first else {
-        return Err(file_error(path, "has no page", DAMAGED_REMEDY));
-    };
+    let pages = Pages::read_all(path, &mut decoder)?;
+    let (nx, ny, color) = pages.kind;
     let stack = StackInfo::parse(&description, usize::from(color.num_samples()));
-    if let Some(problem) = stack.and_then(|stack| stack.find_problem(pages)) {
-        return refusal(problem);
+    if let Some((problem, remedy)) = stack.and_then(|stack| stack.find_problem(pages.count)) {
+        return Err(file_error(path, problem, remedy));
     }
     let spacing = stack_spacing(&description, resolution);
     let mut notes = match &spacing {
@@ -148,15 +67,17 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as luminance (BT.709)".into());
     }
-    let note = is_wide_integer.then(|| super::samples::rounding_note(&samples));
+    let note = pages
+        .is_wide_integer
+        .then(|| super::samples::rounding_note(&pages.samples));
     let note = note.flatten();
-    let labels = match (&note, exact) {
+    let labels = match (&note, pages.exact) {
         (Some(_), Some(collector)) => Some(collector.finish()),
         _ => None,
     };
     notes.extend(note);
-    let dims = [nx as usize, ny as usize, pages];
-    let mut image = Image::new(dims, samples, Geometry::default());
+    let dims = [nx as usize, ny as usize, pages.count];
+    let mut image = Image::new(dims, pages.samples, Geometry::default());
     image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
     if let Some((StackSpacing { steps, units }, _)) = spacing {
         image.geometry = Geometry {
@@ -172,6 +93,115 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         survey: None,
         line_numbers: None,
     })
+}
+
+/// Returns the error for a page that cannot be decoded.
+fn page_error(path: &Path, page: usize, error: TiffError) -> Error {
+    let remedy = match error {
+        TiffError::UnsupportedError(_) => "write it as grey samples, uncompressed",
+        _ => DAMAGED_REMEDY,
+    };
+    file_error(path, format!("page {page}: {error}"), remedy).with_source(error)
+}
+
+/// The pages of a stack.
+struct Pages {
+    count: usize,
+    /// Width, height and colours, which all pages have in common.
+    kind: (u32, u32, ColorType),
+    samples: Vec<f32>,
+    /// The samples as integers, if all pages have a channel of wide integers.
+    exact: Option<LabelCollector>,
+    is_wide_integer: bool,
+}
+
+impl Pages {
+    /// Reads all pages of the file at `path`.
+    fn read_all(path: &Path, decoder: &mut Decoder<BufReader<File>>) -> Result<Self> {
+        let page_error = |page: usize| move |e| page_error(path, page, e);
+        let kind = |decoder: &mut Decoder<_>| {
+            let (nx, ny) = decoder.dimensions()?;
+            Ok((nx, ny, decoder.colortype()?))
+        };
+        let mut pages = Self {
+            count: 0,
+            kind: kind(decoder).map_err(page_error(0))?,
+            samples: Vec::new(),
+            exact: Some(LabelCollector::default()),
+            is_wide_integer: false,
+        };
+        loop {
+            let (nx, ny, color) = kind(decoder).map_err(page_error(pages.count))?;
+            if pages.kind != (nx, ny, color) {
+                let (page, (a, b, c)) = (pages.count, pages.kind);
+                let problem =
+                    format!("page {page} is {nx} x {ny}, {color:?}, the first {a} x {b}, {c:?}");
+                return Err(file_error(path, problem, "give pages of one size and kind"));
+            }
+            pages.read_page(path, decoder)?;
+            if !decoder.more_images() {
+                return Ok(pages);
+            }
+            decoder.next_image().map_err(page_error(pages.count))?;
+        }
+    }
+
+    /// Reads the page at which `decoder` stands.
+    fn read_page(&mut self, path: &Path, decoder: &mut Decoder<BufReader<File>>) -> Result<()> {
+        let (number, (nx, ny, color)) = (self.count, self.kind);
+        let channels = match color {
+            ColorType::Gray(_) => 1,
+            ColorType::GrayA(_) => 2,
+            ColorType::RGB(_) => 3,
+            ColorType::RGBA(_) => 4,
+            _ => {
+                let problem = format!("its pages are {color:?}, neither grey nor colours");
+                return Err(file_error(path, problem, "write it as grey samples"));
+            }
+        };
+        let is_planar = |decoder: &mut Decoder<_>| {
+            let tag = decoder.find_tag_unsigned(Tag::PlanarConfiguration);
+            tag.ok().flatten() == Some(2u16)
+        };
+        if channels > 1 && is_planar(decoder) {
+            let problem =
+                format!("page {number} stores each of its {channels} colours in a separate plane");
+            let remedy = "write it as grey samples, or with interleaved colours";
+            return Err(file_error(path, problem, remedy));
+        }
+        let page = decoder
+            .read_image()
+            .map_err(|e| page_error(path, number, e))?;
+        let count = nx as usize * ny as usize;
+        let start = self.samples.len();
+        match (page, color) {
+            (DecodingResult::U8(bytes), ColorType::Gray(bits @ (1 | 2 | 4))) => {
+                add_bits(&bytes, bits, nx as usize, count, &mut self.samples);
+            }
+            (page, _) => {
+                self.is_wide_integer |= matches!(
+                    page,
+                    DecodingResult::U32(_)
+                        | DecodingResult::I32(_)
+                        | DecodingResult::U64(_)
+                        | DecodingResult::I64(_)
+                );
+                match (&mut self.exact, channels) {
+                    (Some(collector), 1) if self.is_wide_integer => {
+                        add_integers(&page, count, collector)
+                    }
+                    _ => self.exact = None,
+                }
+                add_page(page, channels, count, &mut self.samples);
+            }
+        }
+        if self.samples.len() != start + count || count == 0 {
+            let problem = format!("page {number} does not hold {nx} x {ny}, {color:?}");
+            return Err(file_error(path, problem, DAMAGED_REMEDY));
+        }
+        self.count += 1;
+        Ok(())
+    }
 }
 
 /// Distance between samples along x, y and z.

@@ -44,37 +44,7 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         count = count.saturating_mul(dims[k]);
     }
 
-    let vector_or = |name: &str, default: f64| match data_set.attribute(name) {
-        None => Ok([default; 3]),
-        Some(_) => parse_attribute(&file, data_set, name),
-    };
-    let (origin, spacing) = (vector_or("Origin", 0.0)?, vector_or("Spacing", 1.0)?);
-    let direction: [f64; 9] = match data_set.attribute("Direction") {
-        None => [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        Some(_) => parse_attribute(&file, data_set, "Direction")?,
-    };
-    let axes = std::array::from_fn(|k| std::array::from_fn(|c| direction[3 * c + k] * spacing[k]));
-    let mut geometry = Geometry {
-        axes,
-        ..Geometry::default()
-    };
-    // The first sample has the index of the low end of the extent.
-    geometry.origin = origin;
-    geometry.origin = geometry.to_physical(std::array::from_fn(|k| extent[2 * k] as f64));
-    if let Some(fields) = data_set.child("FieldData") {
-        for array in &fields.children {
-            let target = match array.attribute("Name") {
-                Some(AXIS_NAMES) => &mut geometry.names,
-                Some(UNITS) => &mut geometry.units,
-                _ => continue,
-            };
-            let text = file.text(array)?;
-            for (target, line) in target.iter_mut().zip(text.split('\n')) {
-                *target = line.to_string();
-            }
-        }
-    }
-
+    let mut geometry = image_geometry(&file, extent)?;
     let scalars = |data: &str| {
         let data = piece.child(data)?;
         let arrays = || data.children.iter().filter(|c| c.name == "DataArray");
@@ -130,6 +100,42 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         image.labels = array.values.to_integers().map(ExactLabels::from_integers);
     }
     Ok((image, note))
+}
+
+/// Returns the geometry of an image of this extent.
+fn image_geometry(file: &VtkFile, extent: [i64; 6]) -> Result<Geometry<3>> {
+    let data_set = file.data_set();
+    let vector_or = |name: &str, default: f64| match data_set.attribute(name) {
+        None => Ok([default; 3]),
+        Some(_) => parse_attribute(file, data_set, name),
+    };
+    let (origin, spacing) = (vector_or("Origin", 0.0)?, vector_or("Spacing", 1.0)?);
+    let direction: [f64; 9] = match data_set.attribute("Direction") {
+        None => [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        Some(_) => parse_attribute(file, data_set, "Direction")?,
+    };
+    let axes = std::array::from_fn(|k| std::array::from_fn(|c| direction[3 * c + k] * spacing[k]));
+    let mut geometry = Geometry {
+        axes,
+        ..Geometry::default()
+    };
+    // The first sample has the index of the low end of the extent.
+    geometry.origin = origin;
+    geometry.origin = geometry.to_physical(std::array::from_fn(|k| extent[2 * k] as f64));
+    if let Some(fields) = data_set.child("FieldData") {
+        for array in &fields.children {
+            let target = match array.attribute("Name") {
+                Some(AXIS_NAMES) => &mut geometry.names,
+                Some(UNITS) => &mut geometry.units,
+                _ => continue,
+            };
+            let text = file.text(array)?;
+            for (target, line) in target.iter_mut().zip(text.split('\n')) {
+                *target = line.to_string();
+            }
+        }
+    }
+    Ok(geometry)
 }
 
 /// Parses an attribute of exactly `N` numbers.

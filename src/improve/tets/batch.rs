@@ -277,10 +277,7 @@ impl TetImprover<'_> {
             self.complex.nodes[node as usize],
             &scratch.link,
             &mut constraint,
-            self.extent,
-            self.planes,
-            self.max_deviation,
-            self.smoothing_target,
+            self.smoothing_limits(),
             &mut scratch.smooth_scratch,
         );
         best.map(|(x, _)| (x, constraint))

@@ -1,14 +1,12 @@
 //! Removes slivers by exudation, our own or CGAL's. Features are recovered as for the other method; after that
 //! nodes stay where they are, and only the tetrahedra change.
 
-use super::TetImprover;
 use super::finish::{blocked_cells, faces_on_surfaces};
+use super::{ImproveContext, TetImprover};
 use crate::Result;
 use crate::comm::Comm;
-use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::{ImproveReport, SliverMethod, Target};
+use crate::improve::{ImproveReport, SliverMethod};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
 use crate::mesh::delaunay::{self, cgal, exude};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
@@ -25,25 +23,13 @@ pub fn exude(
     mesh: &mut TetMesh,
     neighbors: Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
-    extent: [f64; 3],
-    planes: &FeaturePlanes,
-    distance: &Distance<3>,
-    target: &Target,
+    context: ImproveContext<'_>,
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
-    let target_sine = target.min_dihedral.to_radians().sin();
+    let (planes, target_sine) = (context.planes, context.target_sine());
     let owned_mesh = std::mem::take(mesh);
-    let mut improver = TetImprover::new(
-        owned_mesh,
-        neighbors,
-        kinds,
-        extent,
-        planes,
-        distance,
-        target_sine,
-        cancel,
-    );
+    let mut improver = TetImprover::new(owned_mesh, neighbors, kinds, context, cancel);
     improver.comm = comm;
     let below_target_before = improver.tets_below_target().len();
     improver.recover(cancel)?;
@@ -61,9 +47,10 @@ pub fn exude(
             on_feature.map(|k| FACES[k].map(|i| tet[i]))
         })
         .collect();
-    mesh.tets = match target.method {
-        SliverMethod::ExudeCgal => cgal::exude(&mesh.nodes, &kept_faces, target.min_dihedral)?,
-        _ => exude::exude(&mesh.nodes, &kept_faces, target.min_dihedral)?,
+    let min_dihedral = context.target.min_dihedral;
+    mesh.tets = match context.target.method {
+        SliverMethod::ExudeCgal => cgal::exude(&mesh.nodes, &kept_faces, min_dihedral)?,
+        _ => exude::exude(&mesh.nodes, &kept_faces, min_dihedral)?,
     };
 
     let sines: Vec<f64> = (0..mesh.tets.len())

@@ -28,7 +28,7 @@ mod smooth;
 
 pub use exude::exude;
 pub use reshape::reshape;
-pub use slabs::{KnownAtoms, SlabContext, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
+pub use slabs::{KnownAtoms, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
 
 use crate::parallel::prelude::*;
 
@@ -65,6 +65,26 @@ const RECOVERY_WORK_SHARE: f64 = 0.15;
 /// they may leave them, when many nodes move little by little.
 const MAX_ROUNDS: [usize; 2] = [8, 12];
 
+/// The box of a mesh, the features in it, and what its improvement aims at.
+#[derive(Debug, Clone, Copy)]
+pub struct ImproveContext<'a> {
+    /// Far corner of the box.
+    pub extent: [f64; 3],
+    /// Local planes of the features.
+    pub planes: &'a FeaturePlanes,
+    /// Nominal distance d.
+    pub distance: &'a Distance<3>,
+    /// Quality to reach.
+    pub target: Target,
+}
+
+impl ImproveContext<'_> {
+    /// Returns the sine of the target for the smallest angle.
+    fn target_sine(&self) -> f64 {
+        self.target.min_dihedral.to_radians().sin()
+    }
+}
+
 /// Makes a Delaunay mesh follow the features and removes its slivers, in place.
 ///
 /// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and are updated.
@@ -79,25 +99,12 @@ pub fn improve(
     mesh: &mut TetMesh,
     neighbors: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
-    extent: [f64; 3],
-    planes: &FeaturePlanes,
-    distance: &Distance<3>,
-    target: &Target,
+    context: ImproveContext<'_>,
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
-    let target_sine = target.min_dihedral.to_radians().sin();
     let (owned_mesh, owned_neighbors) = (std::mem::take(mesh), std::mem::take(neighbors));
-    let mut improver = TetImprover::new(
-        owned_mesh,
-        owned_neighbors,
-        kinds,
-        extent,
-        planes,
-        distance,
-        target_sine,
-        cancel,
-    );
+    let mut improver = TetImprover::new(owned_mesh, owned_neighbors, kinds, context, cancel);
     improver.comm = comm;
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
@@ -158,12 +165,15 @@ impl<'a> TetImprover<'a> {
         mesh: TetMesh,
         neighbors: Vec<[u32; 4]>,
         kinds: &[AtomKind],
-        extent: [f64; 3],
-        planes: &'a FeaturePlanes,
-        distance: &'a Distance<3>,
-        target_sine: f64,
+        context: ImproveContext<'a>,
         cancel: &CancelToken<'_>,
     ) -> Self {
+        let ImproveContext {
+            extent,
+            planes,
+            distance,
+            ..
+        } = context;
         let (constraints, proximities) = mesh
             .nodes
             .par_iter()
@@ -198,7 +208,7 @@ impl<'a> TetImprover<'a> {
             sines,
             constraints,
             proximities,
-            ..Self::empty(extent, planes, distance, target_sine)
+            ..Self::empty(extent, planes, distance, context.target_sine())
         }
     }
 
@@ -237,6 +247,17 @@ impl<'a> TetImprover<'a> {
             smooth_scratch: smooth::SmoothScratch::default(),
             scratch_pool: batch::ScratchPool::default(),
             colors: Vec::new(),
+        }
+    }
+
+    /// Returns the limits within which nodes are smoothed.
+    #[inline]
+    fn smoothing_limits(&self) -> smooth::SmoothingLimits<'a> {
+        smooth::SmoothingLimits {
+            extent: self.extent,
+            planes: self.planes,
+            max_deviation: self.max_deviation,
+            target_sine: self.smoothing_target,
         }
     }
 
@@ -383,10 +404,7 @@ impl<'a> TetImprover<'a> {
             self.complex.nodes[node as usize],
             &self.link,
             &mut constraint,
-            self.extent,
-            self.planes,
-            self.max_deviation,
-            self.smoothing_target,
+            self.smoothing_limits(),
             &mut self.smooth_scratch,
         );
         let Some((x, _)) = best else {

@@ -232,19 +232,35 @@ pub struct SmoothScratch {
     plane_cache: PlaneCache,
 }
 
+/// Limits within which nodes are smoothed.
+#[derive(Clone, Copy)]
+pub struct SmoothingLimits<'a> {
+    /// Far corner of the box.
+    pub extent: [f64; 3],
+    /// Local planes of the features.
+    pub planes: &'a FeaturePlanes,
+    /// Largest distance, in samples, of a node from the surfaces that hold it.
+    pub max_deviation: f64,
+    /// Sine at which smoothing of a node stops.
+    pub target_sine: f64,
+}
+
 /// Climbs from `start` to a position where the smallest sine around the node is larger, within the
-/// constraints of the node. Stops at a sine of `target_sine`. Returns the position and its smallest
-/// sine if the gain is large enough.
+/// constraints of the node and the limits. Returns the position and its smallest sine if the gain is
+/// large enough.
 pub fn best_position(
     start: [f64; 3],
     link: &NodeLink,
     constraint: &mut NodeConstraint,
-    extent: [f64; 3],
-    planes: &FeaturePlanes,
-    max_deviation: f64,
-    target_sine: f64,
+    limits: SmoothingLimits<'_>,
     scratch: &mut SmoothScratch,
 ) -> Option<([f64; 3], f64)> {
+    let SmoothingLimits {
+        extent,
+        planes,
+        max_deviation,
+        target_sine,
+    } = limits;
     let start_sine = worst_sine(start, link, f64::NEG_INFINITY);
     let (mut x, mut best) = (start, start_sine);
     let min_distance = link.nearest_distance(start);
@@ -397,10 +413,12 @@ mod tests {
             shift(offset),
             &link,
             &mut constraint,
-            [9.0; 3],
-            &planes,
-            0.0,
-            1.0,
+            SmoothingLimits {
+                extent: [9.0; 3],
+                planes: &planes,
+                max_deviation: 0.0,
+                target_sine: 1.0,
+            },
             &mut SmoothScratch::default(),
         )
         .unwrap();

@@ -78,10 +78,12 @@ fn run(
         mesh,
         &mut neighbors,
         kinds,
-        extent,
-        planes,
-        &Distance::Constant(4.5),
-        &Target::default(),
+        ImproveContext {
+            extent,
+            planes,
+            distance: &Distance::Constant(4.5),
+            target: Target::default(),
+        },
         &SelfComm,
         &CancelToken::never(),
     )
@@ -97,9 +99,15 @@ fn improver<'a>(
 ) -> TetImprover<'a> {
     let (mesh, cancel) = (mesh.clone(), CancelToken::never());
     let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-    TetImprover::new(
-        mesh, neighbors, kinds, extent, planes, distance, 0.5, &cancel,
-    )
+    let context = ImproveContext {
+        extent,
+        planes,
+        distance,
+        target: Target::default(),
+    };
+    let mut improver = TetImprover::new(mesh, neighbors, kinds, context, &cancel);
+    improver.target_sine = 0.5;
+    improver
 }
 
 /// Checks that fewer than one in `factor` of the `initial` tetrahedra below target remain, and that all
@@ -233,10 +241,12 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
         &mut exuded,
         neighbors,
         &mut exuded_kinds,
-        extent,
-        &planes,
-        &Distance::Constant(4.5),
-        &Target::default(),
+        ImproveContext {
+            extent,
+            planes: &planes,
+            distance: &Distance::Constant(4.5),
+            target: Target::default(),
+        },
         &SelfComm,
         &CancelToken::never(),
     )

@@ -68,6 +68,47 @@ pub struct DistanceBricks<const D: usize> {
     misses: MissFlag,
 }
 
+/// Summarises d in a grid of dimensions `dims`. `field` has the local layers; this rank owns the ones
+/// in `owned`.
+fn summarise<const D: usize>(
+    field: &ScalarField<D>,
+    dims: [usize; D],
+    owned: Range<usize>,
+    limits: DistanceLimits,
+    comm: &dyn Comm,
+) -> Result<DistanceSummary> {
+    let layer_len: usize = field.dims[..D - 1].iter().product();
+    let owned_samples = field.samples[owned.start * layer_len..owned.end * layer_len]
+        .chunks_exact(layer_len.max(1));
+    let samples = owned_samples.clone().flatten();
+    let min = samples.clone().fold(f32::INFINITY, |a, &b| a.min(b));
+    let max = samples.fold(0.0f32, |a, &b| a.max(b));
+    let density_sums: Vec<f64> = owned_samples.map(density_sum::<D>).collect();
+    let slopes = if field.samples.is_empty() {
+        [0.0; D]
+    } else {
+        max_slopes(field)
+    };
+    type LayerMessage<const D: usize> = ([f64; 2], ([f64; D], Vec<f64>));
+    let summary = ([min.into(), max.into()], (slopes, density_sums));
+    let summaries: Vec<LayerMessage<D>> = comm.all_gather("distances", summary)?;
+    let reduce = |k: usize, combine: fn(f64, f64) -> f64| {
+        summaries.iter().map(|(d, _)| d[k]).reduce(combine)
+    };
+    let steepest = |k: usize| {
+        summaries
+            .iter()
+            .fold(0.0, |a: f64, (_, (slopes, _))| a.max(slopes[k]))
+    };
+    let density: f64 = summaries.iter().flat_map(|(_, (_, sums))| sums).sum();
+    Ok(DistanceSummary {
+        min: reduce(0, f64::min).unwrap_or(limits.min),
+        max: reduce(1, f64::max).unwrap_or(limits.max),
+        mean_density: density / dims.iter().product::<usize>() as f64,
+        max_slope: slope_norm::<D>(std::array::from_fn(steepest)),
+    })
+}
+
 /// Returns the count of bricks along each axis.
 fn bricks_per_axis<const D: usize>(dims: [usize; D]) -> [usize; D] {
     dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK_CELLS))
@@ -151,46 +192,19 @@ impl<const D: usize> DistanceLayers<D> {
             .for_each(|point| add_point(point, None));
         limit_gradient_in_layers(&mut field, first, &layers, limits.growth, cancel, comm)?;
 
-        let start = (owned.start - first) * layer_len;
-        let owned_samples =
-            field.samples[start..start + owned.len() * layer_len].chunks_exact(layer_len.max(1));
-        let min = owned_samples
-            .clone()
-            .flatten()
-            .fold(f32::INFINITY, |a, &b| a.min(b));
-        let max = owned_samples
-            .clone()
-            .flatten()
-            .fold(0.0f32, |a, &b| a.max(b));
-        let density_sums: Vec<f64> = owned_samples.map(density_sum::<D>).collect();
-        let slopes = if field.samples.is_empty() {
-            [0.0; D]
-        } else {
-            max_slopes(&field)
-        };
-        type LayerMessage<const D: usize> = ([f64; 2], ([f64; D], Vec<f64>));
-        let summary = ([min.into(), max.into()], (slopes, density_sums));
-        let summaries: Vec<LayerMessage<D>> = comm.all_gather("distances", summary)?;
-        let reduce = |k: usize, combine: fn(f64, f64) -> f64| {
-            summaries.iter().map(|(d, _)| d[k]).reduce(combine)
-        };
-        let steepest = |k: usize| {
-            summaries
-                .iter()
-                .fold(0.0, |a: f64, (_, (slopes, _))| a.max(slopes[k]))
-        };
-        let density: f64 = summaries.iter().flat_map(|(_, (_, crowds))| crowds).sum();
+        let summary = summarise(
+            &field,
+            dims,
+            owned.start - first..owned.end - first,
+            limits,
+            comm,
+        )?;
         Ok(Self {
             dims,
             step,
             first_layer: first,
             samples: field.samples,
-            summary: DistanceSummary {
-                min: reduce(0, f64::min).unwrap_or(limits.min),
-                max: reduce(1, f64::max).unwrap_or(limits.max),
-                mean_density: density / dims.iter().product::<usize>() as f64,
-                max_slope: slope_norm::<D>(std::array::from_fn(steepest)),
-            },
+            summary,
         })
     }
 

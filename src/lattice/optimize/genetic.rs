@@ -67,11 +67,8 @@ pub fn evolve<const D: usize>(
     first.energy = check_finite(energy.evaluate(start, &mut first.gradient)?)?;
     first.parts = energy.parts();
     budget.evaluations += 1;
-    let mut evaluators: Vec<_> = (1..POPULATION_SIZE).map(|_| energy.duplicate()).collect();
     let mut history = vec![first.energy];
-    // All are alike at first: the best individual, and the other parents of its children.
-    let mut parents = vec![first; POPULATION_SIZE];
-    let mut children = parents[1..].to_vec();
+    let mut population = Population::new(first, &*energy);
     let stop = loop {
         if !progress.keep_going() {
             break StopReason::Interrupted;
@@ -80,56 +77,25 @@ pub fn evolve<const D: usize>(
             break StopReason::MaxIterations;
         }
         let generation = history.len() as u64;
-        let tasks = children.par_iter_mut().zip(&mut evaluators).enumerate();
-        let evolve = |cancel: &CancelToken<'_>| -> Result<bool> {
-            tasks.try_for_each(|(n, (child, evaluator))| {
-                if cancel.is_cancelled() {
-                    return Ok(());
-                }
-                let key = [options.seed, round as u64, generation, n as u64]
-                    .into_iter()
-                    .fold(0, |key: u64, part| {
-                        (key ^ part).wrapping_mul(0x9E37_79B9_7F4A_7C15)
-                    });
-                let reproduction = Reproduction {
-                    bounds,
-                    scale: &scale,
-                    max_move: options.perturbation,
-                    key,
-                };
-                reproduction.cross_over(&parents[0], &parents[n + 1], child);
-                reproduction.mutate(child);
-                child.energy = evaluator.evaluate(&child.positions, &mut child.gradient)?;
-                child.parts = evaluator.parts();
-                Ok(())
-            })?;
-            Ok(cancel.is_cancelled())
+        let round_key = hash_key(hash_key(options.seed, round as u64), generation);
+        let reproduction = |n: usize| Reproduction {
+            bounds,
+            scale: &scale,
+            max_move: options.perturbation,
+            key: hash_key(round_key, n as u64),
         };
+        let evolve = |cancel: &CancelToken<'_>| population.reproduce(reproduction, cancel);
         if CancelToken::run(&mut || progress.keep_going(), evolve)? {
             break StopReason::Interrupted;
         }
-        budget.evaluations += children.len();
-        for child in &children {
-            check_finite(child.energy)?;
-        }
-        for (parent, child) in parents[1..].iter_mut().zip(&mut children) {
-            std::mem::swap(parent, child);
-        }
-        // The first of the lowest: a child as good as its parent does not take its place.
-        let best = (1..POPULATION_SIZE).fold(0, |best, n| {
-            if parents[n].energy < parents[best].energy {
-                n
-            } else {
-                best
-            }
-        });
-        parents.swap(0, best);
+        budget.evaluations += population.children.len();
+        let is_better = population.select()?;
         let Individual {
             energy: min_energy,
             parts,
             ..
-        } = parents[0];
-        if best != 0 {
+        } = population.parents[0];
+        if is_better {
             budget.iterations += 1;
             progress.optimize_step(&OptimizeStatus {
                 round,
@@ -141,13 +107,13 @@ pub fn evolve<const D: usize>(
             });
         }
         history.push(min_energy);
-        let scratch = &mut children[0].gradient;
+        let scratch = &mut population.children[0].gradient;
         send_snapshot(
-            &parents[0].positions,
+            &population.parents[0].positions,
             &halo,
             min_energy,
             generation as usize,
-            &mut *evaluators[0],
+            &mut *population.evaluators[0],
             scratch,
             progress,
         )?;
@@ -157,10 +123,80 @@ pub fn evolve<const D: usize>(
             break StopReason::Converged;
         }
     };
-    drop(evaluators);
-    let best = parents.swap_remove(0);
+    let best = population.parents.swap_remove(0);
     minimiser.set_result(best.positions, best.energy, best.parts);
     Ok(stop)
+}
+
+/// A generation.
+struct Population<'a, const D: usize> {
+    /// The best individual, and the other parent of each child.
+    parents: Vec<Individual<D>>,
+    children: Vec<Individual<D>>,
+    /// The energy, once for each child.
+    evaluators: Vec<Box<dyn Energy<D> + Send + 'a>>,
+}
+
+impl<'a, const D: usize> Population<'a, D> {
+    /// Creates a population of individuals that are alike.
+    fn new(first: Individual<D>, energy: &'a dyn Energy<D>) -> Self {
+        let parents = vec![first; POPULATION_SIZE];
+        Self {
+            children: parents[1..].to_vec(),
+            evaluators: (1..POPULATION_SIZE).map(|_| energy.duplicate()).collect(),
+            parents,
+        }
+    }
+
+    /// Creates and evaluates the children; `reproduction` returns the rules for a child. Returns
+    /// `true` if `cancel` is cancelled.
+    fn reproduce<'r>(
+        &mut self,
+        reproduction: impl Fn(usize) -> Reproduction<'r, D> + Sync,
+        cancel: &CancelToken<'_>,
+    ) -> Result<bool> {
+        let parents = &self.parents;
+        let children = self.children.par_iter_mut();
+        let tasks = children.zip(&mut self.evaluators).enumerate();
+        tasks.try_for_each(|(n, (child, evaluator))| {
+            if cancel.is_cancelled() {
+                return Ok(());
+            }
+            let reproduction = reproduction(n);
+            reproduction.cross_over(&parents[0], &parents[n + 1], child);
+            reproduction.mutate(child);
+            child.energy = evaluator.evaluate(&child.positions, &mut child.gradient)?;
+            child.parts = evaluator.parts();
+            Ok(())
+        })?;
+        Ok(cancel.is_cancelled())
+    }
+
+    /// Makes the children parents, and the best individual the first of them. Returns `true` if
+    /// this is a child.
+    fn select(&mut self) -> Result<bool> {
+        for child in &self.children {
+            check_finite(child.energy)?;
+        }
+        for (parent, child) in self.parents[1..].iter_mut().zip(&mut self.children) {
+            std::mem::swap(parent, child);
+        }
+        // The first of the lowest: a child as good as its parent does not take its place.
+        let best = (1..POPULATION_SIZE).fold(0, |best, n| {
+            if self.parents[n].energy < self.parents[best].energy {
+                n
+            } else {
+                best
+            }
+        });
+        self.parents.swap(0, best);
+        Ok(best != 0)
+    }
+}
+
+/// Adds a number to the key of a sequence of random numbers.
+fn hash_key(key: u64, part: u64) -> u64 {
+    (key ^ part).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
 /// The rules by which a child is created.

@@ -193,10 +193,11 @@ pub(crate) fn optimize_partition<const D: usize>(
         && Minimiser::<D>::CAN_PARTITION
         && options.temperature.is_empty();
     if comm.size() > 1 && can_partition && options.method != Method::Genetic {
-        let max_move = expected_move(distance);
-        return optimize_with_halo(
-            owned, energy, distance, extent, options, max_move, comm, progress,
-        );
+        let sharing = LatticeSharing {
+            comm,
+            max_move: expected_move(distance),
+        };
+        return optimize_with_halo(owned, energy, distance, extent, options, sharing, progress);
     }
     let mut atoms = std::mem::take(owned).all_gather(comm)?;
     let result = optimize(&mut atoms, energy, distance, extent, options, progress);
@@ -204,19 +205,25 @@ pub(crate) fn optimize_partition<const D: usize>(
     result
 }
 
-/// Lowers the energy of a distributed lattice with ghosts; no atom is expected to move farther than
-/// `max_move`.
+/// How ranks share a lattice while its atoms move.
+struct LatticeSharing<'a> {
+    comm: &'a dyn Comm,
+    /// Expected largest move of an atom.
+    max_move: f64,
+}
+
+/// Lowers the energy of a distributed lattice with ghosts.
 fn optimize_with_halo<const D: usize>(
     owned: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimizeOptions,
-    mut max_move: f64,
-    comm: &dyn Comm,
+    sharing: LatticeSharing<'_>,
     progress: &mut dyn Progress,
 ) -> Result<OptimizeResult> {
     check_options(options, owned.global_count)?;
+    let LatticeSharing { comm, mut max_move } = sharing;
     loop {
         let halo_width = NEIGHBOUR_RADIUS * distance.max() + 2.0 * max_move;
         let (halo, mut atoms) = OwnedAndGhosts::with_halo(owned, halo_width, comm)?;

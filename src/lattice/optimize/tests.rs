@@ -476,8 +476,9 @@ fn partitioned_optimisation_equals_the_single_process_one() {
             let outcomes = run_threads(count, |comm| {
                 let mut owned = OwnedAtoms::from_global(seeded.clone(), comm);
                 let (energy, progress, distance) = (&mut energy(), &mut NoProgress, &distance);
+                let sharing = LatticeSharing { comm, max_move };
                 let result = optimize_with_halo(
-                    &mut owned, energy, distance, extent, &options, max_move, comm, progress,
+                    &mut owned, energy, distance, extent, &options, sharing, progress,
                 );
                 (owned.all_gather(comm).unwrap(), result.unwrap())
             });

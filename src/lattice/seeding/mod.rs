@@ -25,6 +25,7 @@ mod regular;
 pub(crate) mod wells;
 
 use self::fixed_atoms::Clearance;
+use self::guide::GuideOptions;
 use self::morton::MortonCurve;
 use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
@@ -219,16 +220,14 @@ pub fn seed<const D: usize>(
                 "call seeding::canny::place_atoms",
             )));
         }
-        Seeding::Guide { seed, max_atoms } => guide::draw_lattice(
-            extent,
-            distance,
-            &image()?,
-            &fixed,
-            alignment,
-            seed,
-            max_atoms,
-            cancel,
-        )?,
+        Seeding::Guide { seed, max_atoms } => {
+            let options = GuideOptions {
+                alignment,
+                seed,
+                max_atoms,
+            };
+            guide::draw_lattice(extent, distance, &image()?, &fixed, options, cancel)?
+        }
         Seeding::Projection if alignment == Alignment::AlongsideFeatures => {
             return Err(seeding_error(
                 "projection puts atoms onto features, which the faces of Voronoi cells follow",

@@ -60,14 +60,7 @@ impl SegyFile {
         let refuse =
             |problem: String, remedy: &str| Error::Io(cause(path.display(), problem, remedy));
         let (file, length) = open_with_length(path)?;
-        if length < FILE_HEADER_BYTES as u64 {
-            let problem = format!(
-                "is cut off: {length} bytes, where a SEG-Y header alone has {FILE_HEADER_BYTES}"
-            );
-            return Err(refuse(problem, "copy it again"));
-        }
-        let mut header = vec![0; FILE_HEADER_BYTES];
-        read_exact_at(&file, &mut header, 0).map_err(|e| io_error(path, "read", e))?;
+        let header = read_header(path, &file, length)?;
         let (fields, sample) = BinaryHeader::parse(&header).map_err(|problem| {
             refuse(
                 problem,
@@ -99,15 +92,7 @@ impl SegyFile {
             })?;
         let mut end = length;
         if is_revision_2 {
-            let offset = fields.u64(3521);
-            if offset >= FILE_HEADER_BYTES as u64 && offset <= length {
-                start = offset;
-            }
-            // Trailing stanzas are excluded, if their number is plausible.
-            let trailer = u64::from(fields.u32(3529)) * TEXT_HEADER_BYTES as u64;
-            if trailer <= length - start {
-                end -= trailer;
-            }
+            (start, end) = fields.trace_range(start, length);
         }
         let body = end - start;
 
@@ -119,13 +104,12 @@ impl SegyFile {
             n if is_revision_2 && n > 0 => n,
             _ => u32::from(fields.u16(3221)),
         };
-        // Revision 2.0 counts additional trace headers at 3507-3510, revision 2.1 at 3507-3508.
-        let headers = [fields.u16(3507), fields.u16(3509), 0]
-            .map(|n| TRACE_HEADER_BYTES * (1 + usize::from(n)));
-        let trace_header = match headers.into_iter().find(|&h| fits(declared, h)) {
-            Some(header) if is_revision_2 => header,
-            None if is_revision_2 => headers[0],
-            _ => TRACE_HEADER_BYTES,
+        let trace_header = if is_revision_2 {
+            let lengths = fields.trace_header_lengths();
+            let length = lengths.into_iter().find(|&h| fits(declared, h));
+            length.unwrap_or(lengths[0])
+        } else {
+            TRACE_HEADER_BYTES
         };
         let first_trace_samples = first_trace_sample_count(&file, start, length, fields.endian)
             .map_err(|e| io_error(path, "read", e))?;
@@ -145,18 +129,12 @@ impl SegyFile {
         }
 
         let bytes = trace_header as u64 + u64::from(samples) * encoding.size() as u64;
-        let extended = fields.f64(3273);
-        let dt = match f64::from(fields.i16(3217)) {
-            _ if is_revision_2 && extended.is_finite() && extended > 0.0 => Some(extended),
-            dt if dt > 0.0 => Some(dt),
-            _ => None,
-        };
         Ok(Self {
             encoding,
             revision,
             text_lines: text::lines(&header[..TEXT_HEADER_BYTES]),
             samples_per_trace: samples as usize,
-            interval_us: dt,
+            interval_us: fields.interval_us(is_revision_2),
             lengths_in_feet: match fields.i16(3255) {
                 1 => Some(false),
                 2 => Some(true),
@@ -170,6 +148,20 @@ impl SegyFile {
             file,
         })
     }
+}
+
+/// Returns the textual and the binary header of a file of `length` bytes.
+fn read_header(path: &Path, file: &File, length: u64) -> Result<Vec<u8>> {
+    if length < FILE_HEADER_BYTES as u64 {
+        let problem = format!(
+            "is cut off: {length} bytes, where a SEG-Y header alone has {FILE_HEADER_BYTES}"
+        );
+        let error = cause(path.display(), problem, "copy it again");
+        return Err(Error::Io(error));
+    }
+    let mut header = vec![0; FILE_HEADER_BYTES];
+    read_exact_at(file, &mut header, 0).map_err(|e| io_error(path, "read", e))?;
+    Ok(header)
 }
 
 /// Returns `true` if the first bytes of a file look like a SEG-Y header: text, then a plausible
@@ -319,6 +311,39 @@ impl<'a> BinaryHeader<'a> {
 
     fn has_byte_order_mark(&self) -> bool {
         self.u32(3297) == BYTE_ORDER_MARK
+    }
+
+    /// Returns the offsets of the first trace and of the end of the last one in a file of revision
+    /// 2 of `length` bytes, whose traces begin at `start` unless the header says otherwise.
+    fn trace_range(&self, mut start: u64, length: u64) -> (u64, u64) {
+        let offset = self.u64(3521);
+        if offset >= FILE_HEADER_BYTES as u64 && offset <= length {
+            start = offset;
+        }
+        // Trailing stanzas are excluded, if their number is plausible.
+        let trailer = u64::from(self.u32(3529)) * TEXT_HEADER_BYTES as u64;
+        if trailer <= length - start {
+            (start, length - trailer)
+        } else {
+            (start, length)
+        }
+    }
+
+    /// Returns the numbers of bytes that the headers of a trace may have. Revision 2.0 counts
+    /// additional headers at 3507-3510, revision 2.1 at 3507-3508.
+    fn trace_header_lengths(&self) -> [usize; 3] {
+        let counts = [self.u16(3507), self.u16(3509), 0];
+        counts.map(|n| TRACE_HEADER_BYTES * (1 + usize::from(n)))
+    }
+
+    /// Returns the sample interval in microseconds, if it is given.
+    fn interval_us(&self, is_revision_2: bool) -> Option<f64> {
+        let extended = self.f64(3273);
+        match f64::from(self.i16(3217)) {
+            _ if is_revision_2 && extended.is_finite() && extended > 0.0 => Some(extended),
+            dt if dt > 0.0 => Some(dt),
+            _ => None,
+        }
     }
 
     fn raw<const N: usize>(&self, byte: usize) -> [u8; N] {

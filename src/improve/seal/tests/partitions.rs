@@ -3,6 +3,7 @@
 use super::*;
 use crate::comm::{SelfComm, run_threads};
 use crate::geometry::bounding_box;
+use crate::improve::tets::ImproveContext;
 use crate::lattice::distance::DistributedDistance;
 use crate::mesh::Mesh;
 use crate::mesh::boxes::kuhn_box;
@@ -219,10 +220,12 @@ fn improved_fault_network(seed: u64) -> MarkedMesh {
         &mut delaunay.mesh,
         &mut delaunay.neighbors,
         &mut atoms.kinds,
-        extent,
-        &planes,
-        &distance,
-        &Target::default(),
+        ImproveContext {
+            extent,
+            planes: &planes,
+            distance: &distance,
+            target: Target::default(),
+        },
         &SelfComm,
         &CancelToken::never(),
     )

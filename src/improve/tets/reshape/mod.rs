@@ -2,14 +2,12 @@
 //! leaves a valid mesh, so that the part always fits the rest of the mesh. All steps of
 //! [`improve`](super::improve) follow.
 
-use super::{TetImprover, smooth};
+use super::{ImproveContext, TetImprover, smooth};
 use crate::error::{Error, cause};
 use crate::geometry::{norm, sorted_distinct, sub, volume6};
 use crate::improve::constraint::NodeConstraint;
-use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult, Target};
+use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
 use crate::mesh::complex::{self, NONE};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
@@ -24,10 +22,7 @@ use crate::progress::CancelToken;
 pub fn reshape(
     part: TetMesh,
     request: &ReshapeRequest<3>,
-    extent: [f64; 3],
-    planes: &FeaturePlanes,
-    distance: &Distance<3>,
-    target: &Target,
+    context: ImproveContext<'_>,
 ) -> Result<ReshapeResult<TetMesh>, ReshapeError> {
     let ReshapeRequest {
         targets,
@@ -42,22 +37,18 @@ pub fn reshape(
             "mesh the image again",
         )))
     })?;
-    let target_sine = target.min_dihedral.to_radians().sin();
-    let part_kinds = &kinds[..count];
     let mut improver = TetImprover::new(
         part,
         neighbors,
-        part_kinds,
-        extent,
-        planes,
-        distance,
-        target_sine,
+        &kinds[..count],
+        context,
         &CancelToken::never(),
     );
     // The proximities are of no use, as nodes move before edges are searched.
     improver.proximities = Vec::new();
     for node in count..targets.len() {
-        let (constraint, _) = NodeConstraint::new(targets[node], kinds[node], extent, planes);
+        let (constraint, _) =
+            NodeConstraint::new(targets[node], kinds[node], context.extent, context.planes);
         if !improver.insert_node(targets[node], constraint) {
             return Err(ReshapeError::Node(node as u32));
         }

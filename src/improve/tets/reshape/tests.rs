@@ -2,6 +2,9 @@
 
 use super::*;
 use crate::geometry::random::Random;
+use crate::improve::Target;
+use crate::improve::feature_planes::FeaturePlanes;
+use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{Alignment, fcc};
 use crate::mesh::check::check;
 use crate::mesh::delaunay;
@@ -26,11 +29,19 @@ fn box_part() -> (TetMesh, Vec<AtomKind>) {
     (mesh, atoms.kinds)
 }
 
+fn context<'a>(planes: &'a FeaturePlanes, distance: &'a Distance<3>) -> ImproveContext<'a> {
+    ImproveContext {
+        extent: EXTENT,
+        planes,
+        distance,
+        target: Target::default(),
+    }
+}
+
 fn reshape_checked(mesh: TetMesh, request: &ReshapeRequest<3>) -> ReshapeResult<TetMesh> {
     let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
-    let target = Target::default();
-    let result = reshape(mesh, request, EXTENT, &planes, &distance, &target)
+    let result = reshape(mesh, request, context(&planes, &distance))
         .unwrap_or_else(|why| panic!("{why:?} of {:?}", request.kinds));
     let checked = check(&result.mesh, [0.0; 3], EXTENT, 1e-9);
     assert!(checked.passed(), "{:?}", checked.problems);
@@ -146,16 +157,10 @@ fn containing_tet_is_the_one_in_which_the_position_lies_deepest() {
     let distance = Distance::Constant(4.0);
     let tets = mesh.tets.clone();
     let nodes = mesh.nodes.clone();
-    let mut improver = TetImprover::new(
-        mesh,
-        neighbors,
-        &kinds,
-        EXTENT,
-        &planes,
-        &distance,
-        0.2,
-        &CancelToken::never(),
-    );
+    let context = context(&planes, &distance);
+    let cancel = &CancelToken::never();
+    let mut improver = TetImprover::new(mesh, neighbors, &kinds, context, cancel);
+    improver.target_sine = 0.2;
     let mut random = Random::new(9);
     let mut position = || EXTENT.map(|l| l * random.draw());
     let mut positions: Vec<[f64; 3]> = (0..400).map(|_| position()).collect();
@@ -210,14 +215,7 @@ fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
     };
     let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
-    let result = reshape(
-        mesh,
-        &request,
-        EXTENT,
-        &planes,
-        &distance,
-        &Target::default(),
-    );
+    let result = reshape(mesh, &request, context(&planes, &distance));
     let Err(ReshapeError::Mesh(error)) = result else {
         panic!("{result:?}");
     };

@@ -19,12 +19,11 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-use super::{TASK_SIZE, TetImprover};
+use super::{ImproveContext, TASK_SIZE, TetImprover};
 use crate::Result;
 use crate::comm::selection::order_statistics;
 use crate::comm::{Comm, partition_range};
-use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::{BlockedCell, ImproveReport, OperationCounts, Target};
+use crate::improve::{BlockedCell, ImproveReport, OperationCounts};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -208,25 +207,7 @@ impl SlabResult {
     }
 }
 
-/// Parameters of the improvement of slabs.
-#[derive(Debug, Clone, Copy)]
-pub struct SlabContext<'a> {
-    /// Far corner of the box.
-    pub extent: [f64; 3],
-    /// Local planes of the features.
-    pub planes: &'a FeaturePlanes,
-    /// Nominal distance d.
-    pub distance: &'a Distance<3>,
-    /// Quality to reach.
-    pub target: &'a Target,
-}
-
-impl SlabContext<'_> {
-    /// Returns the sine of the target for the smallest angle.
-    fn target_sine(&self) -> f64 {
-        self.target.min_dihedral.to_radians().sin()
-    }
-
+impl ImproveContext<'_> {
     /// Returns `true` if a face lies in a side of the box.
     fn is_in_side(&self, face: [[f64; 3]; 3]) -> bool {
         common_sides(face.into_iter(), self.extent) != 0
@@ -276,7 +257,7 @@ pub fn improve_in_slabs(
     known: KnownAtoms,
     delaunay: (Vec<[u32; 4]>, Vec<[u32; 4]>),
     cuts: &SlabCuts,
-    context: SlabContext<'_>,
+    context: ImproveContext<'_>,
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<SlabResult> {
@@ -289,8 +270,6 @@ pub fn improve_in_slabs(
     for (i, part) in regions_of_rank.into_iter().enumerate() {
         [&mut slab_parts, &mut band_parts][i % 2].push(part);
     }
-    // Improve the bands, number their new nodes, and send the half beyond the cut to the rank of
-    // the next slab.
     let own_bands = own_slabs.start..own_slabs.end.min(bands);
     let mut improved_bands: Vec<ImprovedPart> =
         (own_bands.into_par_iter().zip(band_parts).with_max_len(1))
@@ -302,27 +281,15 @@ pub fn improve_in_slabs(
             .collect::<Result<Vec<ImprovedPart>>>()?;
     let mut id_end = number_all_nodes(&mut improved_bands, atom_count as u32, comm)?;
     let (mut counts, mut removed_nodes) = (OperationCounts::default(), Vec::new());
-    let mut parts: Vec<Vec<SubMesh>> = own_slabs.clone().map(|_| Vec::new()).collect();
-    let mut outgoing: Vec<Vec<SubMesh>> = vec![Vec::new(); comm.size()];
-    for ((slab, parts), band) in own_slabs.clone().zip(&mut parts).zip(improved_bands) {
-        let half_band = |before: bool| {
-            (band.submesh).filter_tets(|t| cuts.is_before_cut(&band.submesh, t, slab) == before)
-        };
-        let (before, after) = rayon::join(|| half_band(true), || half_band(false));
-        parts.push(before);
-        outgoing[owner(slab + 1, slabs, comm.size())].push(after);
+    for band in &mut improved_bands {
         // Edges that a band left intersecting are treated again in the slab, and counted there.
         counts += OperationCounts {
             intersecting_left: 0,
             ..band.counts
         };
-        removed_nodes.extend(band.removed_nodes);
+        removed_nodes.append(&mut band.removed_nodes);
     }
-    let incoming = comm.all_to_all("bands", outgoing)?.concat();
-    let first = usize::from(own_slabs.start == 0);
-    for (parts, part) in parts.iter_mut().skip(first).zip(incoming) {
-        parts.push(part);
-    }
+    let parts = exchange_bands(improved_bands, cuts, own_slabs, comm)?;
     let mut improved_slabs: Vec<ImprovedPart> =
         (slab_parts.into_par_iter().zip(parts).with_max_len(1))
             .map(|(inner, mut parts)| {
@@ -340,23 +307,7 @@ pub fn improve_in_slabs(
     let removed_nodes: Vec<Vec<u32>> = comm.all_gather("removed nodes", removed_nodes)?;
     let mut removed_nodes = removed_nodes.concat();
     removed_nodes.sort_unstable();
-    let summaries: Vec<(usize, (OperationCounts, Vec<BlockedCell>))> =
-        comm.all_gather("improvement", (below_target_before, (counts, blocked)))?;
-    let (mut below_target_before, mut counts, mut blocked) =
-        (0, OperationCounts::default(), Vec::new());
-    for (below_target, (rank_counts, rank_blocked)) in summaries {
-        below_target_before += below_target;
-        counts += rank_counts;
-        blocked.extend(rank_blocked);
-    }
-    let angle_margin = |cell: &BlockedCell| cell.min_angle.min(180.0 - cell.max_angle);
-    blocked.sort_by(|a, b| angle_margin(a).total_cmp(&angle_margin(b)));
-    let report = ImproveReport {
-        below_target_before,
-        below_target_after: blocked.len(),
-        counts,
-        blocked,
-    };
+    let report = gather_report(below_target_before, counts, blocked, comm)?;
     let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = (improved_slabs.into_iter())
         .map(|slab| (slab.submesh, slab.feature_faces))
         .unzip();
@@ -380,6 +331,60 @@ pub fn improve_in_slabs(
         feature_faces: marks.concat(),
         report,
     })
+}
+
+/// Cuts improved bands at their cuts, and returns the halves of bands at each of a rank's own slabs.
+/// The half beyond the cut goes to the rank of the next slab.
+///
+/// # Errors
+/// Returns an error if another rank fails.
+fn exchange_bands(
+    bands: Vec<ImprovedPart>,
+    cuts: &SlabCuts,
+    own_slabs: Range<usize>,
+    comm: &dyn Comm,
+) -> Result<Vec<Vec<SubMesh>>> {
+    let first = usize::from(own_slabs.start == 0);
+    let mut parts: Vec<Vec<SubMesh>> = own_slabs.clone().map(|_| Vec::new()).collect();
+    let mut outgoing: Vec<Vec<SubMesh>> = vec![Vec::new(); comm.size()];
+    for ((slab, parts), band) in own_slabs.zip(&mut parts).zip(bands) {
+        let half_band = |before: bool| {
+            (band.submesh).filter_tets(|t| cuts.is_before_cut(&band.submesh, t, slab) == before)
+        };
+        let (before, after) = rayon::join(|| half_band(true), || half_band(false));
+        parts.push(before);
+        outgoing[owner(slab + 1, cuts.count(), comm.size())].push(after);
+    }
+    let incoming = comm.all_to_all("bands", outgoing)?.concat();
+    for (parts, part) in parts.iter_mut().skip(first).zip(incoming) {
+        parts.push(part);
+    }
+    Ok(parts)
+}
+
+/// Adds up what all ranks did. The blocked cells are those with the smallest margins first.
+///
+/// # Errors
+/// Returns an error if another rank fails.
+fn gather_report(
+    below_target_before: usize,
+    counts: OperationCounts,
+    blocked: Vec<BlockedCell>,
+    comm: &dyn Comm,
+) -> Result<ImproveReport> {
+    let summaries: Vec<(usize, (OperationCounts, Vec<BlockedCell>))> =
+        comm.all_gather("improvement", (below_target_before, (counts, blocked)))?;
+    let mut report = ImproveReport::default();
+    for (below_target, (rank_counts, rank_blocked)) in summaries {
+        report.below_target_before += below_target;
+        report.counts += rank_counts;
+        report.blocked.extend(rank_blocked);
+    }
+    report.below_target_after = report.blocked.len();
+    let angle_margin = |cell: &BlockedCell| cell.min_angle.min(180.0 - cell.max_angle);
+    let by_margin = |a: &BlockedCell, b: &BlockedCell| angle_margin(a).total_cmp(&angle_margin(b));
+    report.blocked.sort_by(by_margin);
+    Ok(report)
 }
 
 /// Returns the rank that has a slab.
@@ -461,7 +466,7 @@ fn number_all_nodes(parts: &mut [ImprovedPart], first: u32, comm: &dyn Comm) -> 
 fn improve_part(
     part: SubMesh,
     range: Option<(usize, [f64; 2])>,
-    context: SlabContext<'_>,
+    context: ImproveContext<'_>,
     cancel: &CancelToken<'_>,
 ) -> Result<ImprovedPart> {
     let SubMesh {
@@ -481,16 +486,8 @@ fn improve_part(
             }
         }
     }
-    let mut improver = TetImprover::new(
-        TetMesh { nodes, tets },
-        neighbors,
-        &kinds,
-        context.extent,
-        context.planes,
-        context.distance,
-        context.target_sine(),
-        cancel,
-    );
+    let mut improver =
+        TetImprover::new(TetMesh { nodes, tets }, neighbors, &kinds, context, cancel);
     improver.axis_range = range;
     for (constraint, known) in improver.constraints.iter_mut().zip(known_constraints) {
         *constraint = known.unwrap_or(*constraint);
@@ -544,7 +541,7 @@ fn improve_part(
 }
 
 /// Marks the outer faces that are not in a side of the box as leading to another rank.
-fn mark_cut_faces(part: &mut SubMesh, context: SlabContext<'_>) {
+fn mark_cut_faces(part: &mut SubMesh, context: ImproveContext<'_>) {
     let tets = part.neighbors.par_iter_mut().zip(&part.tets);
     tets.for_each(|(around, tet)| {
         for (face, n) in FACES.iter().zip(around).filter(|pair| *pair.1 == NONE) {

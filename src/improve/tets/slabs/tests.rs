@@ -6,6 +6,8 @@ use crate::comm::{SelfComm, run_threads};
 use crate::feature::FeaturePoint;
 use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, normal};
+use crate::improve::Target;
+use crate::improve::feature_planes::FeaturePlanes;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::complex;
 
@@ -23,6 +25,15 @@ fn plane_points(x0: f32, extent: [f64; 3]) -> Vec<FeaturePoint<3>> {
     points.collect()
 }
 
+/// Returns the area of the marked faces of a mesh.
+fn area_on_features(mesh: &TetMesh, marks: &[u8]) -> f64 {
+    let faces = mesh.tets.iter().zip(marks).flat_map(|(tet, marks)| {
+        let marked = (0..4).filter(move |k| marks >> k & 1 == 1);
+        marked.map(move |k| FACES[k].map(|i| mesh.nodes[tet[i] as usize]))
+    });
+    faces.map(|face| norm(normal(&face))).sum()
+}
+
 #[test]
 fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let (mesh, kinds, extent) = box_mesh([45, 7, 6], 4.0, 0.28, |_| true);
@@ -33,12 +44,11 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
         .concat();
     let planes = FeaturePlanes::new(&points, extent, 3.6, 5.0);
     let distance = Distance::Constant(4.5);
-    let target = Target::default();
-    let context = SlabContext {
+    let context = ImproveContext {
         extent,
         planes: &planes,
         distance: &distance,
-        target: &target,
+        target: Target::default(),
     };
     let cuts = SlabCuts {
         axis: 0,
@@ -62,7 +72,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let serial = improve(&SelfComm);
     let SlabResult {
         partition, report, ..
-    } = &improve(&SelfComm);
+    } = &serial;
     assert_eq!(
         (partition.first_cell, partition.global_ids.len()),
         (0, partition.global_counts[0])
@@ -83,23 +93,13 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     assert!(report.below_target_before > 100 && report.counts.intersecting_before > 50);
     assert_eq!(report.below_target_after, 0);
     // Faces cover the planes as well as in a mesh that is not cut.
-    let area_on_features = |mesh: &TetMesh, marks: &[u8]| -> f64 {
-        let faces = mesh.tets.iter().zip(marks).flat_map(|(tet, marks)| {
-            let marked = (0..4).filter(move |k| marks >> k & 1 == 1);
-            marked.map(move |k| FACES[k].map(|i| mesh.nodes[tet[i] as usize]))
-        });
-        faces.map(|face| norm(normal(&face))).sum()
-    };
     let (mut uncut_mesh, mut uncut_neighbors, mut uncut_kinds) =
         (mesh.clone(), neighbors.clone(), kinds.clone());
     let (_, marks) = super::super::improve(
         &mut uncut_mesh,
         &mut uncut_neighbors,
         &mut uncut_kinds,
-        extent,
-        &planes,
-        &distance,
-        &target,
+        context,
         &SelfComm,
         &CancelToken::never(),
     )
@@ -113,15 +113,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
 
     for count in [2, 3, 5] {
         let results = run_threads(count, |comm| {
-            let local = improve_in_slabs(
-                atoms(),
-                (mesh.tets.clone(), neighbors.clone()),
-                &cuts,
-                context,
-                comm,
-                &CancelToken::never(),
-            );
-            let local = local.unwrap();
+            let local = improve(comm);
             let local_partition = local.partition.clone();
             (local_partition, local.all_gather(comm).unwrap())
         });

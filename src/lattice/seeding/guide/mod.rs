@@ -94,11 +94,20 @@ fn random_sequence(seed: u64) -> Random {
     random
 }
 
+/// Options of [`draw_lattice`].
+#[derive(Debug, Clone, Copy)]
+pub struct GuideOptions {
+    pub alignment: Alignment,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Number of atoms at which drawing stops, without fixed atoms.
+    pub max_atoms: usize,
+}
+
 /// Draws the positions of a lattice of spacing d(x) that fills the box `[0, extent]`, for `D` of 2
 /// or 3, with the image `potential` as their density. The potential spans the box: -1 on features,
 /// 0 elsewhere. Atoms on sides have coordinates of exactly `0.0` or `extent[k]`; all others lie on
 /// samples. None is nearer than 0.8 d to `fixed` atoms, which are in the box and not in the result.
-/// Drawing stops at `max_atoms` atoms in total.
 ///
 /// # Errors
 /// Returns [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere, does
@@ -108,14 +117,12 @@ pub fn draw_lattice<const D: usize>(
     distance: &Distance<D>,
     potential: &ScalarField<D>,
     fixed: &[[f64; D]],
-    alignment: Alignment,
-    seed: u64,
-    max_atoms: usize,
+    options: GuideOptions,
     cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
     let [low, high] = potential_range(potential, extent, "guide")?;
     let level = |b: f32| {
-        let share = match alignment {
+        let share = match options.alignment {
             Alignment::OnFeatures => (high - b) / (high - low),
             Alignment::AlongsideFeatures => (b - low) / (high - low),
         };
@@ -125,8 +132,15 @@ pub fn draw_lattice<const D: usize>(
     for &x in fixed {
         grid.add(x);
     }
-    let mut random = random_sequence(seed);
-    let max_rank = match alignment {
+    let mut lattice = GuidedLattice {
+        extent,
+        distance,
+        grid,
+        random: random_sequence(options.seed),
+        max_atoms: options.max_atoms.saturating_add(fixed.len()),
+        cancel,
+    };
+    let max_rank = match options.alignment {
         Alignment::OnFeatures => D,
         Alignment::AlongsideFeatures => 0,
     };
@@ -140,74 +154,74 @@ pub fn draw_lattice<const D: usize>(
                 .filter(|&k| (sides | sides >> D) >> k & 1 == 0)
                 .collect();
             if rank == D {
-                if grid.is_free(&corner, 1e-3 * distance.min()) {
-                    grid.add(corner);
-                }
+                lattice.add_if_free(corner, 1e-3 * distance.min());
             } else if let [axis] = axes[..] {
-                let point_at = |t: f64| {
-                    let mut x = corner;
-                    x[axis] = t;
-                    x
-                };
-                for t in graded_positions(extent[axis], distance.min(), |t| {
-                    distance.value_at(point_at(t))
-                }) {
-                    if grid.is_free(
-                        &point_at(t),
-                        MIN_SITE_DISTANCE * distance.value_at(point_at(t)),
-                    ) {
-                        grid.add(point_at(t));
-                    }
-                }
+                lattice.divide_edge(corner, axis);
             } else {
                 let face = FieldFace::new(potential, corner, &axes);
                 let levels = (0..face.len()).map(|n| {
                     let sample = face.sample(n);
                     (sample, level(potential.samples[sample as usize]))
                 });
-                draw_atoms(
-                    &mut grid,
-                    &GreyLevels::new(levels),
-                    |sample| face.position(sample),
-                    &axes,
-                    extent,
-                    distance,
-                    &mut random,
-                    max_atoms.saturating_add(fixed.len()),
-                    cancel,
-                );
+                lattice.draw_atoms(&GreyLevels::new(levels), &face, &axes);
             }
         }
     }
-    Ok(grid.positions()[fixed.len()..].to_vec())
+    Ok(lattice.grid.positions()[fixed.len()..].to_vec())
 }
 
-/// Draws atoms until all tables have failed, or there are `max_atoms` atoms.
-fn draw_atoms<const D: usize>(
-    grid: &mut IncrementalGrid<D>,
-    levels: &GreyLevels,
-    position: impl Fn(usize) -> [f64; D],
-    axes: &[usize],
+/// A lattice that is being drawn.
+struct GuidedLattice<'a, const D: usize> {
     extent: [f64; D],
-    distance: &Distance<D>,
-    random: &mut Random,
+    distance: &'a Distance<D>,
+    /// Fixed atoms, and the atoms so far.
+    grid: IncrementalGrid<D>,
+    random: Random,
+    /// Number of atoms at which drawing stops, with fixed atoms.
     max_atoms: usize,
-    cancel: &CancelToken<'_>,
-) {
-    for table in gammas().map_while(|gamma| levels.table(gamma)) {
-        let mut failures = 0;
-        while failures <= MAX_FAILURES
-            && grid.positions().len() < max_atoms
-            && !cancel.is_cancelled()
-        {
-            let x = position(levels.draw(&table, random));
-            let d = distance.value_at(x);
-            let is_clear = |&k: &usize| x[k].min(extent[k] - x[k]) >= SIDE_MARGIN * d;
-            if axes.iter().all(is_clear) && grid.is_free(&x, MIN_SITE_DISTANCE * d) {
-                grid.add(x);
-                failures = 0;
-            } else {
-                failures += 1;
+    cancel: &'a CancelToken<'a>,
+}
+
+impl<const D: usize> GuidedLattice<'_, D> {
+    /// Adds an atom if no other is nearer than `min_distance`. Returns `true` if it is added.
+    fn add_if_free(&mut self, x: [f64; D], min_distance: f64) -> bool {
+        let is_free = self.grid.is_free(&x, min_distance);
+        if is_free {
+            self.grid.add(x);
+        }
+        is_free
+    }
+
+    /// Adds atoms at nearly even distances on the edge of the box through `corner` along `axis`.
+    fn divide_edge(&mut self, corner: [f64; D], axis: usize) {
+        let distance = self.distance;
+        let point_at = |t: f64| {
+            let mut x = corner;
+            x[axis] = t;
+            x
+        };
+        let distance_at = |t: f64| distance.value_at(point_at(t));
+        for t in graded_positions(self.extent[axis], distance.min(), distance_at) {
+            self.add_if_free(point_at(t), MIN_SITE_DISTANCE * distance_at(t));
+        }
+    }
+
+    /// Draws atoms from samples of `face` until all tables have failed, or there are enough atoms.
+    fn draw_atoms(&mut self, levels: &GreyLevels, face: &FieldFace<'_, D>, axes: &[usize]) {
+        for table in gammas().map_while(|gamma| levels.table(gamma)) {
+            let mut failures = 0;
+            while failures <= MAX_FAILURES
+                && self.grid.positions().len() < self.max_atoms
+                && !self.cancel.is_cancelled()
+            {
+                let x = face.position(levels.draw(&table, &mut self.random));
+                let d = self.distance.value_at(x);
+                let is_clear = |&k: &usize| x[k].min(self.extent[k] - x[k]) >= SIDE_MARGIN * d;
+                if axes.iter().all(is_clear) && self.add_if_free(x, MIN_SITE_DISTANCE * d) {
+                    failures = 0;
+                } else {
+                    failures += 1;
+                }
             }
         }
     }

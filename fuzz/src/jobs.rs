@@ -56,11 +56,53 @@ struct ImageBox {
     size: [f64; 3],
 }
 
+impl ImageBox {
+    fn longest_side(&self) -> f64 {
+        self.size.into_iter().fold(0.0, f64::max)
+    }
+}
+
 /// Writes an image, meshes it, and runs one more verb on the mesh.
 ///
 /// # Panics
 /// Panics if a verb breaks a promise of [`run_verb`] or [`run_mesh_verb`].
 pub fn check_job(folder: &Path, bytes: &[u8]) {
+    clear(folder);
+    let choices = &mut Choices(bytes);
+    let image = folder.join(choices.pick(&["i.npy", "i.nrrd", "i.vti"]));
+    let Some(image_box) = write_image(choices, &image) else {
+        return;
+    };
+    let mesh = folder.join("m.vtu");
+    let mut words = vec![
+        "mesh".to_string(),
+        text(&image),
+        "-o".into(),
+        text(&mesh),
+        "--max-memory".into(),
+        "1G".into(),
+    ];
+    let unit = add_spacing(choices, &image_box, &mut words);
+    for _ in 0..choices.byte() % 6 {
+        let (option, values) = choices.pick(&MESH_OPTIONS);
+        if !words.iter().any(|word| word == option) {
+            words.extend([option.to_string(), choices.pick(values).to_string()]);
+        }
+    }
+    add_files(choices, folder, &image_box, unit, &mut words);
+    if run_mesh_verb(folder, &words, &mesh) {
+        let second = SecondVerb {
+            folder,
+            image: text(&image),
+            mesh: text(&mesh),
+            image_box,
+        };
+        second.run(choices);
+    }
+}
+
+/// Removes everything in a folder.
+fn clear(folder: &Path) {
     for entry in fs::read_dir(folder).expect("the folder").flatten() {
         let path = entry.path();
         let _ = if path.is_dir() {
@@ -69,119 +111,120 @@ pub fn check_job(folder: &Path, bytes: &[u8]) {
             fs::remove_file(path)
         };
     }
-    let choices = &mut Choices(bytes);
-    let image = folder.join(choices.pick(&["i.npy", "i.nrrd", "i.vti"]));
-    let Some(image_box) = write_image(choices, &image) else {
-        return;
-    };
-    let mesh = folder.join("m.vtu");
-    let path = |path: &Path| path.to_string_lossy().into_owned();
-    let mut words = vec![
-        "mesh".to_string(),
-        path(&image),
-        "-o".into(),
-        path(&mesh),
-        "--max-memory".into(),
-        "1G".into(),
-    ];
+}
+
+fn text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
+/// Options of `mesh` and some of their values.
+const MESH_OPTIONS: [(&str, &[&str]); 20] = [
+    (
+        "--feature",
+        &[
+            "auto",
+            "ridges",
+            "valleys",
+            "edges",
+            "canny",
+            "paths",
+            "horizons",
+            "faults",
+            "faults+horizons",
+            "labels",
+            "potential",
+        ],
+    ),
+    (
+        "--distance-from",
+        &["gaps", "features", "image", "laplacian"],
+    ),
+    ("--sigma", &["1", "0.5", "2", "5", "100", "0"]),
+    ("--threshold", &["0", "0.01", "0.5", "1e9", "nan"]),
+    ("--feature-weights", &["0.5,1", "1,0.1", "0,1"]),
+    ("--align", &["on", "alongside"]),
+    ("--cells", &["voronoi", "voronoi", "tets"]),
+    ("--beta", &["0", "0.3", "0.8", "0.99", "1"]),
+    (
+        "--seeding",
+        &["fcc", "grown", "refine", "canny", "guide", "projection"],
+    ),
+    ("--max-atoms", &["10", "0", "100", "5"]),
+    ("--evaluator", &["pairwise", "sampled"]),
+    ("--kappa", &["0.7", "0", "1"]),
+    ("--optimizer", &["descent", "lbfgs", "genetic"]),
+    ("--rounds", &["1", "4", "0"]),
+    ("--coarse-to-fine", &["1", "3"]),
+    ("--min-dihedral", &["20", "30", "45", "60", "0", "90"]),
+    ("--slivers", &["none", "joe", "exude"]),
+    ("--weld", &["0.1", "0.3", "0", "1"]),
+    ("--smooth", &["cvt", "odt"]),
+    ("--rng-seed", &["2", "3", "18446744073709551615"]),
+];
+
+/// Adds options of the distance between atoms. Returns the unit of distances: the length of a
+/// twentieth of the image with a physical metric, else 1.
+fn add_spacing(choices: &mut Choices, image_box: &ImageBox, words: &mut Vec<String>) -> f64 {
     // Images are so small that no job takes long.
     let distance = choices.pick(&["3", "4", "2.5:4", "6", "2", "5:6", "3:8", "1e9", "0", "1.5"]);
-    let scale = choices.pick(&[
+    let metric = choices.pick(&[
         "samples", "samples", "samples", "physical", "shape", "1,2,1.5", "1,2",
     ]);
-    let physical = scale == "physical";
-    let d = |text: &str| -> String {
-        let longest = image_box.size.iter().fold(0f64, |a, &b| a.max(b));
-        let scaled = |d: &str| {
-            d.parse::<f64>()
-                .map_or(d.to_string(), |d| format!("{}", d * longest / 20.0))
-        };
-        if physical {
-            text.split(':').map(scaled).collect::<Vec<_>>().join(":")
-        } else {
-            text.to_string()
-        }
+    let unit = match metric {
+        "physical" => image_box.longest_side() / 20.0,
+        _ => 1.0,
     };
     if !choices.one_in(8) {
-        words.extend(["--distance".into(), d(distance)]);
+        let scaled = distance.split(':').map(|d| scale_number(d, unit));
+        words.extend(["--distance".into(), scaled.collect::<Vec<_>>().join(":")]);
     }
-    if scale != "samples" {
-        words.extend(["--metric".into(), scale.into()]);
+    if metric != "samples" {
+        words.extend(["--metric".into(), metric.into()]);
     }
-    let table: [(&str, &[&str]); 20] = [
-        (
-            "--feature",
-            &[
-                "auto",
-                "ridges",
-                "valleys",
-                "edges",
-                "canny",
-                "paths",
-                "horizons",
-                "faults",
-                "faults+horizons",
-                "labels",
-                "potential",
-            ],
-        ),
-        (
-            "--distance-from",
-            &["gaps", "features", "image", "laplacian"],
-        ),
-        ("--sigma", &["1", "0.5", "2", "5", "100", "0"]),
-        ("--threshold", &["0", "0.01", "0.5", "1e9", "nan"]),
-        ("--feature-weights", &["0.5,1", "1,0.1", "0,1"]),
-        ("--align", &["on", "alongside"]),
-        ("--cells", &["voronoi", "voronoi", "tets"]),
-        ("--beta", &["0", "0.3", "0.8", "0.99", "1"]),
-        (
-            "--seeding",
-            &["fcc", "grown", "refine", "canny", "guide", "projection"],
-        ),
-        ("--max-atoms", &["10", "0", "100", "5"]),
-        ("--evaluator", &["pairwise", "sampled"]),
-        ("--kappa", &["0.7", "0", "1"]),
-        ("--optimizer", &["descent", "lbfgs", "genetic"]),
-        ("--rounds", &["1", "4", "0"]),
-        ("--coarse-to-fine", &["1", "3"]),
-        ("--min-dihedral", &["20", "30", "45", "60", "0", "90"]),
-        ("--slivers", &["none", "joe", "exude"]),
-        ("--weld", &["0.1", "0.3", "0", "1"]),
-        ("--smooth", &["cvt", "odt"]),
-        ("--rng-seed", &["2", "3", "18446744073709551615"]),
-    ];
-    for _ in 0..choices.byte() % 6 {
-        let (option, values) = choices.pick(&table);
-        if !words.iter().any(|word| word == option) {
-            words.extend([option.to_string(), choices.pick(values).to_string()]);
-        }
+    unit
+}
+
+/// Returns a number times `unit`; as it is written, if the unit is 1.
+fn scale_number(number: &str, unit: f64) -> String {
+    match number.parse::<f64>() {
+        Ok(value) if unit != 1.0 => (value * unit).to_string(),
+        _ => number.to_string(),
     }
+}
+
+/// Adds points of an object, wells, fixed atoms, and outputs.
+fn add_files(
+    choices: &mut Choices,
+    folder: &Path,
+    image_box: &ImageBox,
+    unit: f64,
+    words: &mut Vec<String>,
+) {
     if choices.one_in(6) {
         words.extend([
-            format!("--object={}", choices.point(&image_box)),
-            format!("--background={}", choices.point(&image_box)),
+            format!("--object={}", choices.point(image_box)),
+            format!("--background={}", choices.point(image_box)),
         ]);
     }
     if choices.one_in(4) {
         let well = folder.join("w.csv");
-        let radius = 0.02 * image_box.size.iter().fold(0f64, |a, &b| a.max(b));
+        let radius = 0.02 * image_box.longest_side();
         let lines: Vec<String> = (0..1 + choices.byte() % 4)
-            .map(|_| format!("{},{radius}", choices.point(&image_box)))
+            .map(|_| format!("{},{radius}", choices.point(image_box)))
             .collect();
         fs::write(&well, lines.join("\n")).expect("a file");
-        words.extend(["--well".into(), path(&well)]);
+        words.extend(["--well".into(), text(&well)]);
         if choices.one_in(2) {
-            words.extend(["--well-distance".into(), d("1.5")]);
+            words.extend(["--well-distance".into(), scale_number("1.5", unit)]);
         }
     }
     if choices.one_in(6) {
         let atoms = folder.join("a.csv");
         let lines: Vec<String> = (0..1 + choices.byte() % 5)
-            .map(|_| choices.point(&image_box))
+            .map(|_| choices.point(image_box))
             .collect();
         fs::write(&atoms, lines.join("\n")).expect("a file");
-        words.extend(["--atoms-from".into(), path(&atoms)]);
+        words.extend(["--atoms-from".into(), text(&atoms)]);
     }
     for (option, name) in [
         ("--lines", "l.vtp"),
@@ -190,165 +233,255 @@ pub fn check_job(folder: &Path, bytes: &[u8]) {
         ("--potential-out", "p.vti"),
     ] {
         if choices.one_in(8) {
-            words.extend([option.into(), path(&folder.join(name))]);
+            words.extend([option.into(), text(&folder.join(name))]);
         }
-    }
-    if run_mesh_verb(folder, &words, &mesh) {
-        run_second_verb(choices, folder, &path(&image), &path(&mesh), &image_box);
     }
 }
 
-/// Runs one of the verbs that read a mesh.
-fn run_second_verb(
-    choices: &mut Choices,
-    folder: &Path,
-    image: &str,
-    mesh: &str,
-    image_box: &ImageBox,
-) {
-    let out = |name: &str| folder.join(name).to_string_lossy().into_owned();
-    let words =
-        |list: &[&str]| -> Vec<String> { list.iter().map(|word| word.to_string()).collect() };
-    match choices.byte() % 10 {
-        0 => {
-            run_verb(folder, &words(&["quality", mesh]));
-        }
-        1 | 2 => {
-            let edited = out("e.vtu");
-            let mut line = words(&["edit", mesh, image, "-o", &edited]);
-            for _ in 0..1 + choices.byte() % 3 {
-                line.push(match choices.byte() % 3 {
-                    0 => format!("--add={}", choices.point(image_box)),
-                    1 => format!("--move={}:{}", choices.byte(), choices.point(image_box)),
-                    _ => format!("--remove={}", choices.byte()),
-                });
+/// A verb that reads a mesh.
+struct SecondVerb<'a> {
+    folder: &'a Path,
+    image: String,
+    mesh: String,
+    image_box: ImageBox,
+}
+
+fn words(list: &[&str]) -> Vec<String> {
+    list.iter().map(|word| word.to_string()).collect()
+}
+
+impl SecondVerb<'_> {
+    /// Runs one of the verbs.
+    fn run(&self, choices: &mut Choices) {
+        let line = match choices.byte() % 10 {
+            0 => words(&["quality", &self.mesh]),
+            1 | 2 => {
+                let edited = self.out("e.vtu");
+                let line = self.edit(choices, &edited);
+                run_mesh_verb(self.folder, &line, Path::new(&edited));
+                return;
             }
-            if choices.one_in(3) {
-                line.push("--free".into());
-            }
-            run_mesh_verb(folder, &line, Path::new(&edited));
-        }
-        3 => {
-            let mut line = words(&["flow", mesh, "-o", &out("f.vtu")]);
-            line.extend([
-                format!("--source={}", choices.point(image_box)),
-                format!("--sink={}", choices.point(image_box)),
-            ]);
-            line.extend([
-                "--faults".into(),
-                choices
-                    .pick(&["closed", "open", "0.01", "1e-9", "0"])
-                    .into(),
-            ]);
-            if choices.one_in(3) {
-                line.extend([
-                    "--streamlines".into(),
-                    out("s.vtp"),
-                    "--lines".into(),
-                    "20".into(),
-                ]);
-            }
-            run_verb(folder, &line);
-        }
-        4 => {
-            let mut line = words(&["surface", mesh, "-o", &out("s.vtp")]);
-            for (option, values) in [
-                ("--max-bend", &["10", "60", "180"][..]),
-                ("--min-area", &["0", "5", "1e9"]),
-                ("--up", &["x", "-y", "z"]),
-                ("--meets", &[]),
-            ] {
-                if choices.one_in(2) {
-                    line.push(option.into());
-                    line.extend(
-                        values
-                            .get(choices.byte() % values.len().max(1))
-                            .map(|value| value.to_string()),
-                    );
-                }
-            }
-            run_verb(folder, &line);
-        }
-        5 => {
-            let mut line = words(&[
-                "paint",
-                mesh,
-                "-o",
-                &out("p.vtu"),
-                "--surface-out",
-                &out("s.vtp"),
-            ]);
-            line.push(if choices.one_in(2) {
-                format!("--seed={}", choices.point(image_box))
-            } else {
-                "--seed=auto".into()
+            3 => self.flow(choices),
+            4 => self.surface(choices),
+            5 => self.paint(choices),
+            6 => self.segment(choices),
+            7 => self.slice(choices),
+            _ => self.export(choices),
+        };
+        run_verb(self.folder, &line);
+    }
+
+    /// Returns the path of an output.
+    fn out(&self, name: &str) -> String {
+        text(&self.folder.join(name))
+    }
+
+    /// Returns the command of an edit of some atoms; its output is `edited`.
+    fn edit(&self, choices: &mut Choices, edited: &str) -> Vec<String> {
+        let mut line = words(&["edit", &self.mesh, &self.image, "-o", edited]);
+        for _ in 0..1 + choices.byte() % 3 {
+            line.push(match choices.byte() % 3 {
+                0 => format!("--add={}", choices.point(&self.image_box)),
+                1 => format!(
+                    "--move={}:{}",
+                    choices.byte(),
+                    choices.point(&self.image_box)
+                ),
+                _ => format!("--remove={}", choices.byte()),
             });
-            if choices.one_in(3) {
-                line.extend(["--level".into(), choices.pick(&["2", "0", "100"]).into()]);
-            }
-            run_verb(folder, &line);
         }
-        6 => {
-            let mut line = words(&["segment", image, mesh, "-o", &out("g.vtu")]);
+        if choices.one_in(3) {
+            line.push("--free".into());
+        }
+        line
+    }
+
+    /// Returns the command of a flow between two points.
+    fn flow(&self, choices: &mut Choices) -> Vec<String> {
+        let mut line = words(&["flow", &self.mesh, "-o", &self.out("f.vtu")]);
+        line.extend([
+            format!("--source={}", choices.point(&self.image_box)),
+            format!("--sink={}", choices.point(&self.image_box)),
+        ]);
+        line.extend([
+            "--faults".into(),
+            choices
+                .pick(&["closed", "open", "0.01", "1e-9", "0"])
+                .into(),
+        ]);
+        if choices.one_in(3) {
             line.extend([
-                format!("--object={}", choices.point(image_box)),
-                format!("--background={}", choices.point(image_box)),
+                "--streamlines".into(),
+                self.out("s.vtp"),
+                "--lines".into(),
+                "20".into(),
             ]);
-            if choices.one_in(2) {
-                line.push("--voxels".into());
-            }
-            if choices.one_in(2) {
-                line.extend([
-                    "--surface-out".into(),
-                    out("s.vtp"),
-                    "--labels-out".into(),
-                    out("l.npy"),
-                ]);
-            }
-            run_verb(folder, &line);
         }
-        7 => {
-            let mut line = words(&["slice", image, mesh, "-o", &out("s.png")]);
+        line
+    }
+
+    /// Returns the command that extracts a surface.
+    fn surface(&self, choices: &mut Choices) -> Vec<String> {
+        let mut line = words(&["surface", &self.mesh, "-o", &self.out("s.vtp")]);
+        for (option, values) in [
+            ("--max-bend", &["10", "60", "180"][..]),
+            ("--min-area", &["0", "5", "1e9"]),
+            ("--up", &["x", "-y", "z"]),
+            ("--meets", &[]),
+        ] {
             if choices.one_in(2) {
-                line.push(format!("--at={}", choices.point(image_box)));
+                line.push(option.into());
+                line.extend(
+                    values
+                        .get(choices.byte() % values.len().max(1))
+                        .map(|value| value.to_string()),
+                );
             }
-            if choices.one_in(2) {
-                line.extend(words(&["--view", "3d", "--cut", "z", "--up=-x"]));
-            }
-            if choices.one_in(2) {
-                line.extend(words(&["--color", "region"]));
-            }
-            run_verb(folder, &line);
         }
-        _ => {
-            let format = choices.pick(&atomesh::export::formats().collect::<Vec<_>>());
-            let extension = format.extensions.first();
-            let name = extension.map_or("case".into(), |extension| format!("case.{extension}"));
-            let mut line = words(&["export", mesh, "--to", format.name, "-o", &out(&name)]);
-            if !choices.byte().is_multiple_of(4) {
-                line.extend(words(&[
-                    "--porosity",
-                    "0.2",
-                    "--permeability",
-                    "100",
-                    "--permeability-unit",
-                    "mD",
-                ]));
-                line.extend(words(&["--depth-at-top", "1000"]));
+        line
+    }
+
+    /// Returns the command that paints a region.
+    fn paint(&self, choices: &mut Choices) -> Vec<String> {
+        let mut line = words(&[
+            "paint",
+            &self.mesh,
+            "-o",
+            &self.out("p.vtu"),
+            "--surface-out",
+            &self.out("s.vtp"),
+        ]);
+        line.push(if choices.one_in(2) {
+            format!("--seed={}", choices.point(&self.image_box))
+        } else {
+            "--seed=auto".into()
+        });
+        if choices.one_in(3) {
+            line.extend(["--level".into(), choices.pick(&["2", "0", "100"]).into()]);
+        }
+        line
+    }
+
+    /// Returns the command that segments an object.
+    fn segment(&self, choices: &mut Choices) -> Vec<String> {
+        let mut line = words(&["segment", &self.image, &self.mesh, "-o", &self.out("g.vtu")]);
+        line.extend([
+            format!("--object={}", choices.point(&self.image_box)),
+            format!("--background={}", choices.point(&self.image_box)),
+        ]);
+        if choices.one_in(2) {
+            line.push("--voxels".into());
+        }
+        if choices.one_in(2) {
+            line.extend([
+                "--surface-out".into(),
+                self.out("s.vtp"),
+                "--labels-out".into(),
+                self.out("l.npy"),
+            ]);
+        }
+        line
+    }
+
+    /// Returns the command of a picture.
+    fn slice(&self, choices: &mut Choices) -> Vec<String> {
+        let mut line = words(&["slice", &self.image, &self.mesh, "-o", &self.out("s.png")]);
+        if choices.one_in(2) {
+            line.push(format!("--at={}", choices.point(&self.image_box)));
+        }
+        if choices.one_in(2) {
+            line.extend(words(&["--view", "3d", "--cut", "z", "--up=-x"]));
+        }
+        if choices.one_in(2) {
+            line.extend(words(&["--color", "region"]));
+        }
+        line
+    }
+
+    /// Returns the command of an export in any format.
+    fn export(&self, choices: &mut Choices) -> Vec<String> {
+        let format = choices.pick(&atomesh::export::formats().collect::<Vec<_>>());
+        let extension = format.extensions.first();
+        let name = extension.map_or("case".into(), |extension| format!("case.{extension}"));
+        let mut line = words(&[
+            "export",
+            &self.mesh,
+            "--to",
+            format.name,
+            "-o",
+            &self.out(&name),
+        ]);
+        if !choices.byte().is_multiple_of(4) {
+            line.extend(words(&[
+                "--porosity",
+                "0.2",
+                "--permeability",
+                "100",
+                "--permeability-unit",
+                "mD",
+            ]));
+            line.extend(words(&["--depth-at-top", "1000"]));
+        }
+        for (option, value) in [
+            ("--faults", "0.01"),
+            ("--split", "all"),
+            ("--quadratic", ""),
+            ("--thickness", "10"),
+            ("--length-unit", "m"),
+        ] {
+            if choices.one_in(4) {
+                line.push(option.into());
+                line.extend((!value.is_empty()).then(|| value.to_string()));
             }
-            for (option, value) in [
-                ("--faults", "0.01"),
-                ("--split", "all"),
-                ("--quadratic", ""),
-                ("--thickness", "10"),
-                ("--length-unit", "m"),
-            ] {
-                if choices.one_in(4) {
-                    line.push(option.into());
-                    line.extend((!value.is_empty()).then(|| value.to_string()));
-                }
+        }
+        line
+    }
+}
+
+/// What an image shows.
+struct Scene {
+    /// Direction of planes, and the middle of the scene.
+    direction: [f64; 3],
+    middle: [f64; 3],
+    period: f64,
+    radius: f64,
+    kind: usize,
+}
+
+impl Scene {
+    fn pick(choices: &mut Choices, dims: [usize; 3]) -> Self {
+        Self {
+            direction: std::array::from_fn(|_| 2.0 * choices.fraction() - 1.0),
+            middle: dims.map(|n| choices.fraction() * n as f64),
+            period: 2.0 + 6.0 * choices.fraction(),
+            radius: 1.0 + choices.fraction() * dims[0].max(dims[1]) as f64 / 2.0,
+            kind: choices.byte() % 9,
+        }
+    }
+
+    /// Returns the value at a sample.
+    fn value(&self, at: [usize; 3]) -> f64 {
+        let [x, y, z] = std::array::from_fn(|k| at[k] as f64 - self.middle[k]);
+        let ([a, b, c], period) = (self.direction, self.period);
+        let distance = a * x + b * y + c * z;
+        let second_distance = b * x - a * y + 0.3 * z;
+        let middle_distance = x.hypot(y).hypot(z);
+        let ridge = |distance: f64| (-0.5 * distance * distance).exp();
+        let wave = |distance: f64| (std::f64::consts::TAU * distance / period).sin();
+        match self.kind {
+            0 => 0.0,
+            1 => ridge(distance),
+            2 => ridge(distance).max(ridge(second_distance)),
+            3 => f64::from(middle_distance < self.radius),
+            4 => wave(middle_distance),
+            5 => {
+                let squares: f64 = [x, y, z].iter().map(|x| (x / period).floor()).sum();
+                squares.rem_euclid(2.0)
             }
-            run_verb(folder, &line);
+            6 if second_distance > 0.0 => wave(distance + 0.4 * period),
+            6 => wave(distance),
+            7 => (3.0 * (distance / period)).round(),
+            _ => distance,
         }
     }
 }
@@ -379,12 +512,7 @@ fn write_image(choices: &mut Choices, path: &Path) -> Option<ImageBox> {
     } else {
         (spacing, origin)
     };
-    let [a, b, c] =
-        [choices.fraction(), choices.fraction(), choices.fraction()].map(|s| 2.0 * s - 1.0);
-    let middle = dims.map(|n| choices.fraction() * n as f64);
-    let period = 2.0 + 6.0 * choices.fraction();
-    let radius = 1.0 + choices.fraction() * dims[0].max(dims[1]) as f64 / 2.0;
-    let kind = choices.byte() % 9;
+    let scene = Scene::pick(choices, dims);
     let noise = choices.pick(&[0.0, 0.0, 0.05, 0.3, 1.0, 5.0]);
     let scale = choices.pick(&[1.0, 255.0, 1e-6, 1e6, 1e30, -1.0]);
     let mut state = choices.byte() as u64 + 1;
@@ -400,38 +528,7 @@ fn write_image(choices: &mut Choices, path: &Path) -> Option<ImageBox> {
     for z in 0..dims[2] {
         for y in 0..dims[1] {
             for x in 0..dims[0] {
-                let position = [
-                    x as f64 - middle[0],
-                    y as f64 - middle[1],
-                    z as f64 - middle[2],
-                ];
-                let distance = a * position[0] + b * position[1] + c * position[2];
-                let second_distance = b * position[0] - a * position[1] + 0.3 * position[2];
-                let middle_distance = position[0].hypot(position[1]).hypot(position[2]);
-                let value = match kind {
-                    0 => 0.0,
-                    1 => (-0.5 * distance * distance).exp(),
-                    2 => (-0.5 * distance * distance)
-                        .exp()
-                        .max((-0.5 * second_distance * second_distance).exp()),
-                    3 => f64::from(middle_distance < radius),
-                    4 => (std::f64::consts::TAU * middle_distance / period).sin(),
-                    5 => {
-                        let squares: f64 = position.iter().map(|x| (x / period).floor()).sum();
-                        squares.rem_euclid(2.0)
-                    }
-                    6 => (std::f64::consts::TAU
-                        * (distance
-                            + if second_distance > 0.0 {
-                                0.4 * period
-                            } else {
-                                0.0
-                            })
-                        / period)
-                        .sin(),
-                    7 => (3.0 * (distance / period)).round(),
-                    _ => distance,
-                };
+                let value = scene.value([x, y, z]);
                 samples.push((scale * (value + noise * random())) as f32);
             }
         }

@@ -11,7 +11,7 @@ use super::{
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{self, Features, label_map};
-use crate::image::{Geometry, Image, ImageSource};
+use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
 use crate::mesh::Mesh;
@@ -200,22 +200,8 @@ where
         .checkpoint
         .map(|checkpoint| checkpoint.for_job(source, params, comm));
     let checkpoint = checkpoint.transpose()?;
-    let merged = if params.spec.label.is_empty() {
-        None
-    } else {
-        label_map::merge_labels(&*source.to_image()?, &params.spec.label)?
-    };
-    let source = merged.as_ref().map_or(source, ImageSource::InMemory);
-    // Values that mark missing samples must not enter computations on the image.
-    let marked = match source {
-        ImageSource::InMemory(image)
-            if feature::fills_gaps(image, params.spec.feature, params.modality) =>
-        {
-            image.mark_dead(!params.spec.input.keeps_nulls())?
-        }
-        _ => None,
-    };
-    let source = (marked.as_ref()).map_or(source, |marked| ImageSource::InMemory(&marked.image));
+    let prepared = PreparedImage::new(source, params)?;
+    let source = prepared.source(source);
     let (dims, geometry) = (source.dims(), source.geometry());
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
@@ -236,22 +222,8 @@ where
     Distance::Constant(largest).validate(box_extent)?;
     estimate::afford_features(source, params.spec.feature, comm.size())?;
     let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
-    if !matches!(params.spacing(), Spacing::FromCannyAtoms { .. }) {
-        // Number of atoms if all were at the largest distance.
-        let sparsest = Distance::Constant(params.spacing().max());
-        let mut estimate =
-            estimate::estimate_from_distance(&sparsest, extent, params.spec.cell_kind());
-        if is_partitioned {
-            estimate = estimate::estimate_per_rank(
-                estimate,
-                extent,
-                &sparsest,
-                params.seeding(),
-                comm.size(),
-            );
-        }
-        estimate::afford(&estimate)?;
-    }
+    let rank_count = is_partitioned.then(|| comm.size());
+    afford_lattice(params, extent, rank_count)?;
     let frame = JobDomain::new(dims, geometry, params)?;
 
     let mut stages = StageRunner::new(progress)
@@ -269,58 +241,24 @@ where
             feature::detect_with_cancel(source, &options, comm, cancel)
         })
     })?;
-    let (mesh, mut report, share, distance, optimised) = match params.spec.cell_kind() {
-        CellKind::Simplices => {
-            let PlacedAtoms {
-                mut atoms,
-                distance,
-                optimize_result: optimised,
-            } = placement::place_atoms(source, params, &features, &frame, &mut stages)?;
-            let partition = if is_partitioned {
-                features.keep_share(comm);
-                let outline = distance.outline();
-                let scene = MeshScene {
-                    extent,
-                    features: &features,
-                    distance: &outline,
-                };
-                let target = params.spec.target();
-                let (target, stages) = (target.as_ref(), &mut stages);
-                MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target, stages)?
-            } else {
-                None
-            };
-            let (mesh, report, share, distance) = match partition {
-                Some(partition) => {
-                    features.replace_points(partition.near_points);
-                    let mesh = MeshResult::Simplices(partition.annotated_mesh);
-                    (
-                        mesh,
-                        partition.report,
-                        Some(partition.share),
-                        partition.distance,
-                    )
-                }
-                None => {
-                    features.gather(comm)?;
-                    let distance = distance.into_global(comm)?;
-                    let scene = MeshScene {
-                        extent,
-                        features: &features,
-                        distance: &distance,
-                    };
-                    let atoms = atoms.all_gather(comm)?;
-                    let (mesh, report) =
-                        simplices::make_simplices(atoms, &scene, source, params, &mut stages)?;
-                    (mesh, report, None, distance)
-                }
-            };
-            (mesh, report, share, distance, optimised)
-        }
+    let MadeMesh {
+        mesh,
+        mut report,
+        share,
+        distance,
+        optimize_result,
+    } = match params.spec.cell_kind() {
+        CellKind::Simplices => join_atoms(source, params, &mut features, &frame, &mut stages)?,
         CellKind::Voronoi => {
             let cells = cells::make_cells(source, params, &features, &frame, &mut stages)?;
             let (mesh, report, distance, optimize_result) = cells;
-            (mesh, report, None, distance, Some(optimize_result))
+            MadeMesh {
+                mesh,
+                report,
+                share: None,
+                distance,
+                optimize_result: Some(optimize_result),
+            }
         }
     };
     if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, &mesh) {
@@ -328,25 +266,21 @@ where
         features.potential =
             (features.potential).gather_neighbourhood(annotated.mesh.nodes(), 0.0, comm)?;
     }
-    if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimised) {
+    if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimize_result) {
         lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
     }
     check_validity(&report)?;
+    let notes_on_gaps = prepared.marked.iter().flat_map(|marked| &marked.notes);
+    report.notes.extend(notes_on_gaps.cloned());
     report.outcomes.clone_from(&features.outcomes);
     report.missing = features.missing;
-    report.notes.extend(
-        marked
-            .iter()
-            .flat_map(|marked| marked.notes.iter().cloned()),
-    );
     report.doubt.clone_from(&features.doubt);
     report.notes.extend(features.notes.iter().cloned());
-    report
-        .notes
-        .extend(placement::distance_note(source, params, &features)?);
+    let note = placement::distance_note(source, params, &features)?;
+    report.notes.extend(note);
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
-    let stop = match &optimised {
+    let stop = match &optimize_result {
         _ if interrupted => StopReason::Interrupted,
         Some(optimised) => optimised.stop,
         None => StopReason::Converged,
@@ -359,10 +293,135 @@ where
         share,
         features,
         distance,
-        optimize_result: optimised,
+        optimize_result,
         provenance: Provenance::default(),
         stop,
         report,
+    })
+}
+
+/// An image whose labels are merged and whose missing samples are marked, where that is needed.
+struct PreparedImage<const D: usize> {
+    merged: Option<Image<D>>,
+    marked: Option<MaskedImage<D>>,
+}
+
+impl<const D: usize> PreparedImage<D> {
+    fn new(source: ImageSource<'_, D>, params: &Params<D>) -> Result<Self> {
+        let merged = if params.spec.label.is_empty() {
+            None
+        } else {
+            label_map::merge_labels(&*source.to_image()?, &params.spec.label)?
+        };
+        // Values that mark missing samples must not enter computations on the image.
+        let marked = match merged.as_ref().map_or(source, ImageSource::InMemory) {
+            ImageSource::InMemory(image)
+                if feature::fills_gaps(image, params.spec.feature, params.modality) =>
+            {
+                image.mark_dead(!params.spec.input.keeps_nulls())?
+            }
+            _ => None,
+        };
+        Ok(Self { merged, marked })
+    }
+
+    /// Returns the prepared image; `source` is the original.
+    fn source<'a>(&'a self, source: ImageSource<'a, D>) -> ImageSource<'a, D> {
+        let marked = self.marked.as_ref().map(|marked| &marked.image);
+        let image = marked.or(self.merged.as_ref());
+        image.map_or(source, ImageSource::InMemory)
+    }
+}
+
+/// Checks that there is memory for the lattice, if all atoms were at the largest distance;
+/// `rank_count` ranks share it, if it is partitioned.
+fn afford_lattice<const D: usize>(
+    params: &Params<D>,
+    extent: [f64; D],
+    rank_count: Option<usize>,
+) -> Result<()> {
+    if matches!(params.spacing(), Spacing::FromCannyAtoms { .. }) {
+        return Ok(());
+    }
+    let sparsest = Distance::Constant(params.spacing().max());
+    let cells = params.spec.cell_kind();
+    let mut estimate = estimate::estimate_from_distance(&sparsest, extent, cells);
+    if let Some(count) = rank_count {
+        let seeding = params.seeding();
+        estimate = estimate::estimate_per_rank(estimate, extent, &sparsest, seeding, count);
+    }
+    estimate::afford(&estimate)
+}
+
+/// A mesh, or a rank's part of it, with what is known of it.
+struct MadeMesh<const D: usize>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    mesh: MeshResult<D>,
+    report: Report,
+    /// Which part of the mesh this rank has, if it is partitioned.
+    share: Option<MeshShare>,
+    distance: Distance<D>,
+    optimize_result: Option<optimize::OptimizeResult>,
+}
+
+/// Places atoms, joins them and improves the mesh: each rank its part, if possible, or else the
+/// whole mesh on each rank. Features that a rank does not need are dropped.
+fn join_atoms<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    features: &mut Features<D>,
+    frame: &JobDomain<D>,
+    stages: &mut StageRunner<'_>,
+) -> Result<MadeMesh<D>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let (comm, extent) = (stages.comm, frame.extent);
+    let PlacedAtoms {
+        mut atoms,
+        distance,
+        optimize_result,
+    } = placement::place_atoms(source, params, features, frame, stages)?;
+    let partition = if stages.may_partition {
+        features.keep_share(comm);
+        let outline = distance.outline();
+        let scene = MeshScene {
+            extent,
+            features,
+            distance: &outline,
+        };
+        let target = params.spec.target();
+        MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target.as_ref(), stages)?
+    } else {
+        None
+    };
+    if let Some(partition) = partition {
+        features.replace_points(partition.near_points);
+        return Ok(MadeMesh {
+            mesh: MeshResult::Simplices(partition.annotated_mesh),
+            report: partition.report,
+            share: Some(partition.share),
+            distance: partition.distance,
+            optimize_result,
+        });
+    }
+    features.gather(comm)?;
+    let distance = distance.into_global(comm)?;
+    let scene = MeshScene {
+        extent,
+        features,
+        distance: &distance,
+    };
+    let atoms = atoms.all_gather(comm)?;
+    let (mesh, report) = simplices::make_simplices(atoms, &scene, source, params, stages)?;
+    Ok(MadeMesh {
+        mesh,
+        report,
+        share: None,
+        distance,
+        optimize_result,
     })
 }
 

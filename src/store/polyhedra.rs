@@ -270,13 +270,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     if let Some(index) = field_data.iter().position(|f| f.0 == FEATURE_FACES_FIELD)
         && let (_, FieldValue::Ints(pairs)) = field_data.remove(index)
     {
-        let inner = mesh.inner_face_count();
-        for pair in pairs.chunks_exact(2) {
-            let pair = [pair[0] as u32, pair[1] as u32];
-            if let Ok(f) = mesh.face_cells[..inner].binary_search(&pair) {
-                mesh.on_feature[f] = true;
-            }
-        }
+        mark_feature_faces(&mut mesh, &pairs);
     }
     Ok(MeshFile {
         mesh,
@@ -284,6 +278,17 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         cell_data,
         field_data,
     })
+}
+
+/// Marks faces as on features; `pairs` are the cells on both sides of each.
+fn mark_feature_faces<const D: usize>(mesh: &mut PolyMesh<D>, pairs: &[i64]) {
+    let inner = mesh.inner_face_count();
+    for pair in pairs.chunks_exact(2) {
+        let pair = [pair[0] as u32, pair[1] as u32];
+        if let Ok(f) = mesh.face_cells[..inner].binary_search(&pair) {
+            mesh.on_feature[f] = true;
+        }
+    }
 }
 
 fn damaged_error(file: &VtkFile, part: &str) -> Error {

@@ -71,6 +71,87 @@ pub struct FaultResistances {
     edits: Vec<([[usize; 3]; 2], f64)>,
 }
 
+/// The connections of each face of a grid. Each cell has a number for its face towards larger
+/// indices along each axis, and one for the opposite face.
+struct FaceConnections<'a> {
+    grid: &'a CornerPointGrid<'a>,
+    cells: usize,
+    connections: &'a [GridConnection],
+    /// Indices of the connections of each face.
+    by_face: BTreeMap<usize, Vec<usize>>,
+}
+
+impl<'a> FaceConnections<'a> {
+    fn new(grid: &'a CornerPointGrid<'a>, connections: &'a [GridConnection]) -> Self {
+        let mut faces = Self {
+            grid,
+            cells: grid.dims().iter().product(),
+            connections,
+            by_face: BTreeMap::new(),
+        };
+        for (index, c) in connections.iter().enumerate() {
+            for face in [faces.lower(c), faces.upper(c)] {
+                faces.by_face.entry(face).or_default().push(index);
+            }
+        }
+        faces
+    }
+
+    /// Returns the number of the face of a connection's lower cell.
+    fn lower(&self, c: &GridConnection) -> usize {
+        c.axis * self.cells + self.grid.cell_index(c.lower)
+    }
+
+    /// Returns the number of the face of a connection's upper cell.
+    fn upper(&self, c: &GridConnection) -> usize {
+        (3 + c.axis) * self.cells + self.grid.cell_index(c.upper)
+    }
+
+    /// Returns the connections of a face to cells that share it.
+    fn touching(&self, face: usize) -> impl Iterator<Item = &'a GridConnection> {
+        let connections = self.connections;
+        let of_face = self.by_face[&face].iter().map(move |&at| &connections[at]);
+        of_face.filter(|c| c.shares_face)
+    }
+
+    /// Returns `true` if all connections of the face cross surfaces: one surface, or several with
+    /// equal multipliers.
+    fn is_pure(&self, face: usize) -> bool {
+        let mut surfaces = self.touching(face).map(|c| c.crossed_surface);
+        let Some(Some(first)) = surfaces.next() else {
+            return false;
+        };
+        let is_equivalent =
+            |other: (u32, f64)| other.0 == first.0 || (other.1 - first.1).abs() <= FACTOR_TOLERANCE;
+        surfaces.all(|other| other.is_some_and(is_equivalent))
+    }
+
+    /// Returns the connections across surfaces, grouped: connections with a face in common are in
+    /// one group.
+    fn groups(&self) -> Vec<Vec<&'a GridConnection>> {
+        let on_surface: Vec<&GridConnection> = (self.connections.iter())
+            .filter(|c| c.shares_face && c.crossed_surface.is_some())
+            .collect();
+        let mut face_number: BTreeMap<usize, u32> = BTreeMap::new();
+        for c in &on_surface {
+            for face in [self.lower(c), self.upper(c)] {
+                let next = face_number.len() as u32;
+                face_number.entry(face).or_insert(next);
+            }
+        }
+        let mut sets = UnionFind::new(face_number.len());
+        for c in &on_surface {
+            sets.unite(face_number[&self.lower(c)], face_number[&self.upper(c)]);
+        }
+        let mut groups: BTreeMap<u32, Vec<&GridConnection>> = BTreeMap::new();
+        for c in on_surface {
+            let set = sets.find(face_number[&self.lower(c)]);
+            groups.entry(set).or_default().push(c);
+        }
+        groups.into_values().collect()
+    }
+}
+
 impl FaultResistances {
     /// Finds all faces on surfaces.
     pub fn new(model: &Model, walker: &CellWalker, grid: &CornerPointGrid) -> Self {
@@ -105,101 +186,16 @@ impl FaultResistances {
 
     /// Chooses the faces that represent the connections across surfaces.
     fn choose_faces(&mut self, grid: &CornerPointGrid, connections: &[GridConnection]) {
-        let cells: usize = grid.dims().iter().product();
-        let lower_face = |c: &GridConnection| c.axis * cells + grid.cell_index(c.lower);
-        let upper_face = |c: &GridConnection| (3 + c.axis) * cells + grid.cell_index(c.upper);
-        // Connections of each face.
-        let mut face_connections: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (index, c) in connections.iter().enumerate() {
-            face_connections
-                .entry(lower_face(c))
-                .or_default()
-                .push(index);
-            face_connections
-                .entry(upper_face(c))
-                .or_default()
-                .push(index);
-        }
-        let touching = |face: usize| {
-            face_connections[&face]
-                .iter()
-                .filter(|&&at| connections[at].shares_face)
-        };
-        // All connections of the face cross surfaces: one surface, or several with equal
-        // multipliers.
-        let is_pure = |face: usize| {
-            let mut surfaces = touching(face).map(|&at| connections[at].crossed_surface);
-            let Some(Some(first)) = surfaces.next() else {
-                return false;
-            };
-            let is_equivalent = |other: (u32, f64)| {
-                other.0 == first.0 || (other.1 - first.1).abs() <= FACTOR_TOLERANCE
-            };
-            surfaces.all(|other| other.is_some_and(is_equivalent))
-        };
-        let on_surface: Vec<&GridConnection> = (connections.iter())
-            .filter(|c| c.shares_face && c.crossed_surface.is_some())
-            .collect();
-        let mut face_number: BTreeMap<usize, u32> = BTreeMap::new();
-        for c in &on_surface {
-            for face in [lower_face(c), upper_face(c)] {
-                let next = face_number.len() as u32;
-                face_number.entry(face).or_insert(next);
-            }
-        }
-        let mut sets = UnionFind::new(face_number.len());
-        for c in &on_surface {
-            sets.unite(face_number[&lower_face(c)], face_number[&upper_face(c)]);
-        }
-        let mut groups: BTreeMap<u32, Vec<&GridConnection>> = BTreeMap::new();
-        for c in on_surface {
-            groups
-                .entry(sets.find(face_number[&lower_face(c)]))
-                .or_default()
-                .push(c);
-        }
-        for group in groups.values() {
-            let use_lower = group.iter().all(|c| is_pure(lower_face(c)));
-            let use_upper =
-                !use_lower && group[0].axis < 2 && group.iter().all(|c| is_pure(upper_face(c)));
-            let mut factors: BTreeMap<usize, f64> = BTreeMap::new();
-            for c in group {
-                let face = if use_upper {
-                    upper_face(c)
-                } else {
-                    lower_face(c)
-                };
-                let Some((surface, factor)) = c.crossed_surface else {
-                    continue;
-                };
-                if !is_pure(face) {
-                    self.edits.push(([c.lower, c.upper], factor));
-                    continue;
-                }
-                // The face gets the largest multiplier, and connections with smaller ones are
-                // edited.
-                let face_factors = touching(face).filter_map(|&at| connections[at].crossed_surface);
-                let max_factor = face_factors.map(|(_, factor)| factor).fold(0.0, f64::max);
-                if factors.insert(face, max_factor).is_none() {
-                    self.faces.push(FaultCellFace {
-                        surface,
-                        axis: c.axis,
-                        is_negative_side: use_upper,
-                        cell: if use_upper { c.upper } else { c.lower },
-                        factor: max_factor,
-                    });
-                }
-                if factor < max_factor - FACTOR_TOLERANCE {
-                    self.edits.push(([c.lower, c.upper], factor / max_factor));
-                }
-            }
+        let faces = FaceConnections::new(grid, connections);
+        for group in faces.groups() {
+            self.choose_group_faces(&faces, &group);
         }
         // Cells of one layer that share no face get a record if it multiplies no other connection.
         for c in connections.iter().filter(|c| !c.shares_face) {
             let Some((surface, factor)) = c.crossed_surface else {
                 continue;
             };
-            if touching(lower_face(c)).next().is_none() {
+            if faces.touching(faces.lower(c)).next().is_none() {
                 self.faces.push(FaultCellFace {
                     surface,
                     axis: c.axis,
@@ -211,6 +207,44 @@ impl FaultResistances {
         }
         self.edits
             .retain(|(_, factor)| *factor < 1.0 - FACTOR_TOLERANCE);
+    }
+
+    /// Chooses the faces of a group of connections: their lower faces or their upper faces. Where
+    /// neither represents a connection, the connection is edited.
+    fn choose_group_faces(&mut self, faces: &FaceConnections<'_>, group: &[&GridConnection]) {
+        let use_lower = group.iter().all(|c| faces.is_pure(faces.lower(c)));
+        let use_upper =
+            !use_lower && group[0].axis < 2 && group.iter().all(|c| faces.is_pure(faces.upper(c)));
+        let mut factors: BTreeMap<usize, f64> = BTreeMap::new();
+        for c in group {
+            let face = if use_upper {
+                faces.upper(c)
+            } else {
+                faces.lower(c)
+            };
+            let Some((surface, factor)) = c.crossed_surface else {
+                continue;
+            };
+            if !faces.is_pure(face) {
+                self.edits.push(([c.lower, c.upper], factor));
+                continue;
+            }
+            // The face gets the largest multiplier, and connections with smaller ones are edited.
+            let face_factors = faces.touching(face).filter_map(|c| c.crossed_surface);
+            let max_factor = face_factors.map(|(_, factor)| factor).fold(0.0, f64::max);
+            if factors.insert(face, max_factor).is_none() {
+                self.faces.push(FaultCellFace {
+                    surface,
+                    axis: c.axis,
+                    is_negative_side: use_upper,
+                    cell: if use_upper { c.upper } else { c.lower },
+                    factor: max_factor,
+                });
+            }
+            if factor < max_factor - FACTOR_TOLERANCE {
+                self.edits.push(([c.lower, c.upper], factor / max_factor));
+            }
+        }
     }
 
     /// Writes the surfaces and their multipliers for the GRID section of a deck.

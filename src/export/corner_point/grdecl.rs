@@ -7,6 +7,7 @@
 //! `NAME-edit.GRDECL`, for the EDIT section, is written if faults need it (see
 //! [`faults`](super::faults)). Units are METRIC, and z is depth.
 
+use std::ffi::OsStr;
 use std::io::{BufRead, Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -127,15 +128,53 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         pillars: &pillars,
         layers: &layers,
     };
-    let resistances = FaultResistances::new(model, &walker, &grid);
-    let cells = n * m * layers.count;
-    let cell = |at: usize| &columns[at % (n * m)][at / (n * m)];
-    let mean = |at: usize, sum: f64| match cell(at).weight {
-        0.0 => 0.0,
-        weight => sum / weight,
+    let filled = FilledGrid {
+        model,
+        resistances: FaultResistances::new(model, &walker, &grid),
+        grid,
+        columns,
     };
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    let regions = path.with_file_name(format!("{stem}-regions.{ending}"));
+    let edits = path.with_file_name(format!("{stem}-edit.{ending}"));
+    batch.write(path, |out| filled.write_grid(out))?;
+    batch.write(&regions, |out| filled.write_regions(out))?;
+    if filled.resistances.has_edits() {
+        batch.write(&edits, |out| filled.resistances.write_edits(out))?;
+    }
+    let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {
+        return Ok(());
+    };
+    deck::check(model, porosity)?;
+    let rock = |at: [usize; 3]| filled.cell(filled.grid.cell_index(at)).mean_permeability();
+    let connections: Vec<Vec<WellConnection>> = (model.case.wells.iter())
+        .map(|well| wells::well_connections(well, &filled.grid, rock))
+        .collect::<Result<_>>()?;
+    let includes = [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
+    batch.write(&deck_path(path), |out| {
+        filled.write_deck(out, includes, &connections)
+    })
+}
 
-    batch.write(path, |out| {
+/// A grid and the contents of its cells.
+struct FilledGrid<'a> {
+    model: &'a Model,
+    grid: CornerPointGrid<'a>,
+    /// Contents of the cells of each column, from the top.
+    columns: Vec<Vec<CellSum>>,
+    resistances: FaultResistances,
+}
+
+impl FilledGrid<'_> {
+    fn cell(&self, at: usize) -> &CellSum {
+        &self.columns[at % self.columns.len()][at / self.columns.len()]
+    }
+
+    /// Writes the grid and the rock in its cells.
+    fn write_grid(&self, out: FileWriter) -> WriteResult {
+        let (model, CornerPointGrid { pillars, layers }) = (self.model, &self.grid);
+        let ([n, m], cells) = (pillars.columns, self.columns.len() * layers.count);
         let inclination = if pillars.ends.iter().any(|[top, bottom]| top != bottom) {
             "inclined along features"
         } else {
@@ -174,61 +213,62 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.end_line();
         })?;
         writeln!(out, "/\n\nACTNUM")?;
-        write_ints(out, cells, |at| i64::from(cell(at).active_weight > 0.0))?;
+        write_ints(out, cells, |at| {
+            i64::from(self.cell(at).active_weight > 0.0)
+        })?;
         if model.porosity.is_some() {
             writeln!(out, "PORO")?;
-            write_numbers(out, cells, |at| mean(at, cell(at).porosity))?;
+            write_numbers(out, cells, |at| match self.cell(at).weight {
+                0.0 => 0.0,
+                weight => self.cell(at).porosity / weight,
+            })?;
             writeln!(out, "/\n")?;
         }
         if model.permeability.is_some() {
             for (k, name) in ["PERMX", "PERMY", "PERMZ"].into_iter().enumerate() {
                 writeln!(out, "{name}")?;
                 write_numbers(out, cells, |at| {
-                    let mean = cell(at).mean_permeability();
+                    let mean = self.cell(at).mean_permeability();
                     mean.map_or(0.0, |mean| mean[k] / MILLIDARCY)
                 })?;
                 writeln!(out, "/\n")?;
             }
         }
-        resistances.write(out, model, &grid)
-    })?;
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = path.extension().unwrap_or_default().to_string_lossy();
-    let regions = path.with_file_name(format!("{stem}-regions.{ending}"));
-    let shift = region_shift(model);
-    batch.write(&regions, |out| {
+        self.resistances.write(out, model, &self.grid)
+    }
+
+    /// Writes the region of each cell.
+    fn write_regions(&self, out: FileWriter) -> WriteResult {
+        let (cells, shift) = (
+            self.columns.len() * self.grid.layers.count,
+            region_shift(self.model),
+        );
         writeln!(out, "FIPNUM")?;
         write_ints(out, cells, |at| {
             // The region with the largest part of the cell counts.
-            let regions = cell(at).regions.iter();
+            let regions = self.cell(at).regions.iter();
             let largest = regions.max_by(|a, b| a.1.total_cmp(&b.1));
             largest.map_or(1, |(region, _)| i64::from(*region) + shift)
         })
-    })?;
-    let edits = path.with_file_name(format!("{stem}-edit.{ending}"));
-    if resistances.has_edits() {
-        batch.write(&edits, |out| resistances.write_edits(out))?;
     }
-    let (Some(porosity), Some(_)) = (&model.porosity, &model.permeability) else {
-        return Ok(());
-    };
-    deck::check(model, porosity)?;
-    let rock = |at: [usize; 3]| cell(grid.cell_index(at)).mean_permeability();
-    let connections: Vec<Vec<WellConnection>> = (model.case.wells.iter())
-        .map(|well| wells::well_connections(well, &grid, rock))
-        .collect::<Result<_>>()?;
-    let [name, regions, edits] =
-        [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
-    let top = model.top_depth();
-    batch.write(&deck_path(path), |out| {
+
+    /// Writes a deck that includes the grid, the regions, and edits of connections if there are any.
+    fn write_deck(
+        &self,
+        out: FileWriter,
+        [name, regions, edits]: [&OsStr; 3],
+        connections: &[Vec<WellConnection>],
+    ) -> WriteResult {
+        let (model, grid) = (self.model, &self.grid);
+        let (cells, top) = (grid.dims().iter().product(), model.top_depth());
         let title = DECK_TITLE_SUFFIX;
-        deck::write_runspec(out, &model.case, title, grid.dims(), &connections)?;
-        let include = |out: FileWriter, name: &std::ffi::OsStr| {
+        deck::write_runspec(out, &model.case, title, grid.dims(), connections)?;
+        let include = |out: FileWriter, name: &OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         include(out, name)?;
-        if resistances.has_edits() {
+        if self.resistances.has_edits() {
             writeln!(out, "EDIT\n")?;
             include(out, edits)?;
         }
@@ -243,8 +283,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         if model.case.fluid == Fluid::OilWater {
             writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
         }
-        deck::write_schedule(out, &model.case, &connections)
-    })
+        deck::write_schedule(out, &model.case, connections)
+    }
 }
 
 /// Writes integers, 30 per line, and the final slash.

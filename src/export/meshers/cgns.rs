@@ -114,7 +114,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         children,
     );
     // Polygons need version 4, in which they have offsets. Older libraries can read the rest.
-    let version: f32 = if simplices.is_some() { 3.4 } else { 4.2 };
+    let version = if simplices.is_some() { 3.4 } else { 4.2 };
+    let root = root_node(version, base);
+    batch.write(path, |out| hdf5::write(out, &root))
+}
+
+/// Returns the root of a file of a version of CGNS.
+fn root_node(version: f32, base: NamedNode<'_>) -> Hdf5Node<'_> {
     let version = LazyArray::from_fn(1, move |_| version);
     let version = data_node(
         "CGNSLibraryVersion",
@@ -123,30 +129,20 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         Some((vec![1], version)),
         Vec::new(),
     );
+    let text = |text: &str, size| Hdf5Attribute::Text(text.into(), size);
     let attributes = vec![
-        (
-            "name".into(),
-            Hdf5Attribute::Text("HDF5 MotherNode".into(), NAME_BYTES),
-        ),
-        (
-            "label".into(),
-            Hdf5Attribute::Text("Root Node of HDF5 File".into(), NAME_BYTES),
-        ),
-        ("type".into(), Hdf5Attribute::Text("MT".into(), 3)),
+        ("name".into(), text("HDF5 MotherNode", NAME_BYTES)),
+        ("label".into(), text("Root Node of HDF5 File", NAME_BYTES)),
+        ("type".into(), text("MT", 3)),
     ];
-    let root = Hdf5Node::GroupWithAttributes(
-        attributes,
-        vec![
-            (" format".into(), chars_node("IEEE_LITTLE_32", 15)),
-            (
-                " hdf5version".into(),
-                chars_node("HDF5 Version 1.8.0", NAME_BYTES),
-            ),
-            version,
-            base,
-        ],
-    );
-    batch.write(path, |out| hdf5::write(out, &root))
+    let hdf5_version = chars_node("HDF5 Version 1.8.0", NAME_BYTES);
+    let children = vec![
+        (" format".into(), chars_node("IEEE_LITTLE_32", 15)),
+        (" hdf5version".into(), hdf5_version),
+        version,
+        base,
+    ];
+    Hdf5Node::GroupWithAttributes(attributes, children)
 }
 
 /// Returns a node with data of the type `kind`.

@@ -86,11 +86,87 @@ impl<'a> XdmfContent<'a> {
         self.add_data(name, &[count, size], numbers);
         self.xml.push_str("</Topology>\n");
     }
+
+    /// Adds the values of the cells.
+    fn add_cell_arrays(&mut self, model: &Model, cells: usize) {
+        for array in cell_arrays(model) {
+            let kind = match array.components {
+                1 => "Scalar",
+                3 => "Vector",
+                6 => "Tensor6",
+                _ => "Matrix",
+            };
+            let _ = writeln!(
+                self.xml,
+                "<Attribute Name=\"{}\" AttributeType=\"{kind}\" Center=\"Cell\">",
+                escape(&array.name)
+            );
+            let values = array.values.to_f64();
+            let dims = [cells, array.components];
+            let dims = if array.components == 1 {
+                &dims[..1]
+            } else {
+                &dims
+            };
+            let name = format!("of_cells_{}", array.name.replace('/', "_"));
+            match array.name.as_str() {
+                "region" => {
+                    let numbers = LazyArray::from_fn(values.len(), move |i| values[i] as i32);
+                    self.add_data(name, dims, numbers);
+                }
+                _ => self.add_data(
+                    name,
+                    dims,
+                    LazyArray::from_fn(values.len(), move |i| values[i]),
+                ),
+            }
+            self.xml.push_str("</Attribute>\n");
+        }
+    }
+
+    /// Adds the nodes of each named group of faces.
+    fn add_side_sets(&mut self, mesh: &SimplexMesh<'_>) {
+        for group in &mesh.named_sides {
+            let nodes = sorted_distinct(mesh.side_nodes(group));
+            let _ = writeln!(
+                self.xml,
+                "<Set Name=\"{}\" SetType=\"Node\">",
+                escape(&group.name)
+            );
+            let count = nodes.len();
+            let numbers = LazyArray::from_fn(count, move |i| nodes[i] as i32);
+            self.add_data(format!("nodes_{}", group.name), &[count], numbers);
+            self.xml.push_str("</Set>\n");
+        }
+    }
+
+    /// Adds each named group of faces as a grid.
+    fn add_side_grids(&mut self, mesh: &SimplexMesh<'_>) {
+        for group in &mesh.named_sides {
+            let nodes = mesh.side_nodes(group);
+            let size = nodes.len() / group.cells.len().max(1);
+            let _ = writeln!(
+                self.xml,
+                "<Grid Name=\"{}\" GridType=\"Uniform\">",
+                escape(&group.name)
+            );
+            let kind = TOPOLOGY_NAMES[mesh.corner_count - 1][usize::from(mesh.is_quadratic())];
+            self.add_topology(format!("faces_{}", group.name), kind, size, nodes);
+            let _ = writeln!(
+                self.xml,
+                "{GEOMETRY}<DataItem Dimensions=\"{} 3\" NumberType=\"Float\" Precision=\"8\" \
+                 Format=\"HDF\">{}:/points</DataItem>\n</Geometry>\n</Grid>",
+                mesh.node_count(),
+                escape(&self.file),
+            );
+        }
+    }
 }
 
 /// Begin and end of an XDMF file.
 const HEAD: &str = "<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n";
 const TAIL: &str = "</Domain>\n</Xdmf>\n";
+const GEOMETRY: &str = "<Geometry GeometryType=\"XYZ\">\n";
 
 /// Writes all files.
 ///
@@ -107,7 +183,6 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         nodes: Vec::new(),
     };
     let order = usize::from(mesh.is_quadratic());
-    let geometry = "<Geometry GeometryType=\"XYZ\">\n";
     let points = mesh.node_count();
     content
         .xml
@@ -121,74 +196,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         size,
         corners,
     );
-    content.xml.push_str(geometry);
+    content.xml.push_str(GEOMETRY);
     let positions = LazyArray::from_fn(3 * points, |i| mesh.point(i / 3)[i % 3]);
     content.add_data("points".into(), &[points, 3], positions);
     content.xml.push_str("</Geometry>\n");
-    for array in cell_arrays(model) {
-        let kind = match array.components {
-            1 => "Scalar",
-            3 => "Vector",
-            6 => "Tensor6",
-            _ => "Matrix",
-        };
-        let _ = writeln!(
-            content.xml,
-            "<Attribute Name=\"{}\" AttributeType=\"{kind}\" Center=\"Cell\">",
-            escape(&array.name)
-        );
-        let values = array.values.to_f64();
-        let dims = [mesh.len(), array.components];
-        let dims = if array.components == 1 {
-            &dims[..1]
-        } else {
-            &dims
-        };
-        let name = format!("of_cells_{}", array.name.replace('/', "_"));
-        match array.name.as_str() {
-            "region" => {
-                let numbers = LazyArray::from_fn(values.len(), move |i| values[i] as i32);
-                content.add_data(name, dims, numbers);
-            }
-            _ => content.add_data(
-                name,
-                dims,
-                LazyArray::from_fn(values.len(), move |i| values[i]),
-            ),
-        }
-        content.xml.push_str("</Attribute>\n");
-    }
+    content.add_cell_arrays(model, mesh.len());
     let cells_xml = content.xml.clone();
-    for group in &mesh.named_sides {
-        let nodes = sorted_distinct(mesh.side_nodes(group));
-        let _ = writeln!(
-            content.xml,
-            "<Set Name=\"{}\" SetType=\"Node\">",
-            escape(&group.name)
-        );
-        let count = nodes.len();
-        let numbers = LazyArray::from_fn(count, move |i| nodes[i] as i32);
-        content.add_data(format!("nodes_{}", group.name), &[count], numbers);
-        content.xml.push_str("</Set>\n");
-    }
+    content.add_side_sets(mesh);
     content.xml.push_str("</Grid>\n");
-    for group in &mesh.named_sides {
-        let nodes = mesh.side_nodes(group);
-        let size = nodes.len() / group.cells.len().max(1);
-        let _ = writeln!(
-            content.xml,
-            "<Grid Name=\"{}\" GridType=\"Uniform\">",
-            escape(&group.name)
-        );
-        let kind = TOPOLOGY_NAMES[mesh.corner_count - 1][order];
-        content.add_topology(format!("faces_{}", group.name), kind, size, nodes);
-        let _ = writeln!(
-            content.xml,
-            "{geometry}<DataItem Dimensions=\"{points} 3\" NumberType=\"Float\" Precision=\"8\" \
-             Format=\"HDF\">{}:/points</DataItem>\n</Geometry>\n</Grid>",
-            escape(&content.file),
-        );
-    }
+    content.add_side_grids(mesh);
     let root = Hdf5Node::Group(content.nodes);
     batch.write(&companion, |out| hdf5::write(out, &root))?;
     let mut write = |path: &Path, xml: &str| {

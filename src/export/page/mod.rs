@@ -33,6 +33,8 @@ use crate::{Error, Result};
 
 use culling::PageMesh;
 use pack::{ByteStreams, PackedStreams};
+use texture::Texture;
+use values::CellValues;
 
 /// Information for the page besides the mesh.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -83,25 +85,18 @@ pub fn write<const D: usize, M: Storable<D>>(
     info: &PageInfo,
     max_bytes: usize,
 ) -> Result<PageStats> {
-    let surfaces = stored
-        .feature_marks()
-        .map(|marks| surfaces_by_bend(stored, &marks));
-    let surfaces = surfaces.unwrap_or_default();
-    let faces = DrawableFaces::from_mesh(stored, &surfaces.facets)?;
-    let arrays = values::scalar_arrays(stored, &faces, image);
-    let texture = image.map(texture::from_image);
-    let frame = BoxFrame::new(&stored.space, image.map(|image| &image.geometry));
-    let kinds: Vec<_> = surfaces.kinds.iter().map(|kind| kind.name()).collect();
-
+    let content = PageContent::new(image, stored, info)?;
+    let faces = &content.faces;
     // Estimates of the bytes that every page has, and of the bytes of a face and of a cell. Each
     // page that is made corrects them.
     let fixed_bytes = 120_000.0
-        + texture
+        + content
+            .texture
             .as_ref()
             .map_or(0.0, |t| 1.35 * t.bytes.len() as f64);
-    let bytes_per_cell = 3.0 + 2.6 * arrays.len() as f64;
+    let bytes_per_cell = 3.0 + 2.6 * content.arrays.len() as f64;
     let estimate = |steps: usize| {
-        let (kept, cells) = culling::count(&faces, steps);
+        let (kept, cells) = culling::count(faces, steps);
         5.5 * kept as f64 + bytes_per_cell * cells as f64
     };
     let mut correction = 1.0;
@@ -119,36 +114,7 @@ pub fn write<const D: usize, M: Storable<D>>(
             None => coarsest - 1,
         };
         let steps = CUT_STEPS[index];
-        let kept = PageMesh::new(&faces, steps);
-        let mut streams = ByteStreams::default();
-        streams.add_faces(&faces, &kept);
-        let arrays: Vec<Value> = (arrays.iter())
-            .map(|array| array.add_to_streams(&mut streams, &kept))
-            .collect();
-        if let Some(texture) = &texture {
-            streams.add_image(texture);
-        }
-        let PackedStreams { base64, layout } = streams.pack();
-        let metadata = json!({
-            "about": info,
-            "dimensions": D,
-            "cells": M::CELLS_NAME,
-            "counts": {
-                "nodes": stored.lattice.nodes().len(),
-                "cells": stored.lattice.len(),
-                "faces": faces.len(),
-                "kept": kept.faces.len(),
-            },
-            "steps": steps,
-            "thinned": steps < CUT_STEPS[0],
-            "frame": frame,
-            "arrays": arrays,
-            "surfaces": kinds,
-            "large_surfaces": surfaces.kept_count,
-            "image": texture.as_ref().map(|texture| &texture.metadata),
-            "streams": layout,
-        });
-        let page = html(&info.title, &metadata, &base64);
+        let (page, kept_faces) = content.page(steps);
         correction = 1.01 * (page.len() as f64 - fixed_bytes).max(0.0) / estimate(steps);
         if page.len() > max_bytes {
             finest = index + 1;
@@ -159,7 +125,7 @@ pub fn write<const D: usize, M: Storable<D>>(
                 bytes: page.len(),
                 cut_steps: steps,
                 is_thinned: steps < CUT_STEPS[0],
-                faces: kept.faces.len(),
+                faces: kept_faces,
                 total_faces: faces.len(),
             };
             fitting_page = Some((page, stats));
@@ -179,6 +145,78 @@ pub fn write<const D: usize, M: Storable<D>>(
     };
     atomic_write(path, |out| out.write_all(page.as_bytes()))?;
     Ok(stats)
+}
+
+/// What a page shows, for any number of steps of the cutting planes.
+struct PageContent<'a, const D: usize, M> {
+    info: &'a PageInfo,
+    stored: &'a StoredMesh<D, M>,
+    faces: DrawableFaces,
+    arrays: Vec<CellValues>,
+    texture: Option<Texture>,
+    frame: BoxFrame,
+    /// Kind of each surface, large ones first.
+    kinds: Vec<&'static str>,
+    large_surfaces: usize,
+}
+
+impl<'a, const D: usize, M: Storable<D>> PageContent<'a, D, M> {
+    fn new(
+        image: Option<&Image<D>>,
+        stored: &'a StoredMesh<D, M>,
+        info: &'a PageInfo,
+    ) -> Result<Self> {
+        let surfaces = stored
+            .feature_marks()
+            .map(|marks| surfaces_by_bend(stored, &marks));
+        let surfaces = surfaces.unwrap_or_default();
+        let faces = DrawableFaces::from_mesh(stored, &surfaces.facets)?;
+        Ok(Self {
+            info,
+            stored,
+            arrays: values::scalar_arrays(stored, &faces, image),
+            faces,
+            texture: image.map(texture::from_image),
+            frame: BoxFrame::new(&stored.space, image.map(|image| &image.geometry)),
+            kinds: surfaces.kinds.iter().map(|kind| kind.name()).collect(),
+            large_surfaces: surfaces.kept_count,
+        })
+    }
+
+    /// Returns the page for `steps` positions of each cutting plane, and its number of faces.
+    fn page(&self, steps: usize) -> (String, usize) {
+        let (faces, lattice) = (&self.faces, &self.stored.lattice);
+        let kept = PageMesh::new(faces, steps);
+        let mut streams = ByteStreams::default();
+        streams.add_faces(faces, &kept);
+        let arrays: Vec<Value> = (self.arrays.iter())
+            .map(|array| array.add_to_streams(&mut streams, &kept))
+            .collect();
+        if let Some(texture) = &self.texture {
+            streams.add_image(texture);
+        }
+        let PackedStreams { base64, layout } = streams.pack();
+        let metadata = json!({
+            "about": self.info,
+            "dimensions": D,
+            "cells": M::CELLS_NAME,
+            "counts": {
+                "nodes": lattice.nodes().len(),
+                "cells": lattice.len(),
+                "faces": faces.len(),
+                "kept": kept.faces.len(),
+            },
+            "steps": steps,
+            "thinned": steps < CUT_STEPS[0],
+            "frame": self.frame,
+            "arrays": arrays,
+            "surfaces": self.kinds,
+            "large_surfaces": self.large_surfaces,
+            "image": self.texture.as_ref().map(|texture| &texture.metadata),
+            "streams": layout,
+        });
+        (html(&self.info.title, &metadata, &base64), kept.faces.len())
+    }
 }
 
 /// Scripts of the page. Later scripts use earlier ones.

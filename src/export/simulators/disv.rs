@@ -57,79 +57,40 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let grid = DisvGrid::new(model)?;
     let weight = WATER_PROPERTIES[0] * GRAVITY;
-    let conductivity = weight / WATER_PROPERTIES[1];
-    let (layers, columns) = (grid.layers, grid.columns);
-    let cells = layers * columns;
-    let conductivity_of = |k: usize, position: usize| match grid.cells[position] {
-        Some(cell) if model.is_active(cell as usize) => {
-            conductivity * permeability.rock.mobility(cell as usize).0[k]
-        }
-        _ => 1.0,
+    let units = HeadUnits {
+        weight,
+        conductivity: weight / WATER_PROPERTIES[1],
+        has_gravity: model.case.has_gravity,
     };
-    let case = &model.case;
-    let head = |pressure: f64, z: f64| pressure / weight + if case.has_gravity { z } else { 0.0 };
-    let site = |cell: u32| model.graph.site[cell as usize][2];
-    let highest = (0..model.len() as u32)
-        .map(site)
+    let highest = (0..model.len())
+        .map(|cell| model.graph.site[cell][2])
         .fold(f64::NEG_INFINITY, f64::max);
-    let start = head(case.top_pressure, highest);
-    // Layer and column, from 1.
-    let id = |cell: u32| {
-        let position = grid.cell_positions[cell as usize];
-        [position / columns + 1, position % columns + 1]
-    };
-    let mut rates: Vec<([usize; 2], f64)> = Vec::new();
-    let mut pressures: Vec<([usize; 2], [f64; 2])> = Vec::new();
-    for well in &case.wells {
-        let total_index: f64 = well.cells.iter().map(|c| c.1).sum();
-        for &(cell, index) in &well.cells {
-            match well.control {
-                Control::Inject(rate) => rates.push((id(cell), rate * index / total_index)),
-                Control::Produce(rate) => rates.push((id(cell), -rate * index / total_index)),
-                Control::Pressure(pressure) => {
-                    // The pressure is given at the first cell of the well. Below that cell, the
-                    // pressure is hydrostatic.
-                    let z = well.cells.first().map_or(0.0, |c| site(c.0));
-                    pressures.push((id(cell), [head(pressure, z), conductivity * index]));
-                }
-            }
-        }
-    }
+    let start = units.head(model.case.top_pressure, highest);
+    let wells = WellCells::new(model, &grid, &units);
     let barriers = grid.barriers(model);
 
     batch.create_folder(folder)?;
     let mut file = |name: &str, write: &mut dyn FnMut(FileWriter) -> WriteResult| {
         batch.write(&folder.join(name), |out| write(out))
     };
-    file("mfsim.nam", &mut |out| {
-        writeln!(
-            out,
-            "BEGIN OPTIONS\nEND OPTIONS\n\nBEGIN TIMING\n  TDIS6 sim.tdis\nEND TIMING\n\n\
-             BEGIN MODELS\n  GWF6 model.nam model\nEND MODELS\n\nBEGIN EXCHANGES\nEND EXCHANGES\n\n\
-             BEGIN SOLUTIONGROUP 1\n  IMS6 sim.ims model\nEND SOLUTIONGROUP"
-        )
-    })?;
+    file("mfsim.nam", &mut |out| writeln!(out, "{SIMULATION_FILE}"))?;
+    let duration = model.case.duration;
     file("sim.tdis", &mut |out| {
         writeln!(
             out,
             "BEGIN OPTIONS\n  TIME_UNITS SECONDS\nEND OPTIONS\n\nBEGIN DIMENSIONS\n  NPER 1\n\
-             END DIMENSIONS\n\nBEGIN PERIODDATA\n  {} 1 1.0\nEND PERIODDATA",
-            case.duration
+             END DIMENSIONS\n\nBEGIN PERIODDATA\n  {duration} 1 1.0\nEND PERIODDATA"
         )
     })?;
-    file("sim.ims", &mut |out| {
-        writeln!(
-            out,
-            "BEGIN OPTIONS\n  PRINT_OPTION SUMMARY\n  COMPLEXITY SIMPLE\nEND OPTIONS\n\n\
-             BEGIN NONLINEAR\n  OUTER_DVCLOSE 1E-9\n  OUTER_MAXIMUM 50\nEND NONLINEAR\n\n\
-             BEGIN LINEAR\n  INNER_MAXIMUM 500\n  INNER_DVCLOSE 1E-10\n  INNER_RCLOSE 1E-10\n\
-             \x20 LINEAR_ACCELERATION CG\nEND LINEAR"
-        )
-    })?;
-    let optional_packages = [
-        ("WEL6", "wel", rates.len()),
-        ("GHB6", "ghb", pressures.len()),
-        ("CHD6", "chd", usize::from(pressures.is_empty())),
+    file("sim.ims", &mut |out| writeln!(out, "{SOLVER_FILE}"))?;
+    let packages = [
+        ("DISV6", "disv", 1),
+        ("NPF6", "npf", 1),
+        ("IC6", "ic", 1),
+        ("OC6", "oc", 1),
+        ("WEL6", "wel", wells.rates.len()),
+        ("GHB6", "ghb", wells.pressures.len()),
+        ("CHD6", "chd", usize::from(wells.pressures.is_empty())),
         ("HFB6", "hfb", barriers.len()),
     ];
     file("model.nam", &mut |out| {
@@ -137,35 +98,17 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
             out,
             "BEGIN OPTIONS\n  SAVE_FLOWS\nEND OPTIONS\n\nBEGIN PACKAGES"
         )?;
-        for (name, ending) in [
-            ("DISV6", "disv"),
-            ("NPF6", "npf"),
-            ("IC6", "ic"),
-            ("OC6", "oc"),
-        ] {
-            writeln!(out, "  {name} model.{ending} {ending}")?;
-        }
-        for (name, ending, _) in optional_packages.iter().filter(|package| package.2 > 0) {
+        for (name, ending, _) in packages.iter().filter(|package| package.2 > 0) {
             writeln!(out, "  {name} model.{ending} {ending}")?;
         }
         writeln!(out, "END PACKAGES")
     })?;
     file("model.disv", &mut |out| grid.write(out, model))?;
     file("model.npf", &mut |out| {
-        writeln!(
-            out,
-            "BEGIN OPTIONS\n  SAVE_SPECIFIC_DISCHARGE\nEND OPTIONS\n\nBEGIN GRIDDATA"
-        )?;
-        writeln!(
-            out,
-            "  ICELLTYPE\n    CONSTANT 0\n  K\n    INTERNAL FACTOR 1.0"
-        )?;
-        write_numbers(out, cells, |at| conductivity_of(0, at))?;
-        writeln!(out, "  K22\n    INTERNAL FACTOR 1.0")?;
-        write_numbers(out, cells, |at| conductivity_of(1, at))?;
-        writeln!(out, "  K33\n    INTERNAL FACTOR 1.0")?;
-        write_numbers(out, cells, |at| conductivity_of(2, at))?;
-        writeln!(out, "END GRIDDATA")
+        write_conductivity(out, &grid, |cell, k| {
+            let is_active = model.is_active(cell);
+            is_active.then(|| units.conductivity * permeability.rock.mobility(cell).0[k])
+        })
     })?;
     file("model.ic", &mut |out| {
         writeln!(
@@ -173,56 +116,134 @@ pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
             "BEGIN GRIDDATA\n  STRT\n    CONSTANT {start}\nEND GRIDDATA"
         )
     })?;
-    file("model.oc", &mut |out| {
-        writeln!(
-            out,
-            "BEGIN OPTIONS\n  HEAD FILEOUT model.hds\n  BUDGET FILEOUT model.cbc\nEND OPTIONS\n\n\
-             BEGIN PERIOD 1\n  SAVE HEAD LAST\n  SAVE BUDGET LAST\nEND PERIOD"
-        )
-    })?;
-    let bound = |count: usize| {
-        format!("BEGIN DIMENSIONS\n  MAXBOUND {count}\nEND DIMENSIONS\n\nBEGIN PERIOD 1")
-    };
-    if !rates.is_empty() {
-        file("model.wel", &mut |out| {
-            writeln!(out, "{}", bound(rates.len()))?;
-            for ([layer, column], rate) in &rates {
-                writeln!(out, "  {layer} {column} {rate:e}")?;
-            }
-            writeln!(out, "END PERIOD")
-        })?;
+    file("model.oc", &mut |out| writeln!(out, "{OUTPUT_FILE}"))?;
+    if !wells.rates.is_empty() {
+        file("model.wel", &mut |out| wells.write_rates(out))?;
     }
-    if pressures.is_empty() {
+    if wells.pressures.is_empty() {
         // The head must be known in at least one cell.
         let first = (0..model.len()).find(|&cell| model.is_active(cell));
-        let [layer, column] = id(first.unwrap_or(0) as u32);
+        let [layer, column] = grid.id(first.unwrap_or(0) as u32);
         file("model.chd", &mut |out| {
-            writeln!(out, "{}\n  {layer} {column} {start}\nEND PERIOD", bound(1))
+            let bound = period_head(1);
+            writeln!(out, "{bound}\n  {layer} {column} {start}\nEND PERIOD")
         })?;
     } else {
-        file("model.ghb", &mut |out| {
-            writeln!(out, "{}", bound(pressures.len()))?;
-            for ([layer, column], [head, conductance]) in &pressures {
-                writeln!(out, "  {layer} {column} {head} {conductance:e}")?;
-            }
-            writeln!(out, "END PERIOD")
-        })?;
+        file("model.ghb", &mut |out| wells.write_pressures(out))?;
     }
     if !barriers.is_empty() {
-        file("model.hfb", &mut |out| {
-            writeln!(
-                out,
-                "BEGIN DIMENSIONS\n  MAXHFB {}\nEND DIMENSIONS\n\nBEGIN PERIOD 1",
-                barriers.len()
-            )?;
-            for (cells, factor) in &barriers {
-                let [[k, a], [l, b]] = cells.map(id);
-                writeln!(out, "  {k} {a} {l} {b} {:e}", -factor)?;
-            }
-            writeln!(out, "END PERIOD")
-        })?;
+        file("model.hfb", &mut |out| grid.write_barriers(out, &barriers))?;
     }
     Ok(())
+}
+
+/// Name file of the simulation.
+const SIMULATION_FILE: &str = "BEGIN OPTIONS\nEND OPTIONS\n\nBEGIN TIMING\n  TDIS6 sim.tdis\nEND TIMING\n\n\
+    BEGIN MODELS\n  GWF6 model.nam model\nEND MODELS\n\nBEGIN EXCHANGES\nEND EXCHANGES\n\n\
+    BEGIN SOLUTIONGROUP 1\n  IMS6 sim.ims model\nEND SOLUTIONGROUP";
+
+/// Options of the linear solver.
+const SOLVER_FILE: &str = "BEGIN OPTIONS\n  PRINT_OPTION SUMMARY\n  COMPLEXITY SIMPLE\nEND OPTIONS\n\n\
+    BEGIN NONLINEAR\n  OUTER_DVCLOSE 1E-9\n  OUTER_MAXIMUM 50\nEND NONLINEAR\n\n\
+    BEGIN LINEAR\n  INNER_MAXIMUM 500\n  INNER_DVCLOSE 1E-10\n  INNER_RCLOSE 1E-10\n\
+    \x20 LINEAR_ACCELERATION CG\nEND LINEAR";
+
+/// Files of heads and flows to write.
+const OUTPUT_FILE: &str = "BEGIN OPTIONS\n  HEAD FILEOUT model.hds\n  BUDGET FILEOUT model.cbc\nEND OPTIONS\n\n\
+    BEGIN PERIOD 1\n  SAVE HEAD LAST\n  SAVE BUDGET LAST\nEND PERIOD";
+
+/// Returns the head of a package of conditions in `count` cells.
+fn period_head(count: usize) -> String {
+    format!("BEGIN DIMENSIONS\n  MAXBOUND {count}\nEND DIMENSIONS\n\nBEGIN PERIOD 1")
+}
+
+/// Writes the conductivity along x, y and z: that of each cell, and 1 where it has none.
+fn write_conductivity(
+    out: FileWriter,
+    grid: &DisvGrid,
+    conductivity: impl Fn(usize, usize) -> Option<f64> + Sync,
+) -> WriteResult {
+    writeln!(
+        out,
+        "BEGIN OPTIONS\n  SAVE_SPECIFIC_DISCHARGE\nEND OPTIONS\n\nBEGIN GRIDDATA"
+    )?;
+    writeln!(out, "  ICELLTYPE\n    CONSTANT 0")?;
+    for (k, name) in ["K", "K22", "K33"].into_iter().enumerate() {
+        writeln!(out, "  {name}\n    INTERNAL FACTOR 1.0")?;
+        write_numbers(out, grid.cells.len(), |at| {
+            let cell = grid.cells[at];
+            cell.and_then(|cell| conductivity(cell as usize, k))
+                .unwrap_or(1.0)
+        })?;
+    }
+    writeln!(out, "END GRIDDATA")
+}
+
+/// Conversion of pressures to heads, and of permeability to conductivity.
+struct HeadUnits {
+    /// Weight of water.
+    weight: f64,
+    /// Conductivity of rock with a permeability of one square metre.
+    conductivity: f64,
+    has_gravity: bool,
+}
+
+impl HeadUnits {
+    fn head(&self, pressure: f64, z: f64) -> f64 {
+        pressure / self.weight + if self.has_gravity { z } else { 0.0 }
+    }
+}
+
+/// Cells of wells, by layer and column.
+#[derive(Default)]
+struct WellCells {
+    /// Cells with given rates.
+    rates: Vec<([usize; 2], f64)>,
+    /// Cells at given pressures: head and conductance.
+    pressures: Vec<([usize; 2], [f64; 2])>,
+}
+
+impl WellCells {
+    fn new(model: &Model, grid: &DisvGrid, units: &HeadUnits) -> Self {
+        let mut wells = Self::default();
+        for well in &model.case.wells {
+            let total_index: f64 = well.cells.iter().map(|c| c.1).sum();
+            for &(cell, index) in &well.cells {
+                let id = grid.id(cell);
+                match well.control {
+                    Control::Inject(rate) => wells.rates.push((id, rate * index / total_index)),
+                    Control::Produce(rate) => wells.rates.push((id, -rate * index / total_index)),
+                    Control::Pressure(pressure) => {
+                        // The pressure is given at the first cell of the well. Below that cell, the
+                        // pressure is hydrostatic.
+                        let first = well.cells.first();
+                        let z = first.map_or(0.0, |c| model.graph.site[c.0 as usize][2]);
+                        let head = units.head(pressure, z);
+                        wells
+                            .pressures
+                            .push((id, [head, units.conductivity * index]));
+                    }
+                }
+            }
+        }
+        wells
+    }
+
+    fn write_rates(&self, out: FileWriter) -> WriteResult {
+        writeln!(out, "{}", period_head(self.rates.len()))?;
+        for ([layer, column], rate) in &self.rates {
+            writeln!(out, "  {layer} {column} {rate:e}")?;
+        }
+        writeln!(out, "END PERIOD")
+    }
+
+    fn write_pressures(&self, out: FileWriter) -> WriteResult {
+        writeln!(out, "{}", period_head(self.pressures.len()))?;
+        for ([layer, column], [head, conductance]) in &self.pressures {
+            writeln!(out, "  {layer} {column} {head} {conductance:e}")?;
+        }
+        writeln!(out, "END PERIOD")
+    }
 }
 
 /// Cells in layers and columns.
@@ -240,44 +261,52 @@ struct DisvGrid {
     z_bounds: Vec<[f64; 2]>,
 }
 
+/// Returns the column and the layer of each cell, from 0. The error is the problem.
+fn columns_and_layers(
+    model: &Model,
+) -> std::result::Result<(Vec<usize>, Vec<usize>), &'static str> {
+    let numbers = |name: &str| {
+        let array = model.properties.iter().find(|array| array.name == name);
+        array.map(|array| array.values.to_i64())
+    };
+    let (mesh, cells) = (&model.mesh, model.len());
+    match (numbers(COLUMN), numbers(LAYER)) {
+        (Some(column), Some(layer)) => {
+            let numbers = column.iter().chain(&layer);
+            if column.len() != cells || layer.len() != cells || numbers.clone().any(|&n| n < 0) {
+                return Err("has inconsistent numbers of columns or layers");
+            }
+            let to_indices = |list: Vec<i64>| list.into_iter().map(|n| n as usize).collect();
+            Ok((to_indices(column), to_indices(layer)))
+        }
+        _ if mesh.inner_face_count()
+            == (0..mesh.inner_face_count())
+                .filter(|&f| mesh.is_upright(f))
+                .count() =>
+        {
+            Ok(((0..cells).collect(), vec![0; cells]))
+        }
+        _ => Err("needs the number of each cell's column and layer"),
+    }
+}
+
 impl DisvGrid {
     fn new(model: &Model) -> Result<Self> {
-        let mesh = &model.mesh;
+        let (mesh, cells) = (&model.mesh, model.len());
         let refuse = |problem: &str| {
             let remedy = "give a mesh of columns with z or -z down, or a 2-D mesh";
-            Err(Error::Export(cause(ERROR_PLACE, problem, remedy)))
+            Error::Export(cause(ERROR_PLACE, problem, remedy))
         };
         if model.tets.is_some() || !mesh.is_columnar() {
-            return refuse("needs columns, but these cells are not one above the other");
+            return Err(refuse(
+                "needs columns, but these cells are not one above the other",
+            ));
         }
-        let numbers = |name: &str| {
-            let array = model.properties.iter().find(|array| array.name == name);
-            array.map(|array| array.values.to_i64())
-        };
-        let cells = model.len();
-        let (column, layer): (Vec<usize>, Vec<usize>) = match (numbers(COLUMN), numbers(LAYER)) {
-            (Some(column), Some(layer)) => {
-                let numbers = column.iter().chain(&layer);
-                if column.len() != cells || layer.len() != cells || numbers.clone().any(|&n| n < 0)
-                {
-                    return refuse("has inconsistent numbers of columns or layers");
-                }
-                let to_indices = |list: Vec<i64>| list.into_iter().map(|n| n as usize).collect();
-                (to_indices(column), to_indices(layer))
-            }
-            _ if mesh.inner_face_count()
-                == (0..mesh.inner_face_count())
-                    .filter(|&f| mesh.is_upright(f))
-                    .count() =>
-            {
-                ((0..cells).collect(), vec![0; cells])
-            }
-            _ => return refuse("needs the number of each cell's column and layer"),
-        };
+        let (column, layer) = columns_and_layers(model).map_err(refuse)?;
         let layers = layer.iter().max().map_or(0, |l| l + 1);
         let columns = column.iter().max().map_or(0, |c| c + 1);
         if layers.saturating_mul(columns) > 1 << 31 {
-            return refuse("has inconsistent numbers of columns or layers");
+            return Err(refuse("has inconsistent numbers of columns or layers"));
         }
         let mut grid = Self {
             layers,
@@ -294,7 +323,7 @@ impl DisvGrid {
         for cell in 0..cells {
             let position = layer[cell] * columns + column[cell];
             if grid.cells[position].replace(cell as u32).is_some() {
-                return refuse("has two cells in one layer of a column");
+                return Err(refuse("has two cells in one layer of a column"));
             }
             grid.cell_positions.push(position);
         }
@@ -325,6 +354,26 @@ impl DisvGrid {
             }
         }
         Ok(grid)
+    }
+
+    /// Returns layer and column of a cell, from 1.
+    fn id(&self, cell: u32) -> [usize; 2] {
+        let position = self.cell_positions[cell as usize];
+        [position / self.columns + 1, position % self.columns + 1]
+    }
+
+    /// Writes connections with a smaller conductance than that of the rock, and the factor.
+    fn write_barriers(&self, out: FileWriter, barriers: &[([u32; 2], f64)]) -> WriteResult {
+        let count = barriers.len();
+        writeln!(
+            out,
+            "BEGIN DIMENSIONS\n  MAXHFB {count}\nEND DIMENSIONS\n\nBEGIN PERIOD 1"
+        )?;
+        for (cells, factor) in barriers {
+            let [[k, a], [l, b]] = cells.map(|cell| self.id(cell));
+            writeln!(out, "  {k} {a} {l} {b} {:e}", -factor)?;
+        }
+        writeln!(out, "END PERIOD")
     }
 
     /// Returns the pairs of cells in neighbouring columns whose transmissibility is less than that

@@ -18,7 +18,7 @@ use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceGroup, FaceNames, face_nodes};
 use crate::files::Batch;
 use crate::files::vtk::VtkScalar;
-use crate::mesh::poly::FIRST_SIDE;
+use crate::mesh::poly::{FIRST_SIDE, Lists};
 use crate::model::reservoir::{Control, Model, Permeability, Well};
 
 /// Entry of this format in the list of formats.
@@ -65,11 +65,9 @@ fn one_based(numbers: &[u32]) -> MatValue<'_> {
 /// Returns [`Error::Export`](crate::Error::Export) if a MAT-file cannot hold the model, and
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let (mesh, graph) = (&model.mesh, &model.graph);
-    let (cells, faces, inner) = (model.len(), mesh.face_cells.len(), mesh.inner_face_count());
+    let (mesh, cells) = (&model.mesh, model.len());
     let cell_faces = mesh.faces_of_cells();
     let names = FaceNames::new(model);
-    let name_values = names.names.iter().map(|name| MatValue::Text(name));
     let groups = names.groups();
     let set = |group: &'_ FaceGroup| {
         let nodes = face_nodes(model, &group.faces);
@@ -79,85 +77,6 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         .iter()
         .filter(|group| mat::is_valid_name(&group.name));
     let sets = sets.map(|group| (group.name.as_str(), set(group)));
-    let area = |f: usize| match f.checked_sub(inner) {
-        None => (graph.connections[f].area, graph.connections[f].normal),
-        Some(outer) => (graph.boundary[outer].area, graph.boundary[outer].normal),
-    };
-    // The mirrored z axis reverses the orientation of faces, so their nodes are written in reverse
-    // order.
-    let offsets = &mesh.faces.offsets;
-    let nodes = |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
-        let mut face = offsets.partition_point(|&o| o as usize <= range.start) - 1;
-        for i in range {
-            while offsets[face + 1] as usize <= i {
-                face += 1;
-            }
-            let mirrored = (offsets[face] + offsets[face + 1]) as usize - 1 - i;
-            (mesh.faces.items[mirrored] + 1).append_bytes(bytes);
-        }
-    };
-    let neighbour = |i: usize| match mesh.face_cells[i % faces][i / faces] {
-        outside if outside >= FIRST_SIDE => 0,
-        cell => cell + 1,
-    };
-
-    let cell_fields = MatValue::Struct(vec![
-        ("num", MatValue::scalar(cells as f64)),
-        ("facePos", one_based(&cell_faces.offsets)),
-        ("faces", one_based(&cell_faces.items)),
-        (
-            "indexMap",
-            MatValue::column(LazyArray::from_fn(cells, |c| c as u32 + 1)),
-        ),
-        (
-            "volumes",
-            MatValue::column(LazyArray::from_slice(&graph.volume)),
-        ),
-        (
-            "centroids",
-            point_matrix(cells, |c| point_with_z_down(graph.centroid[c])),
-        ),
-        (
-            "sites",
-            point_matrix(cells, |c| point_with_z_down(graph.site[c])),
-        ),
-        (
-            "region",
-            MatValue::column(LazyArray::from_slice(&graph.region)),
-        ),
-    ]);
-    let face_fields = MatValue::Struct(vec![
-        ("num", MatValue::scalar(faces as f64)),
-        ("nodePos", one_based(offsets)),
-        (
-            "nodes",
-            MatValue::column(LazyArray::from_fill::<u32>(mesh.faces.items.len(), nodes)),
-        ),
-        (
-            "neighbors",
-            MatValue::Matrix(faces, 2, LazyArray::from_fn(2 * faces, neighbour)),
-        ),
-        (
-            "tag",
-            MatValue::column(LazyArray::from_slice(&names.face_numbers)),
-        ),
-        ("tagNames", MatValue::CellArray(name_values.collect())),
-        (
-            "areas",
-            MatValue::column(LazyArray::from_fn(faces, |f| area(f).0)),
-        ),
-        (
-            "normals",
-            point_matrix(faces, |f| {
-                let (area, normal) = area(f);
-                point_with_z_down(normal.map(|n| area * n))
-            }),
-        ),
-        (
-            "centroids",
-            point_matrix(faces, |f| point_with_z_down(mesh.face_shape(f).centroid)),
-        ),
-    ]);
     let node_fields = MatValue::Struct(vec![
         ("num", MatValue::scalar(mesh.nodes.len() as f64)),
         (
@@ -166,18 +85,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         ),
         ("sets", MatValue::Struct(sets.collect())),
     ]);
+    let texts = ["atomesh", "computeGeometry"].map(MatValue::Text);
     let grid = MatValue::Struct(vec![
-        ("cells", cell_fields),
-        ("faces", face_fields),
+        ("cells", MatValue::Struct(cell_fields(model, &cell_faces))),
+        ("faces", MatValue::Struct(face_fields(model, &names))),
         ("nodes", node_fields),
         ("griddim", MatValue::scalar(3.0)),
-        (
-            "type",
-            MatValue::CellArray(vec![
-                MatValue::Text("atomesh"),
-                MatValue::Text("computeGeometry"),
-            ]),
-        ),
+        ("type", MatValue::CellArray(texts.into())),
     ]);
     let mut variables = vec![("G", grid)];
     let mut rock = Vec::new();
@@ -186,18 +100,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     }
     if let Some(permeability) = &model.permeability {
         rock.push(("perm", permeability_matrix(permeability, cells)));
-        let transmissibility = |f: usize| match f.checked_sub(inner) {
-            None => permeability.transmissibility[f],
-            Some(outer) => {
-                let face = &graph.boundary[outer];
-                let mobility = permeability
-                    .rock
-                    .mobility(face.cell as usize)
-                    .normal_component(face.normal);
-                face.area * mobility / face.distance
-            }
-        };
-        let numbers = LazyArray::from_fn(faces, transmissibility);
+        let numbers = face_transmissibility(model, permeability);
         variables.push(("T", MatValue::column(numbers)));
     }
     if !rock.is_empty() {
@@ -226,6 +129,110 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     }
     mat::check(path, &variables)?;
     batch.write(path, |out| mat::write(out, &variables))
+}
+
+/// Returns the fields of the cells; `faces` are those of each cell.
+fn cell_fields<'a>(model: &'a Model, faces: &'a Lists) -> MatFields<'a> {
+    let (graph, cells) = (&model.graph, model.len());
+    vec![
+        ("num", MatValue::scalar(cells as f64)),
+        ("facePos", one_based(&faces.offsets)),
+        ("faces", one_based(&faces.items)),
+        (
+            "indexMap",
+            MatValue::column(LazyArray::from_fn(cells, |c| c as u32 + 1)),
+        ),
+        (
+            "volumes",
+            MatValue::column(LazyArray::from_slice(&graph.volume)),
+        ),
+        (
+            "centroids",
+            point_matrix(cells, |c| point_with_z_down(graph.centroid[c])),
+        ),
+        (
+            "sites",
+            point_matrix(cells, |c| point_with_z_down(graph.site[c])),
+        ),
+        (
+            "region",
+            MatValue::column(LazyArray::from_slice(&graph.region)),
+        ),
+    ]
+}
+
+/// Returns the fields of the faces.
+fn face_fields<'a>(model: &'a Model, names: &'a FaceNames) -> MatFields<'a> {
+    let (mesh, graph) = (&model.mesh, &model.graph);
+    let (faces, inner) = (mesh.face_cells.len(), mesh.inner_face_count());
+    let name_values = names.names.iter().map(|name| MatValue::Text(name));
+    let area = move |f: usize| match f.checked_sub(inner) {
+        None => (graph.connections[f].area, graph.connections[f].normal),
+        Some(outer) => (graph.boundary[outer].area, graph.boundary[outer].normal),
+    };
+    // The mirrored z axis reverses the orientation of faces, so their nodes are written in reverse
+    // order.
+    let offsets = &mesh.faces.offsets;
+    let nodes = move |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
+        let mut face = offsets.partition_point(|&o| o as usize <= range.start) - 1;
+        for i in range {
+            while offsets[face + 1] as usize <= i {
+                face += 1;
+            }
+            let mirrored = (offsets[face] + offsets[face + 1]) as usize - 1 - i;
+            (mesh.faces.items[mirrored] + 1).append_bytes(bytes);
+        }
+    };
+    let neighbour = move |i: usize| match mesh.face_cells[i % faces][i / faces] {
+        outside if outside >= FIRST_SIDE => 0,
+        cell => cell + 1,
+    };
+    vec![
+        ("num", MatValue::scalar(faces as f64)),
+        ("nodePos", one_based(&mesh.faces.offsets)),
+        (
+            "nodes",
+            MatValue::column(LazyArray::from_fill::<u32>(mesh.faces.items.len(), nodes)),
+        ),
+        (
+            "neighbors",
+            MatValue::Matrix(faces, 2, LazyArray::from_fn(2 * faces, neighbour)),
+        ),
+        (
+            "tag",
+            MatValue::column(LazyArray::from_slice(&names.face_numbers)),
+        ),
+        ("tagNames", MatValue::CellArray(name_values.collect())),
+        (
+            "areas",
+            MatValue::column(LazyArray::from_fn(faces, move |f| area(f).0)),
+        ),
+        (
+            "normals",
+            point_matrix(faces, move |f| {
+                let (area, normal) = area(f);
+                point_with_z_down(normal.map(|n| area * n))
+            }),
+        ),
+        (
+            "centroids",
+            point_matrix(faces, |f| point_with_z_down(mesh.face_shape(f).centroid)),
+        ),
+    ]
+}
+
+/// Returns the transmissibility of each face; outside of the mesh there is no resistance.
+fn face_transmissibility<'a>(model: &'a Model, permeability: &'a Permeability) -> LazyArray<'a> {
+    let inner = model.mesh.inner_face_count();
+    let transmissibility = move |f: usize| match f.checked_sub(inner) {
+        None => permeability.transmissibility[f],
+        Some(outer) => {
+            let face = &model.graph.boundary[outer];
+            let mobility = permeability.rock.mobility(face.cell as usize);
+            face.area * mobility.normal_component(face.normal) / face.distance
+        }
+    };
+    LazyArray::from_fn(model.mesh.face_cells.len(), transmissibility)
 }
 
 /// Returns the fields that `addWell` makes for a well, in SI units. Rates are positive for

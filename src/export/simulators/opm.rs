@@ -14,11 +14,12 @@ use super::deck::{
     write_schedule,
 };
 use crate::error::cause;
-use crate::export::containers::text::write_items;
+use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::corner_point::grdecl::is_corner_point_deck;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
 use crate::files::Batch;
+use crate::mesh::graph::Graph;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
 use crate::{Error, Result};
 
@@ -115,17 +116,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             })?;
             writeln!(out, "/\n")?;
         }
-        writeln!(out, "NNC")?;
-        let (connections, t) = (&graph.connections, &permeability.transmissibility);
-        write_items(out, connections.len(), |text, i| {
-            let t = TRANSMISSIBILITY_UNIT * t[i];
-            if t >= MIN_TRANSMISSIBILITY {
-                let [a, b] = connections[i].cells.map(|cell| cell + 1);
-                text.int(a).word(" 1 1 ").int(b).word(" 1 1");
-                text.spaced_real(t).word(" /").end_line();
-            }
-        })?;
-        writeln!(out, "/\n\nEDIT\n")?;
+        write_connections(out, graph, &permeability.transmissibility)?;
+        writeln!(out, "EDIT\n")?;
         numbers(out, "PORV", &|c| porosity[c] * graph.volume[c])?;
         writeln!(out, "TRANX\n {cells}*0 /\n")?;
         write_props(out, case)?;
@@ -142,4 +134,20 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         write_schedule(out, case, &well_connections)
     })
+}
+
+/// Writes the connections between cells, which are not neighbours in the grid, with their
+/// transmissibility `t`.
+fn write_connections(out: FileWriter, graph: &Graph<3>, t: &[f64]) -> WriteResult {
+    let connections = &graph.connections;
+    writeln!(out, "NNC")?;
+    write_items(out, connections.len(), |text, i| {
+        let t = TRANSMISSIBILITY_UNIT * t[i];
+        if t >= MIN_TRANSMISSIBILITY {
+            let [a, b] = connections[i].cells.map(|cell| cell + 1);
+            text.int(a).word(" 1 1 ").int(b).word(" 1 1");
+            text.spaced_real(t).word(" /").end_line();
+        }
+    })?;
+    writeln!(out, "/\n")
 }

@@ -62,9 +62,8 @@ struct ResqmlProperty<'a> {
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let (mesh, cells) = (&model.mesh, model.len());
     let names = FaceNames::new(model);
-    let cell_faces = mesh.faces_of_cells();
+    let cell_faces = model.mesh.faces_of_cells();
     let companion = path.with_extension("h5");
     let companion_name = companion.file_name().unwrap_or_default().to_string_lossy();
     let digest = model_digest(model);
@@ -93,92 +92,13 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         references: vec![1],
         has_arrays: true,
     };
-    let array_path = |uuid: &str, name: &str| {
-        let path = format!("<eml:PathInHdfFile>/RESQML/{uuid}/{name}</eml:PathInHdfFile>");
-        path + &proxy.reference("eml:HdfProxy")
-    };
-    let grid_array = |name: &str| array_path(&grid.uuid, name);
-    let jagged = |name: &str| {
-        let part = |element: &str, file: &str| {
-            let path = grid_array(&format!("{name}/{file}"));
-            format!(
-                "<resqml2:{element} xsi:type=\"resqml2:IntegerHdf5Array\"><resqml2:NullValue>-1\
-                 </resqml2:NullValue><resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{path}\
-                 </resqml2:Values></resqml2:{element}>"
-            )
-        };
-        let parts = part("Elements", "elements") + &part("CumulativeLength", "cumulativeLength");
-        format!("<resqml2:{name} xsi:type=\"resqml2:ResqmlJaggedArray\">{parts}</resqml2:{name}>")
-    };
-    let shape = match model.tets {
-        Some(_) => "tetrahedral",
-        None => "polyhedral",
-    };
-    grid.body = format!(
-        "<resqml2:CellCount>{cells}</resqml2:CellCount>\n<resqml2:Geometry \
-         xsi:type=\"resqml2:UnstructuredGridGeometry\">\n{}\n<resqml2:Points \
-         xsi:type=\"resqml2:Point3dHdf5Array\"><resqml2:Coordinates xsi:type=\"eml:Hdf5Dataset\">{}\
-         </resqml2:Coordinates></resqml2:Points>\n<resqml2:CellShape>{shape}</resqml2:CellShape>\n\
-         <resqml2:NodeCount>{}</resqml2:NodeCount>\n<resqml2:FaceCount>{}</resqml2:FaceCount>\n\
-         {}\n{}\n<resqml2:CellFaceIsRightHanded xsi:type=\"resqml2:BooleanHdf5Array\">\
-         <resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{}</resqml2:Values>\
-         </resqml2:CellFaceIsRightHanded>\n</resqml2:Geometry>",
-        crs.reference("resqml2:LocalCrs"),
-        grid_array("Points"),
-        mesh.nodes.len(),
-        mesh.face_cells.len(),
-        jagged("NodesPerFace"),
-        jagged("FacesPerCell"),
-        grid_array("CellFaceIsRightHanded")
-    );
-
-    // A face is right-handed for its owner, the first of its two cells.
-    let cell_of = |item: usize| cell_faces.offsets.partition_point(|&o| o as usize <= item) - 1;
-    let right_handedness = |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
-        let mut cell = cell_of(range.start);
-        for i in range {
-            while cell_faces.offsets[cell + 1] as usize <= i {
-                cell += 1;
-            }
-            let owner = mesh.face_cells[cell_faces.items[i] as usize][0];
-            bytes.push(u8::from(owner as usize == cell));
-        }
-    };
-    let coordinates = mesh.nodes.as_flattened();
-    let grid_node = Hdf5Node::Group(vec![
-        (
-            "Points".into(),
-            Hdf5Node::Dataset(
-                vec![mesh.nodes.len() as u64, 3],
-                LazyArray::from_slice(coordinates),
-            ),
-        ),
-        ("NodesPerFace".into(), list_group(&mesh.faces)),
-        ("FacesPerCell".into(), list_group(&cell_faces)),
-        (
-            "CellFaceIsRightHanded".into(),
-            dataset(LazyArray::from_fill::<u8>(
-                cell_faces.items.len(),
-                right_handedness,
-            )),
-        ),
-    ]);
-    let mut nodes = vec![(grid.uuid.clone(), grid_node)];
-    let entry = |(number, name): (u32, &String)| {
-        format!(
-            "<resqml2:Value xsi:type=\"resqml2:StringLookup\"><resqml2:Key>{number}</resqml2:Key>\
-             <resqml2:Value>{name}</resqml2:Value></resqml2:Value>\n"
-        )
-    };
-    let no_name = "none".to_string();
+    grid.body = grid_xml(model, &grid.uuid, &proxy, &crs);
+    let mut nodes = vec![(grid.uuid.clone(), grid_arrays(model, &cell_faces))];
     let table = EpcObject {
         kind: "StringTableLookup",
         uuid: uuid(&digest, "names"),
         title: "names of faces".into(),
-        body: (0..)
-            .zip([&no_name].into_iter().chain(&names.names))
-            .map(entry)
-            .collect(),
+        body: names_xml(&names),
         references: Vec::new(),
         has_arrays: false,
     };
@@ -200,11 +120,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             uuid: id.clone(),
             title: escape(&property.title),
             body,
-            references: if property.has_value_names {
-                vec![2, 3]
-            } else {
-                vec![2]
-            },
+            references: [2, 3][..1 + usize::from(property.has_value_names)].to_vec(),
             has_arrays: true,
         });
         let values = dataset(property.numbers);
@@ -213,6 +129,100 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let root = Hdf5Node::Group(vec![("RESQML".into(), Hdf5Node::Group(nodes))]);
     batch.write(&companion, |out| hdf5::write(out, &root))?;
     batch.write(path, |out| epc::write(out, &objects, &companion_name))
+}
+
+/// Returns the XML of the grid with this UUID.
+fn grid_xml(model: &Model, uuid: &str, proxy: &EpcObject, crs: &EpcObject) -> String {
+    let (mesh, cells) = (&model.mesh, model.len());
+    let grid_array = |name: &str| {
+        let path = format!("<eml:PathInHdfFile>/RESQML/{uuid}/{name}</eml:PathInHdfFile>");
+        path + &proxy.reference("eml:HdfProxy")
+    };
+    let jagged = |name: &str| {
+        let part = |element: &str, file: &str| {
+            let path = grid_array(&format!("{name}/{file}"));
+            format!(
+                "<resqml2:{element} xsi:type=\"resqml2:IntegerHdf5Array\"><resqml2:NullValue>-1\
+                 </resqml2:NullValue><resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{path}\
+                 </resqml2:Values></resqml2:{element}>"
+            )
+        };
+        let parts = part("Elements", "elements") + &part("CumulativeLength", "cumulativeLength");
+        format!("<resqml2:{name} xsi:type=\"resqml2:ResqmlJaggedArray\">{parts}</resqml2:{name}>")
+    };
+    let shape = match model.tets {
+        Some(_) => "tetrahedral",
+        None => "polyhedral",
+    };
+    format!(
+        "<resqml2:CellCount>{cells}</resqml2:CellCount>\n<resqml2:Geometry \
+         xsi:type=\"resqml2:UnstructuredGridGeometry\">\n{}\n<resqml2:Points \
+         xsi:type=\"resqml2:Point3dHdf5Array\"><resqml2:Coordinates xsi:type=\"eml:Hdf5Dataset\">{}\
+         </resqml2:Coordinates></resqml2:Points>\n<resqml2:CellShape>{shape}</resqml2:CellShape>\n\
+         <resqml2:NodeCount>{}</resqml2:NodeCount>\n<resqml2:FaceCount>{}</resqml2:FaceCount>\n\
+         {}\n{}\n<resqml2:CellFaceIsRightHanded xsi:type=\"resqml2:BooleanHdf5Array\">\
+         <resqml2:Values xsi:type=\"eml:Hdf5Dataset\">{}</resqml2:Values>\
+         </resqml2:CellFaceIsRightHanded>\n</resqml2:Geometry>",
+        crs.reference("resqml2:LocalCrs"),
+        grid_array("Points"),
+        mesh.nodes.len(),
+        mesh.face_cells.len(),
+        jagged("NodesPerFace"),
+        jagged("FacesPerCell"),
+        grid_array("CellFaceIsRightHanded")
+    )
+}
+
+/// Returns the arrays of the grid; `cell_faces` are the faces of each cell.
+fn grid_arrays<'a>(model: &'a Model, cell_faces: &'a Lists) -> Hdf5Node<'a> {
+    let mesh = &model.mesh;
+    // A face is right-handed for its owner, the first of its two cells.
+    let cell_of =
+        move |item: usize| cell_faces.offsets.partition_point(|&o| o as usize <= item) - 1;
+    let right_handedness = move |range: std::ops::Range<usize>, bytes: &mut Vec<u8>| {
+        let mut cell = cell_of(range.start);
+        for i in range {
+            while cell_faces.offsets[cell + 1] as usize <= i {
+                cell += 1;
+            }
+            let owner = mesh.face_cells[cell_faces.items[i] as usize][0];
+            bytes.push(u8::from(owner as usize == cell));
+        }
+    };
+    let coordinates = mesh.nodes.as_flattened();
+    Hdf5Node::Group(vec![
+        (
+            "Points".into(),
+            Hdf5Node::Dataset(
+                vec![mesh.nodes.len() as u64, 3],
+                LazyArray::from_slice(coordinates),
+            ),
+        ),
+        ("NodesPerFace".into(), list_group(&mesh.faces)),
+        ("FacesPerCell".into(), list_group(cell_faces)),
+        (
+            "CellFaceIsRightHanded".into(),
+            dataset(LazyArray::from_fill::<u8>(
+                cell_faces.items.len(),
+                right_handedness,
+            )),
+        ),
+    ])
+}
+
+/// Returns the XML of the names of faces, by number. Number 0 stands for no name.
+fn names_xml(names: &FaceNames) -> String {
+    let entry = |(number, name): (u32, &String)| {
+        format!(
+            "<resqml2:Value xsi:type=\"resqml2:StringLookup\"><resqml2:Key>{number}</resqml2:Key>\
+             <resqml2:Value>{name}</resqml2:Value></resqml2:Value>\n"
+        )
+    };
+    let no_name = "none".to_string();
+    (0..)
+        .zip([&no_name].into_iter().chain(&names.names))
+        .map(entry)
+        .collect()
 }
 
 /// Coordinate reference system: metres east, north and up from an unspecified origin.

@@ -228,14 +228,31 @@ impl<'a> Builder<'a> {
     }
 
     fn build(self, counts: Vec<usize>) -> Columns {
-        let map = self.map;
-        let interval: Vec<i32> = (0..).zip(&counts).flat_map(|(i, &n)| vec![i; n]).collect();
         let mut columns = Columns {
             missing_counts: vec![0; self.layer_count],
             is_z_up: self.is_z_up,
             ..Columns::default()
         };
-        // The cell of each layer and column; `NONE` where a layer has no thickness.
+        let interval: Vec<i32> = (0..).zip(&counts).flat_map(|(i, &n)| vec![i; n]).collect();
+        let cell = self.number_cells(&interval, &mut columns);
+        let mut faces = self.side_faces(&cell);
+        self.add_level_faces(&cell, &mut faces);
+        faces.sort_by_key(|f| (f.cells[1] >= FIRST_SIDE, f.cells));
+        for face in faces {
+            columns.mesh.faces.push(face.ring);
+            columns.mesh.face_cells.push(face.cells);
+            columns.mesh.on_feature.push(face.on_feature);
+        }
+        columns.mesh.nodes = self.nodes;
+        columns.layer_counts = counts;
+        centre_sites(&mut columns.mesh);
+        columns
+    }
+
+    /// Adds the cells to `columns`, without their faces; `interval` is that of each layer. Returns
+    /// the cell of each layer and column, layer by layer; `NONE` where a layer has no thickness.
+    fn number_cells(&self, interval: &[i32], columns: &mut Columns) -> Vec<u32> {
+        let map = self.map;
         let column_count = map.sites.len();
         let mut cell = vec![NONE; self.layer_count * column_count];
         for layer in 0..self.layer_count {
@@ -256,10 +273,13 @@ impl<'a> Builder<'a> {
                 columns.mesh.sites.push([x, y, 0.0]);
             }
         }
-        let mut faces: Vec<(bool, [u32; 2], Vec<u32>, bool)> = Vec::new();
-        let mut add_face = |cells: [u32; 2], ring: Vec<u32>, on_feature: bool| {
-            faces.push((cells[1] >= FIRST_SIDE, cells, ring, on_feature));
-        };
+        cell
+    }
+
+    /// Returns the faces between columns and on the sides of the box.
+    fn side_faces(&self, cell: &[u32]) -> Vec<ColumnFace> {
+        let (map, column_count) = (self.map, self.map.sites.len());
+        let mut faces = Vec::new();
         for f in 0..map.face_cells.len() {
             let [p, q] = [0, 1].map(|i| map.faces.get(f)[i]);
             let [a, b] = map.face_cells[f];
@@ -284,9 +304,26 @@ impl<'a> Builder<'a> {
                 }
                 let cell_of_column = |column: u32| cell[layer * column_count + column as usize];
                 let other_cell = if b < FIRST_SIDE { cell_of_column(b) } else { b };
-                add_face([cell_of_column(a), other_cell], ring, map.on_feature[f]);
+                faces.push(ColumnFace {
+                    cells: [cell_of_column(a), other_cell],
+                    ring,
+                    on_feature: map.on_feature[f],
+                });
             }
         }
+        faces
+    }
+
+    /// Adds the faces above and below cells.
+    fn add_level_faces(&self, cell: &[u32], faces: &mut Vec<ColumnFace>) {
+        let column_count = self.map.sites.len();
+        let mut add_face = |cells: [u32; 2], ring: Vec<u32>| {
+            faces.push(ColumnFace {
+                cells,
+                ring,
+                on_feature: false,
+            });
+        };
         let (first, last) = if self.is_z_up { (5, 4) } else { (4, 5) };
         for column in 0..column_count {
             let surface = |level: usize, upwards: bool| -> Vec<u32> {
@@ -308,48 +345,39 @@ impl<'a> Builder<'a> {
                     continue;
                 }
                 match above {
-                    NONE => add_face(
-                        [current, FIRST_SIDE + first],
-                        surface(layer, self.is_z_up),
-                        false,
-                    ),
-                    _ => add_face([above, current], surface(layer, !self.is_z_up), false),
+                    NONE => add_face([current, FIRST_SIDE + first], surface(layer, self.is_z_up)),
+                    _ => add_face([above, current], surface(layer, !self.is_z_up)),
                 }
                 above = current;
             }
             if above != NONE {
-                add_face(
-                    [above, FIRST_SIDE + last],
-                    surface(self.layer_count, !self.is_z_up),
-                    false,
-                );
+                let lowest = surface(self.layer_count, !self.is_z_up);
+                add_face([above, FIRST_SIDE + last], lowest);
             }
         }
-        faces.sort_by_key(|f| (f.0, f.1));
-        for (_, cells, ring, on_feature) in faces {
-            columns.mesh.faces.push(ring);
-            columns.mesh.face_cells.push(cells);
-            columns.mesh.on_feature.push(on_feature);
-        }
-        columns.mesh.nodes = self.nodes;
-        columns.layer_counts = counts;
-        // Move the sites midway between the faces above and below.
-        for f in 0..columns.mesh.face_cells.len() {
-            for cell in columns.mesh.face_cells[f]
-                .into_iter()
-                .filter(|&cell| cell < FIRST_SIDE)
-            {
-                let site = columns.mesh.sites[cell as usize];
-                if let Some(projection) = columns
-                    .mesh
-                    .vertical_projection(f, site)
-                    .filter(|_| !columns.mesh.is_upright(f))
-                {
-                    columns.mesh.sites[cell as usize][2] += 0.5 * projection[2];
-                }
+    }
+}
+
+/// A face of columns.
+struct ColumnFace {
+    cells: [u32; 2],
+    ring: Vec<u32>,
+    on_feature: bool,
+}
+
+/// Moves the sites midway between the faces above and below.
+fn centre_sites(mesh: &mut PolyMesh<3>) {
+    for f in 0..mesh.face_cells.len() {
+        for cell in mesh.face_cells[f]
+            .into_iter()
+            .filter(|&cell| cell < FIRST_SIDE)
+        {
+            let site = mesh.sites[cell as usize];
+            let projection = mesh.vertical_projection(f, site);
+            if let Some(projection) = projection.filter(|_| !mesh.is_upright(f)) {
+                mesh.sites[cell as usize][2] += 0.5 * projection[2];
             }
         }
-        columns
     }
 }
 

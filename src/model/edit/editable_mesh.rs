@@ -70,6 +70,15 @@ pub struct EditableMesh<const D: usize, M> {
 /// Node number that marks an empty cell slot.
 const EMPTY_SLOT: u32 = u32::MAX;
 
+/// Returns a position in the box `[0, extent]`, exactly on the sides that it nearly lies on.
+fn snap_to_sides<const D: usize>(x: &[f64; D], extent: [f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| match x[k] {
+        c if c.abs() <= SIDE_TOLERANCE * extent[k] => 0.0,
+        c if (c - extent[k]).abs() <= SIDE_TOLERANCE * extent[k] => extent[k],
+        c => c,
+    })
+}
+
 impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
     /// Creates an editable mesh from a file, which `place` names in errors. Node and cell arrays
     /// that [`job::run`](crate::job::run) does not write are dropped.
@@ -113,15 +122,9 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             )));
         }
         let extent = space.extent;
-        let snap_to_sides = |x: &[f64; D]| -> [f64; D] {
-            std::array::from_fn(|k| match x[k] {
-                c if c.abs() <= SIDE_TOLERANCE * extent[k] => 0.0,
-                c if (c - extent[k]).abs() <= SIDE_TOLERANCE * extent[k] => extent[k],
-                c => c,
-            })
-        };
         let corners = lattice.connectivity().to_vec();
-        let lattice: Vec<[f64; D]> = lattice.nodes().iter().map(snap_to_sides).collect();
+        let snapped = lattice.nodes().iter().map(|x| snap_to_sides(x, extent));
+        let lattice: Vec<[f64; D]> = snapped.collect();
         let kinds = node_array(ATOM_KIND).unwrap_or_default();
         let kind = |n: usize| match kinds.get(n) {
             Some(kind) if *kind == f64::from(AtomKind::Fixed as u8) => AtomKind::Fixed,

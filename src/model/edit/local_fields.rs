@@ -9,7 +9,7 @@ use crate::feature::resolved::detection_reach;
 use crate::feature::{Features, ResolvedOptions, detect_part};
 use crate::geometry::bounding_box;
 use crate::image::Image;
-use crate::job::{Params, Spacing};
+use crate::job::{Params, Spacing, lattice_beta};
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::Beta;
 use crate::progress::CancelToken;
@@ -26,6 +26,28 @@ pub struct Context<'a, const D: usize> {
     pub beta: Beta<D>,
     /// All edits.
     pub edits: &'a [Edit<D>],
+}
+
+impl<'a, const D: usize> Context<'a, D> {
+    /// Creates the input for samples that are `step` apart.
+    ///
+    /// # Errors
+    /// Returns an error if the weight does not fit the image.
+    pub fn new(
+        image: &'a Image<D>,
+        params: &'a Params<D>,
+        edits: &'a [Edit<D>],
+        resolved_options: Vec<ResolvedOptions>,
+        step: [f64; D],
+    ) -> Result<Self> {
+        Ok(Self {
+            image,
+            params,
+            resolved_options,
+            beta: lattice_beta(&params.beta, image.dims(), step)?,
+            edits,
+        })
+    }
 }
 
 impl<const D: usize> EditGroup<D> {

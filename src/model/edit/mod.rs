@@ -29,7 +29,7 @@ use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{self, ResolvedOptions};
 use crate::image::{Image, ImageSource};
-use crate::job::{MeshSpace, Meshing, Params, lattice_beta};
+use crate::job::{MeshSpace, Meshing, Params};
 use crate::mesh::Simplices;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{Clock, Quality, StageCost};
@@ -134,7 +134,11 @@ where
         ..Summary::default()
     };
     let (step, fields) = (editable.step, &mut editable.fields);
-    let context = stages.context(image, params, edits, step, resolved, &mut summary, fields)?;
+    let resolved = match resolved {
+        Some(resolved) => resolved,
+        None => stages.resolve_detection(image, params, step, &mut summary, fields)?,
+    };
+    let context = Context::new(image, params, edits, resolved, step)?;
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&editable.lattice(), edits, free)
     })?;
@@ -176,35 +180,6 @@ struct EditStages<'a> {
 }
 
 impl EditStages<'_> {
-    /// Returns the input of all neighbourhoods. If the mesh does not record its `resolved`
-    /// detection options, detects the features of the whole image.
-    ///
-    /// # Errors
-    /// Returns an error if the detection fails or the weight does not fit the image.
-    fn context<'b, const D: usize>(
-        &mut self,
-        image: &'b Image<D>,
-        params: &'b Params<D>,
-        edits: &'b [Edit<D>],
-        step: [f64; D],
-        resolved: Option<Vec<ResolvedOptions>>,
-        summary: &mut Summary,
-        fields: &mut Vec<(String, FieldValue)>,
-    ) -> Result<Context<'b, D>> {
-        let resolved_options = match resolved {
-            Some(resolved) => resolved,
-            None => self.resolve_detection(image, params, step, summary, fields)?,
-        };
-        let beta = lattice_beta(&params.beta, image.dims(), step)?;
-        Ok(Context {
-            image,
-            params,
-            resolved_options,
-            beta,
-            edits,
-        })
-    }
-
     /// Detects the features of the whole image, for a mesh that does not record its resolved
     /// detection options; returns these options and adds them to `fields`, so that the new mesh
     /// records them.

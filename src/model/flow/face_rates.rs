@@ -72,8 +72,57 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         fixed: &[(u32, f64)],
         cancel: &CancelToken<'_>,
     ) -> Result<FaceRates<D>> {
+        let count = self.split_mesh.mesh.len();
+        let (faces, neighbors) = self.mean_fluxes(pressure, fixed);
+        // Unknown number `count` stands for everything outside the boundary.
+        let unknown_of = |n: u32| n.min(count as u32);
+        let face_range = |c: usize| c * (D + 1)..(c + 1) * (D + 1);
+        let is_open = |face: &usize| neighbors[*face] == NONE && faces[*face].weight > 0.0;
+        let boundary: Vec<usize> = (0..faces.len()).filter(is_open).collect();
+        let matrix = Matrix::from_rows(count + 1, count + 1, |c, row| {
+            if c < count {
+                for (face, &n) in faces[face_range(c)].iter().zip(&neighbors[face_range(c)]) {
+                    if face.weight > 0.0 {
+                        row.add(c as u32, face.weight);
+                        row.add(unknown_of(n), -face.weight);
+                    }
+                }
+                return;
+            }
+            // The outside is coupled to the cells at all open boundary faces, also to cells that
+            // closed faults separate.
+            for &face in &boundary {
+                let weight = faces[face].weight;
+                row.add(count as u32, weight);
+                row.add((face / (D + 1)) as u32, -weight);
+            }
+        });
+        let mut deficit: Vec<f64> = (0..count)
+            .map(|c| -faces[face_range(c)].iter().map(|f| f.rate).sum::<f64>())
+            .collect();
+        deficit.push(0.0);
+        wells
+            .iter()
+            .for_each(|well| deficit[well.cell as usize] += well.rate);
+        let mut volume = vec![1.0; count];
+        volume.push(0.0);
+        let total_rate = sum(faces.len(), |face| faces[face].rate.abs());
+        let fixed = [(count as u32, 0.0)];
+        let phi = solve(&matrix, &deficit, &fixed, &volume, total_rate, cancel)?.pressure;
+        let corrected = |face: usize| {
+            let FaceFlux { rate, weight } = faces[face];
+            rate + weight * (phi[face / (D + 1)] - phi[unknown_of(neighbors[face]) as usize])
+        };
+        Ok(FaceRates {
+            outflow: (0..faces.len()).into_par_iter().map(corrected).collect(),
+            neighbors,
+        })
+    }
+
+    /// Returns the mean of the two rates through each face, and the neighbours of cells, those
+    /// across faults included.
+    fn mean_fluxes(&self, pressure: &[f64], fixed: &[(u32, f64)]) -> (Vec<FaceFlux>, Vec<u32>) {
         let mesh = &self.split_mesh.mesh;
-        let count = mesh.len();
         let face_index = |cell: u32, k: u8| cell as usize * (D + 1) + usize::from(k);
         // The split mesh comes from a checked mesh, so no face has three cells.
         let mut neighbors = mesh.neighbors().unwrap_or_default();
@@ -130,50 +179,7 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
                 };
             }
         }
-
-        // Unknown number `count` stands for everything outside the boundary.
-        let unknown_of = |n: u32| n.min(count as u32);
-        let face_range = |c: usize| c * (D + 1)..(c + 1) * (D + 1);
-        let is_open = |face: &usize| neighbors[*face] == NONE && faces[*face].weight > 0.0;
-        let boundary: Vec<usize> = (0..faces.len()).filter(is_open).collect();
-        let matrix = Matrix::from_rows(count + 1, count + 1, |c, row| {
-            if c < count {
-                for (face, &n) in faces[face_range(c)].iter().zip(&neighbors[face_range(c)]) {
-                    if face.weight > 0.0 {
-                        row.add(c as u32, face.weight);
-                        row.add(unknown_of(n), -face.weight);
-                    }
-                }
-                return;
-            }
-            // The outside is coupled to the cells at all open boundary faces, also to cells that
-            // closed faults separate.
-            for &face in &boundary {
-                let weight = faces[face].weight;
-                row.add(count as u32, weight);
-                row.add((face / (D + 1)) as u32, -weight);
-            }
-        });
-        let mut deficit: Vec<f64> = (0..count)
-            .map(|c| -faces[face_range(c)].iter().map(|f| f.rate).sum::<f64>())
-            .collect();
-        deficit.push(0.0);
-        wells
-            .iter()
-            .for_each(|well| deficit[well.cell as usize] += well.rate);
-        let mut volume = vec![1.0; count];
-        volume.push(0.0);
-        let total_rate = sum(faces.len(), |face| faces[face].rate.abs());
-        let fixed = [(count as u32, 0.0)];
-        let phi = solve(&matrix, &deficit, &fixed, &volume, total_rate, cancel)?.pressure;
-        let corrected = |face: usize| {
-            let FaceFlux { rate, weight } = faces[face];
-            rate + weight * (phi[face / (D + 1)] - phi[unknown_of(neighbors[face]) as usize])
-        };
-        Ok(FaceRates {
-            outflow: (0..faces.len()).into_par_iter().map(corrected).collect(),
-            neighbors,
-        })
+        (faces, neighbors)
     }
 
     /// Returns the rate out of a cell through a face by the cell's own velocity, and the

@@ -18,7 +18,7 @@ use crate::geometry::dot;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{Lists, PolyMesh};
 
 /// Number of cells whose parts are computed in one batch.
 const CHUNK_CELLS: usize = 1 << 14;
@@ -46,6 +46,91 @@ struct CellParts {
     neighbors: Vec<u32>,
 }
 
+/// Numbers of the parts, cell by cell.
+struct PartNumbers {
+    /// The faces of each cell.
+    faces: Lists,
+    /// The first part of each cell, then the total number of parts.
+    cell_start: Vec<u32>,
+    /// The first part of each face on either side.
+    first_part: Vec<[u32; 2]>,
+}
+
+/// Returns the number of parts of a cell at one of its faces.
+fn parts_of_face<const D: usize>(mesh: &PolyMesh<D>, face: u32) -> usize {
+    mesh.faces.get(face as usize).len() + 1 - D
+}
+
+/// Returns the rate through each face, out of its first cell.
+fn face_rates<const D: usize>(mesh: &PolyMesh<D>, graph: &Graph<D>, rates: &CellRates) -> Vec<f64> {
+    let mut rate = vec![0.0; mesh.face_cells.len()];
+    for (c, r) in graph.connections.iter().zip(&rates.connections) {
+        rate[c.face as usize] = *r;
+    }
+    for (f, r) in graph.boundary.iter().zip(&rates.boundary) {
+        rate[f.face as usize] = *r;
+    }
+    rate
+}
+
+impl PartNumbers {
+    fn new<const D: usize>(mesh: &PolyMesh<D>) -> Self {
+        let faces = mesh.faces_of_cells();
+        let mut cell_start = Vec::with_capacity(mesh.sites.len() + 1);
+        let mut first_part = vec![[NONE; 2]; mesh.face_cells.len()];
+        let mut part_count = 0;
+        for cell in 0..mesh.sites.len() {
+            cell_start.push(part_count);
+            for &f in faces.get(cell) {
+                let is_first_cell = mesh.face_cells[f as usize][0] as usize == cell;
+                first_part[f as usize][usize::from(!is_first_cell)] = part_count;
+                part_count += parts_of_face(mesh, f) as u32;
+            }
+        }
+        cell_start.push(part_count);
+        Self {
+            faces,
+            cell_start,
+            first_part,
+        }
+    }
+
+    /// Returns the number of parts of all cells.
+    fn total(&self) -> usize {
+        self.cell_start.last().map_or(0, |&count| count as usize)
+    }
+
+    /// Cuts a cell into parts; `rate` has the rate through each face.
+    fn cut_cell<const D: usize>(&self, mesh: &PolyMesh<D>, cell: usize, rate: &[f64]) -> CellParts {
+        let mut parts = CellParts::default();
+        for &f in self.faces.get(cell) {
+            let ring = mesh.faces.get(f as usize);
+            let shape = mesh.face_shape(f as usize);
+            let is_first_cell = mesh.face_cells[f as usize][0] as usize == cell;
+            let sign = if is_first_cell { 1.0 } else { -1.0 };
+            let opposite_part = self.first_part[f as usize][usize::from(is_first_cell)];
+            for facet in 0..parts_of_face(mesh, f) {
+                let mut outer: [u32; D] =
+                    std::array::from_fn(|i| ring[if i == 0 { 0 } else { facet + i }]);
+                let share = face_area_share(mesh, &outer, &shape.area_vector);
+                if !is_first_cell {
+                    outer.swap(D - 2, D - 1);
+                }
+                parts.corners.push((mesh.nodes.len() + cell) as u32);
+                parts.corners.extend(outer);
+                parts.outflow.push(sign * rate[f as usize] * share);
+                parts.outflow.extend([0.0; D]);
+                parts.neighbors.push(match opposite_part {
+                    NONE => NONE,
+                    first => first + facet as u32,
+                });
+                parts.neighbors.extend([NONE; D]);
+            }
+        }
+        parts
+    }
+}
+
 impl<const D: usize, M: Simplices<D>> CellReconstruction<D, M> {
     /// Cuts all cells of a mesh into parts. `graph` is the graph of the mesh, `rates` the rates
     /// through its faces, and `velocity` the velocity of each cell.
@@ -55,78 +140,24 @@ impl<const D: usize, M: Simplices<D>> CellReconstruction<D, M> {
         rates: &CellRates,
         velocity: &[[f64; D]],
     ) -> Self {
-        let parts_of_face = |f: u32| mesh.faces.get(f as usize).len() + 1 - D;
-        let faces = mesh.faces_of_cells();
-        // Parts are numbered cell by cell. `first_part` holds for each face its first part on
-        // either side.
-        let mut cell_start = Vec::with_capacity(mesh.sites.len() + 1);
-        let mut first_part = vec![[NONE; 2]; mesh.face_cells.len()];
-        let mut part_count = 0;
-        for cell in 0..mesh.sites.len() {
-            cell_start.push(part_count);
-            for &f in faces.get(cell) {
-                let is_first_cell = mesh.face_cells[f as usize][0] as usize == cell;
-                first_part[f as usize][usize::from(!is_first_cell)] = part_count;
-                part_count += parts_of_face(f) as u32;
-            }
-        }
-        cell_start.push(part_count);
-        let mut rate = vec![0.0; mesh.face_cells.len()];
-        for (c, r) in graph.connections.iter().zip(&rates.connections) {
-            rate[c.face as usize] = *r;
-        }
-        for (f, r) in graph.boundary.iter().zip(&rates.boundary) {
-            rate[f.face as usize] = *r;
-        }
+        let numbers = PartNumbers::new(mesh);
+        let part_count = numbers.total();
+        let rate = face_rates(mesh, graph, rates);
         let mut nodes = mesh.nodes.clone();
         nodes.extend_from_slice(&mesh.sites);
-        let site = |cell: usize| (mesh.nodes.len() + cell) as u32;
-        let cut_cell = |cell: usize| {
-            let mut parts = CellParts::default();
-            for &f in faces.get(cell) {
-                let ring = mesh.faces.get(f as usize);
-                let shape = mesh.face_shape(f as usize);
-                let is_first_cell = mesh.face_cells[f as usize][0] as usize == cell;
-                let sign = if is_first_cell { 1.0 } else { -1.0 };
-                let opposite_part = first_part[f as usize][usize::from(is_first_cell)];
-                for facet in 0..parts_of_face(f) {
-                    let mut outer: [u32; D] =
-                        std::array::from_fn(|i| ring[if i == 0 { 0 } else { facet + i }]);
-                    let share = face_area_share(mesh, &outer, &shape.area_vector);
-                    if !is_first_cell {
-                        outer.swap(D - 2, D - 1);
-                    }
-                    parts.corners.push(site(cell));
-                    parts.corners.extend(outer);
-                    parts.outflow.push(sign * rate[f as usize] * share);
-                    parts.outflow.extend([0.0; D]);
-                    parts.neighbors.push(match opposite_part {
-                        NONE => NONE,
-                        first => first + facet as u32,
-                    });
-                    parts.neighbors.extend([NONE; D]);
-                }
-            }
-            parts
-        };
         let count = mesh.sites.len();
         let mut all_parts = CellParts::default();
-        all_parts
-            .corners
-            .reserve_exact(part_count as usize * (D + 1));
-        all_parts
-            .outflow
-            .reserve_exact(part_count as usize * (D + 1));
-        all_parts
-            .neighbors
-            .reserve_exact(part_count as usize * (D + 1));
+        all_parts.corners.reserve_exact(part_count * (D + 1));
+        all_parts.outflow.reserve_exact(part_count * (D + 1));
+        all_parts.neighbors.reserve_exact(part_count * (D + 1));
         // In batches, because there are about thirty parts in each cell.
         for chunk_start in (0..count).step_by(CHUNK_CELLS) {
             let cells: Vec<CellParts> = (chunk_start..count.min(chunk_start + CHUNK_CELLS))
                 .into_par_iter()
                 .map(|cell| {
-                    let mut parts = cut_cell(cell);
-                    solve_inner_rates::<D>(&mut parts, &nodes, cell_start[cell], velocity[cell]);
+                    let mut parts = numbers.cut_cell(mesh, cell, &rate);
+                    let first_part = numbers.cell_start[cell];
+                    solve_inner_rates::<D>(&mut parts, &nodes, first_part, velocity[cell]);
                     parts
                 })
                 .collect();
@@ -142,7 +173,7 @@ impl<const D: usize, M: Simplices<D>> CellReconstruction<D, M> {
                 outflow: all_parts.outflow,
                 neighbors: all_parts.neighbors,
             },
-            cell_start,
+            cell_start: numbers.cell_start,
         }
     }
 }

@@ -8,34 +8,9 @@ use crate::image::geometry::AxisScale;
 /// Draws numbers along axis `k`, at one of its four edges: one on the outline of the box, as low
 /// and as far to the left as possible.
 pub(super) fn draw_axis(canvas: &mut Canvas, raster: &Raster, ruler: &AxisScale, k: usize) {
-    let other_axes = [(k + 1) % 3, (k + 2) % 3];
-    let end = |sides: [f64; 2], fraction: f64| {
-        let mut p = [0.0; 3];
-        p[k] = fraction;
-        p[other_axes[0]] = sides[0];
-        p[other_axes[1]] = sides[1];
-        raster.pixel(p)
+    let Some([a, b]) = outline_edge(raster, k) else {
+        return;
     };
-    let mut best: Option<(f32, [[f32; 2]; 2])> = None;
-    for sides in [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]] {
-        // At an edge on the outline, one of the two adjacent sides is visible and the other is not.
-        let is_visible =
-            [0, 1].map(|i| (sides[i] > 0.5) == (raster.projection[2][other_axes[i]] > 0.0));
-        if is_visible[0] == is_visible[1] {
-            continue;
-        }
-        let ends = [end(sides, 0.0), end(sides, 1.0)];
-        let is_steep = (ends[1][1] - ends[0][1]).abs() > 2.0 * (ends[1][0] - ends[0][0]).abs();
-        let score = if is_steep {
-            -ends[0][0] - ends[1][0]
-        } else {
-            ends[0][1] + ends[1][1]
-        };
-        if best.is_none_or(|(m, _)| score > m) {
-            best = Some((score, ends));
-        }
-    }
-    let Some((_, [a, b])) = best else { return };
     let centre = raster.pixel([0.5; 3]);
     let direction = [b[0] - a[0], b[1] - a[1]];
     let length = direction[0].hypot(direction[1]).max(1.0);
@@ -92,4 +67,36 @@ pub(super) fn draw_axis(canvas: &mut Canvas, raster: &Raster, ruler: &AxisScale,
             INK_COLOR,
         );
     }
+}
+
+/// Returns the ends of the edge along axis `k` at which numbers are drawn.
+fn outline_edge(raster: &Raster, k: usize) -> Option<[[f32; 2]; 2]> {
+    let other_axes = [(k + 1) % 3, (k + 2) % 3];
+    let end = |sides: [f64; 2], fraction: f64| {
+        let mut p = [0.0; 3];
+        p[k] = fraction;
+        p[other_axes[0]] = sides[0];
+        p[other_axes[1]] = sides[1];
+        raster.pixel(p)
+    };
+    let mut best: Option<(f32, [[f32; 2]; 2])> = None;
+    for sides in [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]] {
+        // At an edge on the outline, one of the two adjacent sides is visible and the other is not.
+        let is_visible =
+            [0, 1].map(|i| (sides[i] > 0.5) == (raster.projection[2][other_axes[i]] > 0.0));
+        if is_visible[0] == is_visible[1] {
+            continue;
+        }
+        let ends = [end(sides, 0.0), end(sides, 1.0)];
+        let is_steep = (ends[1][1] - ends[0][1]).abs() > 2.0 * (ends[1][0] - ends[0][0]).abs();
+        let score = if is_steep {
+            -ends[0][0] - ends[1][0]
+        } else {
+            ends[0][1] + ends[1][1]
+        };
+        if best.is_none_or(|(m, _)| score > m) {
+            best = Some((score, ends));
+        }
+    }
+    best.map(|(_, ends)| ends)
 }

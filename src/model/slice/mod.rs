@@ -246,48 +246,21 @@ pub fn draw_sections(
         ([across, up_axis], [LEFT_MARGIN, lower_top]),
         ([depth_axis, up_axis], [right_left, lower_top]),
     ] {
-        let normal = 3 - h - v;
         let panel = Panel {
             top_left: corner,
             pixels_per_sample: [h, v].map(|k| scale * spacing[k]),
             dims: [dims[h], dims[v]],
             is_flipped: [false, v == up_axis && is_flipped(geometry, up_axis, up)],
         };
-        panel.draw_image(&mut canvas, &color_map, |x, y| image.sample([h, v], [x, y]));
-        if let Some(PaintedCells { faces, paint }) = &overlay.painted_cells {
-            let fraction = point[normal] / f64::from(step_count(dims[normal]));
-            let value = |cell, node| paint.value(cell, node);
-            for (_, ring) in clipping::cell_sections(faces, normal, fraction, &value) {
-                let to_samples = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * step_count(dims[k]));
-                let ring: Vec<_> = ring
-                    .iter()
-                    .map(|&(p, value)| (to_samples(p), value))
-                    .collect();
-                panel.fill_polygon(&mut canvas, &ring, |value| paint.color(value));
-            }
-        }
-        let to_panel = |ends: [[f64; 3]; 2]| ends.map(|p| [p[h] as f32, p[v] as f32]);
-        let lines: Vec<PanelLine> = overlay
-            .mesh
-            .section(normal, point[normal])
-            .map(|(ends, kind)| PanelLine {
-                ends: to_panel(ends),
-                kind,
-            })
-            .collect();
-        panel.draw_mesh_lines(&mut canvas, &color_key, &lines);
-        for (shape, color) in overlay
-            .shapes
-            .iter()
-            .zip(shape::shape_colors(&overlay.shapes))
-        {
-            let to_index = |x: [f64; 3]| geometry.to_index(x).unwrap_or_default();
-            let lines: Vec<_> = shape
-                .section(normal, point[normal], to_index)
-                .map(to_panel)
-                .collect();
-            panel.draw_thick_lines(&mut canvas, color, &lines);
-        }
+        draw_section(
+            &mut canvas,
+            &panel,
+            image,
+            geometry,
+            overlay,
+            &color_key,
+            [h, v],
+        );
         panel.draw_axes(
             &mut canvas,
             [&rulers[h], &rulers[v]],
@@ -297,6 +270,56 @@ pub fn draw_sections(
     color_key.add_kinds(&overlay.mesh.kinds);
     color_key.draw_decorations(&mut canvas, caption);
     Ok(canvas)
+}
+
+/// Draws one section, along the axes `h` and `v`, in its panel.
+fn draw_section(
+    canvas: &mut Canvas,
+    panel: &Panel,
+    image: &Sections,
+    geometry: &Geometry<3>,
+    overlay: &Overlay<3>,
+    color_key: &ColorKey,
+    [h, v]: [usize; 2],
+) {
+    let normal = 3 - h - v;
+    panel.draw_image(canvas, &image.color_map, |x, y| {
+        image.sample([h, v], [x, y])
+    });
+    if let Some(PaintedCells { faces, paint }) = &overlay.painted_cells {
+        let fraction = image.point[normal] / f64::from(step_count(image.dims[normal]));
+        let value = |cell, node| paint.value(cell, node);
+        for (_, ring) in clipping::cell_sections(faces, normal, fraction, &value) {
+            let to_samples = |p: [f64; 3]| [h, v].map(|k| p[k] as f32 * step_count(image.dims[k]));
+            let ring: Vec<_> = ring
+                .iter()
+                .map(|&(p, value)| (to_samples(p), value))
+                .collect();
+            panel.fill_polygon(canvas, &ring, |value| paint.color(value));
+        }
+    }
+    let to_panel = |ends: [[f64; 3]; 2]| ends.map(|p| [p[h] as f32, p[v] as f32]);
+    let lines: Vec<PanelLine> = overlay
+        .mesh
+        .section(normal, image.point[normal])
+        .map(|(ends, kind)| PanelLine {
+            ends: to_panel(ends),
+            kind,
+        })
+        .collect();
+    panel.draw_mesh_lines(canvas, color_key, &lines);
+    for (shape, color) in overlay
+        .shapes
+        .iter()
+        .zip(shape::shape_colors(&overlay.shapes))
+    {
+        let to_index = |x: [f64; 3]| geometry.to_index(x).unwrap_or_default();
+        let lines: Vec<_> = shape
+            .section(normal, image.point[normal], to_index)
+            .map(to_panel)
+            .collect();
+        panel.draw_thick_lines(canvas, color, &lines);
+    }
 }
 
 /// Three orthogonal planes of samples of a 3-D image.

@@ -73,14 +73,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
             .collect();
         mesh.on_feature[f] = flat.binary_search(&sorted_nodes(&ring)).is_ok();
     }
-    let select = |arrays: Vec<DataArray>, rows: &[u32]| -> Vec<DataArray> {
-        let select_array = |array: DataArray| DataArray {
-            values: array.values.select_tuples(rows, array.components),
-            ..array
-        };
-        arrays.into_iter().map(select_array).collect()
-    };
-    let cell_data = select(
+    let cell_data = select_rows(
         read_arrays(file, piece, "CellData", types.len())?,
         &solid_cells,
     );
@@ -90,13 +83,22 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     }
     Ok(MeshFile {
         mesh,
-        point_data: select(read_arrays(file, piece, "PointData", points)?, &kept),
+        point_data: select_rows(read_arrays(file, piece, "PointData", points)?, &kept),
         cell_data: cell_data
             .into_iter()
             .filter(|a| a.name != REGION_ARRAYS[0])
             .collect(),
         field_data: read_fields(file)?,
     })
+}
+
+/// Returns some rows of arrays.
+fn select_rows(arrays: Vec<DataArray>, rows: &[u32]) -> Vec<DataArray> {
+    let select = |array: DataArray| DataArray {
+        values: array.values.select_tuples(rows, array.components),
+        ..array
+    };
+    arrays.into_iter().map(select).collect()
 }
 
 fn sorted_nodes(ring: &[u32]) -> Vec<u32> {

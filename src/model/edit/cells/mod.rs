@@ -19,6 +19,7 @@ mod preserved;
 mod rebuilt;
 mod stitching;
 
+use super::local_fields::Context;
 use super::{AtomChange, Edit, EditStages, EditedMesh, Summary, history, resolve};
 use crate::Result;
 use crate::image::Image;
@@ -70,7 +71,11 @@ where
         ..Summary::default()
     };
     let fields = &mut editable.fields;
-    let context = stages.context(image, params, edits, step, resolved, &mut summary, fields)?;
+    let resolved = match resolved {
+        Some(resolved) => resolved,
+        None => stages.resolve_detection(image, params, step, &mut summary, fields)?,
+    };
+    let context = Context::new(image, params, edits, resolved, step)?;
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&editable.lattice(), edits, free)
     })?;

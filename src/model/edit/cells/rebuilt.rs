@@ -51,6 +51,32 @@ pub struct RebuiltCells<'a, const D: usize> {
     atom_count: usize,
 }
 
+/// Returns the region in which sites along features are placed: within `range` of the edited places,
+/// and not in the empty balls around nodes that are preserved.
+fn site_region<const D: usize>(
+    neighbourhood: &CellNeighbourhood<'_, D>,
+    preserved: &PreservedParts,
+    range: f64,
+) -> SiteRegion<D> {
+    let editable = neighbourhood.editable;
+    let empty_balls = (0..preserved.keeps_node.len())
+        .filter(|&n| preserved.keeps_node[n])
+        .filter_map(|n| {
+            let x = neighbourhood.window.to_local(editable.mesh.nodes[n]);
+            let within = relative_distance(&x, &neighbourhood.edited_places) < INFLUENCE_RADIUS;
+            let cell = *editable.cells_of_nodes.get(n).first()?;
+            let site = neighbourhood
+                .window
+                .to_local(editable.mesh.sites[cell as usize]);
+            within.then(|| (x, distance2(&x, &site).sqrt()))
+        });
+    let edit_balls = neighbourhood
+        .edited_places
+        .iter()
+        .map(|&(x, d)| (x, range * d));
+    SiteRegion::new(edit_balls.collect(), empty_balls.collect())
+}
+
 impl<'a, const D: usize> RebuiltCells<'a, D>
 where
     MeshSpace<D>: Meshing<D>,
@@ -103,22 +129,7 @@ where
         positions.extend(placed_atoms.iter().map(|atom| atom.position));
         let mut kinds = vec![AtomKind::Fixed; positions.len()];
 
-        let empty_balls = (0..preserved.keeps_node.len())
-            .filter(|&n| preserved.keeps_node[n])
-            .filter_map(|n| {
-                let x = neighbourhood.window.to_local(editable.mesh.nodes[n]);
-                let within = relative_distance(&x, &neighbourhood.edited_places) < INFLUENCE_RADIUS;
-                let cell = *editable.cells_of_nodes.get(n).first()?;
-                let site = neighbourhood
-                    .window
-                    .to_local(editable.mesh.sites[cell as usize]);
-                within.then(|| (x, distance2(&x, &site).sqrt()))
-            });
-        let edit_balls = neighbourhood
-            .edited_places
-            .iter()
-            .map(|&(x, d)| (x, range * d));
-        let region = SiteRegion::new(edit_balls.collect(), empty_balls.collect());
+        let region = site_region(neighbourhood, preserved, range);
         let changed_surface = surface.subset(|f| {
             let corners = surface.corners(f);
             let weight = 1.0 / D as f64;

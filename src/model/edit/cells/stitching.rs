@@ -82,108 +82,16 @@ pub fn stitch_patches<const D: usize>(
     patches: Vec<CellPatch<D>>,
     summary: &mut Summary,
 ) -> Result<MeshFile<PolyMesh<D>>> {
-    let (node_count, cell_count) = (editable.mesh.nodes.len(), editable.mesh.sites.len());
-    let flags = |count: usize, indices: &dyn Fn(&CellPatch<D>) -> &[u32]| {
-        let mut flags = vec![false; count];
-        for patch in &patches {
-            indices(patch)
-                .iter()
-                .for_each(|&i| flags[i as usize] = true);
-        }
-        flags
-    };
-    let node_is_removed = flags(node_count, &|patch| &patch.removed_nodes);
-    let cell_is_removed = flags(cell_count, &|patch| &patch.removed_cells);
-    let mut needs_volume = flags(cell_count, &|patch| &patch.border_cells);
-    let new_nodes: Vec<[f64; D]> = patches.iter().flat_map(|p| p.new_nodes.clone()).collect();
-    let new_cells: Vec<NewCell<D>> = patches.iter().flat_map(|p| p.new_cells.clone()).collect();
-    needs_volume.extend(vec![true; new_cells.len()]);
-    let node_numbering = Renumbering::new(&node_is_removed, &vec![None; new_nodes.len()]);
-    let requested: Vec<Option<u32>> = new_cells.iter().map(|f| f.number).collect();
-    let cell_numbering = Renumbering::new(&cell_is_removed, &requested);
-
-    let mut faces: Vec<MarkedFace> = Vec::new();
-    let mut add_face = |ring: &[u32],
-                        neighbours: [u32; 2],
-                        on_feature: bool,
-                        on_horizon: bool,
-                        shift: [usize; 2]| {
-        let number = |numbers: &Renumbering, i: u32, old: usize, shift: usize| {
-            let i = i as usize;
-            numbers.new_numbers[if i < old { i } else { i + shift }]
-        };
-        let mut ring: Vec<u32> = ring
-            .iter()
-            .map(|&n| number(&node_numbering, n, node_count, shift[0]))
-            .collect();
-        let mut cells = neighbours.map(|c| {
-            if c < FIRST_SIDE {
-                number(&cell_numbering, c, cell_count, shift[1])
-            } else {
-                c
-            }
-        });
-        if cells[1] < cells[0] {
-            cells.reverse();
-            ring.reverse();
-        }
-        faces.push((cells, ring, on_feature, on_horizon));
-    };
-    let old = &editable.mesh;
-    for (f, &cells) in old.face_cells.iter().enumerate() {
-        let ring = old.faces.get(f);
-        if ring.iter().all(|&n| !node_is_removed[n as usize]) {
-            add_face(
-                ring,
-                cells,
-                old.on_feature[f],
-                editable.on_horizon[f],
-                [0, 0],
-            );
-        }
-    }
-    let mut shift = [0, 0];
+    let stitching = Stitching::new(&editable.mesh, &patches);
+    let faces = stitching.faces(&editable, &patches);
+    let mut shift = editable.mesh.sites.len();
     for patch in &patches {
-        for face in &patch.new_faces {
-            add_face(
-                &face.ring,
-                face.cells,
-                face.on_feature,
-                face.on_horizon,
-                shift,
-            );
-        }
         for &(edit, i) in &patch.edited_atoms {
-            summary.atoms[edit] = Some(cell_numbering.new_numbers[cell_count + shift[1] + i]);
+            summary.atoms[edit] = Some(stitching.cells.new_numbers[shift + i]);
         }
-        shift[0] += patch.new_nodes.len();
-        shift[1] += patch.new_cells.len();
+        shift += patch.new_cells.len();
     }
-    // Faces between two cells come before faces on the sides of the box.
-    faces.sort_by_key(|face| (face.0[1] >= FIRST_SIDE, face.0));
-
-    let new_cell = |i: u32| new_cells.get((i as usize).wrapping_sub(cell_count));
-    let space = &editable.space;
-    let mut mesh = PolyMesh::<D> {
-        nodes: reorder(&node_numbering, &old.nodes, &new_nodes),
-        sites: reorder(
-            &cell_numbering,
-            &old.sites,
-            &new_cells.iter().map(|f| f.site).collect::<Vec<_>>(),
-        ),
-        region: reorder(
-            &cell_numbering,
-            &old.region,
-            &new_cells.iter().map(|f| f.region).collect::<Vec<_>>(),
-        ),
-        ..PolyMesh::default()
-    };
-    let positions: Vec<[f64; D]> = new_nodes.iter().map(|&x| space.to_world(x)).collect();
-    editable.world.nodes = reorder(&node_numbering, &editable.world.nodes, &positions);
-    let positions: Vec<[f64; D]> = (new_cells.iter())
-        .map(|f| f.world.unwrap_or_else(|| space.to_world(f.site)))
-        .collect();
-    editable.world.sites = reorder(&cell_numbering, &editable.world.sites, &positions);
+    let mut mesh = stitching.atoms(&mut editable);
     let mut horizons: Vec<i64> = Vec::new();
     let mut on_feature = vec![0u8; mesh.sites.len()];
     for (cells, ring, is_on_feature, is_on_horizon) in faces {
@@ -199,6 +107,7 @@ pub fn stitch_patches<const D: usize>(
             horizons.extend(cells.map(i64::from));
         }
     }
+    let space = &editable.space;
     let hints = CheckHints {
         weld: editable.weld,
         ..CheckHints::default()
@@ -213,25 +122,8 @@ pub fn stitch_patches<const D: usize>(
     }
     mesh.swap_positions(&mut editable.world, space.is_mirrored());
 
-    let lists = mesh.faces_of_cells();
-    let volume = |(n, &i): (usize, &u32)| {
-        if needs_volume[i as usize] {
-            mesh.cell_shape(n, lists.get(n)).0
-        } else {
-            editable.volume[i as usize]
-        }
-    };
-    let volumes: Vec<f64> = cell_numbering
-        .sources
-        .iter()
-        .enumerate()
-        .map(volume)
-        .collect();
-    let distance =
-        |&i: &u32| new_cell(i).map_or_else(|| editable.distance[i as usize], |f| f.distance);
-    let distance: Vec<f32> = cell_numbering.sources.iter().map(distance).collect();
-    let kind = |&i: &u32| new_cell(i).map_or_else(|| editable.kinds[i as usize], |f| f.kind) as u8;
-    let kinds: Vec<u8> = cell_numbering.sources.iter().map(kind).collect();
+    let mut cell_data = stitching.cell_arrays(&mesh, &editable);
+    cell_data.insert(1, DataArray::scalars(ON_FEATURE, on_feature));
     summary.nodes[1] = mesh.nodes.len();
     let horizons =
         (!horizons.is_empty()).then_some((HORIZON_FACES_ARRAY.into(), FieldValue::Ints(horizons)));
@@ -239,16 +131,171 @@ pub fn stitch_patches<const D: usize>(
         .fields
         .retain(|(name, _)| name != HORIZON_FACES_ARRAY);
     Ok(MeshFile {
-        cell_data: vec![
-            DataArray::scalars(volume_name::<D>(), volumes),
-            DataArray::scalars(ON_FEATURE, on_feature),
-            DataArray::scalars(DISTANCE_ARRAY, distance),
-            DataArray::scalars(ATOM_KIND, kinds),
-        ],
+        cell_data,
         point_data: Vec::new(),
         field_data: newest_fields(editable.fields.into_iter().chain(horizons)),
         mesh,
     })
+}
+
+/// New numbers and new parts of a mesh. The new nodes and cells of all patches are numbered one
+/// after the other, after the old ones, before they take numbers of removed ones.
+struct Stitching<const D: usize> {
+    nodes: Renumbering,
+    cells: Renumbering,
+    node_is_removed: Vec<bool>,
+    new_nodes: Vec<[f64; D]>,
+    new_cells: Vec<NewCell<D>>,
+    /// For each cell, old and new, `true` if its volume may have changed.
+    needs_volume: Vec<bool>,
+    /// Numbers of old nodes and cells.
+    old_counts: [usize; 2],
+}
+
+impl<const D: usize> Stitching<D> {
+    fn new(mesh: &PolyMesh<D>, patches: &[CellPatch<D>]) -> Self {
+        let (node_count, cell_count) = (mesh.nodes.len(), mesh.sites.len());
+        let flags = |count: usize, indices: &dyn Fn(&CellPatch<D>) -> &[u32]| {
+            let mut flags = vec![false; count];
+            for patch in patches {
+                indices(patch)
+                    .iter()
+                    .for_each(|&i| flags[i as usize] = true);
+            }
+            flags
+        };
+        let node_is_removed = flags(node_count, &|patch| &patch.removed_nodes);
+        let cell_is_removed = flags(cell_count, &|patch| &patch.removed_cells);
+        let mut needs_volume = flags(cell_count, &|patch| &patch.border_cells);
+        let new_nodes: Vec<[f64; D]> = patches.iter().flat_map(|p| p.new_nodes.clone()).collect();
+        let new_cells: Vec<NewCell<D>> = patches.iter().flat_map(|p| p.new_cells.clone()).collect();
+        needs_volume.extend(vec![true; new_cells.len()]);
+        let nodes = Renumbering::new(&node_is_removed, &vec![None; new_nodes.len()]);
+        let requested: Vec<Option<u32>> = new_cells.iter().map(|f| f.number).collect();
+        Self {
+            nodes,
+            cells: Renumbering::new(&cell_is_removed, &requested),
+            node_is_removed,
+            new_nodes,
+            new_cells,
+            needs_volume,
+            old_counts: [node_count, cell_count],
+        }
+    }
+
+    /// Returns the faces of the new mesh: those between two cells, then those on the sides of the
+    /// box.
+    fn faces(&self, editable: &EditableCells<D>, patches: &[CellPatch<D>]) -> Vec<MarkedFace> {
+        let [node_count, cell_count] = self.old_counts;
+        let mut faces: Vec<MarkedFace> = Vec::new();
+        let mut add_face = |ring: &[u32],
+                            neighbours: [u32; 2],
+                            on_feature: bool,
+                            on_horizon: bool,
+                            shift: [usize; 2]| {
+            let number = |numbers: &Renumbering, i: u32, old: usize, shift: usize| {
+                let i = i as usize;
+                numbers.new_numbers[if i < old { i } else { i + shift }]
+            };
+            let mut ring: Vec<u32> = ring
+                .iter()
+                .map(|&n| number(&self.nodes, n, node_count, shift[0]))
+                .collect();
+            let mut cells = neighbours.map(|c| {
+                if c < FIRST_SIDE {
+                    number(&self.cells, c, cell_count, shift[1])
+                } else {
+                    c
+                }
+            });
+            if cells[1] < cells[0] {
+                cells.reverse();
+                ring.reverse();
+            }
+            faces.push((cells, ring, on_feature, on_horizon));
+        };
+        let old = &editable.mesh;
+        for (f, &cells) in old.face_cells.iter().enumerate() {
+            let ring = old.faces.get(f);
+            if ring.iter().all(|&n| !self.node_is_removed[n as usize]) {
+                add_face(
+                    ring,
+                    cells,
+                    old.on_feature[f],
+                    editable.on_horizon[f],
+                    [0, 0],
+                );
+            }
+        }
+        let mut shift = [0, 0];
+        for patch in patches {
+            for face in &patch.new_faces {
+                add_face(
+                    &face.ring,
+                    face.cells,
+                    face.on_feature,
+                    face.on_horizon,
+                    shift,
+                );
+            }
+            shift[0] += patch.new_nodes.len();
+            shift[1] += patch.new_cells.len();
+        }
+        faces.sort_by_key(|face| (face.0[1] >= FIRST_SIDE, face.0));
+
+        faces
+    }
+
+    /// Returns the nodes and sites of the new mesh, and updates their physical positions.
+    fn atoms(&self, editable: &mut EditableCells<D>) -> PolyMesh<D> {
+        let (old, space) = (&editable.mesh, &editable.space);
+        let (nodes, cells, new_cells) = (&self.nodes, &self.cells, &self.new_cells);
+        let sites: Vec<[f64; D]> = new_cells.iter().map(|f| f.site).collect();
+        let regions: Vec<i32> = new_cells.iter().map(|f| f.region).collect();
+        let mesh = PolyMesh::<D> {
+            nodes: reorder(nodes, &old.nodes, &self.new_nodes),
+            sites: reorder(cells, &old.sites, &sites),
+            region: reorder(cells, &old.region, &regions),
+            ..PolyMesh::default()
+        };
+        let new_nodes = self.new_nodes.iter().map(|&x| space.to_world(x));
+        let positions: Vec<[f64; D]> = new_nodes.collect();
+        let world = &mut editable.world;
+        world.nodes = reorder(nodes, &world.nodes, &positions);
+        let positions: Vec<[f64; D]> = (new_cells.iter())
+            .map(|f| f.world.unwrap_or_else(|| space.to_world(f.site)))
+            .collect();
+        world.sites = reorder(cells, &world.sites, &positions);
+        mesh
+    }
+
+    /// Returns the arrays of the cells.
+    fn cell_arrays(&self, mesh: &PolyMesh<D>, editable: &EditableCells<D>) -> Vec<DataArray> {
+        let new_cell = |i: u32| {
+            self.new_cells
+                .get((i as usize).wrapping_sub(self.old_counts[1]))
+        };
+        let lists = mesh.faces_of_cells();
+        let volume = |(n, &i): (usize, &u32)| {
+            if self.needs_volume[i as usize] {
+                mesh.cell_shape(n, lists.get(n)).0
+            } else {
+                editable.volume[i as usize]
+            }
+        };
+        let volumes: Vec<f64> = self.cells.sources.iter().enumerate().map(volume).collect();
+        let distance =
+            |&i: &u32| new_cell(i).map_or_else(|| editable.distance[i as usize], |f| f.distance);
+        let distance: Vec<f32> = self.cells.sources.iter().map(distance).collect();
+        let kind =
+            |&i: &u32| new_cell(i).map_or_else(|| editable.kinds[i as usize], |f| f.kind) as u8;
+        let kinds: Vec<u8> = self.cells.sources.iter().map(kind).collect();
+        vec![
+            DataArray::scalars(volume_name::<D>(), volumes),
+            DataArray::scalars(DISTANCE_ARRAY, distance),
+            DataArray::scalars(ATOM_KIND, kinds),
+        ]
+    }
 }
 
 /// Returns the values `old` and `new` of the items in the order of their new numbers.

@@ -17,28 +17,7 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         }
         faces.extend(read_lists(file, &connect, &format!("fbepecnt{block}"))?);
     }
-    let (mut cells, mut region): (Vec<Vec<u32>>, Vec<i32>) = (Vec::new(), Vec::new());
-    for block in 0..groups.block_ids.len().max(1) {
-        let [face_array, node_array] =
-            ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
-        if file.shape(&face_array).is_some() {
-            cells.extend(read_lists(
-                file,
-                &face_array,
-                &format!("ebepecnt{}", block + 1),
-            )?);
-            region.resize(cells.len(), groups.region(block));
-        } else if file.shape(&node_array).is_some() {
-            let kind = file.attribute(&node_array, "elem_type").unwrap_or_default();
-            return Err(FileProblem {
-                problem: format!(
-                    "block {} has elements '{kind}', but other blocks have cells that are lists of faces",
-                    groups.block_number(block)
-                ),
-                remedy: "write all blocks with cells that are lists of faces (NFACED)",
-            });
-        }
-    }
+    let (cells, region) = read_blocks(file, &groups)?;
     let ring = |&face: &u32| faces.get(face as usize).cloned();
     let no_face = || FileProblem::damaged("has a cell with a face that does not exist");
     let mut solids = SolidAssembler::default();
@@ -92,6 +71,33 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         cell_data: Vec::new(),
         field_data,
     })
+}
+
+/// Reads the faces of all cells, and the region of each cell.
+fn read_blocks(file: &NetcdfReader, groups: &BlockGroups) -> ReadResult<(Vec<Vec<u32>>, Vec<i32>)> {
+    let (mut cells, mut region): (Vec<Vec<u32>>, Vec<i32>) = (Vec::new(), Vec::new());
+    for block in 0..groups.block_ids.len().max(1) {
+        let [face_array, node_array] =
+            ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
+        if file.shape(&face_array).is_some() {
+            cells.extend(read_lists(
+                file,
+                &face_array,
+                &format!("ebepecnt{}", block + 1),
+            )?);
+            region.resize(cells.len(), groups.region(block));
+        } else if file.shape(&node_array).is_some() {
+            let kind = file.attribute(&node_array, "elem_type").unwrap_or_default();
+            return Err(FileProblem {
+                problem: format!(
+                    "block {} has elements '{kind}', but other blocks have cells that are lists of faces",
+                    groups.block_number(block)
+                ),
+                remedy: "write all blocks with cells that are lists of faces (NFACED)",
+            });
+        }
+    }
+    Ok((cells, region))
 }
 
 /// Reads lists of numbers, which count from 1 in the file. The array `counts` has the length of

@@ -516,15 +516,13 @@ fn toughio_reads_the_tough2_mesh() {
 }
 
 #[test]
-fn images_fill_cells_and_errors_name_the_cause() {
+fn images_fill_cells() {
     let folder = folder_with_meshes();
     let folder = folder.path();
     write_npy(&folder.join("phi.npy"), DIMS, |[x, _, _]| {
         0.1 + 0.005 * x as f32
     });
-    write_npy(&folder.join("small.npy"), [9, 9, 9], |_| 0.1);
     std::fs::write(folder.join("k.csv"), "region,K\n0,100\n").unwrap();
-    std::fs::write(folder.join("wrong.csv"), "region,K\n7,100\n").unwrap();
     let export = "export cells.vtu --to opm -o A.DATA --json --quiet";
     let stdout = run(
         folder,
@@ -545,7 +543,15 @@ fn images_fill_cells_and_errors_name_the_cause() {
         report["checks"]["compartments"].as_array().unwrap().len(),
         1
     );
+}
 
+#[test]
+fn errors_name_the_cause() {
+    let folder = folder_with_meshes();
+    let folder = folder.path();
+    write_npy(&folder.join("phi.npy"), DIMS, |_| 0.1);
+    write_npy(&folder.join("small.npy"), [9, 9, 9], |_| 0.1);
+    std::fs::write(folder.join("wrong.csv"), "region,K\n7,100\n").unwrap();
     let rock = "--porosity 0.2 --permeability 100 --permeability-unit mD --depth-at-top 1000";
     let unit = "--permeability-unit mD";
     for (to, options, expected) in [

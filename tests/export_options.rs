@@ -69,6 +69,42 @@ fn outputs(folder: &Path, words: &[String]) -> Result<Vec<(PathBuf, Vec<u8>)>, S
     }
 }
 
+/// Options of rock and case. The last one of a line is tried; it needs those before it.
+const OPTIONS: [&[(&str, &str)]; 24] = [
+    &[("--porosity", "0.3")],
+    &[("--permeability", "50")],
+    &[("--property", "amplitude=sheet.npy")],
+    &[("--region", "sheet.npy")],
+    &[("--faults", "0.01")],
+    &[("--faults", "closed"), ("--fault-thickness", "2")],
+    &[("--fault-thickness", "2")],
+    &[("--fault-multiplier", "1:0.01")],
+    &[("--faults", "closed"), ("--barriers", "horizons")],
+    &[("--faults", "closed"), ("--fault-multiplier", "1:1")],
+    &[("--split", "faults")],
+    &[("--quadratic", "")],
+    &[("--injector", "12,12,9:100")],
+    &[("--producer", "12,12,9:90")],
+    &[("--injector", "12,12,9:100"), ("--well-radius", "0.2")],
+    &[("--injector", "way.csv:100"), ("--well-radius", "0.2")],
+    &[("--well-radius", "0.2")],
+    &[("--fluid", "oil-water")],
+    &[("--days", "77")],
+    &[("--injector", "12,12,9:100"), ("--days", "77")],
+    &[("--no-gravity", "")],
+    &[("--pressure-at-top", "120")],
+    &[("--grid", "3,3,3")],
+    &[("--thickness", "2")],
+];
+
+/// Options of space.
+const PLACEMENT_OPTIONS: [&[(&str, &str)]; 4] = [
+    &[("--velocity", "2000")],
+    &[("--length-unit", "ft")],
+    &[("--depth-at-top", "1500")],
+    &[("--down", "x")],
+];
+
 /// Tries each option of rock, space and case with each format except that for columns, which needs
 /// other meshes: the files change, or the error names the option.
 #[test]
@@ -89,44 +125,12 @@ fn every_option_changes_the_files_or_is_refused() {
         ],
     );
     std::fs::write(folder.join("way.csv"), "12,12,2,0.1\n12,12,17,0.1\n").unwrap();
-    let options: [&[(&str, &str)]; 24] = [
-        &[("--porosity", "0.3")],
-        &[("--permeability", "50")],
-        &[("--property", "amplitude=sheet.npy")],
-        &[("--region", "sheet.npy")],
-        &[("--faults", "0.01")],
-        &[("--faults", "closed"), ("--fault-thickness", "2")],
-        &[("--fault-thickness", "2")],
-        &[("--fault-multiplier", "1:0.01")],
-        &[("--faults", "closed"), ("--barriers", "horizons")],
-        &[("--faults", "closed"), ("--fault-multiplier", "1:1")],
-        &[("--split", "faults")],
-        &[("--quadratic", "")],
-        &[("--injector", "12,12,9:100")],
-        &[("--producer", "12,12,9:90")],
-        &[("--injector", "12,12,9:100"), ("--well-radius", "0.2")],
-        &[("--injector", "way.csv:100"), ("--well-radius", "0.2")],
-        &[("--well-radius", "0.2")],
-        &[("--fluid", "oil-water")],
-        &[("--days", "77")],
-        &[("--injector", "12,12,9:100"), ("--days", "77")],
-        &[("--no-gravity", "")],
-        &[("--pressure-at-top", "120")],
-        &[("--grid", "3,3,3")],
-        &[("--thickness", "2")],
-    ];
-    let placement_options: [&[(&str, &str)]; 4] = [
-        &[("--velocity", "2000")],
-        &[("--length-unit", "ft")],
-        &[("--depth-at-top", "1500")],
-        &[("--down", "x")],
-    ];
     let mut ignored = Vec::new();
     for format in formats().filter(|format| format.name != "disv") {
         let usual = base_options(format);
         let reference = outputs(folder, &arguments(format, "tets.vtu", "out", &usual)).unwrap();
         assert!(!reference.is_empty());
-        for added_options in options.iter().chain(&placement_options) {
+        for added_options in OPTIONS.iter().chain(&PLACEMENT_OPTIONS) {
             // The last option is under test. It needs those before it.
             let ((option, _), required) = added_options.split_last().unwrap();
             let without = match required {

@@ -206,6 +206,13 @@ fn nodes_at_faults_have_a_copy_for_each_sector_except_at_tips() {
         assert!(text.contains(&format!("*NSET, NSET=N{name}\n")), "{name}");
         assert!(text.contains(&format!("*SURFACE, NAME=S{name}, TYPE=ELEMENT\n")));
     }
+}
+
+#[test]
+fn impossible_splits_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_crossing_faults(&folder.join("mesh.vtu"));
     let error = expect_refusal(
         folder,
         &[

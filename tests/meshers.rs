@@ -321,47 +321,54 @@ fn origin_tet_volume(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
     (0..3).map(|k| a[k] * cross(k)).sum::<f64>() / 6.0
 }
 
-#[test]
-#[ignore = "needs VTK and SciPy: make test-all"]
-fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
+/// Writes meshes, and an image of two labels.
+fn folder_with_labels() -> tempfile::TempDir {
     let folder = folder_with_meshes();
-    let folder = folder.path();
-    write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+    write_npy(&folder.path().join("labels.npy"), DIMS, |[_, _, z]| {
         if z < 16 { 1.0 } else { 2.0 }
     });
+    folder
+}
+
+/// Formats and meshes, with the names that VTK gives to the cells and to the sets of faces.
+const NAMES_IN_VTK: [(&str, &str, &str, &str); 7] = [
+    (
+        "exodus:exo",
+        "tets",
+        "/Element Blocks/region",
+        "/Side Sets/",
+    ),
+    // VTK does not read side sets of polyhedra.
+    (
+        "exodus:exo",
+        "cells",
+        "/Element Blocks/region",
+        "/Node Sets/",
+    ),
+    (
+        "cgns:cgns",
+        "tets",
+        "/Base/Zone/Internal",
+        "/Base/Zone/Patches/",
+    ),
+    (
+        "cgns:cgns",
+        "cells",
+        "/Base/Zone/Internal",
+        "/Base/Zone/Patches/",
+    ),
+    ("xdmf:xdmf", "tets", "/cells/Data", "/"),
+    ("vtkhdf:vtkhdf", "tets", "", ""),
+    ("vtkhdf:vtkhdf", "cells", "", ""),
+];
+
+#[test]
+#[ignore = "needs VTK: make test-all"]
+fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
+    let folder = folder_with_labels();
+    let folder = folder.path();
     let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
-    // The columns are the format, the mesh, and the names that the reader gives to the cells and to
-    // the sets of faces.
-    for (to, mesh, cells, side) in [
-        (
-            "exodus:exo",
-            "tets",
-            "/Element Blocks/region",
-            "/Side Sets/",
-        ),
-        // VTK does not read side sets of polyhedra.
-        (
-            "exodus:exo",
-            "cells",
-            "/Element Blocks/region",
-            "/Node Sets/",
-        ),
-        (
-            "cgns:cgns",
-            "tets",
-            "/Base/Zone/Internal",
-            "/Base/Zone/Patches/",
-        ),
-        (
-            "cgns:cgns",
-            "cells",
-            "/Base/Zone/Internal",
-            "/Base/Zone/Patches/",
-        ),
-        ("xdmf:xdmf", "tets", "/cells/Data", "/"),
-        ("vtkhdf:vtkhdf", "tets", "", ""),
-        ("vtkhdf:vtkhdf", "cells", "", ""),
-    ] {
+    for (to, mesh, cells, side) in NAMES_IN_VTK {
         let (format, ending) = to.split_once(':').unwrap();
         let file = format!("a.{ending}");
         let rock = "--region labels.npy --quiet";
@@ -426,6 +433,13 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
             );
         }
     }
+}
+
+#[test]
+#[ignore = "needs SciPy: make test-all"]
+fn scipy_reads_exodus_files_of_polyhedra() {
+    let folder = folder_with_labels();
+    let folder = folder.path();
     let path = folder.join("a.exo");
     run(
         folder,
@@ -468,6 +482,14 @@ fn vtk_reads_exodus_vtkhdf_xdmf_and_cgns_with_names_and_regions() {
         named("fault1") > 50 && named("interface_1_2") > 10,
         "{result}"
     );
+}
+
+#[test]
+#[ignore = "needs VTK: make test-all"]
+fn vtk_reads_split_and_quadratic_meshes() {
+    let folder = folder_with_meshes();
+    let folder = folder.path();
+    let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.tets.len();
     // Split meshes have wedges between the two sides, and quadratic ones have nodes in the middle
     // of edges.
     run(

@@ -433,6 +433,23 @@ fn no_single_option_is_ignored() {
     }
 }
 
+/// Returns the pairs of options of which the first changes something beside the second, or, if both
+/// are the same, alone.
+fn effective_pairs(
+    rows: &[Row],
+    results: &BTreeMap<RunInput, RunResult>,
+) -> BTreeSet<(usize, usize)> {
+    let mut pairs = BTreeSet::new();
+    for row in rows {
+        for (i, change) in changes(row, results) {
+            if change == Some(true) {
+                pairs.extend(row.iter().map(|&other| (i, other)));
+            }
+        }
+    }
+    pairs
+}
+
 #[test]
 #[ignore = "slow: make test-all"]
 fn no_pair_of_options_is_accepted_and_then_ignored() {
@@ -474,14 +491,7 @@ fn no_pair_of_options_is_accepted_and_then_ignored() {
     let rows = covering_rows(&accepted.iter().map(|pair| [pair[0], pair[1]]).collect());
     let rows: Vec<Row> = rows.into_iter().chain(alone).collect();
     let mut results = run_all(folder.path(), runs(&rows));
-    let mut proven = BTreeSet::new();
-    for row in &rows {
-        for (i, change) in changes(row, &results) {
-            if change == Some(true) {
-                proven.extend(row.iter().map(|&other| (i, other)));
-            }
-        }
-    }
+    let proven = effective_pairs(&rows, &results);
     // If a third option hides an effect, or the whole row is refused, the pair is tried by itself.
     let doubtful =
         |pair: &Row| !proven.contains(&(pair[0], pair[1])) || !proven.contains(&(pair[1], pair[0]));

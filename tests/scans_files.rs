@@ -163,8 +163,11 @@ fn colour_palettes_give_indices_and_grey_palettes_give_grey_values() {
     }
 }
 
+/// Steps along the first and the last axis, as `info` shows them.
+const STEPS: [&str; 2] = ["(0.2500, 0.0000, 0.0000)", "(0.0000, 0.0000, 2.0000)"];
+
 #[test]
-fn spacing_is_read_from_imagej_ome_tiff_and_ome_zarr() {
+fn spacing_is_read_from_imagej_and_ome_tiff() {
     use tiff::encoder::{Rational, TiffEncoder, colortype::Gray8};
     use tiff::tags::Tag;
     let folder = tempfile::tempdir().unwrap();
@@ -188,10 +191,9 @@ fn spacing_is_read_from_imagej_ome_tiff_and_ome_zarr() {
         run(folder, "info a.tif")
     };
     let imagej = |unit: &str| format!("ImageJ=1.53\nimages=3\nslices=3\n{unit}spacing=2.0\n");
-    let steps = ["(0.2500, 0.0000, 0.0000)", "(0.0000, 0.0000, 2.0000)"];
     for unit in ["unit=micron\n", "unit=\\u00B5m\n", "unit=um\n"] {
         let stdout = write(&imagej(unit), Some([4, 1]));
-        for part in [steps[0], steps[1], "um, um, um", "from ImageJ metadata"] {
+        for part in [STEPS[0], STEPS[1], "um, um, um", "from ImageJ metadata"] {
             assert!(stdout.contains(part), "no {part}: {stdout}");
         }
     }
@@ -211,10 +213,15 @@ fn spacing_is_read_from_imagej_ome_tiff_and_ome_zarr() {
                PhysicalSizeZ=\"2\"/></Image></OME>";
     let stdout = write(ome, None);
     assert!(
-        stdout.contains(steps[0]) && stdout.contains("um, um, um"),
+        stdout.contains(STEPS[0]) && stdout.contains("um, um, um"),
         "{stdout}"
     );
+}
 
+#[test]
+fn spacing_is_read_from_ome_zarr() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
     write_npy(&folder.join("a.npy"), [5, 4, 3], |[x, ..]| x as f32);
     run(folder, "convert a.npy a.zarr --quiet");
     // Move the written array into a group with OME metadata.
@@ -251,7 +258,7 @@ fn spacing_is_read_from_imagej_ome_tiff_and_ome_zarr() {
     std::fs::write(group.join("zarr.json"), ome.to_string()).unwrap();
     for path in ["ome.zarr", "ome.zarr/0"] {
         let stdout = run(folder, &format!("info {path}"));
-        for part in [steps[0], steps[1], "(0.000, 0.000, 7.000)", "um, um, um"] {
+        for part in [STEPS[0], STEPS[1], "(0.000, 0.000, 7.000)", "um, um, um"] {
             assert!(stdout.contains(part), "{path}, no {part}: {stdout}");
         }
     }

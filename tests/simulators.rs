@@ -103,6 +103,52 @@ fn assert_steady_pressure(folder: &Path, theirs: &[f64], cells: [usize; 2], tole
     assert!(worst < tolerance, "{worst}");
 }
 
+/// Checks the transmissibilities of faces in the grid for MRST.
+fn assert_transmissibilities(result: &Value, model: &Model) {
+    let (graph, inner_count) = (&model.graph, model.graph.connections.len());
+    let t = numbers(&result["t"]);
+    let expected = &model.permeability.as_ref().unwrap().transmissibility;
+    assert!(
+        t.iter()
+            .zip(expected)
+            .all(|(t, expected)| is_close(*t, *expected, 1e-14))
+    );
+    for (t, face) in t[inner_count..].iter().zip(&graph.boundary) {
+        let conductivity = model
+            .permeability
+            .as_ref()
+            .unwrap()
+            .rock
+            .mobility(0)
+            .normal_component(face.normal);
+        assert!(is_close(
+            *t,
+            face.area * conductivity / face.distance,
+            1e-12
+        ));
+    }
+}
+
+/// Checks the tags and the sets of nodes of faces in the grid for MRST.
+fn assert_named_faces(result: &Value, model: &Model) {
+    assert_eq!(numbers(&result["tags"]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    let feature_count = model
+        .graph
+        .connections
+        .iter()
+        .filter(|c| c.on_feature)
+        .count();
+    let tagged = |name: &str| result["tagged"][name].as_u64().unwrap_or(0) as usize;
+    assert!(tagged("fault1") > 40 && tagged("interface_1_2") > 40);
+    let surfaces = model.surfaces.kinds.len();
+    let surfaces = (1..=surfaces).map(|n| tagged(&format!("fault{n}")));
+    assert_eq!(surfaces.sum::<usize>() + tagged("scraps"), feature_count);
+    for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
+        let nodes = result["sets"][name].as_u64().unwrap();
+        assert!(nodes > 40 && tagged(name) > 0, "{name}");
+    }
+}
+
 #[test]
 #[ignore = "needs SciPy: make test-all"]
 fn the_grid_of_mrst_has_the_volumes_and_fluxes_of_the_model() {
@@ -144,27 +190,7 @@ fn the_grid_of_mrst_has_the_volumes_and_fluxes_of_the_model() {
             );
         }
         assert!(result["normals_off"].as_f64().unwrap() < 1e-9, "{result}");
-        let t = numbers(&result["t"]);
-        let expected = &model.permeability.as_ref().unwrap().transmissibility;
-        assert!(
-            t.iter()
-                .zip(expected)
-                .all(|(t, expected)| is_close(*t, *expected, 1e-14))
-        );
-        for (t, face) in t[inner_count..].iter().zip(&graph.boundary) {
-            let conductivity = model
-                .permeability
-                .as_ref()
-                .unwrap()
-                .rock
-                .mobility(0)
-                .normal_component(face.normal);
-            assert!(is_close(
-                *t,
-                face.area * conductivity / face.distance,
-                1e-12
-            ));
-        }
+        assert_transmissibilities(&result, &model);
         let pairs = result["pairs"].as_array().unwrap();
         for (pair, c) in pairs.iter().zip(&graph.connections) {
             assert_eq!(numbers(pair), c.cells.map(f64::from));
@@ -188,17 +214,7 @@ fn the_grid_of_mrst_has_the_volumes_and_fluxes_of_the_model() {
                 .iter()
                 .all(|p| (0.1..0.3).contains(p))
         );
-        assert_eq!(numbers(&result["tags"]), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
-        let feature_count = graph.connections.iter().filter(|c| c.on_feature).count();
-        let tagged = |name: &str| result["tagged"][name].as_u64().unwrap_or(0) as usize;
-        assert!(tagged("fault1") > 40 && tagged("interface_1_2") > 40);
-        let surfaces = model.surfaces.kinds.len();
-        let surfaces = (1..=surfaces).map(|n| tagged(&format!("fault{n}")));
-        assert_eq!(surfaces.sum::<usize>() + tagged("scraps"), feature_count);
-        for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
-            let nodes = result["sets"][name].as_u64().unwrap();
-            assert!(nodes > 40 && tagged(name) > 0, "{name}");
-        }
+        assert_named_faces(&result, &model);
         if mesh == "cells" {
             assert_steady_pressure(folder, &numbers(&result["pressure"]), ends, 1e-7);
         }
@@ -250,16 +266,8 @@ fn octave_loads_the_grid_for_mrst() {
     assert_eq!(result[5], 2 * 90 * 100_000);
 }
 
-#[test]
-#[ignore = "needs VTK: make test-all"]
-fn vtk_reads_the_mesh_for_geos() {
-    let folder = folder();
-    let folder = folder.path();
-    // VTK divides polyhedra into tetrahedra in another way.
-    for (mesh, kind, tolerance) in [("cells", 42, 1e-6), ("tets", 10, 1e-12)] {
-        let export = format!("export {mesh}.vtu --to geos -o geos.vtu --region labels.npy");
-        run(folder, &format!("{export} {ROCK}"));
-        let program = "\
+/// Reads a mesh as GEOS does, and prints its cells, faces and sets as JSON.
+const READ_GEOS_MESH: &str = "\
 import json, sys
 import numpy as np
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
@@ -292,7 +300,17 @@ print(json.dumps({
     'perm': array('rockPerm_permeability')[0].tolist(),
     'pores': float((array('rockPorosity_referencePorosity') * array('Volume')).sum()),
     'volume': float(array('Volume').sum())}))";
-        let result = run_vtk_program(program, &[&folder.join("geos.vtu")]);
+
+#[test]
+#[ignore = "needs VTK: make test-all"]
+fn vtk_reads_the_mesh_for_geos() {
+    let folder = folder();
+    let folder = folder.path();
+    // VTK divides polyhedra into tetrahedra in another way.
+    for (mesh, kind, tolerance) in [("cells", 42, 1e-6), ("tets", 10, 1e-12)] {
+        let export = format!("export {mesh}.vtu --to geos -o geos.vtu --region labels.npy");
+        run(folder, &format!("{export} {ROCK}"));
+        let result = run_vtk_program(READ_GEOS_MESH, &[&folder.join("geos.vtu")]);
         let kinds = numbers(&result["kinds"]);
         assert_eq!(kinds.last(), Some(&f64::from(kind)));
         for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
@@ -355,6 +373,31 @@ fn deck(dims: &[f64]) -> String {
     )
 }
 
+/// Runs the deck `CASE.DATA` with OPM Flow and returns what resfo reads in its results.
+fn run_flow(folder: &Path) -> Value {
+    let mut flow = Command::new("flow");
+    flow.current_dir(folder)
+        .args(["CASE.DATA", "--output-dir=out"]);
+    flow.args(["--enable-tuning=false", "--threads-per-process=1"]);
+    run_simulator(&mut flow);
+    let out = folder.join("out");
+    let arguments = [out.as_os_str(), OsStr::new("CASE")];
+    run_validator("resfo", "opm.py", &arguments)
+}
+
+/// Checks that pillars are parallel to the fault.
+fn assert_pillars_lean(result: &Value) {
+    // The fault moves 0.1 sideways per unit of z, and so do its pillars.
+    let mut lean = numbers(&result["lean"]);
+    lean.sort_by(f64::total_cmp);
+    let (median, max) = (lean[lean.len() / 2], lean[lean.len() - 1]);
+    println!(
+        "pillars lean {median:.2} to {max:.2}, {} split",
+        result["split"]
+    );
+    assert!((median - 3.1).abs() < 0.2 && max < 4.5, "{median}, {max}");
+}
+
 #[test]
 #[ignore = "needs xtgeo, OPM Flow and resfo: make test-all"]
 fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
@@ -395,15 +438,7 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             };
             assert!(is_close(min, k, 1e-5) && is_close(max, k, 1e-5), "{name}");
         }
-        // The fault moves 0.1 sideways per unit of z, and so do its pillars.
-        let mut lean = numbers(&result["lean"]);
-        lean.sort_by(f64::total_cmp);
-        let (median, max) = (lean[lean.len() / 2], lean[lean.len() - 1]);
-        println!(
-            "pillars lean {median:.2} to {max:.2}, {} split",
-            result["split"]
-        );
-        assert!((median - 3.1).abs() < 0.2 && max < 4.5, "{median}, {max}");
+        assert_pillars_lean(&result);
         let text = std::fs::read_to_string(&files[0]).unwrap();
         let expected = format!("MULTFLT\n 'FAULT1' {TIGHT} /\n");
         let faults = text.contains("FAULTS\n 'FAULT1' ");
@@ -441,14 +476,7 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             ));
         }
         std::fs::write(folder.join("CASE.DATA"), deck(&dims)).unwrap();
-        let mut flow = Command::new("flow");
-        flow.current_dir(folder)
-            .args(["CASE.DATA", "--output-dir=out"]);
-        flow.args(["--enable-tuning=false", "--threads-per-process=1"]);
-        run_simulator(&mut flow);
-        let out = folder.join("out");
-        let arguments = [out.as_os_str(), OsStr::new("CASE")];
-        let result = run_validator("resfo", "opm.py", &arguments);
+        let result = run_flow(folder);
         let porv = numbers(&result["porv"]).iter().sum::<f64>();
         assert!(is_close(porv, pore_volume, 0.01), "{porv}");
         if region.is_empty() {
@@ -467,6 +495,29 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
             assert_eq!(transmissibilities.len(), 12 * 9 * 7);
             assert_eq!(tight, 9 * 7);
         }
+    }
+}
+
+/// Checks the names of faces, and the sets of nodes of these faces, in a RESQML model.
+fn assert_names(properties: &serde_json::Map<String, Value>, model: &Model) {
+    let faces = &properties["names of faces"];
+    assert_eq!(
+        [&faces[0], &faces[4]],
+        [&Value::from("categorical"), &Value::from("faces")]
+    );
+    let connections = &model.graph.connections;
+    let of_faces = faces[5].as_array().unwrap();
+    assert_eq!(of_faces.len(), model.mesh.face_cells.len());
+    let named = |name: &str| of_faces.iter().filter(|f| **f == name).count();
+    let feature_count = connections.iter().filter(|c| c.on_feature).count();
+    assert!(named("fault1") > 40 && named("fault1") <= feature_count);
+    assert!(named("xmin") > 20 && named("interface_1_2") > 40);
+    for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
+        let nodes = &properties[name];
+        assert_eq!(nodes[4], "nodes");
+        let members = numbers(&nodes[3]);
+        assert_eq!(members.len(), model.mesh.nodes.len());
+        assert!(members.iter().sum::<f64>() > 40.0, "{name}");
     }
 }
 
@@ -514,25 +565,7 @@ fn resqpy_reads_volumes_orientation_and_rock() {
             );
         }
         let properties = result["properties"].as_object().unwrap();
-        let faces = &properties["names of faces"];
-        assert_eq!(
-            [&faces[0], &faces[4]],
-            [&Value::from("categorical"), &Value::from("faces")]
-        );
-        let connections = &model.graph.connections;
-        let of_faces = faces[5].as_array().unwrap();
-        assert_eq!(of_faces.len(), model.mesh.face_cells.len());
-        let named = |name: &str| of_faces.iter().filter(|f| **f == name).count();
-        let feature_count = connections.iter().filter(|c| c.on_feature).count();
-        assert!(named("fault1") > 40 && named("fault1") <= feature_count);
-        assert!(named("xmin") > 20 && named("interface_1_2") > 40);
-        for name in ["xmin", "zmax", "fault1", "interface_1_2"] {
-            let nodes = &properties[name];
-            assert_eq!(nodes[4], "nodes");
-            let members = numbers(&nodes[3]);
-            assert_eq!(members.len(), model.mesh.nodes.len());
-            assert!(members.iter().sum::<f64>() > 40.0, "{name}");
-        }
+        assert_names(properties, &model);
         for (title, kind, unit, facet, value) in [
             ("permeability x", "permeability rock", "mD", "I", 100.0),
             ("permeability y", "permeability rock", "mD", "J", 100.0),

@@ -1,5 +1,7 @@
 //! Tests `atomesh surface` and `atomesh paint` on the command line.
 
+use std::path::Path;
+
 use crate::common::{
     SharedFiles, Survey, expect_refusal, planar_fault, run, run_args, run_vtk_program, write_npy,
     write_npy_2d, write_segy,
@@ -178,20 +180,29 @@ fn a_painted_region_ends_at_the_fault_and_has_a_closed_surface() {
     );
 }
 
-/// Tests triangles and polygons of the plane: two lines separate the box into three blocks.
-#[test]
-fn lines_of_the_plane_are_surfaces_and_separate_painted_regions() {
+/// Writes an image of the plane with two lines.
+fn folder_with_lines() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let dir = folder.path();
-    write_npy_2d(&dir.join("lines.npy"), [60, 44], |[x, y]| {
+    write_npy_2d(&folder.path().join("lines.npy"), [60, 44], |[x, y]| {
         let ridge = |distance: f32| (-0.5 * (distance / 1.5).powi(2)).exp();
         ridge(x as f32 - 18.0 - 0.2 * y as f32).max(ridge(x as f32 - 42.0 + 0.1 * y as f32))
     });
+    folder
+}
+
+/// Meshes this image with triangles or Voronoi cells.
+fn mesh_lines(dir: &Path, cells: &str) {
+    let mesh =
+        format!("mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet");
+    run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+}
+
+#[test]
+fn lines_of_the_plane_are_surfaces() {
+    let folder = folder_with_lines();
+    let dir = folder.path();
     for cells in ["triangles", "voronoi"] {
-        let mesh = format!(
-            "mesh lines.npy -o mesh.vtu --distance 4 --feature ridges --cells {cells} --quiet"
-        );
-        run_args(dir, &mesh.split(' ').collect::<Vec<_>>());
+        mesh_lines(dir, cells);
         let report = json(&run_args(
             dir,
             &["surface", "mesh.vtu", "-o", "s.vtp", "--json"],
@@ -248,6 +259,18 @@ fn lines_of_the_plane_are_surfaces_and_separate_painted_regions() {
             );
         }
 
+        let up = ["surface", "mesh.vtu", "-o", "x.vtp", "--up", "z"];
+        assert!(expect_refusal(dir, &up).contains("--up z"));
+    }
+}
+
+/// Tests that the two lines separate the box into three blocks.
+#[test]
+fn lines_of_the_plane_separate_painted_regions() {
+    let folder = folder_with_lines();
+    let dir = folder.path();
+    for cells in ["triangles", "voronoi"] {
+        mesh_lines(dir, cells);
         let job = [
             "paint",
             "mesh.vtu",
@@ -285,8 +308,6 @@ fn lines_of_the_plane_are_surfaces_and_separate_painted_regions() {
         assert_eq!(report["blocks"], 3, "{cells}");
         let seed = ["paint", "mesh.vtu", "-o", "x.vtu", "--seed", "1,1,1"];
         assert!(expect_refusal(dir, &seed).contains("has 3 values, not 2"));
-        let up = ["surface", "mesh.vtu", "-o", "x.vtp", "--up", "z"];
-        assert!(expect_refusal(dir, &up).contains("--up z"));
     }
 }
 
@@ -401,72 +422,48 @@ fn impossible_surfaces_and_paintings_are_refused() {
         planar_fault([20, 20, 20]),
     );
     for (job, words) in [
+        ("surface mesh.vtu -o s.stl", &["s.stl", ".vtp"][..]),
+        ("surface bare.vtu -o s.vtp", &["bare.vtu", "feature"][..]),
+        ("surface mesh.vtu -o s.vtp --up w", &["--up w"][..]),
         (
-            vec!["surface", "mesh.vtu", "-o", "s.stl"],
-            vec!["s.stl", ".vtp"],
+            "surface mesh.vtu -o s.vtp --max-bend 90",
+            &["--max-bend 90"][..],
         ),
         (
-            vec!["surface", "bare.vtu", "-o", "s.vtp"],
-            vec!["bare.vtu", "feature"],
+            "surface mesh.vtu -o s.vtp --min-area -1",
+            &["--min-area -1"][..],
         ),
         (
-            vec!["surface", "mesh.vtu", "-o", "s.vtp", "--up", "w"],
-            vec!["--up w"],
+            "surface mesh.vtu small.npy -o s.vtp",
+            &["small.npy", "20"][..],
         ),
         (
-            vec!["surface", "mesh.vtu", "-o", "s.vtp", "--max-bend", "90"],
-            vec!["--max-bend 90"],
+            "surface mesh.vtu image.npy -o s.vtp --depth 1",
+            &["--depth 1"][..],
         ),
         (
-            vec!["surface", "mesh.vtu", "-o", "s.vtp", "--min-area", "-1"],
-            vec!["--min-area -1"],
+            "paint mesh.vtu -o p.vtu --seed 500,1,1",
+            &["--seed 500,1,1", "outside"][..],
         ),
         (
-            vec!["surface", "mesh.vtu", "small.npy", "-o", "s.vtp"],
-            vec!["small.npy", "20"],
+            "paint mesh.vtu -o p.vtu --seed 1,1",
+            &["--seed 1,1", "3"][..],
+        ),
+        ("paint mesh.vtu -o p.vtu --seed 1,1,1=0", &["region"][..]),
+        (
+            "paint mesh.vtu -o p.vtu --seed auto --neck 2",
+            &["--neck 2"][..],
         ),
         (
-            vec![
-                "surface",
-                "mesh.vtu",
-                "image.npy",
-                "-o",
-                "s.vtp",
-                "--depth",
-                "1",
-            ],
-            vec!["--depth 1"],
+            "paint mesh.vtu -o p.vtu --seed auto --seed 1,1,1",
+            &["--seed auto"][..],
         ),
         (
-            vec!["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "500,1,1"],
-            vec!["--seed 500,1,1", "outside"],
-        ),
-        (
-            vec!["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "1,1"],
-            vec!["--seed 1,1", "3"],
-        ),
-        (
-            vec!["paint", "mesh.vtu", "-o", "p.vtu", "--seed", "1,1,1=0"],
-            vec!["region"],
-        ),
-        (
-            vec![
-                "paint", "mesh.vtu", "-o", "p.vtu", "--seed", "auto", "--neck", "2",
-            ],
-            vec!["--neck 2"],
-        ),
-        (
-            vec![
-                "paint", "mesh.vtu", "-o", "p.vtu", "--seed", "auto", "--seed", "1,1,1",
-            ],
-            vec!["--seed auto"],
-        ),
-        (
-            vec!["paint", "mesh.vtu", "-o", "mesh.vtu", "--seed", "auto"],
-            vec!["mesh.vtu", "overwrite"],
+            "paint mesh.vtu -o mesh.vtu --seed auto",
+            &["mesh.vtu", "overwrite"][..],
         ),
     ] {
-        let line = expect_refusal(dir, &job);
+        let line = expect_refusal(dir, &job.split(' ').collect::<Vec<_>>());
         for word in words {
             assert!(line.contains(word), "no '{word}' in: {line}");
         }
@@ -653,7 +650,7 @@ fn distance_from_fault([x, y, z]: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn a_surface_survives_conversions_to_sticks_and_grids() {
+fn a_surface_survives_conversions_to_sticks() {
     let folder = folder();
     let dir = folder.path();
     let convert = |from: &str, to: &str| json(&run_args(dir, &["convert", from, to, "--json"]));
@@ -686,45 +683,6 @@ fn a_surface_survives_conversions_to_sticks_and_grids() {
     };
     assert_eq!(points("a.csv"), points("b.csv"));
 
-    // A grid of its heights is written in three formats.
-    let error = expect_refusal(dir, &["surface", "mesh.vtu", "-o", "a.irap"]);
-    assert!(error.contains("there are 0 horizons"), "{error}");
-    let grid = [
-        "surface", "mesh.vtu", "-o", "a.zmap", "--number", "1", "--step", "2", "--quiet",
-    ];
-    run_args(dir, &grid);
-    convert("a.zmap", "a.irap");
-    convert("a.irap", "a.cps3");
-    convert("a.cps3", "a.npy");
-    let [first, last] = ["a.zmap", "a.cps3"].map(|name| {
-        let info = json(&run_args(dir, &["info", name, "--json"]));
-        assert_eq!(info["image"]["axes"][0]["spacing"], 2.0);
-        (info["image"]["min"].clone(), info["image"]["max"].clone())
-    });
-    assert_eq!(first, last);
-    // Nodes of the grid and points of sticks lie on the fault.
-    let text = std::fs::read_to_string(dir.join("a.irap")).unwrap();
-    let words: Vec<f64> = text
-        .split_whitespace()
-        .map(|w| w.parse().unwrap())
-        .collect();
-    let (ny, nx, [x0, y0]) = (words[1] as usize, words[8] as usize, [words[10], words[11]]);
-    let nodes = (0..nx * ny).map(|i| {
-        let (x, y) = (x0 + 2.0 * (i % nx) as f64, y0 + 2.0 * (i / nx) as f64);
-        [x, y, words[19 + i]]
-    });
-    let grid_nodes: Vec<[f64; 3]> = nodes.filter(|node| node[2] < 1e6).collect();
-    let sticks = points("a.csv");
-    assert!(
-        grid_nodes.len() >= 16 && sticks.len() >= 60,
-        "{} {}",
-        grid_nodes.len(),
-        sticks.len()
-    );
-    for point in grid_nodes.into_iter().chain(sticks) {
-        assert!(distance_from_fault(point) < 1.0, "{point:?}");
-    }
-
     for (arguments, expected) in [
         (
             &["surface", "mesh.vtu", "-o", "b.vtp", "--step", "2"][..],
@@ -747,6 +705,49 @@ fn a_surface_survives_conversions_to_sticks_and_grids() {
     ] {
         let error = expect_refusal(dir, arguments);
         assert!(error.contains(expected), "{arguments:?}: {error}");
+    }
+    let sticks = points("a.csv");
+    assert!(sticks.len() >= 60, "{}", sticks.len());
+    for point in sticks {
+        assert!(distance_from_fault(point) < 1.0, "{point:?}");
+    }
+}
+
+#[test]
+fn the_grid_of_a_surface_is_written_in_three_formats() {
+    let folder = folder();
+    let dir = folder.path();
+    let convert = |from: &str, to: &str| json(&run_args(dir, &["convert", from, to, "--json"]));
+    let error = expect_refusal(dir, &["surface", "mesh.vtu", "-o", "a.irap"]);
+    assert!(error.contains("there are 0 horizons"), "{error}");
+    let grid = [
+        "surface", "mesh.vtu", "-o", "a.zmap", "--number", "1", "--step", "2", "--quiet",
+    ];
+    run_args(dir, &grid);
+    convert("a.zmap", "a.irap");
+    convert("a.irap", "a.cps3");
+    convert("a.cps3", "a.npy");
+    let [first, last] = ["a.zmap", "a.cps3"].map(|name| {
+        let info = json(&run_args(dir, &["info", name, "--json"]));
+        assert_eq!(info["image"]["axes"][0]["spacing"], 2.0);
+        (info["image"]["min"].clone(), info["image"]["max"].clone())
+    });
+    assert_eq!(first, last);
+    // Nodes of the grid lie on the fault.
+    let text = std::fs::read_to_string(dir.join("a.irap")).unwrap();
+    let words: Vec<f64> = text
+        .split_whitespace()
+        .map(|w| w.parse().unwrap())
+        .collect();
+    let (ny, nx, [x0, y0]) = (words[1] as usize, words[8] as usize, [words[10], words[11]]);
+    let nodes = (0..nx * ny).map(|i| {
+        let (x, y) = (x0 + 2.0 * (i % nx) as f64, y0 + 2.0 * (i / nx) as f64);
+        [x, y, words[19 + i]]
+    });
+    let grid_nodes: Vec<[f64; 3]> = nodes.filter(|node| node[2] < 1e6).collect();
+    assert!(grid_nodes.len() >= 16, "{}", grid_nodes.len());
+    for point in grid_nodes {
+        assert!(distance_from_fault(point) < 1.0, "{point:?}");
     }
 }
 

@@ -4,7 +4,8 @@
 use std::path::Path;
 
 use crate::common::{Survey, expect_refusal, run, write_npy, write_npy_2d, write_segy};
-use atomesh::store::read_vtu;
+use atomesh::mesh::TetMesh;
+use atomesh::store::{MeshFile, read_vtu};
 use serde_json::Value;
 
 const SURVEY: Survey = Survey {
@@ -77,6 +78,28 @@ fn dip_strike_area(stdout: &str) -> [f64; 3] {
     ["dip", "strike", "area"].map(|name| report["surfaces"][0][name].as_f64().unwrap())
 }
 
+/// Checks that the nodes on the feature lie on the plane.
+fn assert_nodes_on_plane(file: &MeshFile<TetMesh>) {
+    let feature = file
+        .point_data
+        .iter()
+        .find(|a| a.name == "feature")
+        .unwrap();
+    let (mut count, mut squares) = (0.0, 0.0f64);
+    for (x, b) in file.mesh.nodes.iter().zip(feature.values.to_f64()) {
+        if b < -0.95 {
+            let plane_depth = 200.0 + SLOPE * (crossline_distance([x[0], x[1]]) - 250.0);
+            (count, squares) = (count + 1.0, squares + (-x[2] - plane_depth).powi(2));
+        }
+    }
+    // A sample is 3.6 m.
+    assert!(
+        count > 100.0 && (squares / count).sqrt() < 0.7,
+        "{count} {}",
+        (squares / count).sqrt()
+    );
+}
+
 #[test]
 fn a_velocity_file_converts_time_to_true_depth() {
     let folder = folder();
@@ -129,26 +152,8 @@ fn a_velocity_file_converts_time_to_true_depth() {
     ));
     assert!((actual[0] - dip).abs() > 3.0, "{actual:?}");
 
-    // Nodes on the feature lie on the plane.
     let file = read_vtu(&dir.join("depth.vtu")).unwrap();
-    let feature = file
-        .point_data
-        .iter()
-        .find(|a| a.name == "feature")
-        .unwrap();
-    let (mut count, mut squares) = (0.0, 0.0f64);
-    for (x, b) in file.mesh.nodes.iter().zip(feature.values.to_f64()) {
-        if b < -0.95 {
-            let plane_depth = 200.0 + SLOPE * (crossline_distance([x[0], x[1]]) - 250.0);
-            (count, squares) = (count + 1.0, squares + (-x[2] - plane_depth).powi(2));
-        }
-    }
-    // A sample is 3.6 m.
-    assert!(
-        count > 100.0 && (squares / count).sqrt() < 0.7,
-        "{count} {}",
-        (squares / count).sqrt()
-    );
+    assert_nodes_on_plane(&file);
 
     // A mesh of the converted image is the same, and so is a mesh from the configuration.
     run(dir, "convert s.sgy depth.vti --velocity v.vti --quiet");
@@ -168,8 +173,16 @@ fn a_velocity_file_converts_time_to_true_depth() {
             assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-6), "{a:?} {b:?}");
         }
     }
+}
 
-    // Verbs refuse an image in time with a mesh in depth. Only `edit` converts it, since the mesh
+#[test]
+fn verbs_refuse_an_image_in_time_with_a_mesh_in_depth() {
+    let folder = folder();
+    let dir = folder.path();
+    let mesh = "mesh s.sgy --distance 6 --feature ridges --quiet --metric shape";
+    run(dir, &format!("{mesh} -o depth.vtu --velocity v.vti"));
+    run(dir, "convert s.sgy depth.vti --velocity v.vti --quiet");
+    // Only `edit` converts it, since the mesh
     // records how.
     for job in [
         "slice s.sgy depth.vtu -o s.png",

@@ -454,6 +454,27 @@ fn impossible_wells_are_refused() {
     }
 }
 
+/// A well that enters the box from above. Its coordinates are those of the image, samples.
+const WELL: &str = "x,y,z,radius\n10,12,60,0.1\n10,12,20,0.1\n12,30,10,0.1\n";
+
+/// Returns the distance of a point from this well.
+fn distance_from_well(x: &[f64; 3]) -> f64 {
+    let distance_from_segment = |a: [f64; 3], b: [f64; 3]| {
+        let d = [0, 1, 2].map(|k| b[k] - a[k]);
+        let offset = [0, 1, 2].map(|k| x[k] - a[k]);
+        let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
+        let share = (dot(offset, d) / dot(d, d)).clamp(0.0, 1.0);
+        (0..3)
+            .map(|k| (offset[k] - share * d[k]).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    distance_from_segment([10.0, 12.0, 39.0], [10.0, 12.0, 20.0]).min(distance_from_segment(
+        [10.0, 12.0, 20.0],
+        [12.0, 30.0, 10.0],
+    ))
+}
+
 #[test]
 fn meshes_have_atoms_along_wells_and_smaller_cells_near_them() {
     let folder = tempfile::tempdir().unwrap();
@@ -463,28 +484,7 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_near_them() {
         [48, 44, 40],
         planar_fault([48, 44, 40]),
     );
-    // The well enters the box from above. Its coordinates are those of the image, samples.
-    std::fs::write(
-        folder.join("W.csv"),
-        "x,y,z,radius\n10,12,60,0.1\n10,12,20,0.1\n12,30,10,0.1\n",
-    )
-    .unwrap();
-    let distance_from_well = |x: &[f64; 3]| {
-        let distance_from_segment = |a: [f64; 3], b: [f64; 3]| {
-            let d = [0, 1, 2].map(|k| b[k] - a[k]);
-            let offset = [0, 1, 2].map(|k| x[k] - a[k]);
-            let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
-            let share = (dot(offset, d) / dot(d, d)).clamp(0.0, 1.0);
-            (0..3)
-                .map(|k| (offset[k] - share * d[k]).powi(2))
-                .sum::<f64>()
-                .sqrt()
-        };
-        distance_from_segment([10.0, 12.0, 39.0], [10.0, 12.0, 20.0]).min(distance_from_segment(
-            [10.0, 12.0, 20.0],
-            [12.0, 30.0, 10.0],
-        ))
-    };
+    std::fs::write(folder.join("W.csv"), WELL).unwrap();
     let length = 19.0 + (4.0f64 + 324.0 + 100.0).sqrt();
     for (cells, d) in [
         ("tets", 7.0),
@@ -524,8 +524,12 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_near_them() {
     let report: Value = serde_json::from_str(&stdout).unwrap();
     let cells = report["wells"][0]["cells"].as_array().unwrap().len();
     assert!((12..22).contains(&cells), "{cells}");
+}
 
-    // In the plane a well is a point or a polyline.
+#[test]
+fn wells_in_the_plane_are_points_or_polylines() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
     crate::common::write_npy_2d(&folder.join("line.npy"), [60, 50], |[x, y]| {
         (-0.5 * ((0.6 * x as f32 - 0.8 * y as f32 + 3.0) / 1.5).powi(2)).exp()
     });
@@ -549,6 +553,15 @@ fn meshes_have_atoms_along_wells_and_smaller_cells_near_them() {
             "{cells}"
         );
     }
+}
+
+#[test]
+fn impossible_wells_of_meshes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_npy(&folder.join("sheet.npy"), [48, 44, 40], |_| 0.0);
+    std::fs::write(folder.join("W.csv"), WELL).unwrap();
+    std::fs::write(folder.join("P.csv"), "20,33,0.1\n").unwrap();
     std::fs::write(folder.join("far.csv"), "100,5,5,0.1\n100,5,9,0.1\n").unwrap();
     std::fs::write(folder.join("wide.csv"), "10,12,5,2\n10,12,30,2\n").unwrap();
     std::fs::write(folder.join("near.csv"), "11,12,35,0.1\n11,12,30,0.1\n").unwrap();

@@ -136,6 +136,52 @@ fn far_parts<const D: usize, M: Simplices<D>>(
     (nodes.collect(), cells)
 }
 
+/// Checks that the second mesh, made from the first one, is valid, that all its angles are in range,
+/// and that it covers the feature as before.
+fn assert_good_mesh<const D: usize, M: Simplices<D>>(
+    meshes: [MeshFile<M>; 2],
+    image: &Image<D>,
+    params: &Params<D>,
+) where
+    MeshSpace<D>: Meshing<D, Mesh = M>,
+{
+    let stored = meshes.map(|file| StoredMesh::new(file, "mesh").unwrap());
+    let validity = check(
+        &stored[1].lattice,
+        [0.0; D],
+        stored[1].space.extent,
+        BOX_TOLERANCE,
+    );
+    assert!(validity.passed(), "{:?}", validity.problems);
+    let features = feature::detect(image, &params.feature_options([1.0; D])).unwrap();
+    let reference = Reference::from_features(&features);
+    let [old, new] = stored.map(|stored| {
+        let tagged = stored.feature_faces.as_deref();
+        let fidelity = fidelity(&stored.lattice, &reference, tagged).unwrap();
+        (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
+    });
+    println!(
+        "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}",
+        new.0.smallest_angle.worst,
+        new.0.largest_angle.worst,
+        old.0.smallest_angle.worst,
+        old.0.largest_angle.worst,
+        new.1.coverage_one,
+        old.1.coverage_one,
+        new.1.precision,
+        old.1.precision,
+    );
+    // Measured: smallest angles of 30.7 and 30.0 degrees; largest angles of 113.0 after 112.3, and
+    // 147.4 after 142.2. Dihedral angles of tetrahedra from 30 to 150 degrees are accepted.
+    let [smallest, largest] = [new.0.smallest_angle, new.0.largest_angle];
+    assert!(smallest.worst > 29.5, "{smallest:?}");
+    let before = old.0.largest_angle.worst;
+    let max_angle = if D == 3 { 150.5 } else { before + 2.0 };
+    assert!(largest.worst < max_angle, "{largest:?} after {before}");
+    assert!(new.1.coverage_one > old.1.coverage_one - 0.01);
+    assert!(new.1.precision > old.1.precision - 0.01);
+}
+
 /// Adds, moves (by a small and by a large distance) and removes atoms, near each other and far
 /// apart.
 fn edits_stay_local<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
@@ -217,45 +263,7 @@ where
         "{unchanged_near}"
     );
 
-    // The mesh is valid, all its angles are in range, and it covers the feature as before.
-    let stored = [before.clone(), file.clone()].map(|file| StoredMesh::new(file, "mesh").unwrap());
-    let validity = check(
-        &stored[1].lattice,
-        [0.0; D],
-        stored[1].space.extent,
-        BOX_TOLERANCE,
-    );
-    assert!(validity.passed(), "{:?}", validity.problems);
-    let features = feature::detect(&image, &params.feature_options([1.0; D])).unwrap();
-    let reference = Reference::from_features(&features);
-    let [old, new] = stored.map(|stored| {
-        let tagged = stored.feature_faces.as_deref();
-        let fidelity = fidelity(&stored.lattice, &reference, tagged).unwrap();
-        (quality(&stored.lattice), fidelity.tagged_faces.unwrap())
-    });
-    println!(
-        "{D}-D angles {:.1} to {:.1}, before {:.1} to {:.1}; coverage {:.4}, {:.4}; precision {:.4}, {:.4}; {} of {} cells, {} made room",
-        new.0.smallest_angle.worst,
-        new.0.largest_angle.worst,
-        old.0.smallest_angle.worst,
-        old.0.largest_angle.worst,
-        new.1.coverage_one,
-        old.1.coverage_one,
-        new.1.precision,
-        old.1.precision,
-        summary.cells[1],
-        file.mesh.len(),
-        summary.removed_neighbours,
-    );
-    // Measured: smallest angles of 30.7 and 30.0 degrees; largest angles of 113.0 after 112.3, and
-    // 147.4 after 142.2. Dihedral angles of tetrahedra from 30 to 150 degrees are accepted.
-    let [smallest, largest] = [new.0.smallest_angle, new.0.largest_angle];
-    assert!(smallest.worst > 29.5, "{smallest:?}");
-    let before = old.0.largest_angle.worst;
-    let max_angle = if D == 3 { 150.5 } else { before + 2.0 };
-    assert!(largest.worst < max_angle, "{largest:?} after {before}");
-    assert!(new.1.coverage_one > old.1.coverage_one - 0.01);
-    assert!(new.1.precision > old.1.precision - 0.01);
+    assert_good_mesh([before, after.file], &image, &params);
 }
 
 #[test]

@@ -14,8 +14,9 @@ use atomesh::image::Image;
 use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::job::{MeshScene, MeshSpace, Meshing, StageRunner};
+use atomesh::lattice::comparison::genetic;
+use atomesh::lattice::comparison::laplacian::DEFAULT_KAPPA;
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::laplacian::DEFAULT_KAPPA;
 use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy};
 use atomesh::lattice::optimize::{self, Method, NoProgress, OptimizeOptions};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
@@ -145,7 +146,7 @@ where
     println!("|---|---|---|---|---|---|---|");
     // The genetic algorithm evaluates the initial lattice twice, then the children of each
     // generation.
-    let children = optimize::genetic::POPULATION_SIZE - 1;
+    let children = genetic::POPULATION_SIZE - 1;
     for generations in [0, 1, 2, 4, 8, 16, 32, 64, 128] {
         let evaluations = 2 + generations * children;
         print!("| {evaluations}");

@@ -385,6 +385,22 @@ fn run_flow(folder: &Path) -> Value {
     run_validator("resfo", "opm.py", &arguments)
 }
 
+/// Checks that of 13 columns along x, that of the fault is 100 times less permeable than the others.
+fn assert_tight_column(result: &Value) {
+    let transmissibilities = result["tranx"].as_array().unwrap().iter();
+    let transmissibilities: Vec<f64> = transmissibilities
+        .filter_map(Value::as_f64)
+        .filter(|t| *t > 0.0)
+        .collect();
+    let max = transmissibilities.iter().copied().fold(0.0, f64::max);
+    let tight = transmissibilities
+        .iter()
+        .filter(|t| **t < 2.0 * TIGHT * max)
+        .count();
+    assert_eq!(transmissibilities.len(), 12 * 9 * 7);
+    assert_eq!(tight, 9 * 7);
+}
+
 /// Checks that pillars are parallel to the fault.
 fn assert_pillars_lean(result: &Value) {
     // The fault moves 0.1 sideways per unit of z, and so do its pillars.
@@ -480,20 +496,7 @@ fn xtgeo_and_opm_flow_read_the_corner_point_grid() {
         let porv = numbers(&result["porv"]).iter().sum::<f64>();
         assert!(is_close(porv, pore_volume, 0.01), "{porv}");
         if region.is_empty() {
-            // One column along x in 13 is that of the fault, and 100 times less permeable than its
-            // neighbours.
-            let transmissibilities = result["tranx"].as_array().unwrap().iter();
-            let transmissibilities: Vec<f64> = transmissibilities
-                .filter_map(Value::as_f64)
-                .filter(|t| *t > 0.0)
-                .collect();
-            let max = transmissibilities.iter().copied().fold(0.0, f64::max);
-            let tight = transmissibilities
-                .iter()
-                .filter(|t| **t < 2.0 * TIGHT * max)
-                .count();
-            assert_eq!(transmissibilities.len(), 12 * 9 * 7);
-            assert_eq!(tight, 9 * 7);
+            assert_tight_column(&result);
         }
     }
 }

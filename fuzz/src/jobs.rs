@@ -438,7 +438,7 @@ impl SecondVerb<'_> {
     }
 }
 
-/// What an image shows.
+/// Contents of an image.
 struct Scene {
     /// Direction of planes, and the middle of the scene.
     direction: [f64; 3],

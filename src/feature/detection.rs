@@ -3,7 +3,7 @@
 use super::FeatureKind;
 use super::LabelOptions;
 use super::MissingData;
-use super::detectors::paths::PathSeeds;
+use super::detectors::comparison::paths::PathSeeds;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, LiveMask, MaskedImage, Modality};

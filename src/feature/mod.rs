@@ -95,7 +95,7 @@ use windows::Samples;
 pub use detection::DetectionOptions;
 pub(crate) use detection::fills_gaps;
 pub use detectors::FeatureKind;
-pub use detectors::paths::PathSeeds;
+pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
 pub use doubt::Doubt;
 pub use label_map::{LabelMap, LabelOptions};

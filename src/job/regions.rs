@@ -11,7 +11,7 @@ use crate::feature::label_map::{LabelMap, components};
 use crate::feature::volume::Volume;
 use crate::feature::{LabelOptions, label_map};
 use crate::geometry::{norm, normal};
-use crate::image::{Image, LabelTable};
+use crate::image::{Image, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, SamplePoints};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
@@ -129,143 +129,190 @@ pub(super) fn report<const D: usize>(
     cancel: &CancelToken<'_>,
 ) -> Option<RegionSummary> {
     let (table, parts) = components(image)?;
-    let LabelTable {
-        values: labels,
-        indices: sample_labels,
-    } = table;
     if cancel.is_cancelled() {
         return None;
     }
-    let dims = image.dims();
-    let volume = Volume::new(dims, &[]);
-    let world = image.geometry.determinant().abs() / step.iter().product::<f64>();
-    // For each cell, the volume that lies in each connected part of its own label.
-    let cell_parts: Vec<Vec<(u32, f64)>> = (0..label_indices.len())
-        .into_par_iter()
-        .map(|c| {
-            let (mut part_volumes, mut count) = (Vec::new(), 0.0f64);
-            sample_points.for_each(c, |x| {
-                let at = std::array::from_fn(|k| {
-                    ((x[k] / step[k]).round().max(0.0) as usize).min(dims[k] - 1)
-                });
-                let i = volume.index(at);
-                count += 1.0;
-                if sample_labels[i] == label_indices[c] {
-                    let part = parts.component_of_sample[i];
-                    match part_volumes.iter_mut().find(|(known, _)| *known == part) {
-                        Some((_, sum)) => *sum += 1.0,
-                        None => part_volumes.push((part, 1.0)),
-                    }
-                }
-            });
-            part_volumes
-                .iter_mut()
-                .for_each(|(_, sum)| *sum *= sample_points.volumes[c] / count);
-            part_volumes
-        })
-        .collect();
-    let mut kept_volume = vec![0.0; parts.components.len()];
-    for &(part, volume) in cell_parts.iter().flatten() {
-        kept_volume[part as usize] += volume;
-    }
-    let sample: f64 = step.iter().product();
-    let samples = label_map::volumes(dims, step, &sample_labels, labels.len());
-    let name = |n: usize| {
-        let options = label_options
-            .iter()
-            .find(|options| options.label == labels[n]);
-        options.and_then(|options| options.name.clone())
+    let labelled = LabelledImage {
+        image,
+        labels: table.values,
+        indices: table.indices,
+        parts,
+        options: label_options,
+        step,
     };
-    let regions = label_map::regions(&labels);
-    let mut reports: Vec<RegionReport> = (0..labels.len())
-        .map(|n| RegionReport {
-            label: labels[n],
-            region: regions[n],
-            name: name(n),
-            parts: 0,
-            samples: 0,
-            cells: 0,
-            volume: 0.0,
-            sample_volume: samples[n] * world,
-            volume_error_percent: 0.0,
-            distance: None,
-        })
-        .collect();
-    for (&n, size) in label_indices.iter().zip(&sample_points.volumes) {
-        reports[n as usize].cells += 1;
-        reports[n as usize].volume += size * world;
-    }
-    for region in &mut reports {
-        region.volume_error_percent = 100.0 * (region.volume / region.sample_volume - 1.0);
-    }
-    let requested_distance = |n: usize| {
-        let options = label_options
-            .iter()
-            .find(|options| options.label == labels[n]);
-        options.and_then(|options| options.distance)
-    };
-    let surface = surface_areas(&parts, step);
-    let (mut lost, mut damaged) = (LossList::default(), LossList::default());
-    for (number, (part, kept_volume)) in parts.components.iter().zip(&kept_volume).enumerate() {
-        let n = part.label as usize;
-        reports[n].parts += 1;
-        reports[n].samples += part.sample_count;
-        let size = part.sample_count as f64 * sample;
-        let keeping_distance = finer_distance(
-            sufficient_distance::<D>(size, surface[number]),
-            requested_distance(n),
-        );
-        if part.sample_count >= MIN_DAMAGED_SAMPLES {
-            let distance = &mut reports[n].distance;
-            *distance = match (*distance, keeping_distance) {
-                (Some(a), Some(b)) => Some(a.min(b)),
-                (a, b) => a.or(b),
-            };
-        }
-        let losses = match () {
-            () if *kept_volume < MIN_KEPT_SHARE * size => &mut lost,
-            () if part.sample_count >= MIN_DAMAGED_SAMPLES
-                && !part.touches_side(dims)
-                && *kept_volume < (1.0 - MIN_MISSING_SHARE) * size =>
-            {
-                &mut damaged
-            }
-            () => continue,
-        };
-        let at = volume.coordinates(part.first_sample);
-        losses.add(LostParts {
-            label: labels[n],
-            name: name(n),
-            parts: 1,
-            is_whole_label: false,
-            samples: part.sample_count,
-            largest_samples: part.sample_count,
-            first_sample: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
-            distance: keeping_distance,
-        });
-    }
-    for lost in &mut lost.0 {
-        let place = reports.partition_point(|region| region.label < lost.label);
-        lost.is_whole_label = reports
-            .get(place)
-            .is_some_and(|region| region.parts == lost.parts);
-    }
-    let sample_side = sample.powf((D - 1) as f64 / D as f64);
-    let touching = touching_labels(dims, &sample_labels);
-    let mut holes: Vec<Hole> = (contacts.iter())
-        .filter(|(pair, _)| !touching.contains(*pair))
-        .map(|(pair, area)| Hole {
-            labels: pair.map(|n| labels[n as usize]),
-            area: area / sample_side,
-        })
-        .collect();
-    holes.sort_by(|a, b| b.area.total_cmp(&a.area));
+    let kept_volume = labelled.kept_volumes(sample_points, label_indices);
+    let mut regions = labelled.region_reports(&sample_points.volumes, label_indices);
+    let [lost, damaged] = labelled.losses(&kept_volume, &mut regions);
     Some(RegionSummary {
-        holes,
-        regions: reports,
+        holes: labelled.holes(contacts),
+        regions,
         lost: lost.0,
         damaged: damaged.0,
     })
+}
+
+/// An image of labels and its connected parts.
+struct LabelledImage<'a, const D: usize> {
+    image: &'a Image<D>,
+    /// The labels, and for each sample the index of its label.
+    labels: Vec<LabelValue>,
+    indices: Vec<u32>,
+    parts: Components<D>,
+    options: &'a [LabelOptions],
+    step: [f64; D],
+}
+
+impl<const D: usize> LabelledImage<'_, D> {
+    /// Returns the volume of a sample in lattice space.
+    fn sample_volume(&self) -> f64 {
+        self.step.iter().product()
+    }
+
+    /// Returns the options of a label, if there are any.
+    fn options_of(&self, n: usize) -> Option<&LabelOptions> {
+        let label = self.labels[n];
+        self.options.iter().find(|options| options.label == label)
+    }
+
+    fn name(&self, n: usize) -> Option<String> {
+        self.options_of(n).and_then(|options| options.name.clone())
+    }
+
+    /// Returns for each connected part the volume of it that lies in cells of its own label.
+    fn kept_volumes(&self, sample_points: &SamplePoints<'_, D>, label_indices: &[u32]) -> Vec<f64> {
+        let (step, dims, parts) = (self.step, self.image.dims(), &self.parts);
+        let volume = Volume::new(dims, &[]);
+        let cell_parts: Vec<Vec<(u32, f64)>> = (0..label_indices.len())
+            .into_par_iter()
+            .map(|c| {
+                let (mut part_volumes, mut count) = (Vec::new(), 0.0f64);
+                sample_points.for_each(c, |x| {
+                    let at = std::array::from_fn(|k| {
+                        ((x[k] / step[k]).round().max(0.0) as usize).min(dims[k] - 1)
+                    });
+                    let i = volume.index(at);
+                    count += 1.0;
+                    if self.indices[i] == label_indices[c] {
+                        let part = parts.component_of_sample[i];
+                        match part_volumes.iter_mut().find(|(known, _)| *known == part) {
+                            Some((_, sum)) => *sum += 1.0,
+                            None => part_volumes.push((part, 1.0)),
+                        }
+                    }
+                });
+                part_volumes
+                    .iter_mut()
+                    .for_each(|(_, sum)| *sum *= sample_points.volumes[c] / count);
+                part_volumes
+            })
+            .collect();
+        let mut kept_volume = vec![0.0; parts.components.len()];
+        for &(part, volume) in cell_parts.iter().flatten() {
+            kept_volume[part as usize] += volume;
+        }
+        kept_volume
+    }
+
+    /// Returns the report on each label. Its parts are not counted yet.
+    fn region_reports(&self, cell_volumes: &[f64], label_indices: &[u32]) -> Vec<RegionReport> {
+        let (labels, dims) = (&self.labels, self.image.dims());
+        let world = self.image.geometry.determinant().abs() / self.sample_volume();
+        let samples = label_map::volumes(dims, self.step, &self.indices, labels.len());
+        let regions = label_map::regions(labels);
+        let mut reports: Vec<RegionReport> = (0..labels.len())
+            .map(|n| RegionReport {
+                label: labels[n],
+                region: regions[n],
+                name: self.name(n),
+                parts: 0,
+                samples: 0,
+                cells: 0,
+                volume: 0.0,
+                sample_volume: samples[n] * world,
+                volume_error_percent: 0.0,
+                distance: None,
+            })
+            .collect();
+        for (&n, size) in label_indices.iter().zip(cell_volumes) {
+            reports[n as usize].cells += 1;
+            reports[n as usize].volume += size * world;
+        }
+        for region in &mut reports {
+            region.volume_error_percent = 100.0 * (region.volume / region.sample_volume - 1.0);
+        }
+        reports
+    }
+
+    /// Returns the parts that are lost and those that are damaged, and counts the parts of each
+    /// region.
+    fn losses(&self, kept_volume: &[f64], reports: &mut [RegionReport]) -> [LossList; 2] {
+        let (image, parts, sample) = (self.image, &self.parts, self.sample_volume());
+        let dims = image.dims();
+        let volume = Volume::new(dims, &[]);
+        let surface = surface_areas(parts, self.step);
+        let (mut lost, mut damaged) = (LossList::default(), LossList::default());
+        for (number, (part, kept_volume)) in parts.components.iter().zip(kept_volume).enumerate() {
+            let n = part.label as usize;
+            reports[n].parts += 1;
+            reports[n].samples += part.sample_count;
+            let size = part.sample_count as f64 * sample;
+            let keeping_distance = finer_distance(
+                sufficient_distance::<D>(size, surface[number]),
+                self.options_of(n).and_then(|options| options.distance),
+            );
+            if part.sample_count >= MIN_DAMAGED_SAMPLES {
+                let distance = &mut reports[n].distance;
+                *distance = match (*distance, keeping_distance) {
+                    (Some(a), Some(b)) => Some(a.min(b)),
+                    (a, b) => a.or(b),
+                };
+            }
+            let losses = match () {
+                () if *kept_volume < MIN_KEPT_SHARE * size => &mut lost,
+                () if part.sample_count >= MIN_DAMAGED_SAMPLES
+                    && !part.touches_side(dims)
+                    && *kept_volume < (1.0 - MIN_MISSING_SHARE) * size =>
+                {
+                    &mut damaged
+                }
+                () => continue,
+            };
+            let at = volume.coordinates(part.first_sample);
+            losses.add(LostParts {
+                label: self.labels[n],
+                name: self.name(n),
+                parts: 1,
+                is_whole_label: false,
+                samples: part.sample_count,
+                largest_samples: part.sample_count,
+                first_sample: image.geometry.to_physical(at.map(|i| i as f64)).to_vec(),
+                distance: keeping_distance,
+            });
+        }
+        for lost in &mut lost.0 {
+            let place = reports.partition_point(|region| region.label < lost.label);
+            lost.is_whole_label = reports
+                .get(place)
+                .is_some_and(|region| region.parts == lost.parts);
+        }
+        [lost, damaged]
+    }
+
+    /// Returns the pairs of labels that touch in the mesh but not in the image, the largest contact
+    /// first.
+    fn holes(&self, contacts: &Contacts) -> Vec<Hole> {
+        let sample_side = self.sample_volume().powf((D - 1) as f64 / D as f64);
+        let touching = touching_labels(self.image.dims(), &self.indices);
+        let mut holes: Vec<Hole> = (contacts.iter())
+            .filter(|(pair, _)| !touching.contains(*pair))
+            .map(|(pair, area)| Hole {
+                labels: pair.map(|n| self.labels[n as usize]),
+                area: area / sample_side,
+            })
+            .collect();
+        holes.sort_by(|a, b| b.area.total_cmp(&a.area));
+        holes
+    }
 }
 
 /// Number of samples from which a part counts as damaged if much of it is missing.

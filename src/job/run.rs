@@ -205,21 +205,8 @@ where
     let (dims, geometry) = (source.dims(), source.geometry());
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
-    // The largest distance must fit the box, whatever the features are. This is checked before any
-    // work.
-    let box_extent = match params.spacing() {
-        Spacing::FromCannyAtoms { .. } => extent,
-        _ => lattice_extent(dims, params.spec.metric.lengths(geometry)),
-    };
-    let fitted = params_for_thin_image(params, box_extent);
+    let fitted = fitted_params(params, (dims, geometry), extent)?;
     let params = fitted.as_ref().unwrap_or(params);
-    let label_distances = params
-        .spec
-        .label
-        .iter()
-        .filter_map(|options| options.distance);
-    let largest = label_distances.fold(params.spacing().max(), f64::max);
-    Distance::Constant(largest).validate(box_extent)?;
     estimate::afford_features(source, params.spec.feature, comm.size())?;
     let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
     let rank_count = is_partitioned.then(|| comm.size());
@@ -247,24 +234,11 @@ where
         share,
         distance,
         optimize_result,
-    } = match params.spec.cell_kind() {
-        CellKind::Simplices => join_atoms(source, params, &mut features, &frame, &mut stages)?,
-        CellKind::Voronoi => {
-            let cells = cells::make_cells(source, params, &features, &frame, &mut stages)?;
-            let (mesh, report, distance, optimize_result) = cells;
-            MadeMesh {
-                mesh,
-                report,
-                share: None,
-                distance,
-                optimize_result: Some(optimize_result),
-            }
-        }
-    };
+    } = make_mesh(source, params, &mut features, &frame, &mut stages)?;
     if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, &mesh) {
         // The potential at nodes is written to the mesh file.
-        features.potential =
-            (features.potential).gather_neighbourhood(annotated.mesh.nodes(), 0.0, comm)?;
+        let nodes = annotated.mesh.nodes();
+        features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
     }
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimize_result) {
         lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
@@ -298,6 +272,29 @@ where
         stop,
         report,
     })
+}
+
+/// Checks that the largest distance fits the box, whatever the features are. Returns other
+/// parameters for a thin image.
+///
+/// # Errors
+/// Returns the errors of [`Distance::validate`].
+fn fitted_params<const D: usize>(
+    params: &Params<D>,
+    (dims, geometry): ([usize; D], &Geometry<D>),
+    extent: [f64; D],
+) -> Result<Option<Params<D>>> {
+    let box_extent = match params.spacing() {
+        Spacing::FromCannyAtoms { .. } => extent,
+        _ => lattice_extent(dims, params.spec.metric.lengths(geometry)),
+    };
+    let fitted = params_for_thin_image(params, box_extent);
+    let params = fitted.as_ref().unwrap_or(params);
+    let labels = params.spec.label.iter();
+    let label_distances = labels.filter_map(|options| options.distance);
+    let largest = label_distances.fold(params.spacing().max(), f64::max);
+    Distance::Constant(largest).validate(box_extent)?;
+    Ok(fitted)
 }
 
 /// An image whose labels are merged and whose missing samples are marked, where that is needed.
@@ -364,6 +361,31 @@ where
     share: Option<MeshShare>,
     distance: Distance<D>,
     optimize_result: Option<optimize::OptimizeResult>,
+}
+
+/// Makes a mesh of the kind of cells that the options ask for.
+fn make_mesh<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    features: &mut Features<D>,
+    frame: &JobDomain<D>,
+    stages: &mut StageRunner<'_>,
+) -> Result<MadeMesh<D>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    if params.spec.cell_kind() == CellKind::Simplices {
+        return join_atoms(source, params, features, frame, stages);
+    }
+    let cells = cells::make_cells(source, params, features, frame, stages)?;
+    let (mesh, report, distance, optimize_result) = cells;
+    Ok(MadeMesh {
+        mesh,
+        report,
+        share: None,
+        distance,
+        optimize_result: Some(optimize_result),
+    })
 }
 
 /// Places atoms, joins them and improves the mesh: each rank its part, if possible, or else the

@@ -5,9 +5,11 @@
 //! - [`seeding`]: initial lattices that fill the image's box
 //! - [`energy`]: the energy of the lattice and its gradient
 //! - [`optimize`]: moves atoms to lower the energy
+//! - [`comparison`]: methods of others, kept to compare the default methods with them
 //! - `partition`: distribution of the atoms over ranks
 //! - [`halo`]: owned atoms and ghosts of a rank while atoms move
 
+pub mod comparison;
 pub mod distance;
 pub mod energy;
 pub mod halo;

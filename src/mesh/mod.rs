@@ -34,6 +34,10 @@
 pub(crate) mod boxes;
 pub mod check;
 pub(crate) mod complex;
+#[allow(
+    clippy::too_many_arguments,
+    reason = "parts of one triangulation are passed on as they are"
+)]
 pub mod delaunay;
 pub mod graph;
 pub(crate) mod interface;

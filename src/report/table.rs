@@ -1,7 +1,10 @@
 //! Formats a report for one screen.
 
 use super::quality::{Quality, Quantiles};
-use super::{Angles, FaceMatch, Fidelity, Report, TracedLattice, Verdict, Voronoi};
+use super::{
+    Angles, FaceMatch, Fidelity, Improvement, LatticeReport, Report, TracedLattice, Verdict,
+    Voronoi,
+};
 use crate::improve::SealReport;
 
 /// Maximum width of a line of prose, in characters, beside its heading.
@@ -17,6 +20,54 @@ impl Report {
     pub fn table(&self) -> String {
         let mut lines = Vec::new();
         let mut line = |name: &str, text: String| lines.push(format!("{name:<12}{text}"));
+        self.add_verdict_and_size(&mut line);
+        if let Some(voronoi) = &self.voronoi {
+            add_cells(&mut line, voronoi);
+        }
+        if let Some(lattice) = &self.lattice {
+            add_lattice(&mut line, lattice);
+        }
+        add_trace(&mut line, &self.trace);
+        for (space, quality) in [
+            ("lattice", &self.quality),
+            ("physical", &self.quality_physical),
+        ] {
+            if let Some(quality) = quality {
+                let name = if self.quality_physical.is_some() {
+                    space
+                } else {
+                    ""
+                };
+                add_shapes(&mut line, name, quality);
+            }
+        }
+        self.add_dropped_points(&mut line);
+        if let Some(fidelity) = &self.fidelity {
+            add_matches(&mut line, fidelity);
+        }
+        if let Some(regions) = &self.regions {
+            for (number, text) in regions.lines().into_iter().enumerate() {
+                line(if number == 0 { "regions" } else { "" }, text);
+            }
+        }
+        if let Some(improvement) = &self.improvement {
+            add_improvement(&mut line, improvement);
+        }
+        if let Some(baseline) = &self.baseline {
+            line("", baseline.to_string());
+        }
+        self.add_costs(&mut line);
+        for note in &self.notes {
+            line("note", note.clone());
+        }
+        lines
+            .iter()
+            .map(|line| format!("{}\n", line.trim_end()))
+            .collect()
+    }
+
+    /// Adds the verdict, the input, and what the mesh consists of.
+    fn add_verdict_and_size(&self, line: &mut impl FnMut(&str, String)) {
         if let Some(verdict) = Verdict::from_report(self) {
             for (name, text) in verdict.lines() {
                 for (number, text) in wrap_text(&text).into_iter().enumerate() {
@@ -49,53 +100,10 @@ impl Report {
                 ),
             );
         }
-        if let Some(voronoi) = &self.voronoi {
-            add_cells(&mut line, voronoi);
-        }
-        if let Some(lattice) = &self.lattice {
-            let [low, middle, high] = lattice.spacing;
-            line(
-                "lattice",
-                format!(
-                    "nearest neighbour over d: {low:.2} (1 %) {middle:.2} (50 %) {high:.2} (99 %)"
-                ),
-            );
-            if let Some(o) = &lattice.optimisation {
-                line(
-                    "",
-                    format!(
-                        "energy per atom, as published: P {:.4}, of atoms A {:.4}, in the image B {:.4}",
-                        o.energy, o.energy_lattice, o.energy_image
-                    ),
-                );
-                let laplacian = match o.added_by_laplacian {
-                    0.0 => String::new(),
-                    added => format!(" + {added:.4} Laplacian coordinates"),
-                };
-                line(
-                    "",
-                    format!(
-                        "minimised {:.4} = P + {:.4} stiffening{laplacian}",
-                        o.minimised, o.added_by_stiffening
-                    ),
-                );
-                line("", format!("{} evaluations, {}", o.evaluations, o.stop));
-            }
-        }
-        add_trace(&mut line, &self.trace);
-        for (space, quality) in [
-            ("lattice", &self.quality),
-            ("physical", &self.quality_physical),
-        ] {
-            if let Some(quality) = quality {
-                let name = if self.quality_physical.is_some() {
-                    space
-                } else {
-                    ""
-                };
-                add_shapes(&mut line, name, quality);
-            }
-        }
+    }
+
+    /// Adds the numbers of points that the mesh does not follow, with the reasons.
+    fn add_dropped_points(&self, line: &mut impl FnMut(&str, String)) {
         for outcome in &self.outcomes {
             let dropped = outcome.dropped;
             let parts = [
@@ -111,63 +119,6 @@ impl Report {
                 format!("points of {kind}: {}", reasons.join(", ")),
             );
         }
-        if let Some(fidelity) = &self.fidelity {
-            add_matches(&mut line, fidelity);
-        }
-        if let Some(regions) = &self.regions {
-            for (number, text) in regions.lines().into_iter().enumerate() {
-                line(if number == 0 { "regions" } else { "" }, text);
-            }
-        }
-        if let Some(improvement) = &self.improvement {
-            line(
-                "slivers",
-                format!(
-                    "{} below target, {} before improvement",
-                    group_digits(improvement.below_target_after),
-                    group_digits(improvement.below_target_before)
-                ),
-            );
-            for group in improvement.blockers.iter().take(MAX_SHOWN_GROUPS) {
-                line(
-                    "",
-                    format!(
-                        "{:>7} with {} nodes on sides, {} on features, {} on crossings: {:.1} to {:.1}",
-                        group_digits(group.tets),
-                        group.nodes_on_sides,
-                        group.nodes_on_features,
-                        group.nodes_on_crossings,
-                        group.smallest,
-                        group.largest
-                    ),
-                );
-            }
-            let SealReport {
-                faces,
-                area,
-                compartments,
-                ..
-            } = improvement.sealed;
-            line(
-                "sealing",
-                format!(
-                    "{} compartments between the faces on features; {} faces (area {area:.0}) close holes",
-                    group_digits(compartments),
-                    group_digits(faces)
-                ),
-            );
-        }
-        if let Some(baseline) = &self.baseline {
-            line("", baseline.to_string());
-        }
-        self.add_costs(&mut line);
-        for note in &self.notes {
-            line("note", note.clone());
-        }
-        lines
-            .iter()
-            .map(|line| format!("{}\n", line.trim_end()))
-            .collect()
     }
 
     fn add_costs(&self, line: &mut impl FnMut(&str, String)) {
@@ -211,6 +162,76 @@ impl Report {
             );
         }
     }
+}
+
+/// Adds the spacing of the lattice, and its energy.
+fn add_lattice(line: &mut impl FnMut(&str, String), lattice: &LatticeReport) {
+    let [low, middle, high] = lattice.spacing;
+    line(
+        "lattice",
+        format!("nearest neighbour over d: {low:.2} (1 %) {middle:.2} (50 %) {high:.2} (99 %)"),
+    );
+    if let Some(o) = &lattice.optimisation {
+        line(
+            "",
+            format!(
+                "energy per atom, as published: P {:.4}, of atoms A {:.4}, in the image B {:.4}",
+                o.energy, o.energy_lattice, o.energy_image
+            ),
+        );
+        let laplacian = match o.added_by_laplacian {
+            0.0 => String::new(),
+            added => format!(" + {added:.4} Laplacian coordinates"),
+        };
+        line(
+            "",
+            format!(
+                "minimised {:.4} = P + {:.4} stiffening{laplacian}",
+                o.minimised, o.added_by_stiffening
+            ),
+        );
+        line("", format!("{} evaluations, {}", o.evaluations, o.stop));
+    }
+}
+
+/// Adds the slivers that remain, and the sealing.
+fn add_improvement(line: &mut impl FnMut(&str, String), improvement: &Improvement) {
+    line(
+        "slivers",
+        format!(
+            "{} below target, {} before improvement",
+            group_digits(improvement.below_target_after),
+            group_digits(improvement.below_target_before)
+        ),
+    );
+    for group in improvement.blockers.iter().take(MAX_SHOWN_GROUPS) {
+        line(
+            "",
+            format!(
+                "{:>7} with {} nodes on sides, {} on features, {} on crossings: {:.1} to {:.1}",
+                group_digits(group.tets),
+                group.nodes_on_sides,
+                group.nodes_on_features,
+                group.nodes_on_crossings,
+                group.smallest,
+                group.largest
+            ),
+        );
+    }
+    let SealReport {
+        faces,
+        area,
+        compartments,
+        ..
+    } = improvement.sealed;
+    line(
+        "sealing",
+        format!(
+            "{} compartments between the faces on features; {} faces (area {area:.0}) close holes",
+            group_digits(compartments),
+            group_digits(faces)
+        ),
+    );
 }
 
 /// Adds the traced lattices, in the form of table 3 of Fernandes & Gattass (2009).

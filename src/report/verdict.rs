@@ -244,57 +244,7 @@ impl Report {
             })
             .into_iter()
             .collect();
-        for outcome in &self.outcomes {
-            let KindOutcome {
-                kind,
-                points,
-                dropped,
-                ..
-            } = outcome;
-            if *points == 0 {
-                let count = group_digits(dropped.strong_count() + dropped.weak);
-                lines.push(format!(
-                    "no {kind} are followed; {count} signs of them are too weak or too small"
-                ));
-                continue;
-            }
-            if outcome.dropped_share() >= 0.005 {
-                let reasons = [
-                    (dropped.near_another_surface, "too near stronger ones"),
-                    (dropped.in_small_pieces, "in small pieces"),
-                    (dropped.in_narrow_parts, "in narrow strips"),
-                ];
-                let main_reason = reasons.iter().max_by_key(|reason| reason.0);
-                let why = main_reason.map_or("", |reason| reason.1);
-                let share = percent(outcome.dropped_share());
-                lines.push(format!(
-                    "{share} % of the {kind} found are dropped, most {why}"
-                ));
-            }
-            let weak = dropped.weak as f64 / (dropped.weak + points).max(1) as f64;
-            if weak > MAX_DROPPED_SHARE {
-                lines.push(format!(
-                    "{} % of the signs of {kind} are too weak",
-                    percent(weak)
-                ));
-            }
-            if let Some(ratio) = outcome.signal_to_noise {
-                let ratio = match ratio {
-                    r if r > MAX_SHOWN_RATIO => format!("over {MAX_SHOWN_RATIO:.0}"),
-                    r => format!("{r:.1}"),
-                };
-                lines.push(format!("{kind} are {ratio} times as strong as noise"));
-            }
-            if let Some(gentle) = outcome
-                .gently_dipping
-                .filter(|share| *share > MAX_DROPPED_SHARE)
-            {
-                lines.push(format!(
-                    "{} % of the {kind} dip below {MIN_FAULT_DIP:.0} degrees",
-                    percent(gentle)
-                ));
-            }
-        }
+        lines.extend(self.outcomes.iter().flat_map(outcome_lines));
         if let Some(missing) = &self.missing {
             let total = percent(missing.bridged + missing.without_features);
             let gaps = match missing.without_features {
@@ -729,6 +679,61 @@ impl Report {
         let stop = self.lattice.as_ref().and_then(|l| l.optimisation.as_ref());
         stop.is_some_and(|o| o.stop.contains("interrupted"))
     }
+}
+
+/// Returns statements about how well the features of a kind were found.
+fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
+    let mut lines = Vec::new();
+    let KindOutcome {
+        kind,
+        points,
+        dropped,
+        ..
+    } = outcome;
+    if *points == 0 {
+        let count = group_digits(dropped.strong_count() + dropped.weak);
+        lines.push(format!(
+            "no {kind} are followed; {count} signs of them are too weak or too small"
+        ));
+        return lines;
+    }
+    if outcome.dropped_share() >= 0.005 {
+        let reasons = [
+            (dropped.near_another_surface, "too near stronger ones"),
+            (dropped.in_small_pieces, "in small pieces"),
+            (dropped.in_narrow_parts, "in narrow strips"),
+        ];
+        let main_reason = reasons.iter().max_by_key(|reason| reason.0);
+        let why = main_reason.map_or("", |reason| reason.1);
+        let share = percent(outcome.dropped_share());
+        lines.push(format!(
+            "{share} % of the {kind} found are dropped, most {why}"
+        ));
+    }
+    let weak = dropped.weak as f64 / (dropped.weak + points).max(1) as f64;
+    if weak > MAX_DROPPED_SHARE {
+        lines.push(format!(
+            "{} % of the signs of {kind} are too weak",
+            percent(weak)
+        ));
+    }
+    if let Some(ratio) = outcome.signal_to_noise {
+        let ratio = match ratio {
+            r if r > MAX_SHOWN_RATIO => format!("over {MAX_SHOWN_RATIO:.0}"),
+            r => format!("{r:.1}"),
+        };
+        lines.push(format!("{kind} are {ratio} times as strong as noise"));
+    }
+    if let Some(gentle) = outcome
+        .gently_dipping
+        .filter(|share| *share > MAX_DROPPED_SHARE)
+    {
+        lines.push(format!(
+            "{} % of the {kind} dip below {MIN_FAULT_DIP:.0} degrees",
+            percent(gentle)
+        ));
+    }
+    lines
 }
 
 #[cfg(test)]

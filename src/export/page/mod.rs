@@ -147,7 +147,7 @@ pub fn write<const D: usize, M: Storable<D>>(
     Ok(stats)
 }
 
-/// What a page shows, for any number of steps of the cutting planes.
+/// Contents of a page for any number of positions of the cutting planes.
 struct PageContent<'a, const D: usize, M> {
     info: &'a PageInfo,
     stored: &'a StoredMesh<D, M>,

@@ -8,7 +8,6 @@
 //! - `ridges`: surfaces of high values, or of low ones (valleys)
 //! - `edges`: ridges of Prewitt's gradient magnitude
 //! - `canny`: maxima of the gradient magnitude along the gradient
-//! - `paths`: the boundary of one object, by random shortest paths
 //! - `isosurface`: surfaces on which the image has a given value
 //! - `labels`: interfaces between labels
 //! - `masks`: the medial surface of thin masks
@@ -18,12 +17,14 @@
 //! - `faults_and_horizons`: both, in one potential
 //! - `potential`: an image that is b(x) itself
 //! - `auto`: choice of the kind that fits an image
+//! - `comparison`: detectors of others, kept to compare other detectors with them
 //!
 //! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space.
 //! Positions and normals are converted to lattice space when candidates are grouped into surfaces.
 
 pub(crate) mod auto;
 pub(crate) mod canny;
+pub(crate) mod comparison;
 pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
@@ -32,7 +33,6 @@ pub(crate) mod isosurface;
 pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
-pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 
@@ -112,7 +112,7 @@ feature_kinds! {
     /// images; without it, that of Otsu's threshold
     Isosurface = "isosurface" [isosurface::Isosurface];
     /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
-    Paths = "paths" [paths::Paths];
+    Paths = "paths" [comparison::paths::Paths];
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons = "horizons" [horizons::Horizons];
     /// Places where layers of seismic amplitude are broken

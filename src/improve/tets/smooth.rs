@@ -255,17 +255,12 @@ pub fn best_position(
     limits: SmoothingLimits<'_>,
     scratch: &mut SmoothScratch,
 ) -> Option<([f64; 3], f64)> {
-    let SmoothingLimits {
-        extent,
-        planes,
-        max_deviation,
-        target_sine,
-    } = limits;
+    let (extent, max_deviation) = (limits.extent, limits.max_deviation);
     let start_sine = worst_sine(start, link, f64::NEG_INFINITY);
     let (mut x, mut best) = (start, start_sine);
     let min_distance = link.nearest_distance(start);
     for _ in 0..12 {
-        if best >= target_sine {
+        if best >= limits.target_sine {
             break;
         }
         let angles = angles_below(best + 0.35, x, link, &mut scratch.angles);
@@ -317,7 +312,7 @@ pub fn best_position(
                         max_deviation,
                         trial,
                         extent,
-                        planes,
+                        limits.planes,
                         &mut scratch.plane_cache,
                     )
                 {

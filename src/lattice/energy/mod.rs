@@ -14,21 +14,18 @@
 //! - `neighbours`: the Verlet list
 //! - `mirror_images`: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
-//! - [`laplacian`]: A combined with the distance of each atom from the mean of its Delaunay
-//!   neighbours
-//! - `sampled`: the energy from a field sampled like the image, as first published
+//!
+//! The folder [`comparison`](super::comparison) has two other ways to compute an energy.
 
-pub mod laplacian;
 pub(crate) mod mirror_images;
 pub(crate) mod neighbours;
 pub mod pair;
 pub mod pairwise;
-pub(crate) mod sampled;
 
-pub use laplacian::RegularisedEnergy;
+pub use super::comparison::laplacian::RegularisedEnergy;
+pub use super::comparison::sampled::SampledEnergy;
 pub use neighbours::CHUNK_ATOMS;
 pub use pairwise::PairwiseEnergy;
-pub use sampled::SampledEnergy;
 
 use crate::error::Result;
 use crate::image::ScalarField;
@@ -45,7 +42,7 @@ pub enum Beta<const D: usize> {
 
 impl<const D: usize> Beta<D> {
     /// Returns the [stiffening](pair) that suits beta, or its largest value where beta is a field.
-    fn stiffness(&self) -> f32 {
+    pub(in crate::lattice) fn stiffness(&self) -> f32 {
         pair::stiffness(match self {
             Self::Constant(beta) => *beta,
             Self::Field(field) => f64::from(field.samples.iter().copied().fold(0.0, f32::max)),
@@ -73,14 +70,19 @@ pub struct EnergyTerms {
     /// The part of the minimised energy that comes from the [stiffening](pair) of the force between
     /// atoms.
     pub stiffening: f64,
-    /// The part of the minimised energy that comes from A' in the place of A ([`laplacian`]).
+    /// The part of the minimised energy that comes from A' in the place of A
+    /// ([`laplacian`](super::comparison::laplacian)).
     pub smoothing: f64,
 }
 
 impl EnergyTerms {
     /// Returns the terms without Laplacian coordinates: the part of `minimised` that is not P is
     /// stiffening.
-    fn from_pairs(published: EnergyParts, energy: f64, minimised: f64) -> Self {
+    pub(in crate::lattice) fn from_pairs(
+        published: EnergyParts,
+        energy: f64,
+        minimised: f64,
+    ) -> Self {
         Self {
             published,
             energy,

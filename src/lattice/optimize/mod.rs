@@ -12,11 +12,9 @@
 //! - `bounds`: bounds on moves, and random moves
 //! - `lbfgs`: the descent direction
 //! - `minimise`: one minimisation: line search, stopping
-//! - `genetic`: a genetic algorithm with a population of lattices
 //! - `temperature`: which atoms a local edit may move
 
 pub(crate) mod bounds;
-pub mod genetic;
 mod lbfgs;
 pub(crate) mod minimise;
 pub(crate) mod temperature;
@@ -28,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::comm::Comm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::to_3d;
+use crate::lattice::comparison::genetic;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, EnergyTerms};
 use crate::lattice::halo::{self, OwnedAndGhosts};
@@ -340,7 +339,7 @@ fn lower_energy<const D: usize>(
 
 /// Passes a lattice, whose minimised energy is `minimised`, to the progress callback if it wants
 /// lattices.
-fn send_snapshot<const D: usize>(
+pub(in crate::lattice) fn send_snapshot<const D: usize>(
     x: &[[f64; D]],
     halo: &OwnedAndGhosts<'_>,
     minimised: f64,

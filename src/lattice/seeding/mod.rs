@@ -4,8 +4,6 @@
 //! - `regular`: the atoms of that lattice, or those of one rank
 //! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
 //! - `refine`: an isotropic lattice by Delaunay refinement
-//! - `guide`: random atoms with the image as their density, features first
-//! - `projection`: sites projected onto features
 //! - `canny`: atoms on features, dense where these bend, and few elsewhere
 //! - `fixed_atoms`: atoms given by the user
 //! - `wells`: atoms along trajectories, and d(x) near them
@@ -17,16 +15,15 @@ mod curve_order;
 pub mod densest_lattice;
 pub(crate) mod fixed_atoms;
 pub(crate) mod grow;
-pub(crate) mod guide;
 pub mod morton;
-pub(crate) mod projection;
 pub(crate) mod refine;
 mod regular;
 pub(crate) mod wells;
 
 use self::fixed_atoms::Clearance;
-use self::guide::GuideOptions;
 use self::morton::MortonCurve;
+use super::comparison::guide::{self, GuideOptions};
+use super::comparison::projection;
 use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::geometry::incremental_grid::IncrementalGrid;
@@ -116,14 +113,14 @@ pub fn kind_at<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
 }
 
 /// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
-const MIN_SITE_DISTANCE: f64 = 0.8;
+pub(in crate::lattice) const MIN_SITE_DISTANCE: f64 = 0.8;
 /// Smallest distance of a site from the sides of the region that it fills, in units of d; 0.71 in a
 /// regular lattice.
-const SIDE_MARGIN: f64 = 0.4;
+pub(in crate::lattice) const SIDE_MARGIN: f64 = 0.4;
 
 /// Creates an empty grid for atoms in the box from `low` to `high` that are at least about
 /// `min_distance` apart.
-fn empty_grid<const D: usize>(
+pub(in crate::lattice) fn empty_grid<const D: usize>(
     low: [f64; D],
     high: [f64; D],
     min_distance: f64,
@@ -154,14 +151,14 @@ pub enum Seeding {
         /// Seed of the position of the first point inside.
         seed: u64,
     },
-    /// Random atoms with the image as their density, features first (`guide::draw_lattice`).
+    /// Random atoms with the image as their density, features first (`comparison::guide`).
     Guide {
         /// Seed of the random numbers.
         seed: u64,
         /// Largest count of atoms.
         max_atoms: usize,
     },
-    /// Sites of a fine lattice projected onto the image's features (`projection::project_lattice`).
+    /// Sites of a fine lattice projected onto the image's features (`comparison::projection`).
     Projection,
     /// From features and image (`canny::place_atoms`), which determine d, too.
     Canny,
@@ -312,7 +309,7 @@ pub fn fcc<const D: usize>(
 
 /// Seeds a lattice by [`seed`] on features, for tests.
 #[cfg(test)]
-fn seed_on_features<const D: usize>(
+pub(in crate::lattice) fn seed_on_features<const D: usize>(
     seeding: Seeding,
     extent: [f64; D],
     distance: &Distance<D>,
@@ -339,7 +336,7 @@ fn seeding_error(problem: impl std::fmt::Display, remedy: &str) -> Error {
 /// Returns the smallest and the largest sample of a potential from which atoms are placed in the
 /// box `[0, extent]`. Returns an error if the potential does not span the box, is not finite or is
 /// constant.
-fn potential_range<const D: usize>(
+pub(in crate::lattice) fn potential_range<const D: usize>(
     potential: &ScalarField<D>,
     extent: [f64; D],
     name: &str,

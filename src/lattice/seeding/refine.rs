@@ -139,7 +139,11 @@ fn faces<const D: usize>(axes: &[usize]) -> impl Iterator<Item = [f64; D]> {
 }
 
 /// Returns positions between the ends of a length, evenly spread in units of d(t).
-pub(super) fn graded_positions(length: f64, min_d: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
+pub(in crate::lattice) fn graded_positions(
+    length: f64,
+    min_d: f64,
+    d: impl Fn(f64) -> f64,
+) -> Vec<f64> {
     // Count of spacings from the start to each of many points (midpoint rule).
     let piece_count = (8.0 * length / min_d).ceil().max(8.0) as usize;
     let piece = length / piece_count as f64;

@@ -71,11 +71,7 @@ impl SegyFile {
             sample_type: sample,
             endian: fields.endian,
         };
-        // The revision is in bytes 3501 and 3502; some writers swap the two.
-        let revision = match (header[3500], header[3501]) {
-            (0, major @ 1..=2) => (major, 0),
-            revision => revision,
-        };
+        let revision = fields.revision();
         // Old writers leave garbage in the fields of revision 2. These fields are therefore used
         // only in files of revision 2.
         let is_revision_2 = revision.0 == 2 || fields.has_byte_order_mark();
@@ -135,11 +131,7 @@ impl SegyFile {
             text_lines: text::lines(&header[..TEXT_HEADER_BYTES]),
             samples_per_trace: samples as usize,
             interval_us: fields.interval_us(is_revision_2),
-            lengths_in_feet: match fields.i16(3255) {
-                1 => Some(false),
-                2 => Some(true),
-                _ => None,
-            },
+            lengths_in_feet: fields.lengths_in_feet(),
             traces_offset: start,
             trace_header_bytes: trace_header,
             trace_count: (body / bytes) as usize,
@@ -311,6 +303,23 @@ impl<'a> BinaryHeader<'a> {
 
     fn has_byte_order_mark(&self) -> bool {
         self.u32(3297) == BYTE_ORDER_MARK
+    }
+
+    /// Returns the major and the minor number of the revision. They are in bytes 3501 and 3502; some
+    /// writers swap the two.
+    fn revision(&self) -> (u8, u8) {
+        match (self.bytes[3500], self.bytes[3501]) {
+            (0, major @ 1..=2) => (major, 0),
+            revision => revision,
+        }
+    }
+
+    fn lengths_in_feet(&self) -> Option<bool> {
+        match self.i16(3255) {
+            1 => Some(false),
+            2 => Some(true),
+            _ => None,
+        }
     }
 
     /// Returns the offsets of the first trace and of the end of the last one in a file of revision

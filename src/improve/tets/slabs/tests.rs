@@ -34,6 +34,25 @@ fn area_on_features(mesh: &TetMesh, marks: &[u8]) -> f64 {
     faces.map(|face| norm(normal(&face))).sum()
 }
 
+/// Checks that faces cover the planes as well as in a mesh that is not cut.
+fn assert_faces_cover_planes(
+    cut: &SlabResult,
+    (mesh, neighbors, kinds): (&TetMesh, &[[u32; 4]], &[AtomKind]),
+    context: ImproveContext<'_>,
+) {
+    let (mut mesh, mut neighbors, mut kinds) = (mesh.clone(), neighbors.to_vec(), kinds.to_vec());
+    let (comm, cancel) = (&SelfComm, &CancelToken::never());
+    let (mesh, neighbors) = (&mut mesh, &mut neighbors);
+    let (_, marks) =
+        super::super::improve(mesh, neighbors, &mut kinds, context, comm, cancel).unwrap();
+    let uncut_area = area_on_features(mesh, &marks);
+    let cut_area = area_on_features(&cut.partition.mesh, &cut.feature_faces);
+    assert!(
+        cut_area > 0.98 * uncut_area && uncut_area > 3000.0,
+        "{cut_area} of {uncut_area}"
+    );
+}
+
 #[test]
 fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let (mesh, kinds, extent) = box_mesh([45, 7, 6], 4.0, 0.28, |_| true);
@@ -77,13 +96,8 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
         (partition.first_cell, partition.global_ids.len()),
         (0, partition.global_counts[0])
     );
-    assert!(
-        partition
-            .global_ids
-            .iter()
-            .copied()
-            .eq(0..partition.global_counts[0] as u32)
-    );
+    let all_nodes = 0..partition.global_counts[0] as u32;
+    assert!(partition.global_ids.iter().copied().eq(all_nodes));
     let hints = CheckHints {
         neighbors: Some(partition.neighbors.as_flattened()),
         ..CheckHints::default()
@@ -92,24 +106,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     assert!(checked.passed(), "{:?}", checked.problems);
     assert!(report.below_target_before > 100 && report.counts.intersecting_before > 50);
     assert_eq!(report.below_target_after, 0);
-    // Faces cover the planes as well as in a mesh that is not cut.
-    let (mut uncut_mesh, mut uncut_neighbors, mut uncut_kinds) =
-        (mesh.clone(), neighbors.clone(), kinds.clone());
-    let (_, marks) = super::super::improve(
-        &mut uncut_mesh,
-        &mut uncut_neighbors,
-        &mut uncut_kinds,
-        context,
-        &SelfComm,
-        &CancelToken::never(),
-    )
-    .unwrap();
-    let areas = [
-        (&partition.mesh, &serial.feature_faces),
-        (&uncut_mesh, &marks),
-    ];
-    let [cut, uncut] = areas.map(|(mesh, marks)| area_on_features(mesh, marks));
-    assert!(cut > 0.98 * uncut && uncut > 3000.0, "{cut} of {uncut}");
+    assert_faces_cover_planes(&serial, (&mesh, &neighbors, &kinds), context);
 
     for count in [2, 3, 5] {
         let results = run_threads(count, |comm| {

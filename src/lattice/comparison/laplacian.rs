@@ -30,11 +30,11 @@ use std::sync::Arc;
 
 use crate::parallel::prelude::*;
 
-use super::neighbours::CHUNK_ATOMS;
-use super::{Beta, Energy, EnergyParts, EnergyTerms, PairwiseEnergy};
 use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
+use crate::lattice::energy::CHUNK_ATOMS;
+use crate::lattice::energy::{Beta, Energy, EnergyParts, EnergyTerms, PairwiseEnergy};
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{DelaunayKernel, delaunay_plane, distributed_delaunay};

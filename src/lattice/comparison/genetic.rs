@@ -20,13 +20,15 @@
 
 use crate::parallel::prelude::*;
 
-use super::bounds::MoveBounds;
-use super::minimise::{Budget, INITIAL_INVERSE_CURVATURE, Minimiser, check_finite};
-use super::{OptimizeOptions, StopReason, send_snapshot};
 use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, EnergyParts};
 use crate::lattice::halo::OwnedAndGhosts;
+use crate::lattice::optimize::bounds::MoveBounds;
+use crate::lattice::optimize::minimise::{
+    Budget, INITIAL_INVERSE_CURVATURE, Minimiser, check_finite,
+};
+use crate::lattice::optimize::{OptimizeOptions, StopReason, send_snapshot};
 use crate::progress::{CancelToken, OptimizeStatus, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).

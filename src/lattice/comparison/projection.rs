@@ -18,14 +18,14 @@
 use crate::geometry::grid_index::{offset_of, strides};
 use crate::parallel::prelude::*;
 
-use super::{
-    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, densest_lattice, empty_grid, grow, potential_range,
-    side_count,
-};
 use crate::comm::SelfComm;
 use crate::error::Result;
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
+use crate::lattice::seeding::{
+    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, densest_lattice, empty_grid, grow, potential_range,
+    side_count,
+};
 use crate::progress::CancelToken;
 
 /// Spacing of the sites, in units of d: sqrt(3) / 3.
@@ -190,8 +190,8 @@ fn lowest_sample<const D: usize>(
 mod tests {
     use super::*;
     use crate::image::SparseField;
+    use crate::lattice::comparison::guide::tests::{check_atoms_in_valley, valley};
     use crate::lattice::seeding::grow::tests::varying_distance;
-    use crate::lattice::seeding::guide::tests::{check_atoms_in_valley, valley};
     use crate::lattice::seeding::{Seeding, seed, seed_on_features};
 
     #[test]

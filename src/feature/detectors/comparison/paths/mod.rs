@@ -20,9 +20,11 @@
 pub(crate) mod enhance;
 pub(crate) mod marching;
 
-use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
 use crate::error::Result;
 use crate::feature::detection::MAX_IN_MEMORY_SAMPLES;
+use crate::feature::detectors::{
+    Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds,
+};
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::non_max_suppression::gradient_maxima;
 use crate::feature::volume::Volume;

@@ -10,17 +10,17 @@
 //!
 //! As in the paper, atoms count as if they were at their nearest samples, and derivatives of d(x)
 //! and beta(x) are neglected; errors fall like 1 / d. The energy of each atom with itself, phi(0),
-//! is subtracted, so that the result is that of [`PairwiseEnergy`](super::PairwiseEnergy) up to
+//! is subtracted, so that the result is that of [`PairwiseEnergy`](crate::lattice::energy::PairwiseEnergy) up to
 //! sampling. The cost grows with the samples of the image, about 20 additions a sample in 3-D. This
-//! evaluator is a reference for comparison; [`PairwiseEnergy`](super::PairwiseEnergy) is faster and
+//! evaluator is a reference for comparison; [`PairwiseEnergy`](crate::lattice::energy::PairwiseEnergy) is faster and
 //! more accurate.
 
-use super::pair::{CUTOFF_RATIO, potential};
-use super::{Beta, Energy, EnergyParts, EnergyTerms};
 use crate::error::Result;
 use crate::geometry::grid_index::offset_of;
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
+use crate::lattice::energy::pair::{CUTOFF_RATIO, potential};
+use crate::lattice::energy::{Beta, Energy, EnergyParts, EnergyTerms};
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::seeding::Alignment;
 
@@ -109,21 +109,21 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
     }
 
     /// Sets where atoms end up, as
-    /// [`PairwiseEnergy::with_alignment`](super::PairwiseEnergy::with_alignment) does.
+    /// [`PairwiseEnergy::with_alignment`](crate::lattice::energy::PairwiseEnergy::with_alignment) does.
     pub fn with_alignment(mut self, alignment: Alignment) -> Self {
         self.alignment = alignment;
         self
     }
 
     /// Sets the stiffening as
-    /// [`PairwiseEnergy::with_auto_stiffness`](super::PairwiseEnergy::with_auto_stiffness) does.
+    /// [`PairwiseEnergy::with_auto_stiffness`](crate::lattice::energy::PairwiseEnergy::with_auto_stiffness) does.
     pub fn with_auto_stiffness(self) -> Self {
         let stiffness = self.beta.stiffness();
         self.with_stiffness(stiffness)
     }
 
     /// Sets the stiffening as
-    /// [`PairwiseEnergy::with_stiffness`](super::PairwiseEnergy::with_stiffness) does.
+    /// [`PairwiseEnergy::with_stiffness`](crate::lattice::energy::PairwiseEnergy::with_stiffness) does.
     pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
         self.build_stamps();

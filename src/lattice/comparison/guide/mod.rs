@@ -16,20 +16,22 @@
 //! [`Alignment::AlongsideFeatures`] there are no atoms on the sides, and positions are the likelier
 //! the farther they are from features.
 
-use super::grow::faces;
 use crate::geometry::grid_index::{index_at, offset_of};
+use crate::lattice::seeding::grow::faces;
 mod table;
 
 pub use table::GuideTable;
 
-use super::refine::graded_positions;
-use super::{Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, empty_grid, potential_range};
 use crate::error::Result;
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::random::Random;
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
+use crate::lattice::seeding::refine::graded_positions;
+use crate::lattice::seeding::{
+    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, empty_grid, potential_range,
+};
 use crate::progress::CancelToken;
 
 /// Failures in a row after which the next table is used (Fernandes & Gattass 2009, table 1).

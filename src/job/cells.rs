@@ -17,7 +17,7 @@ use super::{
 };
 use crate::Result;
 use crate::comm::Comm;
-use crate::feature::Features;
+use crate::feature::{Features, LabelMap};
 use crate::image::{Geometry, ImageSource};
 use crate::improve::regions::{SamplePoints, Votes};
 use crate::improve::{SliverMethod, Target};
@@ -103,24 +103,8 @@ where
         &mut || stages.keep_going(),
     )?;
     mesh.on_feature = sites.faces_on_surface(&mesh, atoms.len());
-    let label_indices = features.labels.as_ref().map(|labelled| {
-        let votes = SamplePoints::from_cells(&mesh).votes(labelled);
-        let label_indices: Vec<u32> = votes.iter().map(Votes::winner).collect();
-        let label_regions = labelled.regions();
-        mesh.region = label_indices
-            .iter()
-            .map(|&n| label_regions[n as usize])
-            .collect();
-        // With labels, the faces on features are the interfaces between labels, and have no holes.
-        let is_interface = |f: usize| match mesh.face_neighbour(f) {
-            FaceNeighbour::Cell(other) => {
-                label_indices[other] != label_indices[mesh.face_cells[f][0] as usize]
-            }
-            _ => false,
-        };
-        mesh.on_feature = (0..mesh.face_cells.len()).map(is_interface).collect();
-        label_indices
-    });
+    let labelled = features.labels.as_ref();
+    let label_indices = labelled.map(|labelled| assign_labels(&mut mesh, labelled));
 
     stages.begin(Stage::Measuring);
     let scene = MeshScene {
@@ -162,6 +146,26 @@ where
         distance,
         optimize_result,
     ))
+}
+
+/// Gives each cell the region of most of its samples, and returns the index of its label. The faces
+/// on features become the interfaces between labels, which have no holes.
+fn assign_labels<const D: usize>(mesh: &mut PolyMesh<D>, labelled: &LabelMap<D>) -> Vec<u32> {
+    let votes = SamplePoints::from_cells(mesh).votes(labelled);
+    let label_indices: Vec<u32> = votes.iter().map(Votes::winner).collect();
+    let label_regions = labelled.regions();
+    mesh.region = label_indices
+        .iter()
+        .map(|&n| label_regions[n as usize])
+        .collect();
+    let is_interface = |f: usize| match mesh.face_neighbour(f) {
+        FaceNeighbour::Cell(other) => {
+            label_indices[other] != label_indices[mesh.face_cells[f][0] as usize]
+        }
+        _ => false,
+    };
+    mesh.on_feature = (0..mesh.face_cells.len()).map(is_interface).collect();
+    label_indices
 }
 
 /// Cuts the cells of atoms and, after these, of sites, while atoms are moved, added and removed
@@ -329,10 +333,12 @@ fn relax_around_sites<const D: usize>(
     let result = relax_atoms(
         &mut atoms,
         sites,
-        &[],
         distance,
         extent,
-        params.spec.rng_seed,
+        RelaxOptions {
+            edited: &[],
+            seed: params.spec.rng_seed,
+        },
         comm,
         progress,
     )?;
@@ -342,22 +348,29 @@ fn relax_around_sites<const D: usize>(
     Ok((atoms, result))
 }
 
-/// Brings atoms to rest around the sites, and removes those in balls. If there are `edited`
-/// positions, only atoms near them move. Atoms that would leave the region of sites stay where they
-/// were.
+/// Options of [`relax_atoms`].
+pub(crate) struct RelaxOptions<'a, const D: usize> {
+    /// Positions of edits, with d there. If there are any, only atoms near them move.
+    pub edited: &'a [([f64; D], f64)],
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+/// Brings atoms to rest around the sites, and removes those in balls. Atoms that would leave the
+/// region of sites stay where they were.
 ///
 /// # Errors
 /// Returns the errors of the optimiser.
 pub(crate) fn relax_atoms<const D: usize>(
     atoms: &mut Atoms<D>,
     sites: &ConformingSites<D>,
-    edited: &[([f64; D], f64)],
     distance: &Distance<D>,
     extent: [f64; D],
-    seed: u64,
+    relax: RelaxOptions<'_, D>,
     comm: &dyn Comm,
     progress: &mut dyn Progress,
 ) -> Result<optimize::OptimizeResult> {
+    let RelaxOptions { edited, seed } = relax;
     remove_atoms_in_balls(atoms, sites);
     let previous = atoms.positions.clone();
     atoms.positions.extend(sites.sites());

@@ -136,18 +136,7 @@ fn run<const D: usize, M: Storable<D>>(
         image
     };
     let hash = console.hash(&args.image)?;
-    if text_field(&file, "input_sha256").is_some_and(|recorded| recorded.trim() != hash) {
-        notes.push(format!(
-            "{} is not the file that was meshed (its SHA-256 differs)",
-            args.image.display()
-        ));
-    }
-    if !dropped.is_empty() {
-        notes.push(format!(
-            "dropped the arrays {}, which an edit cannot update",
-            dropped.join(", ")
-        ));
-    }
+    notes.extend(notes_on_input(args, &file, &hash, &dropped));
     clock.end();
 
     let place = args.mesh.display().to_string();
@@ -194,6 +183,30 @@ fn run<const D: usize, M: Storable<D>>(
         &json,
     );
     Ok(())
+}
+
+/// Returns notes on another image than the one that was meshed, and on arrays that are dropped.
+/// `hash` is that of the image.
+fn notes_on_input<M>(
+    args: &EditArgs,
+    file: &MeshFile<M>,
+    hash: &str,
+    dropped: &[String],
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    if text_field(file, "input_sha256").is_some_and(|recorded| recorded.trim() != hash) {
+        notes.push(format!(
+            "{} is not the file that was meshed (its SHA-256 differs)",
+            args.image.display()
+        ));
+    }
+    if !dropped.is_empty() {
+        notes.push(format!(
+            "dropped the arrays {}, which an edit cannot update",
+            dropped.join(", ")
+        ));
+    }
+    notes
 }
 
 /// Returns the image if it has dimension `D`.

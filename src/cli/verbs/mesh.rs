@@ -29,7 +29,7 @@ use crate::memory::Bytes;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
 use crate::progress::{LatticeSnapshot, OptimizeStatus, Progress, SizeEstimate, Stage};
-use crate::report::{Clock, Input, TracedLattice, quality, smallest_angles};
+use crate::report::{Clock, Input, Report, StageCost, TracedLattice, quality, smallest_angles};
 use crate::store::cell_output::cell_mesh_file;
 use crate::store::output::{simplex_mesh_file, with_image};
 use crate::store::pvtu::is_pvtu;
@@ -233,22 +233,7 @@ impl MeshRun<'_> {
         let pending_hash = comm.is_root().then(|| console.start_hash(path));
         let output = output_path(path, spec);
 
-        let step = params.spec.metric.step(geometry);
-        let mut progress = MeshProgress {
-            console,
-            max_evaluations: crate::job::optimize_options(&params).max_evaluations,
-            interrupts,
-            comm,
-            trace_path: spec.trace.as_deref(),
-            trace: None,
-            traced_lattices: Vec::new(),
-            is_planar: D == 2,
-            geometry: geometry.to_3d(),
-            step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
-            trace_error: None,
-            stage: Stage::Reading,
-            interrupted_stage: None,
-        };
+        let mut progress = MeshProgress::new(&params, spec, geometry, interrupts, comm, console);
         let checkpoint = spec
             .checkpoint
             .as_deref()
@@ -262,17 +247,8 @@ impl MeshRun<'_> {
         };
         let outcome = crate::job::run_from(image, &params, run_options, &mut progress);
         let (trace_error, traced) = (progress.trace_error, progress.traced_lattices);
-        let mut outcome = match trace_error.map_or(outcome, Err) {
-            Ok(outcome) => outcome,
-            Err(error) => {
-                // Work that was left undone after an interruption may look like another error.
-                return Err(if interrupts.is_requested() {
-                    Error::Interrupted(error.cause().clone())
-                } else {
-                    error
-                });
-            }
-        };
+        let result = trace_error.map_or(outcome, Err);
+        let mut outcome = result.map_err(|error| job_error(error, interrupts))?;
 
         allocator::trim();
         console.begin_stage(Stage::Writing);
@@ -321,10 +297,7 @@ impl MeshRun<'_> {
         report.parameters = serde_json::to_value(spec).unwrap_or_default();
         report.trace = traced;
         report.notes.splice(0..0, notes());
-        report
-            .stages
-            .splice(0..0, clock.costs()[..1].iter().cloned());
-        report.stages.extend_from_slice(&clock.costs()[1..]);
+        add_own_stages(&mut report, clock.costs());
         let json = report.to_json();
         if let Some(path) = &spec.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
@@ -341,6 +314,22 @@ impl MeshRun<'_> {
         console.result(text, &json);
         Ok(status)
     }
+}
+
+/// Returns the error of a job: after an interruption, work that was left undone may look like
+/// another error.
+fn job_error(error: Error, interrupts: &Interrupts) -> Error {
+    if interrupts.is_requested() {
+        Error::Interrupted(error.cause().clone())
+    } else {
+        error
+    }
+}
+
+/// Adds the stages before and after the job.
+fn add_own_stages(report: &mut Report, costs: &[StageCost]) {
+    report.stages.splice(0..0, costs[..1].iter().cloned());
+    report.stages.extend_from_slice(&costs[1..]);
 }
 
 /// Writes the faces on features of a mesh that was written to `output`, each with the number of its
@@ -442,7 +431,36 @@ struct MeshProgress<'a> {
     interrupted_stage: Option<Stage>,
 }
 
-impl MeshProgress<'_> {
+impl<'a> MeshProgress<'a> {
+    fn new<const D: usize>(
+        params: &Params<D>,
+        spec: &'a MeshSpec,
+        geometry: &Geometry<D>,
+        interrupts: &'a Interrupts,
+        comm: &'a dyn Comm,
+        console: &'a mut Console,
+    ) -> Self
+    where
+        MeshSpace<D>: Meshing<D>,
+    {
+        let step = params.spec.metric.step(geometry);
+        Self {
+            console,
+            max_evaluations: crate::job::optimize_options(params).max_evaluations,
+            interrupts,
+            comm,
+            trace_path: spec.trace.as_deref(),
+            trace: None,
+            traced_lattices: Vec::new(),
+            is_planar: D == 2,
+            geometry: geometry.to_3d(),
+            step: std::array::from_fn(|k| step.get(k).copied().unwrap_or(1.0)),
+            trace_error: None,
+            stage: Stage::Reading,
+            interrupted_stage: None,
+        }
+    }
+
     /// Adds a lattice to the trace.
     fn add_snapshot(&mut self, path: &Path, snapshot: &LatticeSnapshot<'_>) -> Result<()> {
         // The first lattice of a further optimisation is in the trace already.

@@ -121,23 +121,7 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
     let regions: Vec<u32> = match &seeds {
         None => block.iter().map(|b| b + 1).collect(),
         Some(seeds) => {
-            let sources: Vec<GeodesicSource<D>> = (seeds.iter().zip(&args.seed))
-                .map(|(&(p, label), text)| {
-                    let position = space.to_lattice(p);
-                    let located = position.and_then(|position| {
-                        Some((position, find_cell(&stored.lattice, &face_cells, position)?))
-                    });
-                    let (position, cell) = located.ok_or_else(|| {
-                        let remedy = "give physical coordinates; atomesh info shows their range";
-                        parse::option_error("--seed", text, "lies outside the mesh", remedy)
-                    })?;
-                    Ok(GeodesicSource {
-                        position,
-                        cell,
-                        label,
-                    })
-                })
-                .collect::<Result<_>>()?;
+            let sources = geodesic_sources(args, seeds, &stored, &face_cells)?;
             let contrast = image_contrast(args, &space, &cells, console)?;
             let geodesics = Geodesics::new(&stored.lattice, &face_cells, &cells);
             let painted = paint_cells(&geodesics, &block, contrast.as_deref(), &sources, level);
@@ -193,6 +177,32 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
         }),
     );
     Ok(())
+}
+
+/// Returns the seeds as sources in cells of the mesh.
+fn geodesic_sources<const D: usize, M: Storable<D>>(
+    args: &PaintArgs,
+    seeds: &[SeedPoint<D>],
+    stored: &StoredMesh<D, M>,
+    face_cells: &[[u32; 2]],
+) -> Result<Vec<GeodesicSource<D>>> {
+    (seeds.iter().zip(&args.seed))
+        .map(|(&(p, label), text)| {
+            let position = stored.space.to_lattice(p);
+            let located = position.and_then(|position| {
+                Some((position, find_cell(&stored.lattice, face_cells, position)?))
+            });
+            let (position, cell) = located.ok_or_else(|| {
+                let remedy = "give physical coordinates; atomesh info shows their range";
+                parse::option_error("--seed", text, "lies outside the mesh", remedy)
+            })?;
+            Ok(GeodesicSource {
+                position,
+                cell,
+                label,
+            })
+        })
+        .collect()
 }
 
 /// Returns the number of cells, the volume and the fraction of the total volume of each region that

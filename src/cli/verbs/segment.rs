@@ -150,13 +150,9 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     let truth = (args.truth.as_deref())
         .map(|path| read_mesh_image(path, &InputOptions::default(), &space, console))
         .transpose()?;
-    let truth: Option<Vec<u8>> = truth.map(|image| {
-        image
-            .as_slice()
-            .iter()
-            .map(|&v| u8::from(v != 0.0))
-            .collect()
-    });
+    let is_object = |&v: &f32| u8::from(v != 0.0);
+    let truth: Option<Vec<u8>> =
+        truth.map(|image| image.as_slice().iter().map(is_object).collect());
     let options = Options {
         lambda: args.lambda,
         sigma: args.sigma,
@@ -215,12 +211,7 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     }
     let mut file = stored.into_file();
     if let Some(path) = &args.surface_out {
-        let physical = &file.mesh;
-        // If the geometry mirrors the lattice, faces have other numbers in physical coordinates.
-        let face_cells = physical.cells_of_faces()?;
-        let facets = boundary::boundary_facets(physical, &face_cells, labels);
-        let mut nodes = physical.nodes().to_vec();
-        boundary::smooth(&mut nodes, &facets);
+        let (nodes, facets) = object_boundary(&file.mesh, labels)?;
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
         write_file(path, surface, &space.geometry, true, console)?;
     }
@@ -232,6 +223,34 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
         .push(DataArray::scalars("mean", superpixels.means));
     console.write_mesh(&args.output, file)?;
 
+    let text = format!("{}\nwrote {}", table(&rows), args.output.display());
+    let mut rows = rows.into_iter();
+    let [cells, samples] = [rows.next(), rows.next()];
+    console.result(
+        text,
+        &json!({
+            "file": path_text(&args.output), "labels": args.labels_out.as_deref().map(path_text), "surface": args.surface_out.as_deref().map(path_text),
+            "cells": cells, "samples": samples,
+        }),
+    );
+    Ok(())
+}
+
+/// Returns the nodes and the facets of the smoothed boundary of the object.
+fn object_boundary<const D: usize, M: Storable<D>>(
+    physical: &M,
+    labels: &[u8],
+) -> Result<(Vec<[f64; D]>, Vec<[u32; D]>)> {
+    // If the geometry mirrors the lattice, faces have other numbers in physical coordinates.
+    let face_cells = physical.cells_of_faces()?;
+    let facets = boundary::boundary_facets(physical, &face_cells, labels);
+    let mut nodes = physical.nodes().to_vec();
+    boundary::smooth(&mut nodes, &facets);
+    Ok((nodes, facets))
+}
+
+/// Returns the results of the cuts, one per line.
+fn table(rows: &[CutResult]) -> String {
     let names = ["cells", "samples"];
     let mut lines = vec![format!(
         "{:<8} {:>9} {:>9} {:>8} {:>8} {:>8} {:>7}",
@@ -240,20 +259,10 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     lines.extend(
         names
             .iter()
-            .zip(&rows)
+            .zip(rows)
             .map(|(name, cut)| cut.summary_line(name)),
     );
-    lines.push(format!("wrote {}", args.output.display()));
-    let mut rows = rows.into_iter();
-    let [cells, samples] = [rows.next(), rows.next()];
-    console.result(
-        lines.join("\n"),
-        &json!({
-            "file": path_text(&args.output), "labels": args.labels_out.as_deref().map(path_text), "surface": args.surface_out.as_deref().map(path_text),
-            "cells": cells, "samples": samples,
-        }),
-    );
-    Ok(())
+    lines.join("\n")
 }
 
 /// Cuts the image's samples and not the cells.

@@ -9,7 +9,7 @@ use crate::Result;
 use crate::comm::SelfComm;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2};
-use crate::job::cells::{cut_even_cells, relax_atoms};
+use crate::job::cells::{RelaxOptions, cut_even_cells, relax_atoms};
 use crate::job::horizons::horizon_flags;
 use crate::job::{MeshSpace, Meshing};
 use crate::lattice::AtomKind;
@@ -149,10 +149,12 @@ where
         let relaxed = relax_atoms(
             &mut atoms,
             &sites,
-            &neighbourhood.edited_places,
             distance,
             extent,
-            seed,
+            RelaxOptions {
+                edited: &neighbourhood.edited_places,
+                seed,
+            },
             &SelfComm,
             progress,
         )?;

@@ -387,11 +387,10 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         }
     }
 
-    /// Returns `true` if the sphere of a cell contains a vertex, whose position is `x` relative to
+    /// Returns `true` if the `sphere` of a cell contains a vertex, whose position is `x` relative to
     /// the origin.
     #[inline(always)]
-    fn is_in_conflict(&self, cell: u32, vertex: u32, x: [f64; 3]) -> bool {
-        let sphere = self.spheres[cell as usize];
+    fn is_in_conflict(&self, cell: u32, sphere: Sphere, vertex: u32, x: [f64; 3]) -> bool {
         let [a, b, c, last] = sphere.0;
         let [a, b, c, last] = [f64::from(a), f64::from(b), f64::from(c), f64::from(last)];
         if sphere.is_ghost() {
@@ -469,13 +468,17 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         while let Some(&in_cavity) = self.cavity.get(next) {
             next += 1;
             let cell = self.cells[in_cavity as usize];
+            // All four are read before the first is needed, since each may be far away in memory.
+            let [a, b, c, d] = cell.neighbors;
+            let sphere_of = |outer: u32| self.spheres[(outer >> 2) as usize];
+            let spheres = [sphere_of(a), sphere_of(b), sphere_of(c), sphere_of(d)];
             for k in 0..4 {
                 let outer = cell.neighbors[k];
                 let neighbor = outer >> 2;
-                if self.spheres[neighbor as usize].is_in_cavity() {
+                if spheres[k].is_in_cavity() {
                     continue;
                 }
-                if self.is_in_conflict(neighbor, vertex, x) {
+                if self.is_in_conflict(neighbor, spheres[k], vertex, x) {
                     self.spheres[neighbor as usize] = Sphere::IN_CAVITY;
                     self.cavity.push(neighbor);
                     continue;

@@ -15,8 +15,8 @@ FROM debian:bookworm-slim
 RUN apt-get update && apt-get install -y --no-install-recommends \
     libtet1.5 libgmp10 && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/atomesh/bin/atomesh /usr/local/bin/atomesh
-COPY LICENSE-MIT LICENSE-APACHE python/licences/TetGen-AGPL-3.0 python/licences/GPL-3.0 \
-    python/licences/LGPL-3.0 packaging/copyright /usr/share/doc/atomesh/
+COPY LICENSE-MIT LICENSE-APACHE packaging/TetGen-AGPL-3.0 packaging/GPL-3.0 packaging/LGPL-3.0 \
+    packaging/copyright /usr/share/doc/atomesh/
 # Check that the program runs and finds its libraries.
 RUN atomesh doctor
 WORKDIR /data

@@ -9,9 +9,9 @@
 # make bench-labels   compare meshes of label images with those of CGAL: DATA=folder of images of other projects
 # make reservoir   run a study from a seismic volume to ten years of simulation, in target/reservoir
 # make mpi-test   install Open MPI if it is missing and test jobs on several processes
-# make wheel  build a wheel of the Python package with all libraries that it needs, in target/wheels
+# make wheel  build a wheel of the Python package, which needs no C libraries, in target/wheels
 # make python-stubs   write the types of the Python package's options from those of the command line
-# make python-test   build the Python package and run all its tests
+# make python-test   build the Python package and run all its tests; check the program without C libraries
 # make deb    build a Debian package of the program, in target/debian
 # make package   build the crates as a registry would distribute them
 # make book   build the documentation as a site, target/book/index.html, and check its links
@@ -77,13 +77,13 @@ mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
 	cargo test --package atomesh-mpi --locked
 
-wheel: packages
+wheel:
 	@scripts/python.sh wheel
 
-python-test: packages
+python-test:
 	@scripts/python.sh test
 
-python-stubs: packages
+python-stubs:
 	@scripts/python.sh stubs
 
 deb: packages

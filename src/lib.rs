@@ -34,7 +34,6 @@
 //! let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
 //! let image = synth::make(SyntheticKind::Sphere, &options)?.image;
 //! let params = Params::new(MeshSpec { distance: "6".parse().unwrap(), ..Default::default() })?;
-//! # if !cfg!(feature = "tetgen") { return Ok(()); }
 //! let outcome = job::run(&image, &params, &mut NoProgress)?;
 //! assert!(outcome.report.box_check.as_ref().is_some_and(|check| check.passed()));
 //!

@@ -136,15 +136,13 @@ fn voronoi_cells_are_stopped_in_every_stage() {
         Measuring,
     ];
     assert_stops_in_each_stage(&disc(), &params, &stages);
-    if cfg!(feature = "tetgen") {
-        let params = Params::new(MeshSpec {
-            cells: Some(CellKind::Voronoi),
-            align: None,
-            ..params_with_distance::<3>(6.0).spec
-        })
-        .unwrap();
-        assert_stops_in_each_stage(&sphere(), &params, &stages);
-    }
+    let params = Params::new(MeshSpec {
+        cells: Some(CellKind::Voronoi),
+        align: None,
+        ..params_with_distance::<3>(6.0).spec
+    })
+    .unwrap();
+    assert_stops_in_each_stage(&sphere(), &params, &stages);
 }
 
 #[test]
@@ -213,7 +211,7 @@ fn the_files_of_a_job_appear_all_together_or_not_at_all() {
     assert_eq!(std::fs::read(in_folder("a")).unwrap(), b"alone");
 }
 
-#[cfg(all(unix, feature = "tetgen"))]
+#[cfg(unix)]
 mod signals {
     use std::io::{BufRead, BufReader};
     use std::path::Path;

@@ -176,9 +176,9 @@ fn meshes_have_the_same_bytes_for_any_number_of_threads_and_in_each_run() {
     assert!(bytes("a.vtu") != bytes("d.vtu"), "the seed changes nothing");
 }
 
-/// One process triangulates with one thread, and several worker processes with more threads.
+/// Several threads triangulate in slabs, one thread at once.
 #[test]
-fn large_meshes_are_the_same_for_any_number_of_workers() {
+fn large_meshes_are_the_same_for_any_number_of_threads() {
     let folder = folder();
     let dir = folder.path();
     run(dir, "synth faults -o large.npy --dims 112,104,104 --quiet");
@@ -194,11 +194,11 @@ fn large_meshes_are_the_same_for_any_number_of_workers() {
     let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert!(
         bytes("1.vtu") == bytes("2.vtu"),
-        "one process and two workers differ"
+        "one thread and two threads differ"
     );
     assert!(
         bytes("2.vtu") == bytes("3.vtu"),
-        "two and three workers differ"
+        "two and three threads differ"
     );
 }
 

@@ -96,9 +96,6 @@ fn a_noisy_disc_is_segmented_on_triangles_and_polygons() {
 
 #[test]
 fn a_noisy_ball_is_segmented_on_tetrahedra_and_polyhedra() {
-    if !cfg!(feature = "tetgen") {
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_ball(folder, [48, 44, 40], 13.0, 0.2);

@@ -1,5 +1,4 @@
-//! Compiles the C++ shim over libtet, generates the bindings of its plain-C header, and also builds the
-//! shim as a program, `atomesh-tetgen`. Dependent build scripts find its path in `DEP_TET_WORKER`.
+//! Compiles the C++ shim over libtet, and generates the bindings of its plain-C header.
 
 use std::env;
 use std::panic;
@@ -16,8 +15,6 @@ fn main() {
     let (source, header) = (shim.join("tetgen_shim.cpp"), shim.join("tetgen_shim.h"));
     println!("cargo::rerun-if-changed={}", source.display());
     println!("cargo::rerun-if-changed={}", header.display());
-    let worker = shim.join("worker.cpp");
-    println!("cargo::rerun-if-changed={}", worker.display());
     println!("cargo::rerun-if-changed=build.rs");
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     let mut build = cc::Build::new();
@@ -27,28 +24,8 @@ fn main() {
         println!("cargo::error=tetgen-sys: {missing}; {REMEDY}");
         return;
     }
-    build
-        .clone()
-        .file(&source)
-        .file(&worker)
-        .compile("tetgen_shim");
+    build.file(&source).compile("tetgen_shim");
     println!("cargo::rustc-link-lib=dylib=tet");
-
-    let program = out.join("atomesh-tetgen");
-    let linked = build
-        .get_compiler()
-        .to_command()
-        .arg("-DATOMESH_TETGEN_PROGRAM")
-        .args([&worker, &source])
-        .arg("-ltet")
-        .arg("-o")
-        .arg(&program)
-        .status();
-    if !linked.is_ok_and(|status| status.success()) {
-        println!("cargo::error=tetgen-sys: cannot link with TetGen's library, libtet; {REMEDY}");
-        return;
-    }
-    println!("cargo::metadata=WORKER={}", program.display());
 
     // bindgen panics if libclang is missing.
     panic::set_hook(Box::new(|_| {}));

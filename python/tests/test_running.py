@@ -1,4 +1,4 @@
-"""Tests of threads, interruption, memory, and TetGen's own process."""
+"""Tests of threads, interruption and memory, and of bytes that equal those of the command line."""
 
 import hashlib
 import os
@@ -33,15 +33,39 @@ def test_ten_threads_make_the_mesh_of_one():
     assert hash_of(atomesh.mesh(ball(), distance=5, feature="edges", threads=1)) == expected
 
 
-@pytest.mark.skipif("ATOMESH_BINARY" not in os.environ, reason="ATOMESH_BINARY does not name the program")
+def assert_the_command_line_writes_the_same_bytes(folder, image, **options):
+    """Makes a mesh with the package and with the program, and returns that of the package."""
+    words = ["mesh", image, "-o", folder / "a.vtu", "--quiet"]
+    words += [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    subprocess.run([os.environ["ATOMESH_BINARY"], *words], check=True)
+    mesh = atomesh.mesh(image, **options)
+    mesh.save(folder / "b.vtu")
+    assert (folder / "a.vtu").read_bytes() == (folder / "b.vtu").read_bytes()
+    return mesh
+
+
+with_program = pytest.mark.skipif(
+    "ATOMESH_BINARY" not in os.environ, reason="ATOMESH_BINARY does not name the program"
+)
+
+
+@with_program
 @pytest.mark.parametrize("cells", ["tets", "voronoi"])
 def test_the_command_line_writes_the_same_bytes(tmp_path, cells):
     image = tmp_path / "ball.vti"
     atomesh.Image.of(ball(), (2, 3, 4)).save(image)
-    words = ["mesh", image, "-o", tmp_path / "a.vtu", "--distance", "6", "--cells", cells, "--quiet"]
-    subprocess.run([os.environ["ATOMESH_BINARY"], *words], check=True)
-    atomesh.mesh(image, distance=6, cells=cells).save(tmp_path / "b.vtu")
-    assert (tmp_path / "a.vtu").read_bytes() == (tmp_path / "b.vtu").read_bytes()
+    assert_the_command_line_writes_the_same_bytes(tmp_path, image, distance=6, cells=cells)
+
+
+@with_program
+@pytest.mark.parametrize("distance, is_large", [(6, False), (3.5, True)])
+def test_the_command_line_writes_the_same_bytes_for_any_kernel(tmp_path, distance, is_large):
+    # By default, the program joins fewer than 40,000 atoms by TetGen, and the package by atomesh's kernel.
+    image = tmp_path / "faults.npy"
+    atomesh.synth("faults", dims=(112, 104, 104)).save(image)
+    options = {"feature": "edges", "slivers": "none"}
+    mesh = assert_the_command_line_writes_the_same_bytes(tmp_path, image, distance=distance, **options)
+    assert (mesh.n_points > 40_000) == is_large
 
 
 def test_other_threads_run_meanwhile():
@@ -113,43 +137,3 @@ def test_200_meshes_leave_no_memory_behind():
     after = make(200)
     # Each of these meshes takes about 100 kB, and its features more.
     assert after - before < 8e6, f"{(after - before) / 1e6:.1f} MB"
-
-
-def workers():
-    tasks = Path("/proc/self/task")
-    children = [(task / "children").read_text().split() for task in tasks.iterdir()]
-    return [pid for pids in children for pid in pids if _is_worker(pid)]
-
-
-def _is_worker(pid):
-    try:
-        return "atomesh-tetgen" in Path(f"/proc/{pid}/comm").read_text()
-    except OSError:
-        return False
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are read from /proc")
-def test_a_killed_worker_causes_one_error_and_leaves_no_process():
-    killed = []
-    done = threading.Event()
-
-    def kill():
-        while not done.is_set() and not killed:
-            for pid in workers():
-                os.kill(int(pid), signal.SIGKILL)
-                killed.append(pid)
-            time.sleep(0.0005)
-
-    image = atomesh.synth("faults", dims=(100, 96, 90))
-    killer = threading.Thread(target=kill)
-    killer.start()
-    try:
-        with pytest.raises(atomesh.Error, match="ended without an answer") as caught:
-            atomesh.mesh(image, distance=3)
-    finally:
-        done.set()
-        killer.join()
-    assert caught.value.kind == "Delaunay" and "signal: 9" in str(caught.value)
-    assert killed and not workers()
-    # The next job succeeds.
-    assert atomesh.mesh(ball(), distance=6).n_cells > 50

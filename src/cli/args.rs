@@ -43,8 +43,8 @@ fn version() -> &'static str {
         (false, true) => concat!(
             env!("CARGO_PKG_VERSION"),
             "\nOwn sources: MIT OR Apache-2.0. Linked with CGAL's triangulations (GPL-3.0), so this",
-            "\nprogram as a whole is GPL-3.0. `--no-default-features --features cli` builds one without",
-            "\nthem, which makes the same meshes."
+            "\nprogram as a whole is GPL-3.0. `--no-default-features --features cli` builds one without it,",
+            "\nwhich makes the same meshes."
         ),
         (false, false) => concat!(
             env!("CARGO_PKG_VERSION"),

@@ -12,8 +12,8 @@
 //! - `poly_columns`: geometry of cells that stand in columns
 //! - `poly_convert`: polyhedra made from simplices, or by lifting polygons to prisms
 //! - [`graph`]: cells and connections, for flow and for simulators
-//! - [`delaunay`]: points -> tetrahedra by TetGen, triangles by spade; validation and refinement by
-//!   CGAL
+//! - [`delaunay`]: points -> tetrahedra by our own kernel or TetGen, triangles by spade; refinement,
+//!   exudation; validation by CGAL
 //! - [`voronoi`]: atoms in a box -> their Voronoi cells, cut exactly by the box
 //! - `boxes`: meshes of boxes, for tests
 //!

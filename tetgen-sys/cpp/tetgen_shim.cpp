@@ -2,9 +2,10 @@
 //
 // TetGen reports errors by calling terminatetetgen, which frees the mesh and then throws an int.
 // Unwinding runs the mesh's destructor, which frees the mesh again and crashes. The symbol is weak
-// in libtet and called through the PLT, so the definition below replaces it: it only throws, and
-// only the destructor frees. The header has an inline definition of the same name, which is renamed
-// here.
+// in libtet and called through the PLT, so the definition in src/lib.rs replaces it: it only throws,
+// and only the destructor frees. It is in Rust, because rustc does not export C++ symbols from shared
+// libraries such as Python's extension modules. The header has an inline definition of the same name,
+// which is renamed here.
 
 #define TETLIBRARY
 #define terminatetetgen terminatetetgen_of_the_header
@@ -16,9 +17,12 @@
 
 #include "tetgen_shim.h"
 
-__attribute__((visibility("default"))) void terminatetetgen(tetgenmesh *, int status) {
-  throw status;
-}
+void terminatetetgen(tetgenmesh *, int);
+
+// The linker includes the definition because this pointer refers to it.
+__attribute__((used)) static void (*const terminate)(tetgenmesh *, int) = terminatetetgen;
+
+extern "C" void tetgen_shim_throw(int status) { throw status; }
 
 static_assert(sizeof(int) == sizeof(int32_t), "TetGen's indices are handed over as they are");
 static_assert(sizeof(REAL) == sizeof(double), "Debian's libtet computes in double precision");

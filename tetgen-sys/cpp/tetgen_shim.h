@@ -40,10 +40,6 @@ int tetgen_shim_run(const double *points, int32_t point_count, const char *switc
  * neighbours): return neighbours. The default insertion order is the fastest. */
 const char *tetgen_shim_switches(int with_neighbors);
 
-/* Reads points from standard input, runs TetGen, writes tetrahedra to standard output (worker.cpp) and
- * ends the process. If that fails, it returns an exit code. */
-int tetgen_shim_serve(void);
-
 /* Frees what tetgen_shim_run allocated; does nothing on an empty mesh. */
 void tetgen_shim_free(tetgen_shim_mesh *mesh);
 

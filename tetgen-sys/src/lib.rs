@@ -7,13 +7,26 @@
 //! The crate is built and tested with `libtet1.5` and `libtet1.5-dev` 1.5.0-5 of Debian 12 (bookworm)
 //! on amd64. No other version of Debian or Ubuntu has been tried. The shim depends on one property of
 //! the library that another build may lack: `terminatetetgen` is a weak symbol that the library calls
-//! through the PLT, so that the shim can replace it (see `cpp/tetgen_shim.cpp`). The test
+//! through the PLT, so that `terminate` can replace it (see `cpp/tetgen_shim.cpp`). The test
 //! `exceptions_come_back_as_statuses_and_leave_tetgen_usable` shows whether a library has it:
 //! `cargo test -p tetgen-sys`.
 
 #![allow(non_camel_case_types)]
 
 include!(concat!(env!("OUT_DIR"), "/bindings.rs"));
+
+unsafe extern "C-unwind" {
+    /// Throws an `int`. It is in `cpp/tetgen_shim.cpp`.
+    fn tetgen_shim_throw(status: i32) -> !;
+}
+
+/// Replaces TetGen's `terminatetetgen(tetgenmesh *, int)`, which TetGen calls on errors. TetGen's own
+/// would free the mesh before it throws, and the mesh's destructor would free it again.
+#[unsafe(export_name = "_Z15terminatetetgenP10tetgenmeshi")]
+extern "C-unwind" fn terminate(_mesh: *mut std::ffi::c_void, status: i32) {
+    // SAFETY: the exception passes through this frame, which has nothing to drop, to TetGen.
+    unsafe { tetgen_shim_throw(status) }
+}
 
 #[cfg(test)]
 mod tests {

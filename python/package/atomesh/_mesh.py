@@ -306,7 +306,7 @@ class Mesh:
         return self._measured
 
     def validate(self) -> dict[str, Any]:
-        """Checks the mesh with atomesh's own checker, TetGen (or spade) and CGAL: `atomesh validate`.
+        """Checks the mesh with atomesh's own checker and its Delaunay kernels (spade in 2-D): `atomesh validate`.
 
         Returns
         -------

@@ -94,7 +94,9 @@ class MeshOptions(TypedDict, total=False):
     #: for the largest is 180 minus it
     min_dihedral: _Number | None
     #: Method that removes slivers
-    slivers: Literal["joe", "exude", "none"] | None
+    slivers: Literal["joe", "exude", "exude-cgal", "none"] | None
+    #: Program that joins atoms to tetrahedra. The result does not depend on it
+    delaunay: Literal["auto", "tetgen", "native"] | None
     #: Distance within which nodes of Voronoi cells are merged, as a fraction of the cells' radius,
     #: which removes the smallest faces
     weld: _Number | None

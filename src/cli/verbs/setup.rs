@@ -122,11 +122,20 @@ pub fn doctor(console: &mut Console, has_mpi: bool) -> Result<()> {
     let mut lines = vec![
         ("atomesh", env!("CARGO_PKG_VERSION").to_string()),
         (
+            "licence",
+            match (cfg!(feature = "tetgen"), cfg!(feature = "cgal")) {
+                (true, _) => "AGPL-3.0 as a whole, because of TetGen",
+                (false, true) => "GPL-3.0 as a whole, because of CGAL",
+                (false, false) => "MIT OR Apache-2.0",
+            }
+            .to_string(),
+        ),
+        (
             "TetGen",
             built(
                 cfg!(feature = "tetgen"),
                 "built in (AGPL-3.0)",
-                "3-D meshes are made by atomesh's own kernel",
+                "atomesh's own kernel makes the same tetrahedra",
             ),
         ),
         (

@@ -231,7 +231,7 @@ function showResults(result) {
       const name = `mesh.${ending}`;
       const { files } = await run(['export', 'mesh.vtu', '--to', format, '-o', name], { 'mesh.vtu': state.outputs['mesh.vtu'] });
       save(name, files[name]);
-      say('');
+      say(`${name} is written.`);
     }));
   }
 }

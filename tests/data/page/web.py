@@ -36,8 +36,8 @@ class WebPage(Browser):
     def record(self, message):
         super().record(message)
         if message.get("method") == "Target.attachedToTarget":
-            self.number += 1
-            request = {"id": self.number, "method": "Network.enable", "sessionId": message["params"]["sessionId"]}
+            # No call waits for the answer, which has a number of its own.
+            request = {"id": 0, "method": "Network.enable", "sessionId": message["params"]["sessionId"]}
             os.write(self.output, json.dumps(request).encode() + b"\0")
 
     def wait(self, condition, seconds=600):
@@ -62,7 +62,7 @@ class WebPage(Browser):
         name = os.path.basename(path)
         self.wait(f"atomesh.info && atomesh.image === {name!r} && {STATUS} === ''")
 
-    def output(self, name):
+    def output_file(self, name):
         """Returns an output file of the last job."""
         text = self.value(f"""atomesh.outputs[{name!r}].arrayBuffer().then(buffer => {{
             const bytes = new Uint8Array(buffer), parts = [];
@@ -117,7 +117,7 @@ def use(browser, page, program, folder, name, pictures):
         check(status.startswith("Done"), status)
         native(program, folder, "mesh", name, "-o", "mesh.vtu", *args, "--page", "mesh.html", "--surfaces", "surfaces.vtp")
         for file in ("mesh.vtu", "surfaces.vtp"):
-            check(b.output(file) == read(os.path.join(folder, file)), f"{name}: {file} differs from the program's")
+            check(b.output_file(file) == read(os.path.join(folder, file)), f"{name}: {file} differs from the program's")
         saved = os.path.join(folder, "saved")
         b.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=saved)
         for kind in exports:

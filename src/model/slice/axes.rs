@@ -3,6 +3,7 @@
 use super::canvas::{Canvas, LETTER_SIZE};
 use super::decorations::{INK_COLOR, format_number, ticks};
 use super::raster::Raster;
+use crate::geometry::hypot;
 use crate::image::geometry::AxisScale;
 
 /// Draws numbers along axis `k`, at one of its four edges: one on the outline of the box, as low
@@ -13,7 +14,7 @@ pub(super) fn draw_axis(canvas: &mut Canvas, raster: &Raster, ruler: &AxisScale,
     };
     let centre = raster.pixel([0.5; 3]);
     let direction = [b[0] - a[0], b[1] - a[1]];
-    let length = direction[0].hypot(direction[1]).max(1.0);
+    let length = hypot(direction[0], direction[1]).max(1.0);
     let mut outward = [direction[1] / length, -direction[0] / length];
     let middle = [0, 1].map(|i| 0.5 * (a[i] + b[i]));
     if outward[0] * (middle[0] - centre[0]) + outward[1] * (middle[1] - centre[1]) < 0.0 {

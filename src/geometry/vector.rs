@@ -2,6 +2,7 @@
 //!
 //! Sums run in the order of the axes, so results are the same wherever they are computed.
 
+use std::borrow::Borrow;
 use std::ops::{Add, Mul, Sub};
 
 /// A number type that vectors may have.
@@ -123,11 +124,12 @@ pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
 
 /// Returns the smallest and the largest coordinates of some points. Without points, the smallest
 /// are infinite and the largest minus infinite.
-pub fn bounding_box<'a, const D: usize>(
-    points: impl IntoIterator<Item = &'a [f64; D]>,
+pub fn bounding_box<const D: usize>(
+    points: impl IntoIterator<Item: Borrow<[f64; D]>>,
 ) -> [[f64; D]; 2] {
     let empty = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
     points.into_iter().fold(empty, |[low, high], x| {
+        let x = x.borrow();
         [
             std::array::from_fn(|k| low[k].min(x[k])),
             std::array::from_fn(|k| high[k].max(x[k])),

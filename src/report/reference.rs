@@ -2,10 +2,10 @@
 //!
 //! All positions and distances are in samples, that is, in lattice space with a step of 1.
 
-use super::nearest::PointGrid;
 use crate::comm::LocalOrComm;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::dot;
+use crate::geometry::point_grid::PointGrid;
 use crate::image::synth::Truth;
 use crate::image::synth::truth::MAX_DISTANCE;
 use std::ops::Range;
@@ -97,11 +97,8 @@ impl<'a, const D: usize> Reference<'a, D> {
                 .map(|p| std::array::from_fn(|k| p.position[k] / step[k]))
                 .collect()
         };
-        let dims = features.potential.dims;
-        let extent = dims.map(|n| (n.max(1) - 1) as f64);
-        let (sorted, order) = PointGrid::new(&in_samples(nearby), extent);
-        let normals = order
-            .iter()
+        let sorted = PointGrid::new(&in_samples(nearby));
+        let normals = (sorted.order().iter())
             .map(|&i| {
                 let p = &nearby[i as usize];
                 let n: [f32; D] = std::array::from_fn(|k| p.normal[k] * step[k]);

@@ -473,7 +473,7 @@ where
             cells_of_nodes: (0..rebuilt.mesh.nodes.len()).map(mesh_cells).collect(),
             window_numbers: vec![None; rebuilt.mesh.nodes.len()],
             matched_nodes: BTreeSet::new(),
-            cell_list: CellList::new(&positions, NODE_TOLERANCE * rebuilt.fields.distance.max()),
+            cell_list: CellList::new(&positions, rebuilt.fields.distance.max()),
             node_numbers,
             rebuilt,
             nodes_by_cells,

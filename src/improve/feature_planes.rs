@@ -530,7 +530,7 @@ mod tests {
             let some_planes = FeaturePlanes::new(&nearby_points, extent, radius, reach);
             assert!(
                 some_planes.fine_bits.len() < all_planes.fine_bits.len()
-                    && some_planes.cell_starts.len() < all_planes.cell_starts.len()
+                    && some_planes.fine_bits.len() < all_planes.fine_bits.len()
             );
             for _ in 0..4000 {
                 let mut random_point = || {

@@ -9,11 +9,11 @@ use std::ops::Range;
 
 use super::features::{DistanceLimits, coarse_grid, for_each_corner};
 use super::grading::limit_gradient_in_layers;
-use super::{CellPosition, Distance, GridCell, density_sum, max_slopes, slope_norm};
+use super::{CellPosition, Distance, GridCell, density_sum, max_slopes};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
 use crate::geometry::grid_index::{index_at, offset_of};
-use crate::geometry::morphology;
+use crate::geometry::{morphology, norm};
 use crate::image::{MissFlag, ScalarField};
 use crate::progress::CancelToken;
 
@@ -189,7 +189,7 @@ impl<const D: usize> DistanceLayers<D> {
                 min: reduce(0, f64::min).unwrap_or(limits.min),
                 max: reduce(1, f64::max).unwrap_or(limits.max),
                 mean_density: density / dims.iter().product::<usize>() as f64,
-                max_slope: slope_norm::<D>(std::array::from_fn(steepest)),
+                max_slope: norm::<f64, D>(std::array::from_fn(steepest)),
             },
         })
     }

@@ -7,7 +7,7 @@
 //! - `box_tree`: a tree of bounding boxes, to find items near a point or at a point
 //! - `face_distance`: distances from points to triangles and segments
 //! - `grid_index`: indices and memory offsets of the cells of a regular grid
-//! - `distinct`: sorted lists without duplicates
+//! - `distinct`: sorted lists, with and without duplicates
 //! - `counting_sort`: numbers sorted by group
 //! - `morphology`: dilation of marked cells of a grid
 //! - `union_find`: disjoint sets that are united pair by pair
@@ -28,7 +28,6 @@ pub(crate) mod simd;
 pub(crate) mod union_find;
 pub(crate) mod vector;
 
-pub(crate) use distinct::sorted_distinct;
 pub(crate) use face_distance::squared_distance_to_face;
 pub use vector::{
     add_scaled, bounding_box, cross, distance2, dot, norm, normal, solve_positive, sub, to_3d,

@@ -16,6 +16,7 @@
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
 //! - `verdict`: a report in three lines
+//! - `issues`: what is wrong with a mesh, and what helps
 
 mod acute;
 pub(crate) mod angles;
@@ -25,6 +26,7 @@ pub mod cost;
 mod face_distances;
 mod face_samples;
 pub(crate) mod fidelity;
+mod issues;
 pub(crate) mod lattice;
 mod mesh_faces;
 pub(crate) mod quality;

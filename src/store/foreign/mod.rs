@@ -24,7 +24,7 @@ use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, io_error};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
-use crate::geometry::sorted_distinct;
+use crate::geometry::{sorted, sorted_distinct};
 use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
 use crate::mesh::renumber::{new_numbers, used_items};
@@ -233,14 +233,12 @@ fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
         FileProblem::damaged(format!("more than two cells share the face {face:?}"))
     })?;
     for (face, _) in &mut faces {
-        *face = face.map(|n| new_index[n as usize]);
-        face.sort_unstable();
+        *face = sorted(face.map(|n| new_index[n as usize]));
     }
     faces.sort_unstable();
     // Returns the groups of a face of a cell, if the face is inside the mesh.
     let groups = |c: usize, k: usize| {
-        let mut face = mesh.face(c, k);
-        face.sort_unstable();
+        let face = sorted(mesh.face(c, k));
         let is_inner = neighbors[N * c + k] != NONE;
         let first = faces.partition_point(|(known, _)| *known < face);
         let matching = faces[first..]

@@ -4,6 +4,7 @@
 use super::{MeshFile, read_arrays, read_cell_nodes, read_count, read_fields, read_nodes};
 use crate::error::Result;
 use crate::files::vtk::{DataArray, VtkFile};
+use crate::geometry::sorted;
 use crate::mesh::poly::PolyMesh;
 use crate::store::foreign::REGION_ARRAYS;
 use crate::store::mixed_elements::{MixedElement, SolidAssembler, mixed_element};
@@ -39,7 +40,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
         face_begin = face_end.unwrap_or(face_begin);
         match mixed_element(kind, cell_corners).ok_or_else(damaged)? {
             MixedElement::Line => {}
-            MixedElement::Flat(ring) => flat.push(sorted_nodes(ring)),
+            MixedElement::Flat(ring) => flat.push(sorted(ring.to_vec())),
             MixedElement::Solid(faces) => {
                 solid_cells.push(cell as u32);
                 solids.add(
@@ -63,10 +64,8 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     let (mut mesh, kept) = assembled.map_err(|problem| file.error(problem, remedy))?;
     flat.sort_unstable();
     for f in 0..mesh.inner_face_count() {
-        let ring: Vec<u32> = (mesh.faces.get(f).iter())
-            .map(|&n| kept[n as usize])
-            .collect();
-        mesh.on_feature[f] = flat.binary_search(&sorted_nodes(&ring)).is_ok();
+        let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
+        mesh.on_feature[f] = flat.binary_search(&sorted(ring.collect())).is_ok();
     }
     let select = |arrays: Vec<DataArray>, rows: &[u32]| -> Vec<DataArray> {
         let select_array = |array: DataArray| DataArray {
@@ -92,10 +91,4 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
             .collect(),
         field_data: read_fields(file)?,
     })
-}
-
-fn sorted_nodes(ring: &[u32]) -> Vec<u32> {
-    let mut ring = ring.to_vec();
-    ring.sort_unstable();
-    ring
 }

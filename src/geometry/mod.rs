@@ -28,6 +28,7 @@ pub(crate) mod simd;
 pub(crate) mod union_find;
 pub(crate) mod vector;
 
+pub(crate) use distinct::{sorted, sorted_distinct};
 pub(crate) use face_distance::squared_distance_to_face;
 pub use vector::{
     add_scaled, bounding_box, cross, distance2, dot, norm, normal, solve_positive, sub, to_3d,

@@ -99,8 +99,8 @@ impl<const D: usize> CellList<D> {
         });
     }
 
-    /// Visits the rows of stored cells along the first axis that touch a box: the cell at which the
-    /// row begins, counted from the origin, and the range of its points in [`order`](Self::order).
+    /// Visits the rows of stored cells along the first axis that touch a box: the index of the row
+    /// along the other axes, and the range of its points in [`order`](Self::order).
     #[inline]
     pub fn visit_rows(
         &self,
@@ -108,38 +108,41 @@ impl<const D: usize> CellList<D> {
         high: [f64; D],
         mut visit: impl FnMut([usize; D], Range<usize>),
     ) {
-        let (mut begin, mut last) = (self.cell_of(low), self.cell_of(high));
+        let (low, high) = (self.cell_of(low), self.cell_of(high));
+        let (mut begin, mut last) = ([0; D], [0; D]);
         for k in 0..D {
-            let end = self.first[k] + self.dims[k];
-            if begin[k] >= end || last[k] < self.first[k] {
+            if high[k] < self.first[k] || low[k] >= self.first[k] + self.dims[k] {
                 return;
             }
-            begin[k] = begin[k].max(self.first[k]);
-            last[k] = last[k].min(end - 1);
+            begin[k] = low[k].saturating_sub(self.first[k]);
+            last[k] = (high[k] - self.first[k]).min(self.dims[k] - 1);
         }
         let mut row = begin;
         loop {
             let mut offset = 0;
             for k in (1..D).rev() {
-                offset = (offset + row[k] - self.first[k]) * self.dims[k - 1];
+                offset = (offset + row[k]) * self.dims[k - 1];
             }
-            let [start, end] =
-                [begin[0], last[0] + 1].map(|x| self.starts[offset + x - self.first[0]] as usize);
+            let [start, end] = [begin[0], last[0] + 1].map(|x| self.starts[offset + x] as usize);
             visit(row, start..end);
             // The next row; the last axis is the slowest.
-            let Some(k) = (1..D).find(|&k| row[k] < last[k]) else {
+            let mut k = 1;
+            while k < D && row[k] == last[k] {
+                row[k] = begin[k];
+                k += 1;
+            }
+            if k >= D {
                 return;
-            };
+            }
             row[k] += 1;
-            row[1..k].copy_from_slice(&begin[1..k]);
         }
     }
 
-    /// Returns the square of the distance along axis `k` between `x` and the cells with an index
-    /// along that axis, which is counted from the origin.
+    /// Returns the square of the distance along axis `k` between `x` and the cells of index `i`
+    /// along that axis.
     #[inline]
-    pub fn squared_gap(&self, k: usize, index: usize, x: f64) -> f64 {
-        let x = x - self.origin[k];
+    pub fn squared_gap(&self, k: usize, i: usize, x: f64) -> f64 {
+        let (x, index) = (x - self.origin[k], self.first[k] + i);
         let mut gap = (x - self.cell_edge * (index + 1) as f64).max(0.0);
         if index > 0 {
             gap = gap.max(self.cell_edge * index as f64 - x);
@@ -150,10 +153,8 @@ impl<const D: usize> CellList<D> {
     /// Returns the cell that contains a position, counted from the origin.
     #[inline]
     fn cell_of(&self, x: [f64; D]) -> [usize; D] {
-        // The cast turns negative values to zero. The bound keeps far cells countable.
-        std::array::from_fn(|k| {
-            (((x[k] - self.origin[k]) / self.cell_edge) as usize).min(u32::MAX as usize)
-        })
+        // The cast turns negative values to zero, and cells too far to be counted to the last one.
+        std::array::from_fn(|k| ((x[k] - self.origin[k]) / self.cell_edge) as u32 as usize)
     }
 }
 

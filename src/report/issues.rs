@@ -4,7 +4,7 @@ use super::regions;
 use super::table::group_digits;
 use super::verdict::{MAX_CONTACT_AREA, MAX_DROPPED_SHARE, MIN_MEASURED_SAMPLES, percent};
 use super::{Fidelity, Quality, Report, Voronoi};
-use crate::feature::{FeatureKind, MIN_FAULT_DIP, ThresholdMeaning};
+use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning};
 
 /// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
 /// an issue.

@@ -203,7 +203,7 @@ fn shortest_path_tree<const D: usize>(
 ) -> Vec<u32> {
     let mut cost = vec![f32::INFINITY; weights.len()];
     let mut previous = vec![NO_SAMPLE; weights.len()];
-    let mut targets = sorted_distinct(sinks.iter().copied());
+    let targets = sorted_distinct(sinks.iter().copied());
     let mut remaining = targets.len();
     let mut queue = Queue::default();
     cost[source] = 0.0;

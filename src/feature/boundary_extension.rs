@@ -12,7 +12,7 @@ use super::quadric::Quadric;
 use super::volume::Volume;
 use super::voxel_index::{CandidateIndex, segment_bits};
 use crate::error::Result;
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, norm, sub, unit};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
@@ -465,9 +465,8 @@ impl<const D: usize> Continuation<'_, D> {
                 .for_each_in_column(at, axis, 2 * slack + 1, |i| {
                     let q = &self.reliable_points.candidates[i];
                     let offset = sub(q.position, guess);
-                    let distance = dot(offset, offset).sqrt();
                     if dot(q.normal, n).abs() >= SAME_NORMAL_COSINE
-                        && dot(offset, n).abs() <= 0.75 + 0.12 * distance
+                        && dot(offset, n).abs() <= 0.75 + 0.12 * norm(offset)
                     {
                         count += 1;
                         surface.add(offset, axis);
@@ -486,8 +485,7 @@ impl<const D: usize> Continuation<'_, D> {
         for k in 1..D {
             normal[(axis + k) % D] = -c[k] as f32;
         }
-        let length = dot(normal, normal).sqrt();
-        let normal = normal.map(|c| c / length);
+        let normal = unit(normal);
         let at = position.map(nearest_sample);
         let agrees = height.abs() < 1.0 && dot(normal, n).abs() >= SAME_NORMAL_COSINE;
         if !agrees || !self.zone.is_in_box(at) {

@@ -2,6 +2,7 @@
 
 use super::components::Components;
 use crate::error::{Error, Result, cause};
+use crate::geometry::grid_index::index_at;
 use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
 use std::fmt;
 
@@ -321,13 +322,9 @@ pub fn volumes<const D: usize>(
     let sample_volume: f64 = step.iter().product();
     let row_len = dims[0].max(1);
     for (number, labels) in label.chunks(row_len).enumerate() {
-        let mut remaining = number;
-        let mut weight = sample_volume;
-        for &n in &dims[1..] {
-            let at = remaining % n;
-            remaining /= n;
-            weight *= if at == 0 || at + 1 == n { 0.5 } else { 1.0 };
-        }
+        let at = index_at(dims, number * row_len);
+        let is_on_side = |&k: &usize| at[k] == 0 || at[k] + 1 == dims[k];
+        let weight = sample_volume * 0.5f64.powi((1..D).filter(is_on_side).count() as i32);
         let numbered = labels.iter().enumerate();
         for (at, &label) in numbered {
             let end_weight = if at == 0 || at + 1 == row_len {

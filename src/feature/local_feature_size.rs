@@ -13,7 +13,7 @@ use super::voxel_index::CandidateIndex;
 use super::windows::layer_len;
 use crate::comm::Comm;
 use crate::error::Result;
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, norm, sub, unit};
 use crate::parallel::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -280,7 +280,6 @@ pub(super) fn to_candidates<const D: usize>(
         .map(|p| {
             let position: [f32; D] = std::array::from_fn(|k| p.position[k] / step[k] as f32);
             let normal: [f32; D] = std::array::from_fn(|k| p.normal[k] * step[k] as f32);
-            let length = dot(normal, normal).sqrt();
             let at: [usize; D] = std::array::from_fn(|k| {
                 (nearest_sample(position[k]).max(0) as usize).min(dims[k] - 1)
             });
@@ -288,7 +287,7 @@ pub(super) fn to_candidates<const D: usize>(
                 voxel: Voxel::new(dims, at),
                 axis: 0,
                 position,
-                normal: normal.map(|c| c / length),
+                normal: unit(normal),
                 strength: p.strength,
             }
         })
@@ -310,7 +309,7 @@ fn gap_width<const D: usize>(
     let same_surface_cosine = SAME_SURFACE_ANGLE.to_radians().cos();
     // Lattice units along the normal in lattice space per sample along the normal in sample space.
     let scaled: [f32; D] = std::array::from_fn(|k| c.normal[k] / step[k]);
-    let unit_length = 1.0 / dot(scaled, scaled).sqrt();
+    let unit_length = 1.0 / norm(scaled);
     let reach = (max / unit_length).ceil() as i32;
     let mut gap = max;
     for sign in [-1.0, 1.0] {

@@ -10,6 +10,8 @@ use super::eigen::{eigenvalues, eigenvector};
 use super::gaussian::smooth;
 use super::windows::{LayerWindow, Samples, layer_len};
 use crate::error::Result;
+use crate::geometry::grid_index::offset_of;
+use crate::geometry::{add_scaled, dot, norm};
 use crate::image::LiveMask;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -121,7 +123,7 @@ impl<const D: usize> NormalField<D> {
     /// Returns the normal of the cell that contains a sample.
     #[inline]
     pub fn cell_normal(&self, at: [usize; D]) -> [f32; D] {
-        self.vectors[index(self.dims, at.map(|i| i / self.cell_size))]
+        self.vectors[offset_of(self.dims, at.map(|i| i / self.cell_size))]
     }
 
     /// Returns the normal at a position in samples, interpolated between cell centres.
@@ -141,19 +143,16 @@ impl<const D: usize> NormalField<D> {
                 weight *= if upper == 1 { t[k] } else { 1.0 - t[k] };
                 (low[k] + upper).min(self.dims[k] - 1)
             });
-            let v = self.vectors[index(self.dims, at)];
+            let v = self.vectors[offset_of(self.dims, at)];
             // A normal has no sign: each one is added on the side of the sum so far.
-            let side: f32 = (0..D).map(|k| v[k] * sum[k]).sum();
-            let weight = if side < 0.0 { -weight } else { weight };
-            for k in 0..D {
-                sum[k] += weight * v[k];
-            }
+            let weight = if dot(v, sum) < 0.0 { -weight } else { weight };
+            sum = add_scaled(sum, weight, v);
         }
-        let length = sum.iter().map(|c| c * c).sum::<f32>().sqrt();
+        let length = norm(sum);
         if length > 1e-6 {
             sum.map(|c| c / length)
         } else {
-            self.vectors[index(self.dims, low)]
+            self.vectors[offset_of(self.dims, low)]
         }
     }
 }
@@ -161,10 +160,6 @@ impl<const D: usize> NormalField<D> {
 /// Returns the index pairs of the upper half of a symmetric matrix.
 fn upper_indices<const D: usize>() -> impl Iterator<Item = (usize, usize)> {
     (0..D).flat_map(|k| (k..D).map(move |l| (k, l)))
-}
-
-fn index<const D: usize>(dims: [usize; D], at: [usize; D]) -> usize {
-    (0..D).rev().fold(0, |i, k| i * dims[k] + at[k])
 }
 
 /// Returns the sum of the squares of samples.
@@ -218,7 +213,7 @@ fn interior_products<const D: usize>(
                 let mut at = volume.coordinates(start);
                 let mut cell = at.map(|i| i / factor);
                 cell[D - 1] = 0;
-                let row = index(dims, cell);
+                let row = offset_of(dims, cell);
                 for x in 0..volume.dims[0] {
                     at[0] = x;
                     if live.is_some_and(|live| !live.is_live(stack.to_volume(at))) {

@@ -1,6 +1,7 @@
 //! Finite differences of an image in memory. Beyond the sides, samples repeat those on the sides.
 
 use super::eigen::SymmetricMatrix;
+use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
@@ -26,29 +27,19 @@ impl<'a, const D: usize> Volume<'a, D> {
     /// Returns the index in memory of a sample.
     #[inline]
     pub fn index(&self, at: [usize; D]) -> usize {
-        (0..D).rev().fold(0, |i, k| i * self.dims[k] + at[k])
+        offset_of(self.dims, at)
     }
 
     /// Returns the coordinates of a sample.
     #[inline]
     pub fn coordinates(&self, index: usize) -> [usize; D] {
-        let mut remaining = index;
-        std::array::from_fn(|k| {
-            let i = remaining % self.dims[k];
-            remaining /= self.dims[k];
-            i
-        })
+        index_at(self.dims, index)
     }
 
     /// Returns the distance in memory between neighbours along each axis.
     #[inline]
     pub fn strides(&self) -> [usize; D] {
-        let mut stride = 1;
-        std::array::from_fn(|k| {
-            let current = stride;
-            stride *= self.dims[k];
-            current
-        })
+        strides(self.dims)
     }
 
     /// Collects what `visit` finds in each row of x, given its first sample, in the order of rows.

@@ -1,6 +1,7 @@
 //! Index of candidates by the sample that they belong to.
 
 use super::candidate::Candidate;
+use crate::geometry::grid_index::index_at;
 use crate::parallel::prelude::*;
 
 /// Number of samples per entry of the index, as a power of two. Candidates are sparse, so that a
@@ -69,12 +70,7 @@ impl<'a, const D: usize> CandidateIndex<'a, D> {
     /// Returns the sample coordinates of a candidate.
     #[inline]
     pub fn coordinates(&self, c: &Candidate<D>) -> [i32; D] {
-        let mut remaining = c.voxel.index();
-        std::array::from_fn(|k| {
-            let i = remaining % self.dims[k];
-            remaining /= self.dims[k];
-            i as i32
-        })
+        index_at(self.dims, c.voxel.index()).map(|i| i as i32)
     }
 
     /// Calls `visit` for each candidate of the samples from `at` to `at + (length - 1)` along x

@@ -1,167 +1,209 @@
-//! Cell list: points sorted into the cells of a regular grid, to find nearby points.
+//! Cell list: points sorted into the cells of a regular grid, to find nearby points (Allen and
+//! Tildesley, Computer Simulation of Liquids, 5.3.2).
+//!
+//! Cells that follow one another along the first axis are neighbours in memory, so a search visits
+//! one range of points for each row of cells.
 
 use super::bounding_box;
+use super::counting_sort::sort_by_group;
+use super::grid_index::offset_of;
+use std::ops::Range;
 
-/// Points sorted into the cells of a regular grid, to find nearby points.
+/// Largest number of cells of [`bounded_edge`].
+const MAX_CELLS: f64 = (1 << 24) as f64;
+/// Searches are wider by this factor, so that rounding does not exclude a point.
+const ROUNDING_SLACK: f64 = 1.0 + 1e-9;
+
+/// Points sorted into the cells of a regular grid.
 ///
-/// Points may have labels; a search then visits only the points of one label.
+/// Only the cells of the points' bounding box are stored. The list holds the order of the points,
+/// not their positions.
 #[derive(Debug)]
 pub struct CellList<const D: usize> {
-    low: [f64; D],
+    origin: [f64; D],
     cell_edge: f64,
-    /// Cell (last axis first) and index of each point, label by label and in cell order.
-    points: Vec<([u32; D], u32)>,
-    /// Position of the first point of each label in `points`, and the end.
-    label_starts: Vec<usize>,
+    /// The first stored cell along each axis, counted from the origin, and the number of cells.
+    first: [usize; D],
+    dims: [usize; D],
+    /// Position in `order` of the first point of each cell, first axis fastest, and the end.
+    starts: Vec<u32>,
+    /// The points by cell, ascending in each.
+    order: Vec<u32>,
 }
 
 impl<const D: usize> CellList<D> {
-    /// Sorts points into cells of edge length `cell`. All points get label 0.
-    pub fn new(points: &[[f64; D]], cell: f64) -> Self {
-        Self::labelled(points, |_| 0, cell)
+    /// Sorts points into cells of edge length `cell_edge`, or longer if there would be too many.
+    pub fn new(points: &[[f64; D]], cell_edge: f64) -> Self {
+        let bounds = bounding_box(points);
+        Self::with_origin(
+            bounds[0],
+            points.iter().copied(),
+            bounded_edge(bounds, cell_edge),
+        )
     }
 
-    /// Sorts points with labels into cells of edge length `cell`.
-    pub fn labelled(points: &[[f64; D]], label: impl Fn(usize) -> u32, cell: f64) -> Self {
-        let [low, _] = bounding_box(points);
+    /// Sorts points into cells of edge length `cell_edge` that are laid from a corner `origin`.
+    /// Points below the origin belong to the first cells. Any part of the points is in the same
+    /// cells.
+    pub fn with_origin(
+        origin: [f64; D],
+        points: impl Iterator<Item = [f64; D]> + Clone,
+        cell_edge: f64,
+    ) -> Self {
+        let [low, high] = bounding_box(points.clone());
         let mut list = Self {
-            low,
-            cell_edge: cell,
-            points: Vec::new(),
-            label_starts: vec![0],
+            origin,
+            cell_edge,
+            first: [0; D],
+            dims: [0; D],
+            starts: Vec::new(),
+            order: Vec::new(),
         };
-        let mut sorted: Vec<(u32, [u32; D], u32)> = (points.iter().enumerate())
-            .map(|(i, &p)| (label(i), list.cell_of(p), i as u32))
-            .collect();
-        sorted.sort_unstable();
-        for group in sorted.chunk_by(|a, b| a.0 == b.0) {
-            list.label_starts
-                .resize(group[0].0 as usize + 1, list.points.len());
-            list.points
-                .extend(group.iter().map(|&(_, cell, i)| (cell, i)));
+        if low[0] <= high[0] {
+            let [first, last] = [low, high].map(|x| list.cell_of(x));
+            list.first = first;
+            list.dims = std::array::from_fn(|k| last[k] - first[k] + 1);
         }
-        list.label_starts.push(list.points.len());
-        list
+        let cells = points.map(|x| list.offset_of(x));
+        let (starts, order) = sort_by_group(list.dims.iter().product(), cells);
+        Self {
+            starts,
+            order,
+            ..list
+        }
     }
 
-    /// Returns the cell that contains a point, last axis first. Points are visited in the order of
-    /// these cells.
-    pub fn cell_of(&self, p: [f64; D]) -> [u32; D] {
-        // One index is left free below and one above, so that indices of neighbour cells cannot
-        // overflow.
-        const MAX_CELL_INDEX: f64 = (u32::MAX - 2) as f64;
-        std::array::from_fn(|k| {
-            let axis = D - 1 - k;
-            ((p[axis] - self.low[axis]) / self.cell_edge).clamp(0.0, MAX_CELL_INDEX) as u32 + 1
-        })
+    /// Returns the points in the order of their cells.
+    pub fn order(&self) -> &[u32] {
+        &self.order
     }
 
-    /// Visits every point of label 0 in the cell of `p` and the cells around it, always in the same
-    /// order.
-    pub fn visit(&self, p: [f64; D], visit: impl FnMut(usize)) {
-        self.visit_labelled(p, 0, visit);
+    /// Returns the edge length of the cells.
+    pub fn cell_edge(&self) -> f64 {
+        self.cell_edge
     }
 
-    /// Visits every point of the given label in the cell of `p` and the cells around it, always in
+    /// Returns the position of a point's cell in the order of the cells. The point must be in the
+    /// bounding box of the sorted points.
+    pub fn offset_of(&self, x: [f64; D]) -> usize {
+        let cell = self.cell_of(x);
+        offset_of(self.dims, std::array::from_fn(|k| cell[k] - self.first[k]))
+    }
+
+    /// Visits every point that is nearer to `x` than `radius`, and some that are farther, always in
     /// the same order.
-    pub fn visit_labelled(&self, p: [f64; D], label: u32, visit: impl FnMut(usize)) {
-        let middle = self.cell_of(p);
-        self.visit_cells(middle.map(|c| c - 1), middle.map(|c| c + 1), label, visit);
+    pub fn visit_within(&self, x: [f64; D], radius: f64, mut visit: impl FnMut(usize)) {
+        let [low, high] = [-radius, radius].map(|r| x.map(|c| c + r * ROUNDING_SLACK));
+        self.visit_rows(low, high, |_, range| {
+            self.order[range].iter().for_each(|&i| visit(i as usize));
+        });
     }
 
-    /// Visits every point of label 0 that is nearer to `p` than `radius`, and some that are
-    /// farther.
-    pub fn visit_within(&self, p: [f64; D], radius: f64, visit: impl FnMut(usize)) {
-        // The margin makes up for rounding.
-        let radius = radius * (1.0 + 1e-9);
-        let [low, high] = [-radius, radius].map(|r| self.cell_of(p.map(|c| c + r)));
-        self.visit_cells(low, high, 0, visit);
-    }
-
-    fn visit_cells(&self, low: [u32; D], high: [u32; D], label: u32, mut visit: impl FnMut(usize)) {
-        let Some(&[start, end]) = self
-            .label_starts
-            .get(label as usize..label as usize + 2)
-            .and_then(|bounds| bounds.first_chunk::<2>())
-        else {
-            return;
-        };
-        let points = &self.points[start..end];
-        let row_count: f64 = (0..D - 1)
-            .map(|k| f64::from(high[k] - low[k]) + 1.0)
-            .product();
-        if row_count > points.len() as f64 {
-            // If cells are small compared with the radius, there are fewer points than rows of
-            // cells.
-            let is_inside =
-                |cell: &[u32; D]| (0..D).all(|k| low[k] <= cell[k] && cell[k] <= high[k]);
-            (points.iter().filter(|(cell, _)| is_inside(cell)))
-                .for_each(|&(_, i)| visit(i as usize));
-            return;
-        }
-        // Cells that differ only along the first axis follow one another in `points`.
-        let mut row = low;
-        loop {
-            let last = {
-                let mut last = row;
-                last[D - 1] = high[D - 1];
-                last
-            };
-            let row_start = points.partition_point(|(cell, _)| *cell < row);
-            let tail = &points[row_start..];
-            let row_points = &tail[..tail.partition_point(|(cell, _)| *cell <= last)];
-            row_points.iter().for_each(|&(_, i)| visit(i as usize));
-            let Some(k) = (0..D - 1).rev().find(|&k| row[k] < high[k]) else {
+    /// Visits the rows of stored cells along the first axis that touch a box: the index of the row
+    /// along the other axes, and the range of its points in [`order`](Self::order).
+    #[inline]
+    pub fn visit_rows(
+        &self,
+        low: [f64; D],
+        high: [f64; D],
+        mut visit: impl FnMut([usize; D], Range<usize>),
+    ) {
+        let (low, high) = (self.cell_of(low), self.cell_of(high));
+        let (mut begin, mut last) = ([0; D], [0; D]);
+        for k in 0..D {
+            if high[k] < self.first[k] || low[k] >= self.first[k] + self.dims[k] {
                 return;
-            };
+            }
+            begin[k] = low[k].saturating_sub(self.first[k]);
+            last[k] = (high[k] - self.first[k]).min(self.dims[k] - 1);
+        }
+        let mut row = begin;
+        loop {
+            let mut offset = 0;
+            for k in (1..D).rev() {
+                offset = (offset + row[k]) * self.dims[k - 1];
+            }
+            let [start, end] = [begin[0], last[0] + 1].map(|x| self.starts[offset + x] as usize);
+            visit(row, start..end);
+            // The next row; the last axis is the slowest.
+            let mut k = 1;
+            while k < D && row[k] == last[k] {
+                row[k] = begin[k];
+                k += 1;
+            }
+            if k >= D {
+                return;
+            }
             row[k] += 1;
-            row[k + 1..].copy_from_slice(&low[k + 1..]);
         }
     }
+
+    /// Returns the square of the distance along axis `k` between `x` and the cells of index `i`
+    /// along that axis.
+    #[inline]
+    pub fn squared_gap(&self, k: usize, i: usize, x: f64) -> f64 {
+        let (x, index) = (x - self.origin[k], self.first[k] + i);
+        let mut gap = (x - self.cell_edge * (index + 1) as f64).max(0.0);
+        if index > 0 {
+            gap = gap.max(self.cell_edge * index as f64 - x);
+        }
+        gap * gap
+    }
+
+    /// Returns the cell that contains a position, counted from the origin.
+    #[inline]
+    fn cell_of(&self, x: [f64; D]) -> [usize; D] {
+        // The cast turns negative values to zero, and cells too far to be counted to the last one.
+        std::array::from_fn(|k| ((x[k] - self.origin[k]) / self.cell_edge) as u32 as usize)
+    }
+}
+
+/// Returns the edge length of cells for points in a box: `edge`, or its smallest double, fourfold
+/// and so on with which the box has no more than [`MAX_CELLS`] cells.
+pub fn bounded_edge<const D: usize>([low, high]: [[f64; D]; 2], edge: f64) -> f64 {
+    let mut edge = edge.max(f64::MIN_POSITIVE);
+    let count = |edge: f64| -> f64 { (0..D).map(|k| (high[k] - low[k]) / edge + 1.0).product() };
+    while count(edge) > MAX_CELLS {
+        edge *= 2.0;
+    }
+    edge
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::distance2;
     use crate::geometry::random::Random;
 
     #[test]
-    fn adjacent_points_are_visited_once_in_cell_order() {
+    fn nearby_points_are_visited_once_in_cell_order() {
         let mut random = Random::new(3);
         let mut point = || [[0.0, 9.0], [-2.0, 3.0], [0.0, 7.0]].map(|[a, b]| random.range(a, b));
         let points: Vec<[f64; 3]> = (0..700).map(|_| point()).collect();
-        let grid = CellList::labelled(&points, |i| i as u32 % 3 * 2, 1.3);
-        let plain = CellList::new(&points, 1.3);
-        for &p in points.iter().step_by(7) {
-            let middle = plain.cell_of(p);
-            let is_adjacent =
-                |i: &usize| (0..3).all(|k| plain.cell_of(points[*i])[k].abs_diff(middle[k]) < 2);
-            let mut expected: Vec<usize> = (0..points.len()).filter(is_adjacent).collect();
-            expected.sort_by_key(|&i| (plain.cell_of(points[i]), i));
-            let mut visited = Vec::new();
-            plain.visit(p, |i| visited.push(i));
-            assert_eq!(visited, expected);
-            for label in 0..7 {
-                let mut visited = Vec::new();
-                grid.visit_labelled(p, label, |i| visited.push(i));
-                let expected = expected
-                    .iter()
-                    .copied()
-                    .filter(|i| *i as u32 % 3 * 2 == label);
-                assert_eq!(visited, expected.collect::<Vec<_>>());
-            }
+        let list = CellList::new(&points, 1.3);
+        let anchored = CellList::with_origin([-9.0; 3], points.iter().copied(), 0.7);
+        for p in points.iter().step_by(7).chain(&[[-4.0; 3], [20.0; 3]]) {
             for radius in [0.3, 1.3, 4.0, 30.0] {
-                let mut visited = Vec::new();
-                plain.visit_within(p, radius, |i| visited.push(i));
-                let squared_distance =
-                    |i: usize| (0..3).map(|k| (points[i][k] - p[k]).powi(2)).sum::<f64>();
-                let nearby = (0..points.len()).filter(|&i| squared_distance(i).sqrt() <= radius);
-                assert!(nearby.into_iter().all(|i| visited.contains(&i)));
-                visited.sort_unstable();
-                assert!(visited.windows(2).all(|pair| pair[0] < pair[1]));
+                for list in [&list, &anchored] {
+                    let mut visited = Vec::new();
+                    list.visit_within(*p, radius, |i| visited.push(i));
+                    let is_near = |i: &usize| distance2(&points[*i], p).sqrt() <= radius;
+                    let nearby = (0..points.len()).filter(is_near);
+                    assert!(nearby.into_iter().all(|i| visited.contains(&i)));
+                    assert!(visited.is_sorted_by_key(|&i| (list.offset_of(points[i]), i)));
+                }
             }
         }
-        assert!(CellList::<2>::new(&[], 1.0).points.is_empty());
-        CellList::<2>::new(&[], 1.0).visit([1.0, 2.0], |_| panic!("there is none"));
+    }
+
+    #[test]
+    fn few_points_and_tiny_cells_are_no_problem() {
+        let empty = CellList::<2>::new(&[], 1.0);
+        empty.visit_within([1.0, 2.0], 9.0, |_| panic!("there is none"));
+        let points = [[0.0, 0.0], [1e9, 1.0], [1e9, 1.0]];
+        let list = CellList::new(&points, f64::MIN_POSITIVE);
+        let mut visited = Vec::new();
+        list.visit_within([1e9, 1.0], 1e-3, |i| visited.push(i));
+        assert_eq!(visited, [1, 2]);
     }
 }

@@ -39,7 +39,7 @@ pub fn block_rows<const D: usize>(
 /// index is interpolated linearly. Outside the grid the nearest samples count. `to_weight` converts
 /// fractions to the type of the weights. Samples of weight 0 are left out, because they may be NaN.
 #[inline]
-pub fn for_each_corner<const D: usize, T: Real + From<u8> + PartialOrd>(
+pub fn for_each_corner<const D: usize, T: Real + From<u8>>(
     dims: [usize; D],
     index: [f64; D],
     to_weight: impl Fn(f64) -> T,

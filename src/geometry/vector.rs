@@ -2,16 +2,35 @@
 //!
 //! Sums run in the order of the axes, so results are the same wherever they are computed.
 
-use std::ops::{Add, Mul, Sub};
+use std::borrow::Borrow;
+use std::ops::{Add, Div, Mul, Sub};
 
 /// A number type that vectors may have.
 pub trait Real:
-    Copy + Default + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+    Copy
+    + Default
+    + PartialOrd
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
 {
+    /// Returns the square root.
+    fn sqrt(self) -> Self;
 }
 
-impl Real for f32 {}
-impl Real for f64 {}
+macro_rules! reals {
+    ($($type:ty)*) => {
+        $(impl Real for $type {
+            #[inline]
+            fn sqrt(self) -> Self {
+                self.sqrt()
+            }
+        })*
+    };
+}
+
+reals! { f32 f64 }
 
 /// Returns `a - b`.
 #[inline]
@@ -80,15 +99,15 @@ pub fn solve_positive<const D: usize>(mut a: [[f64; D]; D], mut b: [f64; D]) -> 
 
 /// Returns the length of a vector.
 #[inline]
-pub fn norm<const D: usize>(a: [f64; D]) -> f64 {
+pub fn norm<T: Real, const D: usize>(a: [T; D]) -> T {
     dot(a, a).sqrt()
 }
 
 /// Returns the unit vector along `a`, or zero if `a` is zero.
 #[inline]
-pub fn unit<const D: usize>(a: [f64; D]) -> [f64; D] {
+pub fn unit<T: Real, const D: usize>(a: [T; D]) -> [T; D] {
     let length = norm(a);
-    if length > 0.0 {
+    if length > T::default() {
         a.map(|c| c / length)
     } else {
         a
@@ -123,11 +142,12 @@ pub fn volume6(p: &[[f64; 3]; 4]) -> f64 {
 
 /// Returns the smallest and the largest coordinates of some points. Without points, the smallest
 /// are infinite and the largest minus infinite.
-pub fn bounding_box<'a, const D: usize>(
-    points: impl IntoIterator<Item = &'a [f64; D]>,
+pub fn bounding_box<const D: usize>(
+    points: impl IntoIterator<Item: Borrow<[f64; D]>>,
 ) -> [[f64; D]; 2] {
     let empty = [[f64::INFINITY; D], [f64::NEG_INFINITY; D]];
     points.into_iter().fold(empty, |[low, high], x| {
+        let x = x.borrow();
         [
             std::array::from_fn(|k| low[k].min(x[k])),
             std::array::from_fn(|k| high[k].max(x[k])),

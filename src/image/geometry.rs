@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::time::seconds_per_unit;
-use crate::geometry::{dot, hypot, norm};
+use crate::geometry::{dot, hypot, norm, unit};
 
 /// Affine map from sample indices (x first) to physical coordinates: `origin + sum_k index[k] *
 /// axes[k]`.
@@ -48,7 +48,7 @@ impl<const D: usize> Geometry<D> {
 
     /// Returns the distance between neighbouring samples along each axis.
     pub fn spacing(&self) -> [f64; D] {
-        std::array::from_fn(|k| self.axes[k].iter().map(|a| a * a).sum::<f64>().sqrt())
+        self.axes.map(norm)
     }
 
     /// Returns `true` if all physical coordinates have the same unit of length, or none, so that
@@ -218,10 +218,7 @@ impl<const D: usize> Geometry<D> {
             if self.units[c] == self.units[0] {
                 return 1.0;
             }
-            let share = |k: usize| {
-                let length = norm(self.axes[k]);
-                self.axes[k][c].abs() / length.max(f64::MIN_POSITIVE)
-            };
+            let share = |k: usize| unit(self.axes[k])[c].abs();
             let along = (1..D).fold(0, |best, k| if share(k) > share(best) { k } else { best });
             mean / scale(along).max(f64::MIN_POSITIVE)
         })
@@ -305,7 +302,7 @@ impl Geometry<3> {
                 units: [self.units[unit].clone(), self.units[2].clone()],
             };
         }
-        let length = dot(a, a).sqrt();
+        let length = norm(a);
         let along = dot(a, b) / length;
         let across = (dot(b, b) - along * along).max(0.0).sqrt();
         Geometry {

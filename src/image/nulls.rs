@@ -7,6 +7,7 @@
 use super::Image;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::{index_at, offset_of, strides};
+use crate::geometry::unit;
 use crate::memory;
 use crate::parallel::prelude::*;
 
@@ -221,11 +222,7 @@ impl<const D: usize> Image<D> {
 
     /// Returns the image axis that is closest to the vertical.
     fn vertical_axis(&self) -> usize {
-        let verticality = |k: usize| {
-            let axis = self.geometry.axes[k];
-            let length = axis.iter().map(|c| c * c).sum::<f64>().sqrt();
-            axis[D - 1].abs() / length.max(f64::MIN_POSITIVE)
-        };
+        let verticality = |k: usize| unit(self.geometry.axes[k])[D - 1].abs();
         (1..D).fold(0, |best, k| {
             if verticality(k) >= verticality(best) {
                 k

@@ -8,9 +8,9 @@
 
 use crate::feature::FeaturePoint;
 use crate::files::codec::codec_fields;
-use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::cell_list::CellList;
 use crate::geometry::morphology::dilate;
-use crate::geometry::{add_scaled, dot, norm, sub};
+use crate::geometry::{add_scaled, bounding_box, dot, norm, sub};
 use crate::parallel::prelude::*;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -149,9 +149,8 @@ fn cell_of(side: f64, x: [f64; 3]) -> [usize; 3] {
 #[derive(Debug)]
 pub struct FeaturePlanes {
     radius: f64,
-    cell_size: f64,
-    cells: CellWindow,
-    cell_starts: Vec<u32>,
+    cells: CellList<3>,
+    /// Position and normal of each point, in the order of the cells.
     points: Vec<([f32; 3], [f32; 3])>,
     /// Grid of edge `coarse_size`; a cell of `is_near` is set if a point lies within
     /// [`DILATION_CELLS`] cells.
@@ -169,14 +168,10 @@ impl FeaturePlanes {
     /// within `radius` samples. [`FeaturePlanes::is_far`] means that no point lies within `reach`,
     /// or within `radius` if that is larger.
     pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
-        let cell_size = radius * 0.75;
         let coarse_size = reach.max(radius) / f64::from(DILATION_CELLS);
         let position = |p: &FeaturePoint<3>| p.position.map(f64::from);
-        let (mut low, mut high) = ([f64::INFINITY; 3], [0.0f64; 3]);
-        for x in points.iter().map(position) {
-            low = std::array::from_fn(|k| low[k].min(x[k]));
-            high = std::array::from_fn(|k| high[k].max(x[k]));
-        }
+        let positions = points.iter().map(position);
+        let [low, high] = bounding_box(positions.clone());
         let window = |side: f64, margin: usize| {
             if points.is_empty() {
                 return CellWindow::empty();
@@ -189,16 +184,12 @@ impl FeaturePlanes {
         };
         let fine_cells = window(1.0, 1);
         let coarse_cells = window(coarse_size, DILATION_CELLS as usize);
-        let cells = window(cell_size, 0);
+        let cells = CellList::with_origin([0.0; 3], positions, 0.75 * radius);
         // The window contains the cell of every point.
         let index_of = |cells: &CellWindow, side: f64, x: [f64; 3]| {
             cells.cell_index(cell_of(side, x)).unwrap_or(0)
         };
-        let point_cells = points
-            .iter()
-            .map(|p| index_of(&cells, cell_size, position(p)));
-        let (cell_starts, order) = sort_by_group(cells.count(), point_cells);
-        let sorted = order.par_iter().map(|&i| {
+        let sorted = cells.order().par_iter().map(|&i| {
             let p = &points[i as usize];
             (p.position, p.normal)
         });
@@ -223,8 +214,6 @@ impl FeaturePlanes {
         let fine_bits = atomic_fine.into_iter().map(AtomicU64::into_inner).collect();
         Self {
             radius,
-            cell_size,
-            cell_starts,
             points: sorted.collect(),
             cells,
             coarse_size,
@@ -286,36 +275,10 @@ impl FeaturePlanes {
     /// `x`.
     #[inline]
     fn visit_points(&self, x: [f64; 3], radius: f64, mut visit: impl FnMut(u32, [f32; 3])) {
-        let CellWindow {
-            global_dims,
-            low,
-            dims,
-        } = &self.cells;
-        // Range of stored cells along each axis.
-        let cell_along =
-            |k: usize, x: f64| ((x / self.cell_size).max(0.0) as usize).min(global_dims[k] - 1);
-        let first: [usize; 3] =
-            std::array::from_fn(|k| cell_along(k, x[k] - radius).saturating_sub(low[k]));
-        let end: [usize; 3] = std::array::from_fn(|k| {
-            (cell_along(k, x[k] + radius) + 1)
-                .saturating_sub(low[k])
-                .min(dims[k])
+        let [low, high] = [-radius, radius].map(|r| x.map(|c| c + r));
+        self.cells.visit_rows(low, high, |_, range| {
+            range.for_each(|i| visit(i as u32, self.points[i].0));
         });
-        if first[0] >= end[0] {
-            return;
-        }
-        for z in first[2]..end[2] {
-            for y in first[1]..end[1] {
-                let row = (z * dims[1] + y) * dims[0];
-                let (row_start, row_end) = (
-                    self.cell_starts[row + first[0]],
-                    self.cell_starts[row + end[0]],
-                );
-                for i in row_start..row_end {
-                    visit(i, self.points[i as usize].0);
-                }
-            }
-        }
     }
 
     /// Returns the planes of the surfaces that pass within the fitting radius of `x`.
@@ -567,7 +530,7 @@ mod tests {
             let some_planes = FeaturePlanes::new(&nearby_points, extent, radius, reach);
             assert!(
                 some_planes.fine_bits.len() < all_planes.fine_bits.len()
-                    && some_planes.cell_starts.len() < all_planes.cell_starts.len()
+                    && some_planes.fine_bits.len() < all_planes.fine_bits.len()
             );
             for _ in 0..4000 {
                 let mut random_point = || {

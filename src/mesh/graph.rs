@@ -6,7 +6,7 @@ use crate::parallel::prelude::*;
 use super::TetMesh;
 use super::poly::{FaceNeighbour, PolyMesh};
 use crate::Result;
-use crate::geometry::dot;
+use crate::geometry::{add_scaled, dot, norm, sub, unit};
 
 /// Cells and connections in one space: lattice or physical, as the code that owns the graph
 /// documents.
@@ -73,10 +73,10 @@ impl<const D: usize> Connection<D> {
     /// it is 0, the two-point flux is exact (for an isotropic permeability).
     pub fn angle_error(&self, site: &[[f64; D]]) -> f64 {
         let [a, b] = self.cells.map(|c| site[c as usize]);
-        let line: [f64; D] = std::array::from_fn(|k| b[k] - a[k]);
+        let line = sub(b, a);
         let along = dot(line, self.normal);
-        let across: [f64; D] = std::array::from_fn(|k| line[k] - along * self.normal[k]);
-        dot(across, across).sqrt().atan2(along).to_degrees()
+        let across = add_scaled(line, -along, self.normal);
+        norm(across).atan2(along).to_degrees()
     }
 
     /// Returns the transmissibility of the two-point flux for permeability 1: the face's area over
@@ -160,9 +160,7 @@ impl<const D: usize> Graph<D> {
             let max_offset = &mut max_offset[cell as usize];
             *max_offset = max_offset.max(offset);
         };
-        let offset = |on_plane: [f64; D], normal: [f64; D]| {
-            dot(std::array::from_fn(|k| point[k] - on_plane[k]), normal)
-        };
+        let offset = |on_plane: [f64; D], normal: [f64; D]| dot(sub(point, on_plane), normal);
         for c in &self.connections {
             let offset = offset(c.point, c.normal);
             raise(c.cells[0], offset);
@@ -274,9 +272,7 @@ impl<'a, const D: usize> Locator<'a, D> {
         point: [f64; D],
     ) -> impl Iterator<Item = (Option<usize>, f64)> + '_ {
         let [start, end] = [cell, cell + 1].map(|c| self.starts[c] as usize);
-        let offset = move |on_plane: [f64; D], normal: [f64; D]| {
-            dot(std::array::from_fn(|k| point[k] - on_plane[k]), normal)
-        };
+        let offset = move |on_plane: [f64; D], normal: [f64; D]| dot(sub(point, on_plane), normal);
         self.faces[start..end].iter().map(move |&face| {
             let face = face as usize;
             let Some(c) = self.graph.connections.get(face) else {
@@ -339,15 +335,6 @@ impl Graph<3> {
     }
 }
 
-/// Returns the length and the direction of a vector; the direction of a zero vector is zero.
-fn length_and_direction<const D: usize>(v: [f64; D]) -> (f64, [f64; D]) {
-    let length = dot(v, v).sqrt();
-    (
-        length,
-        v.map(|c| if length > 0.0 { c / length } else { 0.0 }),
-    )
-}
-
 impl<const D: usize> Connection<D> {
     /// Creates a connection from the face's area vector (from a to b) and centre, and the sites of
     /// the two cells.
@@ -357,16 +344,14 @@ impl<const D: usize> Connection<D> {
         area_vector: [f64; D],
         centre: [f64; D],
     ) -> Self {
-        let (area, mut normal) = length_and_direction(area_vector);
-        let (length, line) = length_and_direction(std::array::from_fn(|k| b[k] - a[k]));
+        let (area, mut normal) = (norm(area_vector), unit(area_vector));
+        let line = sub(b, a);
+        let length = norm(line);
         // The normal of such a small or narrow face is dominated by rounding.
         if area < (1e-4 * length).powi(D as i32 - 1) {
-            normal = line;
+            normal = unit(line);
         }
-        let distance = [
-            dot(std::array::from_fn(|k| centre[k] - a[k]), normal),
-            dot(std::array::from_fn(|k| b[k] - centre[k]), normal),
-        ];
+        let distance = [dot(sub(centre, a), normal), dot(sub(b, centre), normal)];
         let fraction = distance[0] / (distance[0] + distance[1]);
         Self {
             cells,
@@ -388,13 +373,13 @@ impl<const D: usize> BoundaryFace<D> {
         area_vector: [f64; D],
         point: [f64; D],
     ) -> Self {
-        let (area, normal) = length_and_direction(area_vector);
+        let (area, normal) = (norm(area_vector), unit(area_vector));
         Self {
             cell,
             side,
             face: 0,
             area,
-            distance: dot(std::array::from_fn(|k| point[k] - site[k]), normal),
+            distance: dot(sub(point, site), normal),
             point,
             normal,
         }

@@ -18,7 +18,7 @@ use super::poly::{FaceNeighbour, Lists, PolyMesh};
 use super::quality::{BLOCK_SIZE, CornerBlock, SimplexShape, SimplexShapeBlock};
 use super::{TetMesh, TriMesh, tri};
 use crate::error::cause;
-use crate::geometry::{cross, hypot, norm, sub, volume6};
+use crate::geometry::{cross, hypot, norm, sorted, sub, volume6};
 use crate::{Error, Result};
 
 /// A mesh of any cells: triangles or polygons in 2-D, tetrahedra or polyhedra in 3-D.
@@ -195,8 +195,7 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
     fn unique_faces(&self, marks: &[bool]) -> (Lists, Vec<bool>) {
         let mut faces: Vec<([u32; D], bool)> = Vec::with_capacity(self.face_count());
         for index in 0..self.face_count() {
-            let mut face = self.face(index / (D + 1), index % (D + 1));
-            face.sort_unstable();
+            let face = sorted(self.face(index / (D + 1), index % (D + 1)));
             faces.push((face, !marks.get(index).is_some_and(|mark| *mark)));
         }
         // `false` (marked) sorts first, so deduplication keeps a marked side.

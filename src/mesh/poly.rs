@@ -9,7 +9,7 @@
 //! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q.
 
 use crate::geometry::counting_sort::sort_by_group;
-use crate::geometry::dot;
+use crate::geometry::{add_scaled, dot, norm, sub};
 use crate::parallel::prelude::*;
 
 /// First number in [`PolyMesh::face_cells`] that stands for a side of the box: `FIRST_SIDE + 2
@@ -119,7 +119,7 @@ pub struct FaceShape<const D: usize> {
 impl<const D: usize> FaceShape<D> {
     /// Returns the length of the area vector, which is the area if the face is flat.
     pub fn area(&self) -> f64 {
-        dot(self.area_vector, self.area_vector).sqrt()
+        norm(self.area_vector)
     }
 }
 
@@ -172,7 +172,7 @@ impl<const D: usize> PolyMesh<D> {
         }
         for i in 0..nodes.len() {
             let triangle = self.fan_area(apex, nodes[i], nodes[(i + 1) % nodes.len()]);
-            area_vector = std::array::from_fn(|k| area_vector[k] + triangle[k]);
+            area_vector = add_scaled(area_vector, 1.0, triangle);
         }
         for i in 0..nodes.len() {
             let (p, q) = (nodes[i], nodes[(i + 1) % nodes.len()]);
@@ -205,8 +205,8 @@ impl<const D: usize> PolyMesh<D> {
             area[0] = q[1] - p[1];
             area[1] = p[0] - q[0];
         } else {
-            let u: [f64; D] = std::array::from_fn(|k| p[k] - apex[k]);
-            let v: [f64; D] = std::array::from_fn(|k| q[k] - apex[k]);
+            let u = sub(*p, apex);
+            let v = sub(*q, apex);
             for k in 0..D {
                 let (a, b) = ((k + 1) % D, (k + 2) % D);
                 area[k] = 0.5 * (u[a] * v[b] - u[b] * v[a]);
@@ -232,7 +232,7 @@ impl<const D: usize> PolyMesh<D> {
             };
             let nodes = self.faces.get(f as usize);
             let apex = self.face_apex(f as usize);
-            let from_site: [f64; D] = std::array::from_fn(|k| apex[k] - site[k]);
+            let from_site = sub(apex, site);
             let triangles = if D == 2 { 1 } else { nodes.len() };
             for i in 0..triangles {
                 let (p, q) = (nodes[i], nodes[(i + 1) % nodes.len()]);
@@ -404,7 +404,7 @@ mod tests {
             let shape = mesh.face_shape(f);
             // The faces of the owner point away from its site.
             let site = mesh.sites[mesh.face_cells[f][0] as usize];
-            let out: [f64; D] = std::array::from_fn(|k| shape.centroid[k] - site[k]);
+            let out = sub(shape.centroid, site);
             assert!(dot(out, shape.area_vector) > 0.0, "face {f}");
             if let FaceNeighbour::Side(side) = mesh.face_neighbour(f) {
                 let (axis, upper) = (side / 2, side % 2 == 1);

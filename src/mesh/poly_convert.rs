@@ -5,7 +5,7 @@ use super::Simplices;
 use super::complex::NONE;
 use super::poly::{FIRST_SIDE, NO_CELL, PolyMesh};
 use crate::error::{Error, Result, cause};
-use crate::geometry::dot;
+use crate::geometry::{dot, sub};
 
 impl<const D: usize> PolyMesh<D> {
     /// Creates a mesh with the cells of a mesh of simplices, in the same order. Sites are
@@ -96,7 +96,7 @@ impl<const D: usize> PolyMesh<D> {
         let f = self.face_cells.len() - 1;
         let shape = self.face_shape(f);
         let site = self.sites[self.face_cells[f][0] as usize];
-        let out: [f64; D] = std::array::from_fn(|k| shape.centroid[k] - site[k]);
+        let out = sub(shape.centroid, site);
         if dot(out, shape.area_vector) < 0.0 {
             let start = self.faces.offsets[f] as usize;
             self.faces.items[start..].reverse();

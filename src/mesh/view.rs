@@ -5,6 +5,7 @@ use super::partition::MeshPartition;
 use super::{Simplices, TetMesh};
 use crate::comm::{Comm, LocalOrComm, SelfComm};
 use crate::files::codec::Codec;
+use crate::geometry::sorted;
 
 /// Consecutive cells of a mesh, or all of them, and the ranks that have the others.
 pub struct MeshView<'a, const D: usize, M, H: ?Sized> {
@@ -118,8 +119,7 @@ impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, 
         }
         let mut received = self.comm.try_all_to_all(message, by_rank)?;
         let marked = received.iter().flatten().filter(|(_, marked)| *marked);
-        let mut marked: Vec<u32> = marked.map(|(global_id, _)| *global_id).collect();
-        marked.sort_unstable();
+        let marked: Vec<u32> = sorted(marked.map(|(global_id, _)| *global_id).collect());
         for (global_id, is_marked) in received.iter_mut().flatten() {
             *is_marked = marked.binary_search(global_id).is_ok();
         }

@@ -22,7 +22,7 @@ use super::mesh_faces::MeshFaces;
 use crate::comm::LocalOrComm;
 use crate::files::codec::codec_fields;
 use crate::geometry::union_find::UnionFind;
-use crate::geometry::{add_scaled, cross, dot, norm, sub, to_3d, unit};
+use crate::geometry::{add_scaled, cross, dot, norm, sorted, sorted_distinct, sub, to_3d, unit};
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 
@@ -396,13 +396,9 @@ fn patch_areas<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
             cut_faces.push((face, (first + patch, area[patch as usize])));
         }
     }
-    cut_faces.sort_unstable();
-    cut_faces.dedup();
-    let mut cut_faces = comm.try_all_gather("areas of patches", cut_faces)?.concat();
-    cut_faces.sort_unstable();
-    let mut cut_patches: Vec<(u32, u64)> = cut_faces.iter().map(|(_, patch)| *patch).collect();
-    cut_patches.sort_unstable();
-    cut_patches.dedup();
+    let cut_faces = sorted_distinct(cut_faces);
+    let cut_faces = sorted(comm.try_all_gather("areas of patches", cut_faces)?.concat());
+    let cut_patches: Vec<(u32, u64)> = sorted_distinct(cut_faces.iter().map(|(_, patch)| *patch));
     let patch_index = |patch: u32| cut_patches.partition_point(|&(other, _)| other < patch) as u32;
     let patch_of_face = |face: u32| {
         let (_, (patch, _)) = cut_faces[cut_faces.partition_point(|&(other, _)| other < face)];
@@ -474,8 +470,7 @@ pub(super) fn sorted_feature_faces<const D: usize, M: Simplices<D>>(
         .filter(|(_, bits)| **bits != 0)
     {
         for k in (0..=D).filter(|k| bits >> k & 1 == 1) {
-            let mut face = mesh.face(c, k);
-            face.sort_unstable();
+            let face = sorted(mesh.face(c, k));
             let corners = face.map(|n| mesh.nodes()[n as usize]);
             if common_sides(&corners, extent).next().is_none() {
                 faces.push(face);
@@ -506,10 +501,8 @@ pub(super) fn common_sides<const D: usize>(
 
 fn ridge_face<const D: usize>(face_nodes: &[u32; D], face: u32, k: usize) -> RidgeFace {
     let node = |i: usize| face_nodes[(k + 1 + i) % D];
-    let mut ridge = [node(0), node(D - 2)];
-    ridge.sort_unstable();
     RidgeFace {
-        ridge,
+        ridge: sorted([node(0), node(D - 2)]),
         face,
         apex: face_nodes[k],
     }

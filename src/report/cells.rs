@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::LatticeReport;
 use crate::comm::SelfComm;
-use crate::geometry::{norm, sub};
+use crate::geometry::{distance2, norm, sub};
 use crate::mesh::check::Check;
 use crate::mesh::graph::{Connection, Graph};
 
@@ -135,8 +135,7 @@ pub fn lattice_of_graph<const D: usize>(
     let mut nearest = vec![f64::INFINITY; graph.site.len()];
     for connection in &graph.connections {
         let [a, b] = connection.cells.map(|c| c as usize);
-        let square = (0..D).map(|k| (graph.site[a][k] - graph.site[b][k]).powi(2));
-        let square: f64 = square.sum();
+        let square = distance2(&graph.site[a], &graph.site[b]);
         nearest[a] = nearest[a].min(square);
         nearest[b] = nearest[b].min(square);
     }

@@ -8,10 +8,11 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::mesh_faces::MeshFaces;
-use super::nearest::{BoxTree, PointGrid, squared_distance_to_face};
 use crate::comm::LocalOrComm;
 use crate::comm::concatenate;
-use crate::geometry::{cross, dot, sub, to_3d};
+use crate::geometry::box_tree::BoxTree;
+use crate::geometry::point_grid::PointGrid;
+use crate::geometry::{bounding_box, cross, dot, squared_distance_to_face, sub, to_3d};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
@@ -117,19 +118,17 @@ impl<const D: usize> BoxedFaces<D> {
         points: &[[f32; D]],
         comm: &H,
     ) -> Result<Self, H::Error> {
-        let (mut low, mut high) = ([f64::INFINITY; D], [f64::NEG_INFINITY; D]);
-        for p in points {
-            for k in 0..D {
-                low[k] = low[k].min(f64::from(p[k]) - EXCHANGE_RADIUS);
-                high[k] = high[k].max(f64::from(p[k]) + EXCHANGE_RADIUS);
-            }
-        }
-        let boxes = comm.try_all_gather("boxes of points", [low, high])?;
+        let [low, high] = bounding_box(points.iter().map(|p| p.map(f64::from)));
+        let bounds = [
+            low.map(|c| c - EXCHANGE_RADIUS),
+            high.map(|c| c + EXCHANGE_RADIUS),
+        ];
+        let boxes = comm.try_all_gather("boxes of points", bounds)?;
         let faces_near_box = |[low, high]: [[f64; D]; 2]| -> Vec<SentFace<D>> {
             let faces = (0..surface.faces.len()).into_par_iter();
             let faces = faces.map(|f| (surface.corners(f), surface.sets[f]));
             let overlaps = |(shape, _): &SentFace<D>| {
-                let [face_low, face_high] = face_box(shape);
+                let [face_low, face_high] = bounding_box(shape);
                 (0..D).all(|k| face_low[k] <= high[k] && low[k] <= face_high[k])
             };
             faces.filter(overlaps).collect()
@@ -144,7 +143,7 @@ impl<const D: usize> BoxedFaces<D> {
     fn from_sent(faces: impl Iterator<Item = SentFace<D>>) -> Self {
         let (shapes, sets): (Vec<_>, _) = faces.unzip();
         Self {
-            boxes: shapes.par_iter().map(face_box).collect(),
+            boxes: shapes.par_iter().map(bounding_box).collect(),
             shapes,
             sets,
         }
@@ -158,13 +157,7 @@ impl<const D: usize> BoxedFaces<D> {
         queried_sets: [u8; 2],
         cancel: &CancelToken<'_>,
     ) -> [Vec<f64>; 2] {
-        let mut extent = [0f64; D];
-        for p in points {
-            for k in 0..D {
-                extent[k] = extent[k].max(p[k].into());
-            }
-        }
-        let (grid, order) = PointGrid::new(points, extent);
+        let grid = PointGrid::new(points);
         let infinity = || AtomicU64::new(f64::INFINITY.to_bits());
         // Squares are not negative, so their bits have the same order as the numbers. The minimum
         // does not depend on the order of the faces.
@@ -219,7 +212,7 @@ impl<const D: usize> BoxedFaces<D> {
             });
         min_squares.map(|sorted_squares| {
             let mut squares = vec![f64::INFINITY; points.len()];
-            for (&i, square) in order.iter().zip(sorted_squares) {
+            for (&i, square) in grid.order().iter().zip(sorted_squares) {
                 squares[i as usize] = f64::from_bits(square.into_inner());
             }
             squares
@@ -261,18 +254,6 @@ impl<const D: usize> BoxedFaces<D> {
             });
         }
     }
-}
-
-/// Returns the bounding box of a face: its low and its high corner.
-fn face_box<const D: usize>(face: &[[f64; D]; D]) -> [[f64; D]; 2] {
-    let mut bounds = [face[0]; 2];
-    for p in face {
-        for k in 0..D {
-            bounds[0][k] = bounds[0][k].min(p[k]);
-            bounds[1][k] = bounds[1][k].max(p[k]);
-        }
-    }
-    bounds
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Cuts faces into small pieces and measures the distance of each centroid from the features.
 
 use super::reference::Reference;
-use crate::geometry::dot;
+use crate::geometry::{dot, sub};
 
 /// Maximum edge length of the pieces, in samples.
 const MAX_SAMPLE_EDGE: f64 = 2.0;
@@ -20,7 +20,7 @@ pub(super) fn sample_face<const D: usize>(
     let side = |i: usize| -> [f64; D] { std::array::from_fn(|k| face[i][k] - face[0][k]) };
     let (u, v) = (side(1), side(D - 1));
     let square = |w: [f64; D]| w.iter().map(|c| c * c).sum::<f64>();
-    let third = std::array::from_fn(|k| v[k] - u[k]);
+    let third = sub(v, u);
     let longest = square(u).max(square(v)).max(square(third)).sqrt();
     let n = (longest / MAX_SAMPLE_EDGE).ceil().clamp(1.0, 256.0) as usize;
     let dot_product = dot(u, v);

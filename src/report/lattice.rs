@@ -2,6 +2,7 @@
 
 use crate::comm::LocalOrComm;
 use crate::comm::selection::order_statistics;
+use crate::geometry::distance2;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use serde::Serialize;
@@ -81,7 +82,7 @@ pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>, H: LocalOrCo
         for (k, &i) in cell.iter().enumerate() {
             for &j in &cell[k + 1..] {
                 let (i, j) = (i as usize, j as usize);
-                let square: f64 = (0..D).map(|c| (nodes[i][c] - nodes[j][c]).powi(2)).sum();
+                let square = distance2(&nodes[i], &nodes[j]);
                 nearest[i] = nearest[i].min(square);
                 nearest[j] = nearest[j].min(square);
             }

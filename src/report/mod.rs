@@ -6,7 +6,6 @@
 //! - `fidelity`: how well the faces of the mesh follow the features
 //! - `face_samples`: faces cut into small pieces
 //! - `face_distances`: distances of feature points from faces
-//! - `nearest`: searches for the nearest point or face
 //! - `reference`: the features with which a mesh is compared
 //! - `mesh_faces`: faces of a distributed mesh
 //! - `tally`: statistics of distributed distances
@@ -17,6 +16,7 @@
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
 //! - `verdict`: a report in three lines
+//! - `issues`: what is wrong with a mesh, and what helps
 
 mod acute;
 pub(crate) mod angles;
@@ -26,9 +26,9 @@ pub mod cost;
 mod face_distances;
 mod face_samples;
 pub(crate) mod fidelity;
+mod issues;
 pub(crate) mod lattice;
 mod mesh_faces;
-mod nearest;
 pub(crate) mod quality;
 pub(crate) mod reference;
 mod regions;
@@ -47,7 +47,6 @@ pub(crate) use fidelity::{
 };
 pub(crate) use lattice::lattice_of_partition;
 pub use lattice::{LatticeReport, Optimisation, TracedLattice, measure_lattice};
-pub(crate) use nearest::squared_distance_to_face;
 pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{quality_of_partition, quality_with_cancel};
 pub use reference::Reference;

@@ -2,10 +2,10 @@
 //!
 //! All positions and distances are in samples, that is, in lattice space with a step of 1.
 
-use super::nearest::PointGrid;
 use crate::comm::LocalOrComm;
 use crate::feature::{FeaturePoint, Features};
-use crate::geometry::{dot, hypot};
+use crate::geometry::point_grid::PointGrid;
+use crate::geometry::{add_scaled, dot, hypot, norm, unit};
 use crate::image::synth::Truth;
 use crate::image::synth::truth::MAX_DISTANCE;
 use std::ops::Range;
@@ -97,21 +97,11 @@ impl<'a, const D: usize> Reference<'a, D> {
                 .map(|p| std::array::from_fn(|k| p.position[k] / step[k]))
                 .collect()
         };
-        let dims = features.potential.dims;
-        let extent = dims.map(|n| (n.max(1) - 1) as f64);
-        let (sorted, order) = PointGrid::new(&in_samples(nearby), extent);
-        let normals = order
-            .iter()
+        let sorted = PointGrid::new(&in_samples(nearby));
+        let normals = (sorted.order().iter())
             .map(|&i| {
                 let p = &nearby[i as usize];
-                let n: [f32; D] = std::array::from_fn(|k| p.normal[k] * step[k]);
-                let length = n
-                    .iter()
-                    .map(|c| c * c)
-                    .sum::<f32>()
-                    .sqrt()
-                    .max(f32::MIN_POSITIVE);
-                n.map(|c| c / length)
+                unit(std::array::from_fn(|k| p.normal[k] * step[k]))
             })
             .collect();
         Self {
@@ -144,7 +134,7 @@ impl<'a, const D: usize> Reference<'a, D> {
                 });
                 let gap: [f64; D] = std::array::from_fn(|k| p[k] - sample[k] as f64);
                 let d = f64::from(truth.distance[truth.sample_index(sample)]);
-                d - dot(gap, gap).sqrt() <= limit && distance_from_corners(truth, p) <= limit
+                d - norm(gap) <= limit && distance_from_corners(truth, p) <= limit
             }
             DistanceField::Detected(detected) => {
                 // The nearest point is farther away than its plane by a limited distance.
@@ -217,7 +207,7 @@ fn distance_from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
         let i = truth.sample_index(sample);
         let d = f64::from(truth.distance[i]);
         let offset: [f64; D] = std::array::from_fn(|k| p[k] - sample[k] as f64);
-        lower_bound = lower_bound.max(d - dot(offset, offset).sqrt());
+        lower_bound = lower_bound.max(d - norm(offset));
         normals[c] = truth.direction[i].map(f64::from);
         is_known[c] = truth.direction[i] != [0.0; D] || d == 0.0;
         gaps[c] = std::array::from_fn(|k| offset[k] - d * normals[c][k]);
@@ -251,7 +241,7 @@ fn distance_from_corners<const D: usize>(truth: &Truth<D>, p: [f64; D]) -> f64 {
             };
             0.5 * (dot(gaps[i], normals[i]) + dot(gaps[i], mean)).abs()
         } else {
-            dot(gaps[i], gaps[i]).sqrt()
+            norm(gaps[i])
         };
         best = best.min(height);
     }
@@ -291,13 +281,10 @@ impl<const D: usize> CellCorners<D> {
         let mut sum = [0f64; D];
         for j in 0..1 << D {
             let weight = self.orientation_sign(i, j) * self.weights[j];
-            for k in 0..D {
-                sum[k] += weight * self.normals[j][k];
-            }
+            sum = add_scaled(sum, weight, self.normals[j]);
         }
-        let length = dot(sum, sum).sqrt();
-        if length > 0.0 {
-            sum.map(|c| c / length)
+        if norm(sum) > 0.0 {
+            unit(sum)
         } else {
             self.normals[i]
         }

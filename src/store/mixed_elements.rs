@@ -2,7 +2,7 @@
 //! prisms in one mesh) and from cells that are lists of faces.
 
 use super::polyhedra::{CellFaces, node_means};
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, sorted, sub};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::renumber::{new_numbers, used_items};
 
@@ -172,17 +172,13 @@ fn orient_outwards(mesh: &mut PolyMesh<3>) {
 fn find_unmatched_face(mesh: &PolyMesh<3>) -> Option<[u32; 2]> {
     let boundary = mesh.inner_face_count()..mesh.face_cells.len();
     let cell = |f: usize| mesh.face_cells[f][0];
-    let sorted = |f: usize| {
-        let mut nodes = mesh.faces.get(f).to_vec();
-        nodes.sort_unstable();
-        nodes
-    };
+    let sorted_nodes = |f: usize| sorted(mesh.faces.get(f).to_vec());
     let triangles = boundary.clone().filter(|&f| mesh.faces.get(f).len() == 3);
-    let mut triangles: Vec<(Vec<u32>, u32)> = triangles.map(|f| (sorted(f), cell(f))).collect();
-    triangles.sort_unstable();
+    let triangles: Vec<(Vec<u32>, u32)> =
+        sorted(triangles.map(|f| (sorted_nodes(f), cell(f))).collect());
     let larger = boundary.filter(|&f| mesh.faces.get(f).len() == 4);
     larger.into_iter().find_map(|f| {
-        let nodes = sorted(f);
+        let nodes = sorted_nodes(f);
         (0..4).find_map(|omitted| {
             let mut triangle = nodes.clone();
             triangle.remove(omitted);

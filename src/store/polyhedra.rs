@@ -7,6 +7,7 @@
 
 use std::path::Path;
 
+use crate::geometry::sorted;
 use crate::parallel::prelude::*;
 
 use super::vtu::{
@@ -414,9 +415,7 @@ impl CellFaces {
 
     /// Returns the nodes of a face, ascending.
     fn sorted_nodes(&self, side: u32) -> Vec<u32> {
-        let mut nodes = self.rings.get(side as usize).to_vec();
-        nodes.sort_unstable();
-        nodes
+        sorted(self.rings.get(side as usize).to_vec())
     }
 
     /// Returns the mesh, or `None` if three cells share a face.
@@ -450,12 +449,9 @@ impl CellFaces {
                     add_face(first, Some(second))
                 }
                 _ => {
-                    let mut sorted: Vec<(Vec<u32>, u32)> = group
-                        .iter()
-                        .map(|&(_, i)| (self.sorted_nodes(i), i))
-                        .collect();
-                    sorted.sort_unstable();
-                    for same in sorted.chunk_by(|a, b| a.0 == b.0) {
+                    let sides = group.iter().map(|&(_, i)| (self.sorted_nodes(i), i));
+                    let sides: Vec<(Vec<u32>, u32)> = sorted(sides.collect());
+                    for same in sides.chunk_by(|a, b| a.0 == b.0) {
                         match *same {
                             [(_, side)] => add_face(side, None),
                             [(_, first), (_, second)] => add_face(first, Some(second)),

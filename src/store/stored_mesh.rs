@@ -9,7 +9,7 @@ use super::output::{HORIZON_FACES_ARRAY, UNITS_FIELD, WELD_FIELD};
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
-use crate::geometry::bounding_box;
+use crate::geometry::{bounding_box, sub};
 use crate::image::Geometry;
 use crate::job::BOX_TOLERANCE;
 use crate::mesh::check;
@@ -216,7 +216,7 @@ impl<const D: usize> LatticeSpace<D> {
         if known == [false; 4] {
             let [low, high] = bounding_box(nodes);
             return Some(Self {
-                extent: std::array::from_fn(|k| high[k] - low[k]),
+                extent: sub(high, low),
                 step: [1.0; D],
                 geometry: Geometry::with_spacing(low, [1.0; D]),
                 is_stored: false,

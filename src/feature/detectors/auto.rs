@@ -21,13 +21,13 @@
 //! never chosen: an amplitude volume has horizons as well, and the other two are alternatives to
 //! edges.
 
-use super::Detector;
 use super::edges::Edges;
 use super::horizons::Horizons;
 use super::labels::Labels;
 use super::masks::{Masks, ThinMask};
 use super::potential::Potential;
-use super::ridges::{Ridges, Valleys};
+use super::ridges::Ridges;
+use super::{Brightness, Detector};
 use crate::comm::Comm;
 use crate::error::Result;
 use crate::feature::detection::{first_non_finite, non_finite_error};
@@ -35,6 +35,7 @@ use crate::feature::volume::Volume;
 use crate::feature::windows::{LayerWindow, Samples, layer_len};
 use crate::feature::{Doubt, FeatureKind};
 use crate::files::codec::codec_fields;
+use crate::geometry::grid_index::block_rows;
 use crate::geometry::simd::dispatch_simd;
 use crate::image::check::{
     MAX_DETECTED_LABELS, MIN_EQUAL_SHARE, are_whole_numbers, distinct_values, equal_neighbour_count,
@@ -251,7 +252,7 @@ impl<const D: usize> ImageSurvey<D> {
                 && percentiles.thin_share > MIN_THIN_SHARE
             {
                 or_edges(
-                    &Ridges,
+                    &Ridges(Brightness::Bright),
                     FeatureKind::Ridges,
                     "thin surfaces of high values on a low background",
                 )
@@ -260,7 +261,7 @@ impl<const D: usize> ImageSurvey<D> {
                 && percentiles.thin_share > MIN_THIN_SHARE
             {
                 or_edges(
-                    &Valleys,
+                    &Ridges(Brightness::Dark),
                     FeatureKind::Valleys,
                     "thin surfaces of low values on a high background",
                 )
@@ -521,18 +522,10 @@ fn local_mean<const D: usize>(volume: Volume<'_, D>, at: [usize; D]) -> f32 {
     let span: [usize; D] =
         std::array::from_fn(|k| (at[k] + 1).min(volume.dims[k] - 1) + 1 - low[k]);
     let mut sum = 0.0;
-    let rows: usize = span[1..].iter().product();
-    for number in 0..rows {
-        let mut remaining = number;
-        let mut first = low;
-        for k in 1..D {
-            first[k] += remaining % span[k];
-            remaining /= span[k];
-        }
-        let start = volume.index(first);
+    for start in block_rows(volume.dims, low, span) {
         sum += volume.samples[start..start + span[0]].iter().sum::<f32>();
     }
-    sum / (rows * span[0]) as f32
+    sum / span.iter().product::<usize>() as f32
 }
 
 #[cfg(test)]

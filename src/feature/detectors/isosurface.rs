@@ -353,7 +353,7 @@ mod tests {
     use crate::feature::scenes::Noise;
     use crate::feature::windows::tests::LayeredImage;
     use crate::feature::{DetectionOptions, Features, detect, detect_part};
-    use crate::geometry::dot;
+    use crate::geometry::{dot, sub};
     use crate::image::{Geometry, Image, ImageSource};
 
     /// Returns an image of a function of the sample coordinates.
@@ -385,7 +385,7 @@ mod tests {
     }
 
     fn distance_from<const D: usize>(centre: [f64; D], p: [f64; D]) -> f64 {
-        norm::<D>(std::array::from_fn(|k| p[k] - centre[k]))
+        norm(sub(p, centre))
     }
 
     /// Finds isosurfaces of a ball (a disc in 2-D) with a soft edge, which are spheres.

@@ -25,6 +25,7 @@ use crate::feature::label_map::{
 };
 use crate::feature::volume::Volume;
 use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint};
+use crate::geometry::unit;
 use crate::image::{LabelTable, LabelValue};
 use crate::progress::CancelToken;
 
@@ -309,20 +310,17 @@ impl<'a, const D: usize> LabelLead<'a, D> {
                 _ => 0.0,
             }
         };
-        let gradient: [f64; D] = std::array::from_fn(|k| {
+        let mut gradient: [f64; D] = std::array::from_fn(|k| {
             let (mut before, mut after) = (at, at);
             before[k] = before[k].saturating_sub(1);
             after[k] = (after[k] + 1).min(self.lead.dims[k] - 1);
             let span = (after[k] - before[k]).max(1) as f64;
             (signed_lead(after) - signed_lead(before)) / span
         });
-        let length = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
-        if length > 0.0 {
-            return gradient.map(|g| g / length);
+        if gradient == [0.0; D] {
+            gradient[0] = 1.0;
         }
-        let mut arbitrary = [0.0; D];
-        arbitrary[0] = 1.0;
-        arbitrary
+        unit(gradient)
     }
 }
 

@@ -101,9 +101,9 @@ feature_kinds! {
     /// Chosen by what the image looks like; the report says which
     Auto = "auto" [];
     /// Bright surfaces: fault images, fractures, membranes
-    Ridges = "ridges" [ridges::Ridges];
+    Ridges = "ridges" [ridges::Ridges(Brightness::Bright)];
     /// Dark surfaces
-    Valleys = "valleys" [ridges::Valleys];
+    Valleys = "valleys" [ridges::Ridges(Brightness::Dark)];
     /// Steps of brightness
     Edges = "edges" [edges::Edges];
     /// Steps of brightness, by non-maximum suppression and hysteresis

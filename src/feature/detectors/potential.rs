@@ -1,12 +1,12 @@
 //! An image that is b(x) itself: -1 on features, 0 away from them.
 //!
 //! b(x) is used sample by sample. The feature points, to which the mesh is fitted, are those of its
-//! valleys ([`Valleys`]), with the scale and thresholds of valleys. Assumption: the image is in
+//! valleys ([`Ridges`]), with the scale and thresholds of valleys. Assumption: the image is in
 //! [-1, 0], and its valleys are as wide as the lattice needs (a standard deviation of d_min / 4,
 //! Hale 2002).
 
-use super::ridges::Valleys;
-use super::{Detector, DetectorInput, DetectorOutput};
+use super::ridges::Ridges;
+use super::{Brightness, Detector, DetectorInput, DetectorOutput};
 use crate::error::{Error, Result, cause};
 use crate::feature::FeatureKind;
 use crate::image::Image;
@@ -37,7 +37,7 @@ impl<const D: usize> Detector<D> for Potential {
                 "scale it, or choose another feature kind",
             )));
         }
-        Valleys.find(input, notes)
+        Ridges(Brightness::Dark).find(input, notes)
     }
 
     fn potential(&self, image: &Image<D>) -> Option<Vec<f32>> {

@@ -30,20 +30,24 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
 
-/// Detector of surfaces of high values.
-pub struct Ridges;
+/// Detector of surfaces of high or of low values. Surfaces of low values are the ridges of the
+/// negated image.
+pub struct Ridges(pub Brightness);
 
 impl<const D: usize> Detector<D> for Ridges {
     fn kind(&self) -> FeatureKind {
-        FeatureKind::Ridges
+        match self.0 {
+            Brightness::Bright => FeatureKind::Ridges,
+            Brightness::Dark => FeatureKind::Valleys,
+        }
     }
 
     fn brightness(&self) -> Option<Brightness> {
-        Some(Brightness::Bright)
+        Some(self.0)
     }
 
     fn suggestion_in_doubt(&self) -> &'static str {
-        SUGGESTION_IN_DOUBT
+        "follows the surfaces themselves; --feature edges confirms the sides of solid objects"
     }
 
     fn min_strong_share(&self) -> f64 {
@@ -55,50 +59,17 @@ impl<const D: usize> Detector<D> for Ridges {
         input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        RidgeSearch::new(input).find(input.samples(1.0)?, notes)
+        let sign = match self.0 {
+            Brightness::Bright => 1.0,
+            Brightness::Dark => -1.0,
+        };
+        RidgeSearch::new(input).find(input.samples(sign)?, notes)
     }
 
     fn is_streamable(&self) -> bool {
         true
     }
 }
-
-/// Detector of surfaces of low values: the ridges of the negated image.
-pub struct Valleys;
-
-impl<const D: usize> Detector<D> for Valleys {
-    fn kind(&self) -> FeatureKind {
-        FeatureKind::Valleys
-    }
-
-    fn brightness(&self) -> Option<Brightness> {
-        Some(Brightness::Dark)
-    }
-
-    fn suggestion_in_doubt(&self) -> &'static str {
-        SUGGESTION_IN_DOUBT
-    }
-
-    fn min_strong_share(&self) -> f64 {
-        MIN_STRONG_SHARE
-    }
-
-    fn find(
-        &self,
-        input: &DetectorInput<'_, D>,
-        notes: &mut Vec<String>,
-    ) -> Result<DetectorOutput<D>> {
-        RidgeSearch::new(input).find(input.samples(-1.0)?, notes)
-    }
-
-    fn is_streamable(&self) -> bool {
-        true
-    }
-}
-
-/// Suggestion for a scan that may have thin surfaces, or solid objects.
-const SUGGESTION_IN_DOUBT: &str =
-    "follows the surfaces themselves; --feature edges confirms the sides of solid objects";
 
 /// Scale (samples) at which ridges are sought first.
 const MIN_SCALE: f64 = 1.5;
@@ -703,7 +674,9 @@ mod tests {
         let cancel = CancelToken::never();
         let input = DetectorInput::new(ImageSource::InMemory(&image), &options, &cancel);
         let (mut notes, mut other_notes) = (Vec::new(), Vec::new());
-        let reference = Ridges.find(&input, &mut notes).unwrap();
+        let reference = Ridges(crate::feature::Brightness::Bright)
+            .find(&input, &mut notes)
+            .unwrap();
         assert!(
             notes.iter().any(|note| note.contains("all angles")),
             "{notes:?}"

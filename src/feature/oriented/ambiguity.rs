@@ -9,6 +9,7 @@ use crate::feature::eigen::SymmetricMatrix;
 use crate::feature::ridges::HEIGHT_FACTOR;
 use crate::feature::volume::Volume;
 use crate::feature::windows::WindowInterior;
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::parallel::prelude::*;
 use std::ops::Range;
 
@@ -318,15 +319,11 @@ pub fn cells_around<const D: usize>(
     let (at, dims) = (grid.coordinates(cell), grid.dims);
     let side = 2 * reach + 1;
     (0..side.pow(D as u32)).filter_map(move |number| {
-        let mut remaining = number;
-        let neighbour: [usize; D] = std::array::from_fn(|k| {
-            let i = (at[k] + remaining % side).wrapping_sub(reach);
-            remaining /= side;
-            i
-        });
+        let step = index_at([side; D], number);
+        let neighbour: [usize; D] = std::array::from_fn(|k| (at[k] + step[k]).wrapping_sub(reach));
         (0..D)
             .all(|k| neighbour[k] < dims[k])
-            .then(|| Volume::new(dims, &[]).index(neighbour))
+            .then(|| offset_of(dims, neighbour))
     })
 }
 

@@ -8,6 +8,7 @@ use crate::feature::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LAYER_MULTIPLE, LayerWindow};
 use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::{cross, dot, to_3d, unit};
 use crate::parallel::prelude::*;
 use std::cmp::Ordering::{Equal, Greater, Less};
@@ -114,12 +115,8 @@ impl<const D: usize> BlockContext<'_, D> {
         let side = BLOCK_SIZE / CELL_SIZE;
         let (mut tensor, mut kinds) = ([[0.0; D]; D], [false; 2]);
         for number in 0..side.pow(D as u32) {
-            let mut remaining = number;
-            let at: [usize; D] = std::array::from_fn(|k| {
-                let i = first[k] + remaining % side * CELL_SIZE;
-                remaining /= side;
-                i
-            });
+            let cell = index_at([side; D], number);
+            let at: [usize; D] = std::array::from_fn(|k| first[k] + cell[k] * CELL_SIZE);
             if (0..D).any(|k| at[k] >= dims[k]) {
                 continue;
             }
@@ -188,9 +185,8 @@ impl<const D: usize> BlockContext<'_, D> {
         let mut lines: Vec<[f64; D]> = Vec::new();
         for (i, a) in modes.iter().enumerate() {
             for b in &modes[..i] {
-                let line = cross(to_3d(*a), to_3d(*b));
-                let length = dot(line, line).sqrt();
-                let line = std::array::from_fn(|k| line[k] / length);
+                let line = unit(cross(to_3d(*a), to_3d(*b)));
+                let line = std::array::from_fn(|k| line[k]);
                 if lines.iter().all(|l| dot(*l, line).abs() < SAME_LINE_COSINE) {
                     lines.push(line);
                 }
@@ -365,12 +361,8 @@ impl RowRanges {
 
 /// Returns the image coordinates of sample `i` of a block.
 pub fn block_sample<const D: usize>(i: usize, first: [usize; D]) -> [usize; D] {
-    let mut remaining = i;
-    std::array::from_fn(|k| {
-        let j = first[k] + remaining % BLOCK_SIZE;
-        remaining /= BLOCK_SIZE;
-        j
-    })
+    let in_block = index_at([BLOCK_SIZE; D], i);
+    std::array::from_fn(|k| first[k] + in_block[k])
 }
 
 /// Keeps the strongest of points of one surface in one column that different lines gave.
@@ -413,9 +405,7 @@ fn frame<const D: usize>(line: [f64; D]) -> [[f64; D]; 3] {
     });
     let mut other = [0.0; 3];
     other[smallest] = 1.0;
-    let a = cross(line, other);
-    let length = dot(a, a).sqrt();
-    let a = a.map(|c| c / length);
+    let a = unit(cross(line, other));
     let b = cross(line, a);
     for k in 0..D {
         (frame[0][k], frame[1][k], frame[2][k]) = (line[k], a[k], b[k]);

@@ -32,7 +32,7 @@ use super::volume::Volume;
 use super::voxel_index::CandidateIndex;
 use super::windows::{LayerWindow, Samples, WindowInterior};
 use crate::error::Result;
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, norm, sub, unit};
 use crate::progress::CancelToken;
 use block::{BLOCK_SIZE, BlockContext, BlockNormals, BlockScratch, blocks};
 use filters::CROSSING_SHAPE;
@@ -183,9 +183,8 @@ impl<const D: usize> OrientedSearch<'_, D> {
             grid.for_each_around(grid.coordinates(c), SMOOTHING_RADIUS, |j| {
                 let other = &points[j];
                 let offset = sub(other.position, c.position);
-                let length = dot(offset, offset).sqrt();
                 if dot(other.normal, c.normal).abs() >= SAME_SURFACE_COSINE
-                    && dot(offset, c.normal).abs() <= 0.4 + 0.08 * length
+                    && dot(offset, c.normal).abs() <= 0.4 + 0.08 * norm(offset)
                 {
                     neighbours.push(offset);
                 }
@@ -213,8 +212,7 @@ impl<const D: usize> OrientedSearch<'_, D> {
             for k in 1..D {
                 normal[(axis + k) % D] = -terms[k] as f32;
             }
-            let length = dot(normal, normal).sqrt();
-            let normal = normal.map(|n| n / length);
+            let normal = unit(normal);
             if height.abs() > 0.75 || dot(normal, c.normal).abs() < SAME_SURFACE_COSINE {
                 return *c;
             }

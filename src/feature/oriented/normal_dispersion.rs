@@ -2,7 +2,7 @@
 
 use super::ambiguity::trace;
 use crate::feature::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
-use crate::geometry::{dot, solve_positive, sub};
+use crate::geometry::{add_scaled, dot, solve_positive, sub};
 use crate::parallel::prelude::*;
 
 /// Smallest variance (samples squared) of positions along a surface that is used to fit its
@@ -70,7 +70,7 @@ fn dispersion_about_surface<const D: usize, I: Iterator<Item = CellMean<D>>>(
     // has no extent.
     let project = |v: [f64; D]| -> [f64; D] {
         let normal_part = dot(v, mean_normal);
-        std::array::from_fn(|k| v[k] - normal_part * mean_normal[k])
+        add_scaled(v, -normal_part, mean_normal)
     };
     let tangential =
         |normal: [f64; D]| project(normal.map(|c| c * dot(normal, mean_normal).signum()));

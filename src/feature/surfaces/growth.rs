@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::feature::candidate::{Candidate, nearest_sample};
 use crate::feature::candidate_slab::CandidateSlab;
 use crate::feature::voxel_index::CandidateIndex;
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, norm, sub};
 use crate::parallel::prelude::*;
 use crate::progress::{CancelToken, Stage};
 use std::ops::Range;
@@ -97,7 +97,7 @@ impl<const D: usize> ParallelSearch<D> {
         let axis = c.axis as usize;
         // Samples passed along each axis per lattice unit along the normal in lattice space.
         let scaled: [f32; D] = std::array::from_fn(|k| c.normal[k] / step[k]);
-        let unit_length = 1.0 / dot(scaled, scaled).sqrt();
+        let unit_length = 1.0 / norm(scaled);
         let speed: [f32; D] = std::array::from_fn(|k| scaled[k] * unit_length / step[k]);
         Self {
             unit_length,
@@ -540,6 +540,6 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
             }
         });
         // Full neighbourhoods balance; along a straight rim the mean is a third of a sample off.
-        count < 1 << (D - 1) || dot(sum, sum).sqrt() > MIN_RIM_OFFSET * count as f32
+        count < 1 << (D - 1) || norm(sum) > MIN_RIM_OFFSET * count as f32
     }
 }

@@ -17,7 +17,7 @@ use super::candidate_slab::CandidateSlab;
 use super::{FeatureKind, FeaturePoint, ThresholdMeaning};
 use crate::comm::Comm;
 use crate::error::Result;
-use crate::geometry::dot;
+use crate::geometry::unit;
 use crate::parallel::prelude::*;
 use crate::progress::{CancelToken, Stage};
 use growth::{BLOCKED, FRAGMENT, NARROW, SurfaceGrowth, UNASSIGNED};
@@ -253,10 +253,9 @@ pub fn extract_surfaces<const D: usize>(
 fn to_lattice_space<const D: usize>(c: &Candidate<D>, step: [f64; D]) -> FeaturePoint<D> {
     let position = std::array::from_fn(|k| c.position[k] * step[k] as f32);
     let normal: [f32; D] = std::array::from_fn(|k| c.normal[k] / step[k] as f32);
-    let length = dot(normal, normal).sqrt();
     FeaturePoint {
         position,
-        normal: normal.map(|n| n / length),
+        normal: unit(normal),
         strength: c.strength,
     }
 }

@@ -19,6 +19,7 @@ use super::stream::SlabSource;
 use super::{ImageFormat, LoadedImage};
 use crate::error::Result;
 use crate::files::atomic_write;
+use crate::geometry::{cross, unit};
 use crate::image::Geometry;
 
 /// First bytes of every NRRD file.
@@ -334,10 +335,7 @@ fn geometry(
         if axes.len() == 2 {
             // The third axis is perpendicular to the other two.
             let [a, b, _] = geometry.axes;
-            let cross = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
-            let across = [cross(1, 2), cross(2, 0), cross(0, 1)];
-            let length = across.iter().map(|x| x * x).sum::<f64>().sqrt();
-            geometry.axes[2] = across.map(|x| x / length);
+            geometry.axes[2] = unit(cross(a, b));
         }
         if let Some(units) = header.value("spaceunits") {
             for (unit, name) in geometry.units.iter_mut().zip(quoted(units)) {

@@ -2,7 +2,7 @@
 
 use super::surface::{ImplicitSurface, SurfacePoint};
 use super::truth::{MAX_DISTANCE, Truth};
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, norm, sub};
 use crate::parallel::prelude::*;
 
 /// Samples along each side of a block for which distant surfaces are excluded together.
@@ -76,8 +76,7 @@ pub(super) fn next_features(surfaces: &[ImplicitSurface], truth: &Truth) -> Vec<
                 continue;
             }
             let foot = surface.closest_point_in_rim(p);
-            let gap = sub(foot.point, p);
-            let d = dot(gap, gap).sqrt();
+            let d = norm(sub(foot.point, p));
             if d < max && exists_at(surfaces, k, foot.point) {
                 best = Some((d, k, foot));
             }
@@ -148,8 +147,8 @@ impl NearbySurfaces {
                 continue;
             }
             let foot = surface.closest_point_in_rim(p);
-            let offset: [f64; 3] = std::array::from_fn(|c| foot.point[c] - p[c]);
-            let d = dot(offset, offset).sqrt();
+            let offset = sub(foot.point, p);
+            let d = norm(offset);
             // If the closest point is beyond the end, the surface at which this one ends is closer
             // than any point of this one.
             if d < best && exists(foot.point) {

@@ -12,7 +12,7 @@ use super::{Options, Result};
 use crate::Error;
 use crate::error::cause;
 use crate::geometry::random::{Random, splitmix64, uniform};
-use crate::geometry::{cross, dot, sub};
+use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::parallel::prelude::*;
 use std::f64::consts::TAU;
 
@@ -232,9 +232,8 @@ fn index_of(faults: &[DrawnFault], fault: &DrawnFault) -> usize {
 /// horizontal.
 fn horizontal_direction(normal: [f64; 3]) -> [f64; 3] {
     let direction = cross(normal, [1.0, 0.0, 0.0]);
-    let length = dot(direction, direction).sqrt();
-    if length > 1e-9 {
-        direction.map(|c| c / length)
+    if norm(direction) > 1e-9 {
+        unit(direction)
     } else {
         [0.0, 1.0, 0.0]
     }
@@ -292,7 +291,7 @@ fn surface_points(
     earlier: &[DrawnFault],
 ) -> Vec<SurfacePoint> {
     let extent = dims.map(|n| (n - 1) as f64);
-    let reach = (dot(extent, extent).sqrt() / POINT_SPACING) as i32;
+    let reach = (norm(extent) / POINT_SPACING) as i32;
     let lines = if dims[2] == 1 { 0..=0 } else { -reach..=reach };
     let mut points = Vec::new();
     for j in lines {
@@ -408,8 +407,7 @@ fn max_over_faults(
                         continue;
                     }
                     let foot = fault.closest_point(p);
-                    let gap = sub(foot.point, p);
-                    let distance = dot(gap, gap).sqrt();
+                    let distance = norm(sub(foot.point, p));
                     if distance <= reach && exists_at(faults, k, foot.point) {
                         *sample = sample.max(value(k, &foot, distance) as f32);
                     }

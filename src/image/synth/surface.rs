@@ -1,6 +1,6 @@
 //! Implicit surfaces with exact closest points.
 
-use crate::geometry::{cross, dot, hypot, sub};
+use crate::geometry::{cross, dot, hypot, norm, sub, unit};
 
 /// A point of a surface, and the unit normal of the surface there.
 #[derive(Debug, Clone, Copy)]
@@ -93,9 +93,8 @@ pub(super) struct ImplicitSurface {
 
 /// Returns the unit vector along `v`, or that along x if `v` is zero.
 fn unit_vector(v: [f64; 3]) -> [f64; 3] {
-    let length = dot(v, v).sqrt();
-    if length > 0.0 {
-        v.map(|c| c / length)
+    if norm(v) > 0.0 {
+        unit(v)
     } else {
         [1.0, 0.0, 0.0]
     }
@@ -172,10 +171,7 @@ impl ImplicitSurface {
                 let [u, s, t] = frame.map(|axis| dot(axis, sub(p, *centre)));
                 u - height(waves, s, t).0 + base
             }
-            SurfaceShape::Ball { centre, radius } => {
-                let r = sub(p, *centre);
-                dot(r, r).sqrt() - radius
-            }
+            SurfaceShape::Ball { centre, radius } => norm(sub(p, *centre)) - radius,
         }
     }
 

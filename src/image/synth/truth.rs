@@ -2,6 +2,7 @@
 
 use crate::error::cause;
 use crate::geometry::grid_index::{index_at, offset_of, strides};
+use crate::geometry::norm;
 use crate::image::formats::npy;
 use crate::parallel::prelude::*;
 use crate::{Error, Result};
@@ -200,7 +201,7 @@ impl<const D: usize> Truth<D> {
                         (None, None) => 0.0,
                     }
                 });
-                let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
+                let length = norm(gradient);
                 if length < 0.1 {
                     [0.0; D]
                 } else {

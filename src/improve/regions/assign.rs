@@ -5,7 +5,7 @@ use crate::parallel::prelude::*;
 
 use crate::feature::LabelMap;
 use crate::geometry::counting_sort::sort_by_group;
-use crate::geometry::{add_scaled, sub};
+use crate::geometry::{add_scaled, sub, unit};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
@@ -266,11 +266,7 @@ const SEARCH_RADII: [f64; 2] = [0.5, 1.0];
 pub fn directions<const D: usize>() -> Vec<[f64; D]> {
     let count = 3usize.pow(D as u32);
     let steps = (0..count).map(|i| index_at([3; D], i).map(|c| c as f64 - 1.0));
-    let unit = |v: [f64; D]| {
-        let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
-        (length > 0.0).then(|| v.map(|c| c / length))
-    };
-    steps.filter_map(unit).collect()
+    steps.filter(|v| *v != [0.0; D]).map(unit).collect()
 }
 
 /// Largest number of rounds in which cells change their labels.

@@ -19,7 +19,7 @@ use super::assign::directions;
 use super::{balance, region_volumes};
 use crate::feature::LabelMap;
 use crate::geometry::counting_sort::sort_by_group;
-use crate::geometry::{add_scaled, dot, norm, normal, sub};
+use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
 use crate::lattice::AtomKind;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
@@ -238,7 +238,7 @@ impl<const D: usize> InterfaceFit<'_, D> {
             normal = normal.map(|a| -a);
         }
         let area = norm(normal);
-        let normal = normal.map(|a| a / area.max(f64::MIN_POSITIVE));
+        let normal = unit(normal);
         let neighbor = self.neighbors[(D + 1) * c + k];
         let pair = [c, neighbor as usize].map(|c| self.regions[c]);
         let step = self.labelled.min_step();

@@ -5,7 +5,7 @@
 
 use super::{TriImprover, adjacency};
 use crate::error::{Error, Result, cause};
-use crate::geometry::hypot;
+use crate::geometry::{hypot, sorted};
 use crate::improve::constraint::common_sides;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
@@ -143,8 +143,7 @@ fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     if rim.is_empty() {
         return Ok(mesh);
     }
-    let mut sorted = rim.to_vec();
-    sorted.sort_unstable();
+    let sorted = sorted(rim.to_vec());
     let is_rim = |edge: [u32; 2]| sorted.binary_search(&edge).is_ok();
     let neighbors = adjacency(&mesh)?;
     let edge = |t: usize, k: usize| SIDES[k].map(|i| mesh.triangles[t][i]);

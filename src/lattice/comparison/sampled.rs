@@ -16,7 +16,7 @@
 //! more accurate.
 
 use crate::error::Result;
-use crate::geometry::grid_index::offset_of;
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::pair::{CUTOFF_RATIO, potential};
@@ -44,15 +44,14 @@ struct SampleRun<const D: usize> {
 impl<const D: usize> Stamp<D> {
     fn new(d: f64, step: [f64; D], stiffness: f32) -> Self {
         let radius = step.map(|s| (f64::from(CUTOFF_RATIO) * d / s) as i64);
-        let rows: i64 = radius[1..].iter().map(|r| 2 * r + 1).product();
+        let mut block = radius.map(|r| 2 * r as usize + 1);
+        block[0] = 1;
+        let rows: usize = block.iter().product();
         let mut runs = Vec::new();
         for row in 0..rows {
-            let mut rest = row;
-            let mut first = [0; D];
-            for k in 1..D {
-                first[k] = rest % (2 * radius[k] + 1) - radius[k];
-                rest /= 2 * radius[k] + 1;
-            }
+            let in_block = index_at(block, row);
+            let mut first: [i64; D] = std::array::from_fn(|k| in_block[k] as i64 - radius[k]);
+            first[0] = 0;
             let across2: f64 = (1..D).map(|k| (first[k] as f64 * step[k]).powi(2)).sum();
             let remaining2 = (f64::from(CUTOFF_RATIO) * d).powi(2) - across2;
             if remaining2 < 0.0 {

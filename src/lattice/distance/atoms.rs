@@ -1,9 +1,8 @@
 //! Nominal distance d(x) from the spacing of given atoms.
 
 use super::{Distance, limit_gradient, lower_cell_corners};
-use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::cell_list::CellList;
 use crate::geometry::distance2;
-use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
 
@@ -44,38 +43,20 @@ pub fn from_atoms<const D: usize>(
 pub fn nearest_neighbours<const D: usize>(positions: &[[f64; D]], extent: [f64; D]) -> Vec<f64> {
     let volume: f64 = extent.iter().product();
     let edge = (volume / positions.len().max(1) as f64).powf(1.0 / D as f64);
-    let dims = extent.map(|e| (e / edge) as usize + 1);
-    let cell = |x: &[f64; D]| -> [usize; D] {
-        std::array::from_fn(|k| ((x[k] / edge).max(0.0) as usize).min(dims[k] - 1))
-    };
-    let cells = positions.iter().map(|x| offset_of(dims, cell(x)));
-    let (start, order) = sort_by_group(dims.iter().product(), cells);
-    let max_cells = dims.iter().fold(0, |a, &b| a.max(b));
+    let cells = CellList::new(positions, edge);
     let nearest = |n: usize| {
-        let (x, home) = (&positions[n], cell(&positions[n]));
-        let mut best = f64::INFINITY;
-        for ring in 0..=max_cells {
-            // All points that have not been seen yet lie beyond the last ring of cells.
-            if ring > 0 && best <= ((ring - 1) as f64 * edge).powi(2) {
-                break;
-            }
-            let span = 2 * ring + 1;
-            for number in 0..span.pow(D as u32) {
-                let offset = index_at([span; D], number);
-                let is_outermost = offset.iter().any(|&o| o == 0 || o == span - 1);
-                let is_inside =
-                    (0..D).all(|k| (ring..ring + dims[k]).contains(&(home[k] + offset[k])));
-                if !is_outermost || !is_inside {
-                    continue;
+        let (mut best, mut radius) = (f64::INFINITY, edge);
+        loop {
+            cells.visit_within(positions[n], radius, |m| {
+                if m != n {
+                    best = best.min(distance2(&positions[m], &positions[n]));
                 }
-                let c = offset_of(dims, std::array::from_fn(|k| home[k] + offset[k] - ring));
-                let members = &order[start[c] as usize..start[c + 1] as usize];
-                for &m in members.iter().filter(|&&m| m as usize != n) {
-                    best = best.min(distance2(&positions[m as usize], x));
-                }
+            });
+            if best <= radius * radius {
+                return best.sqrt();
             }
+            radius *= 2.0;
         }
-        best.sqrt()
     };
     (0..positions.len()).map(nearest).collect()
 }

@@ -23,6 +23,7 @@ pub(crate) use partition::{DistanceLayers, DistributedDistance};
 pub use sources::{DenseRegion, from_image, from_laplacian, from_samples};
 
 use crate::geometry::grid_index::strides;
+use crate::geometry::norm;
 use std::f64::consts::SQRT_2;
 
 use crate::parallel::prelude::*;
@@ -98,7 +99,7 @@ impl<const D: usize> Distance<D> {
     pub fn max_slope(&self) -> f64 {
         match self {
             Self::Constant(_) => 0.0,
-            Self::Field(field) => slope_norm(max_slopes(field)),
+            Self::Field(field) => norm(max_slopes(field)),
             Self::Bricks(bricks) => bricks.summary.max_slope,
         }
     }
@@ -199,10 +200,6 @@ fn max_slopes<const D: usize>(field: &ScalarField<D>) -> [f64; D] {
             .reduce(|| 0.0, f32::max);
         f64::from(steepest) / field.step[k]
     })
-}
-
-fn slope_norm<const D: usize>(slopes: [f64; D]) -> f64 {
-    slopes.iter().map(|slope| slope.powi(2)).sum::<f64>().sqrt()
 }
 
 /// Returns the sum of d^-D over the samples of a layer.

@@ -9,11 +9,11 @@ use std::ops::Range;
 
 use super::features::{DistanceLimits, coarse_grid, for_each_corner};
 use super::grading::limit_gradient_in_layers;
-use super::{CellPosition, Distance, GridCell, density_sum, max_slopes, slope_norm};
+use super::{CellPosition, Distance, GridCell, density_sum, max_slopes};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
 use crate::geometry::grid_index::{index_at, offset_of};
-use crate::geometry::morphology;
+use crate::geometry::{morphology, norm};
 use crate::image::{MissFlag, ScalarField};
 use crate::progress::CancelToken;
 

@@ -1,6 +1,7 @@
 //! Temperatures for local edits (Hale 2002): a lattice is warm where it has been edited and frozen
 //! elsewhere, so that only the neighbourhood of the edit changes.
 
+use crate::geometry::distance2;
 use crate::parallel::prelude::*;
 
 /// Radius of the neighbourhood of an edit, in units of d (Hale 2002).
@@ -23,10 +24,7 @@ pub fn temperatures<const D: usize>(
 
 /// Returns the distance of a position from the nearest edited one, in units of the d there.
 pub fn relative_distance<const D: usize>(x: &[f64; D], edited: &[([f64; D], f64)]) -> f64 {
-    let distance_to = |(y, d): &([f64; D], f64)| {
-        let r2: f64 = (0..D).map(|k| (x[k] - y[k]).powi(2)).sum();
-        r2.sqrt() / d
-    };
+    let distance_to = |(y, d): &([f64; D], f64)| distance2(x, y).sqrt() / d;
     edited.iter().map(distance_to).fold(f64::INFINITY, f64::min)
 }
 

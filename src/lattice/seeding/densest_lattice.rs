@@ -23,6 +23,7 @@
 //! Where atoms keep off the sides ([`Alignment::AlongsideFeatures`]), the number of layers need not
 //! be even. The first layer is half a d inside, so that it and its mirror image are d apart.
 
+use crate::geometry::grid_index::index_at;
 use std::ops::Range;
 
 use super::Alignment;
@@ -76,19 +77,17 @@ impl<const D: usize> LatticeSites<D> {
     /// Returns the position of a site. Sites on the box's sides have coordinates of exactly `0.0`
     /// or `extent[k]`; with [`Alignment::AlongsideFeatures`] there are none.
     pub fn position(&self, site: u64) -> [f64; D] {
-        let mut rest = site;
+        let layers = index_at(self.axes.map(|axis| axis.count + 1), site as usize);
         std::array::from_fn(|k| {
             let AxisLayers {
                 count,
                 inset,
                 pitch,
             } = self.axes[k];
-            let layer = rest % (count as u64 + 1);
-            rest /= count as u64 + 1;
-            if layer == count as u64 && inset == 0.0 {
+            if layers[k] == count && inset == 0.0 {
                 self.extent[k]
             } else {
-                inset + pitch * layer as f64
+                inset + pitch * layers[k] as f64
             }
         })
     }

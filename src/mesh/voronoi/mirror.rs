@@ -7,6 +7,7 @@
 //! side can be omitted. If a needed image is missing, a cell extends beyond the box; the caller
 //! checks that and calls [`MirroredAtoms::add`].
 
+use crate::geometry::distance2;
 use crate::geometry::grid_index::{index_at, strides};
 
 /// Atoms and their images.
@@ -219,8 +220,7 @@ impl<'a, const D: usize> NearestAtomBins<'a, D> {
 
     /// Returns the squared distance from a position to an atom.
     fn squared_distance(&self, x: [f64; D], atom: u32) -> f64 {
-        let n = &self.atoms[atom as usize];
-        (0..D).map(|k| (x[k] - n[k]).powi(2)).sum()
+        distance2(&x, &self.atoms[atom as usize])
     }
 
     /// Calls `visit(bin, its centre, squared distance from x)` for the bins within `radius` along

@@ -1,7 +1,9 @@
 //! Horizons as functions z(x, y), and their values at the nodes of a map.
 
 use crate::error::cause;
+use crate::geometry::box_tree::BoxTree;
 use crate::geometry::grid_index::for_each_corner;
+use crate::geometry::{bounding_box, norm, sub};
 use crate::image::{Geometry, Image};
 use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result};
@@ -9,6 +11,9 @@ use crate::{Error, Result};
 /// Distance, in samples, by which a grid extends beyond its outermost samples, because coordinates
 /// are rounded.
 const GRID_MARGIN: f64 = 0.5;
+/// Margin of the boxes of triangles, relative to their diagonals, because points on edges count as
+/// inside.
+const BOX_MARGIN: f64 = 1e-6;
 /// Number of sweeps that smooth the filled values.
 const SMOOTHING_SWEEPS: usize = 300;
 
@@ -23,72 +28,37 @@ pub enum Horizon {
     Surface(TriangleIndex),
 }
 
-/// Triangles, sorted into bins of the x-y plane, so that those at a point are found fast.
+/// Triangles with a tree of their boxes in the x-y plane, so that those at a point are found fast.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TriangleIndex {
     corners: Vec<[[f64; 3]; 3]>,
-    low: [f64; 2],
-    bin_width: f64,
-    dims: [usize; 2],
-    /// For each bin, the index in `bin_triangles` at which its triangles begin; the last entry is
-    /// the end.
-    bin_start: Vec<u32>,
-    bin_triangles: Vec<u32>,
+    tree: BoxTree<'static, 2>,
 }
 
 impl TriangleIndex {
     /// Creates the index of the triangles with these corners.
     pub fn new(corners: Vec<[[f64; 3]; 3]>) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in corners.iter().flatten() {
-            low = [0, 1].map(|k| low[k].min(p[k]));
-            high = [0, 1].map(|k| high[k].max(p[k]));
-        }
-        let area = (high[0] - low[0]) * (high[1] - low[1]);
-        let width = (area / corners.len().max(1) as f64)
-            .sqrt()
-            .max(f64::MIN_POSITIVE);
-        let dims = [0, 1].map(|k| (((high[k] - low[k]) / width) as usize + 1).min(1 << 15));
-        let mut index = Self {
+        let bounds = |t: &[[f64; 3]; 3]| {
+            let [low, high] = bounding_box(t.map(|[x, y, _]| [x, y]));
+            let margin = BOX_MARGIN * norm(sub(high, low));
+            [low.map(|c| c - margin), high.map(|c| c + margin)]
+        };
+        let boxes: Vec<_> = corners.iter().map(bounds).collect();
+        Self {
+            tree: BoxTree::new(boxes, vec![0; corners.len()]),
             corners,
-            low,
-            bin_width: width,
-            dims,
-            bin_start: Vec::new(),
-            bin_triangles: Vec::new(),
-        };
-        let bins_of = |t: &[[f64; 3]; 3]| {
-            let range = |k: usize| {
-                let low = t.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
-                let high = t.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
-                index.bin_index(low, k)..=index.bin_index(high, k)
-            };
-            let (x, nx) = (range(0), index.dims[0]);
-            range(1).flat_map(move |j| x.clone().map(move |i| j * nx + i))
-        };
-        let mut pairs: Vec<(usize, u32)> = Vec::new();
-        for (t, triangle) in (0..).zip(&index.corners) {
-            pairs.extend(bins_of(triangle).map(|b| (b, t)));
         }
-        pairs.sort_unstable();
-        let start = |b: usize| pairs.partition_point(|p| p.0 < b) as u32;
-        let start = (0..=index.dims[0] * index.dims[1]).map(start).collect();
-        index.bin_triangles = pairs.iter().map(|p| p.1).collect();
-        index.bin_start = start;
-        index
     }
 
-    fn bin_index(&self, x: f64, k: usize) -> usize {
-        (((x - self.low[k]) / self.bin_width).max(0.0) as usize).min(self.dims[k] - 1)
-    }
-
+    /// Returns z of the first triangle at a point.
     fn z_at(&self, x: [f64; 2]) -> Option<f64> {
-        let b = self.bin_index(x[1], 1) * self.dims[0] + self.bin_index(x[0], 0);
-        let candidates =
-            &self.bin_triangles[self.bin_start[b] as usize..self.bin_start[b + 1] as usize];
-        candidates
-            .iter()
-            .find_map(|&t| triangle_z(&self.corners[t as usize], x))
+        let mut first: Option<(usize, f64)> = None;
+        self.tree.visit_at(x, |t| {
+            if first.is_none_or(|(other, _)| t < other) {
+                first = triangle_z(&self.corners[t], x).map(|z| (t, z)).or(first);
+            }
+        });
+        first.map(|(_, z)| z)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::geometry::grid_index::{for_each_corner, offset_of};
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
-use crate::geometry::volume6;
+use crate::geometry::{distance2, volume6};
 use crate::image::Image;
 use crate::mesh::poly::PolyMesh;
 use crate::{Error, Result};
@@ -179,7 +179,7 @@ fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64;
     let mut longest = (MAX_PIECE_EDGE_SAMPLES * MAX_PIECE_EDGE_SAMPLES, 0, 0);
     for i in 0..4 {
         for j in 0..i {
-            let length: f64 = (0..3).map(|k| (p[i][k] - p[j][k]).powi(2)).sum();
+            let length = distance2(&p[i], &p[j]);
             if length > longest.0 {
                 longest = (length, i, j);
             }

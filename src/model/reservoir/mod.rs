@@ -26,7 +26,7 @@ use crate::parallel::prelude::*;
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
-use crate::geometry::{dot, sorted_distinct};
+use crate::geometry::{dot, sorted_distinct, sub};
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
@@ -510,7 +510,7 @@ impl Model {
                 return c.angle_error(&graph.site);
             };
             let [a, b] = c.cells.map(|cell| graph.site[cell as usize]);
-            let line: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
+            let line = sub(b, a);
             let cell_angle = |cell: u32| {
                 let conormal = permeability.rock.mobility(cell as usize).times(c.normal);
                 let across = crate::geometry::norm(crate::geometry::cross(line, conormal));

@@ -3,6 +3,7 @@
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
+use crate::geometry::sub;
 use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
@@ -347,7 +348,7 @@ impl PreparedModel {
         let origin = self.frame.to_model([0.0; 3]);
         let axes = self.geometry.axes.map(|axis| {
             let end = self.frame.to_model(axis);
-            std::array::from_fn(|k| end[k] - origin[k])
+            sub(end, origin)
         });
         let cancel = CancelToken::never();
         AxisRatios::new(&model.graph, &permeability.rock, &axes, self.step, &cancel).map(Some)

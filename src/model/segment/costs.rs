@@ -3,6 +3,7 @@
 
 use super::{Links, Options, SegmentSeeds};
 use crate::error::cause;
+use crate::geometry::sorted;
 use crate::{Error, Result};
 
 /// Number of bins of a histogram.
@@ -51,8 +52,7 @@ impl RegionCosts {
                 }
             });
         let (object, background) = (object?, background?);
-        let mut sorted = background.clone();
-        sorted.sort_unstable();
+        let sorted = sorted(background.clone());
         if let Some(shared) = object
             .iter()
             .find(|&cell| sorted.binary_search(cell).is_ok())

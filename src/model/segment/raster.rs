@@ -2,7 +2,7 @@
 
 use crate::parallel::prelude::*;
 
-use crate::geometry::norm;
+use crate::geometry::{norm, unit};
 use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 
@@ -132,8 +132,7 @@ fn convex_cells<const D: usize, F: Mesh<D>>(
 /// its area.
 fn normal_and_size<const D: usize>(corners: &[[f64; D]; D]) -> ([f64; D], f64) {
     let normal = crate::geometry::normal(corners);
-    let length = norm(normal);
-    (normal.map(|n| n / length.max(f64::MIN_POSITIVE)), length)
+    (unit(normal), norm(normal))
 }
 
 /// Assigns the samples of one section that lie in a cell, and in no earlier one, to this cell, row

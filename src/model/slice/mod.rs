@@ -431,7 +431,7 @@ fn sample_spacing<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> [
     let aspect = geometry.display_scale(samples, samples);
     geometry
         .axes
-        .map(|axis| norm::<D>(std::array::from_fn(|c| axis[c] * aspect[c])) as f32)
+        .map(|axis| norm::<f64, D>(std::array::from_fn(|c| axis[c] * aspect[c])) as f32)
 }
 
 /// Returns the number of steps from the first sample to the last; at least 1.

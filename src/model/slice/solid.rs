@@ -14,7 +14,7 @@ use super::raster::{Raster, ValuedPoint};
 use super::shape::{self, OverlayShape};
 use super::{UpDirection, axis_along, blank_canvas, check_inside};
 use crate::Result;
-use crate::geometry::bounding_box;
+use crate::geometry::{bounding_box, sub};
 use crate::image::{Geometry, Image};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
@@ -136,7 +136,7 @@ impl SolidView<'_> {
     pub fn bounding_space(shapes: &[OverlayShape]) -> LatticeSpace<3> {
         let points: Vec<[f64; 3]> = shapes.iter().flat_map(OverlayShape::points).collect();
         let [low, high] = bounding_box(&points);
-        let widths: [f64; 3] = std::array::from_fn(|k| high[k] - low[k]);
+        let widths = sub(high, low);
         let min_width = 1e-3 * widths.iter().copied().fold(1e-9, f64::max);
         Self::image_space(
             [2; 3],

@@ -315,7 +315,6 @@ struct SizeClasses<const D: usize> {
 
 impl<const D: usize> SizeClasses<D> {
     fn new(points: &[[f64; D]], sizes: &[f64], reach: f64) -> Self {
-        let cell_size = |size: f64| (reach * size).max(f64::MIN_POSITIVE);
         let largest = sizes.iter().copied().fold(0.0, f64::max);
         let mean = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
         // The first class has sizes up to the mean, the next ones up to twice the mean, four times,
@@ -333,14 +332,14 @@ impl<const D: usize> SizeClasses<D> {
             let positions: Vec<[f64; D]> = members.iter().map(|&i| points[i]).collect();
             (
                 max_size,
-                CellList::new(&positions, cell_size(max_size)),
+                CellList::new(&positions, reach * max_size),
                 members,
             )
         });
         Self {
             reach,
             classes: classes.collect(),
-            coarse_cells: CellList::new(points, cell_size(largest)),
+            coarse_cells: CellList::new(points, reach * largest),
         }
     }
 
@@ -355,7 +354,8 @@ impl<const D: usize> SizeClasses<D> {
 
     /// Returns `true` if point i comes before point j; it decides between points at equal distance.
     fn precedes(&self, points: &[[f64; D]], i: usize, j: usize) -> bool {
-        (self.coarse_cells.cell_of(points[i]), i) < (self.coarse_cells.cell_of(points[j]), j)
+        let position = |i: usize| (self.coarse_cells.offset_of(points[i]), i);
+        position(i) < position(j)
     }
 }
 
@@ -392,7 +392,7 @@ pub fn crossing_votes<const D: usize>(
 ) -> Vec<Vote> {
     let count = facets.len();
     let size = (0..count).map(|f| facets.size(f)).sum::<f64>() / count.max(1) as f64;
-    let max_gap = (MAX_GAP_RATIO * size).max(f64::MIN_POSITIVE);
+    let max_gap = MAX_GAP_RATIO * size;
     let is_rim = |&side: &usize| {
         let sides = facets.sides(facets.ridges[side / D][side % D] as usize);
         let own_surface = surface[side / D];
@@ -404,13 +404,13 @@ pub fn crossing_votes<const D: usize>(
     let centroids = facets.centroids();
     // Facets near a crossing are tilted, so planes are fitted to a wider neighbourhood.
     let fit_radius = 2.0 * max_gap;
-    let grid = CellList::labelled(&centroids, |f| surface[f], fit_radius);
+    let grid = CellList::new(&centroids, fit_radius);
     let planes: Vec<RimPlane<D>> = (rim.par_iter().zip(&rim_centres))
         .map(|(&side, &rim_centre)| {
             let f = side / D;
             let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
-            grid.visit_labelled(rim_centre, surface[f], |g| {
-                if norm(sub(centroids[g], rim_centre)) < fit_radius {
+            grid.visit_within(rim_centre, fit_radius, |g| {
+                if surface[g] == surface[f] && norm(sub(centroids[g], rim_centre)) < fit_radius {
                     let weight = norm(facets.normal(g));
                     area += weight;
                     centre = add_scaled(centre, weight, centroids[g]);
@@ -434,7 +434,7 @@ pub fn crossing_votes<const D: usize>(
         .map(|i| {
             let (own_surface, plane) = (surface[rim[i] / D], &planes[i]);
             let mut best: Option<(f64, usize)> = None;
-            grid.visit(rim_centres[i], |j| {
+            grid.visit_within(rim_centres[i], max_gap, |j| {
                 let offset = sub(rim_centres[j], rim_centres[i]);
                 let distance = norm(offset);
                 if surface[rim[j] / D] == own_surface

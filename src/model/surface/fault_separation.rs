@@ -64,7 +64,7 @@ impl<const D: usize> FaultSeparation<D> {
         let fault_centres: Vec<[f64; D]> = faults.iter().map(|w| w.centre).collect();
         let mean = faults.iter().map(|w| w.size).sum::<f64>() / faults.len().max(1) as f64;
         Some(Self {
-            fault_cells: CellList::new(&fault_centres, (2.0 * mean).max(f64::MIN_POSITIVE)),
+            fault_cells: CellList::new(&fault_centres, 2.0 * mean),
             is_horizon,
             centres,
             faults,

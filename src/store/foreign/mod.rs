@@ -19,12 +19,12 @@ use std::path::Path;
 use super::labels::{LabelledRegion, regions_field};
 use super::named_surfaces::NamedSurfaces;
 use super::output::HORIZON_FACES_ARRAY;
-use super::vtu::{read_any_vtu, read_arrays, read_cell_integers, read_count, read_nodes};
+use super::vtu::{read_any_vtu, read_arrays, read_cell_nodes, read_count, read_nodes};
 use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, io_error};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
-use crate::geometry::sorted_distinct;
+use crate::geometry::{sorted, sorted_distinct};
 use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
 use crate::mesh::renumber::{new_numbers, used_items};
@@ -55,11 +55,11 @@ pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     } else {
         return read_any_vtu(path);
     };
-    mesh.map_err(|fault| Error::Mesh(cause(path.display(), fault.problem, fault.remedy)))
+    mesh.map_err(|fault| fault.at(path))
 }
 
-/// VTK's types of vertices, lines, triangles and tetrahedra, with their numbers of corners.
-const SIMPLEX_TYPES: [(i64, usize); 4] = [(1, 1), (3, 2), (5, 3), (10, 4)];
+/// VTK's types of vertices, lines, triangles and tetrahedra.
+const SIMPLEX_TYPES: [i64; 4] = [1, 3, 5, 10];
 /// Cell arrays in which programs (ours, Gmsh through meshio, Medit, GEOS) store region numbers.
 pub(super) const REGION_ARRAYS: [&str; 5] = [
     "region",
@@ -74,8 +74,9 @@ const SCRAPS_NAME: &str = "scraps";
 
 /// Returns `true` if a file has tetrahedra together with triangles, lines or vertices.
 pub(super) fn is_mixed(types: &[i64]) -> bool {
-    let is_simplex = |kind: &i64| SIMPLEX_TYPES.iter().any(|(known, _)| known == kind);
-    types.iter().all(is_simplex) && types.contains(&10) && types.iter().any(|kind| *kind != 10)
+    types.iter().all(|kind| SIMPLEX_TYPES.contains(kind))
+        && types.contains(&10)
+        && types.iter().any(|kind| *kind != 10)
 }
 
 /// Reads a mesh of tetrahedra together with triangles, lines or vertices. Triangles inside the mesh
@@ -84,58 +85,27 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
     let piece = file.piece()?;
     let points = read_count(file, piece, "NumberOfPoints")?;
     let cells = file.child(piece, "Cells")?;
-    let (ends, corners) = (
-        read_cell_integers(file, cells, "offsets")?,
-        read_cell_integers(file, cells, "connectivity")?,
-    );
+    let corners = read_cell_nodes(file, cells, types.len())?;
     let arrays = read_arrays(file, piece, "CellData", types.len())?;
     let is_scalar = |name: &&str| arrays.iter().find(|a| a.name == *name && a.components == 1);
     let regions = REGION_ARRAYS
         .iter()
         .find_map(is_scalar)
         .map(|array| array.values.to_i64());
-    let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
     let mut foreign = ForeignMesh {
         nodes: read_nodes(file, file.child(piece, "Points")?, points)?,
         ..ForeignMesh::default()
     };
-    let mut begin = 0;
     for (c, kind) in types.iter().enumerate() {
-        let size = SIMPLEX_TYPES
-            .iter()
-            .find(|(known, _)| known == kind)
-            .map_or(0, |(_, size)| *size);
-        let end = usize::try_from(*ends.get(c).ok_or_else(damaged)?).map_err(|_| damaged())?;
-        let nodes = corners.get(begin..end).filter(|nodes| nodes.len() == size);
-        let node = |k: usize| u32::try_from(nodes.map_or(-1, |nodes| nodes[k]));
-        let node_index = |k: usize| node(k).map_err(|_| damaged());
         let region = regions.as_ref().map_or(0, |regions| regions[c] as i32);
-        match size {
-            4 => foreign.tets.push((
-                [
-                    node_index(0)?,
-                    node_index(1)?,
-                    node_index(2)?,
-                    node_index(3)?,
-                ],
-                region,
-            )),
-            3 => foreign
-                .triangles
-                .push(([node_index(0)?, node_index(1)?, node_index(2)?], region)),
-            _ if nodes.is_none() => return Err(damaged()),
-            _ => {}
+        match (*kind, corners.get(c)) {
+            (1, [_]) | (3, [_, _]) => {}
+            (5, &[i, j, k]) => foreign.triangles.push(([i, j, k], region)),
+            (10, &[i, j, k, l]) => foreign.tets.push(([i, j, k, l], region)),
+            _ => return Err(file.error("has cells with a wrong number of nodes", "write it again")),
         }
-        begin = end;
     }
-    let error = |file_problem: FileProblem| {
-        Error::Mesh(cause(
-            path.display(),
-            file_problem.problem,
-            file_problem.remedy,
-        ))
-    };
-    foreign.into_mesh().map_err(error)
+    foreign.into_mesh().map_err(|fault| fault.at(path))
 }
 
 /// A problem of a file, and its remedy.
@@ -152,6 +122,11 @@ impl FileProblem {
             problem: problem.into(),
             remedy: "write it again",
         }
+    }
+
+    /// Returns the error of the file at `path`.
+    fn at(self, path: &Path) -> Error {
+        Error::Mesh(cause(path.display(), self.problem, self.remedy))
     }
 }
 
@@ -258,14 +233,12 @@ fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
         FileProblem::damaged(format!("more than two cells share the face {face:?}"))
     })?;
     for (face, _) in &mut faces {
-        *face = face.map(|n| new_index[n as usize]);
-        face.sort_unstable();
+        *face = sorted(face.map(|n| new_index[n as usize]));
     }
     faces.sort_unstable();
     // Returns the groups of a face of a cell, if the face is inside the mesh.
     let groups = |c: usize, k: usize| {
-        let mut face = mesh.face(c, k);
-        face.sort_unstable();
+        let face = sorted(mesh.face(c, k));
         let is_inner = neighbors[N * c + k] != NONE;
         let first = faces.partition_point(|(known, _)| *known < face);
         let matching = faces[first..]

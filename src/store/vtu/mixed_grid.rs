@@ -1,9 +1,10 @@
 //! Reads unstructured grids of solid cells of several shapes as polyhedra. Flat cells in the file
 //! mark faces on features.
 
-use super::{MeshFile, read_arrays, read_cell_integers, read_count, read_fields, read_nodes};
+use super::{MeshFile, read_arrays, read_cell_nodes, read_count, read_fields, read_nodes};
 use crate::error::Result;
 use crate::files::vtk::{DataArray, VtkFile};
+use crate::geometry::sorted;
 use crate::mesh::poly::PolyMesh;
 use crate::store::foreign::REGION_ARRAYS;
 use crate::store::mixed_elements::{MixedElement, SolidAssembler, mixed_element};
@@ -19,10 +20,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
     let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
-    let corners = read_cell_integers(file, element, "connectivity")?;
-    let node = |&n: &i64| u32::try_from(n).map_err(|_| damaged());
-    let corners: Vec<u32> = corners.iter().map(node).collect::<Result<_>>()?;
-    let ends = read_cell_integers(file, element, "offsets")?;
+    let corners = read_cell_nodes(file, element, types.len())?;
     let has_polyhedra = types.contains(&i64::from(<PolyMesh<3> as crate::mesh::Mesh<3>>::VTK_CELL));
     let (stream, face_ends) = if has_polyhedra {
         face_streams(file, element)?
@@ -31,11 +29,9 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     };
     let (mut solids, mut solid_cells) = (SolidAssembler::default(), Vec::new());
     let mut flat: Vec<Vec<u32>> = Vec::new();
-    let (mut begin, mut face_begin) = (0, 0);
+    let mut face_begin = 0;
     for (cell, &kind) in types.iter().enumerate() {
-        let end = usize::try_from(*ends.get(cell).ok_or_else(damaged)?).map_err(|_| damaged())?;
-        let cell_corners = corners.get(begin..end).ok_or_else(damaged)?;
-        begin = end;
+        let cell_corners = corners.get(cell);
         // Other cells have -1 here, or the end of the polyhedra before them.
         let face_end = face_ends
             .get(cell)
@@ -44,7 +40,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
         face_begin = face_end.unwrap_or(face_begin);
         match mixed_element(kind, cell_corners).ok_or_else(damaged)? {
             MixedElement::Line => {}
-            MixedElement::Flat(ring) => flat.push(sorted_nodes(ring)),
+            MixedElement::Flat(ring) => flat.push(sorted(ring.to_vec())),
             MixedElement::Solid(faces) => {
                 solid_cells.push(cell as u32);
                 solids.add(
@@ -68,10 +64,8 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     let (mut mesh, kept) = assembled.map_err(|problem| file.error(problem, remedy))?;
     flat.sort_unstable();
     for f in 0..mesh.inner_face_count() {
-        let ring: Vec<u32> = (mesh.faces.get(f).iter())
-            .map(|&n| kept[n as usize])
-            .collect();
-        mesh.on_feature[f] = flat.binary_search(&sorted_nodes(&ring)).is_ok();
+        let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
+        mesh.on_feature[f] = flat.binary_search(&sorted(ring.collect())).is_ok();
     }
     let cell_data = select_rows(
         read_arrays(file, piece, "CellData", types.len())?,
@@ -99,10 +93,4 @@ fn select_rows(arrays: Vec<DataArray>, rows: &[u32]) -> Vec<DataArray> {
         ..array
     };
     arrays.into_iter().map(select).collect()
-}
-
-fn sorted_nodes(ring: &[u32]) -> Vec<u32> {
-    let mut ring = ring.to_vec();
-    ring.sort_unstable();
-    ring
 }

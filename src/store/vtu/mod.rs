@@ -127,28 +127,13 @@ pub fn add_vtu<const D: usize, M: Simplices<D>>(
     );
     document.open("Cells", &[]);
     let corners = mesh.connectivity();
-    let size = D + 1;
-    if nodes.max(corners.len()) <= i32::MAX as usize {
-        document.add_array(ArraySource::computed(
-            "connectivity",
-            1,
-            corners.len(),
-            |i| corners[i] as i32,
-        ));
-        document.add_array(ArraySource::computed("offsets", 1, cells, |c| {
-            (size * (c + 1)) as i32
-        }));
+    document.add_array(integer_source("connectivity", corners));
+    let end = |c: usize| (D + 1) * (c + 1);
+    document.add_array(if corners.len() <= i32::MAX as usize {
+        ArraySource::computed("offsets", 1, cells, move |c| end(c) as i32)
     } else {
-        document.add_array(ArraySource::computed(
-            "connectivity",
-            1,
-            corners.len(),
-            |i| i64::from(corners[i]),
-        ));
-        document.add_array(ArraySource::computed("offsets", 1, cells, |c| {
-            (size * (c + 1)) as i64
-        }));
-    }
+        ArraySource::computed("offsets", 1, cells, move |c| end(c) as i64)
+    });
     document.add_array(ArraySource::computed("types", 1, cells, |_| M::VTK_CELL));
     batch.write(path, |out| document.write(out))
 }
@@ -510,6 +495,22 @@ pub(super) fn read_cell_values(file: &VtkFile, cells: &Element, name: &str) -> R
             )
         })?;
     Ok(file.array(element)?.values)
+}
+
+/// Reads the nodes of cells of several types, one list for each of `count` cells.
+pub(crate) fn read_cell_nodes(file: &VtkFile, cells: &Element, count: usize) -> Result<Lists> {
+    let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
+    let ends = read_cell_integers(file, cells, "offsets")?;
+    let numbers = |values: &[i64]| -> Result<Vec<u32>> {
+        let number = |&n: &i64| u32::try_from(n).map_err(|_| damaged());
+        values.iter().map(number).collect()
+    };
+    let offsets = [vec![0], numbers(ends.get(..count).ok_or_else(damaged)?)?].concat();
+    let items = numbers(&read_cell_integers(file, cells, "connectivity")?)?;
+    if !offsets.is_sorted() || offsets[count] as usize > items.len() {
+        return Err(damaged());
+    }
+    Ok(Lists { offsets, items })
 }
 
 fn read_corners<const D: usize, M: Simplices<D>>(

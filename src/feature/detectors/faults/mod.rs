@@ -125,6 +125,7 @@ mod tests {
     use crate::feature::volume::Volume;
     use crate::feature::windows::Samples;
     use crate::feature::{DetectionOptions, FeaturePoint, detect};
+    use crate::geometry::grid_index::index_at;
     use crate::image::{Geometry, Image};
     use crate::progress::CancelToken;
 
@@ -142,14 +143,10 @@ mod tests {
             let at: [usize; D] = point.position.map(|c| c.round() as usize);
             precise += usize::from(distance[volume.index(at)].abs() < 2.0);
             for number in 0..5usize.pow(D as u32) {
-                let (mut remaining, mut neighbour, mut square) = (number, at, 0);
-                for k in 0..D {
-                    let offset = remaining % 5;
-                    square += offset.abs_diff(2).pow(2);
-                    neighbour[k] = (at[k] + offset).saturating_sub(2).min(dims[k] - 1);
-                    remaining /= 5;
-                }
-                if square <= 4 {
+                let offset = index_at([5; D], number);
+                let neighbour: [usize; D] =
+                    std::array::from_fn(|k| (at[k] + offset[k]).saturating_sub(2).min(dims[k] - 1));
+                if offset.map(|o| o.abs_diff(2).pow(2)).iter().sum::<usize>() <= 4 {
                     is_near[volume.index(neighbour)] = true;
                 }
             }

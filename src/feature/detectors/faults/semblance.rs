@@ -14,8 +14,8 @@ use crate::feature::ridges::RidgeStatistics;
 use crate::feature::structure_tensor::NormalField;
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LayerStack, Samples};
-use crate::geometry::dot;
 use crate::geometry::simd::dispatch_simd;
+use crate::geometry::{dot, norm};
 use crate::image::LiveMask;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -137,7 +137,7 @@ type DiscTap<const D: usize> = ([i32; D], usize, f32);
 /// fault with normal `fault_normal`.
 fn half_disc_taps<const D: usize>(axis: usize, fault_normal: [f64; D]) -> Vec<DiscTap<D>> {
     let line: Vec<i32> = (-DISC_RADIUS..=DISC_RADIUS).collect();
-    let length = dot(fault_normal, fault_normal).sqrt();
+    let length = norm(fault_normal);
     let tap = |number: usize| {
         let mut remaining = number;
         let mut offset = [0; D];

@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use super::blosc;
 use super::metadata::{checked_product, parse_counts};
+use crate::geometry::sorted;
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
 /// Description of a problem with a chunk or with the metadata of chunks.
@@ -276,9 +277,7 @@ pub fn decode_zstd(bytes: &[u8], max_bytes: usize) -> Result<Vec<u8>, CodecError
 /// Parses a permutation of the axes.
 fn parse_permutation(value: &Value, axes: usize) -> Result<Vec<usize>, CodecError> {
     let order = parse_counts(value).unwrap_or_default();
-    let mut sorted = order.clone();
-    sorted.sort_unstable();
-    if sorted.into_iter().eq(0..axes) {
+    if sorted(order.clone()).into_iter().eq(0..axes) {
         Ok(order)
     } else {
         Err(format!(

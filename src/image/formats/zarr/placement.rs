@@ -12,6 +12,7 @@ use serde_json::Value;
 
 use super::metadata::{ArrayMetadata, NODE_FILE, ZarrNode};
 use crate::error::Result;
+use crate::geometry::sorted_distinct;
 use crate::image::Geometry;
 use crate::image::formats::AxisSpec;
 use crate::image::formats::placement::{NO_GEOMETRY_NOTE, length_unit};
@@ -387,11 +388,8 @@ fn place_along_axes(header: &mut ImageHeader<3>, coordinates: &[Option<EvenCoord
                     .map(|axis| axis.space_coordinate())
             })
             .collect();
-    let distinct = coordinates_by_name.filter(|axes| {
-        let mut numbers: Vec<usize> = axes.iter().map(|(c, _)| *c).collect();
-        numbers.sort_unstable();
-        numbers.windows(2).all(|pair| pair[0] != pair[1]) && axes.len() == 3
-    });
+    let distinct = coordinates_by_name
+        .filter(|axes| sorted_distinct(axes.iter().map(|(c, _)| *c)).len() == 3 && axes.len() == 3);
     for k in 0..3 {
         let (c, is_descending) = distinct.as_ref().map_or((k, false), |axes| axes[k]);
         let sign = if is_descending { -1.0 } else { 1.0 };

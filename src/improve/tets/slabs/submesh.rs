@@ -1,5 +1,6 @@
 //! Extracts parts of a mesh as meshes of their own, and merges parts.
 
+use crate::geometry::sorted;
 use crate::parallel::prelude::*;
 
 use super::super::NodeConstraint;
@@ -171,8 +172,7 @@ impl SubMesh {
             let (tet, around) = (*tet, *around);
             let ends = (0..4).filter(move |&k| around[k] == NONE);
             ends.map(move |k| {
-                let mut face = FACES[k].map(|i| tet[i]);
-                face.sort_unstable();
+                let face = sorted(FACES[k].map(|i| tet[i]));
                 (face, t as u32, k as u8)
             })
         };

@@ -190,7 +190,7 @@ impl<const D: usize> Balls<D> {
             .iter()
             .fold(0.0f64, |m, &w| m.max(w))
             .sqrt();
-        let grid = CellList::new(nodes, largest.max(f64::MIN_POSITIVE));
+        let grid = CellList::new(nodes, largest);
         let candidates = |f: usize| {
             let mut candidates = Vec::new();
             if let Some((centre, height)) = self.sphere_intersection(f) {

@@ -72,7 +72,7 @@ impl<'a, const D: usize> FacetGrid<'a, D> {
         let max_corner_distance = squares.fold(0.0, f64::max).sqrt();
         Self {
             surface,
-            grid: CellList::new(&centres, max_corner_distance.max(f64::MIN_POSITIVE)),
+            grid: CellList::new(&centres, max_corner_distance),
             max_corner_distance,
         }
     }

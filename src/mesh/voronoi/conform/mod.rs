@@ -69,7 +69,7 @@ impl<const D: usize> ConformingSites<D> {
         let balls = Balls::new(surface, extent);
         let max_radius = balls.max_radius();
         let mut conforming = Self {
-            grid: CellList::new(&balls.surface.nodes, max_radius.max(f64::MIN_POSITIVE)),
+            grid: CellList::new(&balls.surface.nodes, max_radius),
             max_radius,
             site_region: region,
             facets: Vec::new(),
@@ -158,7 +158,7 @@ impl<const D: usize> ConformingSites<D> {
         let grid = CellList::new(&points, radius);
         let mut close_pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (i, x) in points.iter().enumerate() {
-            grid.visit(*x, |j| {
+            grid.visit_within(*x, radius, |j| {
                 let (f, g) = (i / 2, j / 2);
                 let distance = distance2(x, &points[j]).sqrt() / sizes[f].min(sizes[g]);
                 if f < g && distance < MIN_SITE_DISTANCE {

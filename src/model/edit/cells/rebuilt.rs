@@ -8,7 +8,7 @@ use super::preserved::{FeatureChanges, PreservedParts};
 use crate::Result;
 use crate::comm::SelfComm;
 use crate::geometry::cell_list::CellList;
-use crate::geometry::{add_scaled, distance2};
+use crate::geometry::{add_scaled, distance2, sorted};
 use crate::job::cells::{RelaxOptions, cut_even_cells, relax_atoms};
 use crate::job::horizons::horizon_flags;
 use crate::job::{MeshSpace, Meshing};
@@ -429,13 +429,8 @@ where
         let (editable, preserved) = (rebuilt.neighbourhood.editable, rebuilt.preserved);
         let window_cells: Lists = cells_of_nodes(&rebuilt.mesh);
         let mesh_cells = |n: usize| {
-            let mut cells: Vec<u32> = window_cells
-                .get(n)
-                .iter()
-                .map(|&c| rebuilt.mesh_cell(c))
-                .collect();
-            cells.sort_unstable();
-            cells
+            let cells = window_cells.get(n).iter();
+            sorted(cells.map(|&c| rebuilt.mesh_cell(c)).collect::<Vec<u32>>())
         };
         let (mut nodes_by_cells, mut complete_faces, mut required_nodes) =
             (BTreeMap::new(), BTreeSet::new(), BTreeSet::new());
@@ -486,7 +481,7 @@ where
             cells_of_nodes: (0..rebuilt.mesh.nodes.len()).map(mesh_cells).collect(),
             window_numbers: vec![None; rebuilt.mesh.nodes.len()],
             matched_nodes: BTreeSet::new(),
-            cell_list: CellList::new(&positions, NODE_TOLERANCE * rebuilt.fields.distance.max()),
+            cell_list: CellList::new(&positions, rebuilt.fields.distance.max()),
             node_numbers,
             rebuilt,
             nodes_by_cells,

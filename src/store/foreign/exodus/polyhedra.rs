@@ -1,6 +1,7 @@
 //! Blocks of cells (`NFACED`) that are lists of faces (`NSIDED`).
 
 use super::{BlockGroups, missing_element_error, nodes, side_set_sides};
+use crate::geometry::sorted;
 use crate::mesh::poly::PolyMesh;
 use crate::store::MeshFile;
 use crate::store::foreign::netcdf::NetcdfReader;
@@ -35,9 +36,8 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         let face = cell
             .zip(side.checked_sub(1))
             .and_then(|(cell, i)| cell.get(i));
-        let mut nodes = face.and_then(ring).ok_or_else(missing_element_error)?;
-        nodes.sort_unstable();
-        named.push((nodes, -set));
+        let nodes = face.and_then(ring).ok_or_else(missing_element_error)?;
+        named.push((sorted(nodes), -set));
     }
     named.sort_unstable();
     let names = NamedFaces::new(&groups.face_names);
@@ -45,8 +45,7 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
     let mut horizons = Vec::new();
     for f in 0..mesh.inner_face_count() {
         let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
-        let mut ring: Vec<u32> = ring.collect();
-        ring.sort_unstable();
+        let ring: Vec<u32> = sorted(ring.collect());
         let first = named.partition_point(|(nodes, _)| *nodes < ring);
         let same_face = named[first..]
             .iter()

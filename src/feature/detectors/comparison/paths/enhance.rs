@@ -20,6 +20,7 @@ use crate::error::{Error, Result, cause};
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::geometry::random::uniform;
+use crate::geometry::sorted_distinct;
 use crate::image::Geometry;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -202,9 +203,7 @@ fn shortest_path_tree<const D: usize>(
 ) -> Vec<u32> {
     let mut cost = vec![f32::INFINITY; weights.len()];
     let mut previous = vec![NO_SAMPLE; weights.len()];
-    let mut targets: Vec<usize> = sinks.to_vec();
-    targets.sort_unstable();
-    targets.dedup();
+    let targets = sorted_distinct(sinks.iter().copied());
     let mut remaining = targets.len();
     let mut queue = Queue::default();
     cost[source] = 0.0;

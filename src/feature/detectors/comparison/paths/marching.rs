@@ -12,6 +12,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use crate::feature::volume::Volume;
+use crate::geometry::grid_index::index_at;
 use crate::progress::CancelToken;
 
 /// Radius (samples) around a start in which times are those of straight lines.
@@ -92,14 +93,9 @@ impl<const D: usize> MarchingFront<'_, D> {
     /// Sets the times of straight lines from a start to the samples around it.
     fn add_start(&mut self, start: usize) {
         let at = self.grid.coordinates(start);
-        let side = 2 * EXACT_RADIUS + 1;
+        let side = 2 * EXACT_RADIUS as usize + 1;
         for number in 0..side.pow(D as u32) {
-            let mut remaining = number;
-            let offset: [i32; D] = std::array::from_fn(|_| {
-                let o = remaining % side - EXACT_RADIUS;
-                remaining /= side;
-                o
-            });
+            let offset = index_at([side; D], number).map(|o| o as i32 - EXACT_RADIUS);
             let neighbour: [i32; D] = std::array::from_fn(|k| at[k] as i32 + offset[k]);
             let is_inside =
                 (0..D).all(|k| neighbour[k] >= 0 && neighbour[k] < self.grid.dims[k] as i32);

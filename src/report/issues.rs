@@ -1,0 +1,455 @@
+//! Issues of a mesh, and the changes that help.
+
+use super::regions;
+use super::table::group_digits;
+use super::verdict::{MAX_CONTACT_AREA, MAX_DROPPED_SHARE, MIN_MEASURED_SAMPLES, percent};
+use super::{Fidelity, Quality, Report, Voronoi};
+use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning};
+
+/// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
+/// an issue.
+const MIN_FEATURE_SHARE: f64 = 0.9;
+
+/// Minimum ratio of the typical strength of features to the noise. Weaker features may be noise.
+const MIN_SIGNAL_TO_NOISE: f32 = 2.5;
+
+/// Maximum fraction of faults that dip as gently as layers. More is an issue.
+const MAX_GENTLE_FAULT_SHARE: f64 = 0.25;
+
+/// Default minimum distance of angles from 0 and 180 degrees. Closer angles are an issue, unless a
+/// smaller target was given.
+const DEFAULT_MIN_ANGLE: f64 = 20.0;
+
+/// Maximum fraction of faces below the first of
+/// [`TINY_FACE_RATIOS`](super::cells::TINY_FACE_RATIOS). More is an issue.
+const MAX_TINY_FACE_SHARE: f64 = 0.01;
+
+/// Minimum number of samples of a lost part of a label that is an issue, unless the label is lost
+/// completely.
+const FRAGMENT_SAMPLES: usize = 8;
+
+/// Maximum error of the volume of a region, in percent. More is an issue.
+const MAX_VOLUME_ERROR_PERCENT: f64 = 2.0;
+
+/// Maximum deviation of interfaces from the places where labels change, in samples. Interfaces that
+/// deviate more have spikes.
+const MAX_INTERFACE_DEVIATION: f64 = 1.5;
+
+/// Minimum distance between atoms that is suggested, in samples. A smaller one adds no detail of
+/// the image.
+const MIN_ATOM_DISTANCE: f64 = 1.0;
+
+/// Issue of a mesh, and the change that helps.
+pub(super) struct Issue {
+    pub message: String,
+    pub option: Option<String>,
+    pub suggestion: &'static str,
+}
+
+/// Returns the smallest and the largest angle.
+pub(super) fn angle_range(quality: &Quality) -> [f64; 2] {
+    [quality.smallest_angle.worst, quality.largest_angle.worst]
+}
+
+impl Report {
+    /// Returns the worst issue of a valid mesh.
+    pub(super) fn worst_issue(&self) -> Option<Issue> {
+        // The kind of feature comes first, because everything else depends on it.
+        self.no_feature_issue()
+            .or_else(|| self.doubt_issue())
+            .or_else(|| self.quality.as_ref().and_then(|q| self.shape_issue(q)))
+            .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow_issue(v)))
+            .or_else(|| self.coverage_issue())
+            .or_else(|| self.lost_part_issue())
+            .or_else(|| self.damage_issue())
+            .or_else(|| self.hole_issue())
+            .or_else(|| self.volume_issue())
+            .or_else(|| self.spike_issue())
+            .or_else(|| self.noise_issue())
+            .or_else(|| self.dropped_feature_issue())
+            .or_else(|| self.physical_shape_issue())
+    }
+
+    /// Returns the issue of a mesh without any detected feature.
+    fn no_feature_issue(&self) -> Option<Issue> {
+        let options = self.job_options()?;
+        // Without measures of the mesh, nothing is known.
+        if self.fidelity.is_some() || self.is_stopped() {
+            return None;
+        }
+        let issue = "no feature was found, so the mesh follows none".to_string();
+        let kind: Option<FeatureKind> =
+            (options["feature"].as_str()).and_then(|name| name.parse().ok());
+        let has_strength =
+            kind.is_none_or(|kind| kind.threshold_meaning() == ThresholdMeaning::MinStrength);
+        if let Some(threshold) = options["threshold"].as_f64()
+            && has_strength
+        {
+            return Some(Issue {
+                message: issue,
+                option: Some(format!("--threshold {}", 0.5 * threshold)),
+                suggestion: "accepts weaker features, too",
+            });
+        }
+        let was_sought = |kind: &FeatureKind| {
+            options["feature"] == kind.to_string() || self.outcomes.iter().any(|o| o.kind == *kind)
+        };
+        let kinds = [FeatureKind::Edges, FeatureKind::Ridges];
+        let other = kinds.into_iter().find(|kind| !was_sought(kind));
+        Some(Issue {
+            message: issue,
+            option: other.map(|kind| format!("--feature {kind}")),
+            suggestion: if has_strength {
+                "looks for another kind of feature; or use a --threshold below the one in the notes"
+            } else {
+                "looks for another kind of feature"
+            },
+        })
+    }
+
+    /// Returns the minimum allowed angle.
+    fn min_allowed_angle(&self) -> f64 {
+        let target = self
+            .job_options()
+            .and_then(|options| options["min-dihedral"].as_f64());
+        target.map_or(DEFAULT_MIN_ANGLE, |requested| {
+            requested.min(DEFAULT_MIN_ANGLE)
+        })
+    }
+
+    /// Returns the issue of angles with which simulators fail or are slow.
+    fn shape_issue(&self, quality: &Quality) -> Option<Issue> {
+        let worst = quality.below_20.max(quality.above_160);
+        let min_allowed = self.min_allowed_angle();
+        let [smallest, largest] = angle_range(quality);
+        if worst == 0 || (smallest >= min_allowed && largest <= 180.0 - min_allowed) {
+            return None;
+        }
+        let issue = format!(
+            "{} of {} {} have angles below 20 or above 160 degrees",
+            group_digits(worst),
+            group_digits(quality.cells),
+            quality.kind
+        );
+        let keeps_slivers = |options: &serde_json::Value| options["slivers"] == "none";
+        if self.job_options().is_some_and(keeps_slivers) {
+            return Some(Issue {
+                message: issue,
+                option: Some("--slivers joe".into()),
+                suggestion: "removes slivers",
+            });
+        }
+        let explained = |a: &super::Angles| a.near_acute_line > a.unexplained;
+        Some(if quality.angles.as_ref().is_some_and(explained) {
+            Issue {
+                message: format!("{issue}, most where features meet at a small angle"),
+                option: self.finer_distance_option(),
+                suggestion: "makes cells there smaller, and fewer of them bad",
+            }
+        } else {
+            Issue {
+                message: issue,
+                option: self.finer_distance_option(),
+                suggestion: "smaller cells fit better between features",
+            }
+        })
+    }
+
+    /// Returns the issue of angles in physical space, if users work in it.
+    fn physical_shape_issue(&self) -> Option<Issue> {
+        let quality = self.quality_physical.as_ref()?;
+        let min_allowed = self.min_allowed_angle();
+        let [smallest, largest] = angle_range(quality);
+        let is_within = smallest >= min_allowed && largest <= 180.0 - min_allowed;
+        (self.used_in_physical_space && !is_within).then(|| Issue {
+            message: format!(
+                "cells have the shape of the samples, so that angles in physical space are {smallest:.0} to \
+                 {largest:.0} degrees"
+            ),
+            option: Some("--metric shape".into()),
+            suggestion: "gives cells a good shape in physical space",
+        })
+    }
+
+    /// Returns the issue of Voronoi cells with which flow simulators fail or are slow.
+    fn flow_issue(&self, voronoi: &Voronoi) -> Option<Issue> {
+        if voronoi.non_positive_connections > 0 {
+            return Some(Issue {
+                message: format!(
+                    "{} faces have a transmissibility that is not positive",
+                    group_digits(voronoi.non_positive_connections)
+                ),
+                option: Some("--metric physical".into()),
+                suggestion: "makes cells in physical units, in which simulators compute",
+            });
+        }
+        (voronoi.tiny_faces[0] > MAX_TINY_FACE_SHARE).then(|| Issue {
+            message: format!(
+                "{:.1} % of the faces are tiny, below a millionth of the mean area",
+                100.0 * voronoi.tiny_faces[0]
+            ),
+            option: Some("--weld 0.001".into()),
+            suggestion: "merges nodes that are very close to each other",
+        })
+    }
+
+    /// Returns the issue of features without faces, or of tagged faces off the features.
+    fn coverage_issue(&self) -> Option<Issue> {
+        let (cover, precision) = self.feature_shares()?;
+        if cover < MIN_FEATURE_SHARE {
+            return Some(Issue {
+                message: format!(
+                    "{:.0} % of the features have no face within a sample",
+                    (100.0 * (1.0 - cover)).ceil()
+                ),
+                option: self.finer_distance_option(),
+                suggestion: "closer atoms cover more of them, with more cells",
+            });
+        }
+        (precision < MIN_FEATURE_SHARE).then(|| Issue {
+            message: format!(
+                "{:.0} % of the faces on features are off them by more than a sample",
+                (100.0 * (1.0 - precision)).ceil()
+            ),
+            option: self.finer_distance_option(),
+            suggestion: "smaller faces follow curved features more closely, with more cells",
+        })
+    }
+
+    /// Returns the issue of features that were found but that the mesh does not follow.
+    fn dropped_feature_issue(&self) -> Option<Issue> {
+        let worst = (self.outcomes.iter())
+            .max_by(|a, b| a.dropped_share().total_cmp(&b.dropped_share()))?;
+        if worst.dropped_share() <= MAX_DROPPED_SHARE {
+            return None;
+        }
+        let kind = worst.kind;
+        Some(Issue {
+            message: format!(
+                "the mesh does not follow {} % of the {kind} found",
+                percent(worst.dropped_share())
+            ),
+            option: self.finer_distance_option(),
+            suggestion: "closer atoms can follow features that are smaller or nearer to others",
+        })
+    }
+
+    /// Returns the issue of features that may not be real.
+    fn noise_issue(&self) -> Option<Issue> {
+        let gentle = |o: &&KindOutcome| {
+            o.gently_dipping
+                .is_some_and(|share| share > MAX_GENTLE_FAULT_SHARE)
+        };
+        if let Some(outcome) = self.outcomes.iter().find(gentle) {
+            return Some(Issue {
+                message: format!(
+                    "{} % of the {} dip below {MIN_FAULT_DIP:.0} degrees, as layers do",
+                    percent(outcome.gently_dipping.unwrap_or_default()),
+                    outcome.kind
+                ),
+                option: None,
+                suggestion: "compare them with the image (slice)",
+            });
+        }
+        let noisy = |o: &&KindOutcome| {
+            o.signal_to_noise
+                .is_some_and(|ratio| ratio < MIN_SIGNAL_TO_NOISE)
+        };
+        let outcome = self.outcomes.iter().find(noisy)?;
+        Some(Issue {
+            message: format!(
+                "the {} are {:.1} times as strong as noise, so that some may be noise",
+                outcome.kind,
+                outcome.signal_to_noise.unwrap_or_default()
+            ),
+            option: None,
+            suggestion: "compare them with the image (slice), or give a --threshold above the one in the notes",
+        })
+    }
+
+    /// Returns the issue of parts of labels that are not in the mesh.
+    fn lost_part_issue(&self) -> Option<Issue> {
+        let lost = &self.regions.as_ref()?.lost;
+        let largest = lost
+            .iter()
+            .max_by_key(|of_label| of_label.largest_samples)?;
+        let is_label_lost = lost.iter().any(|lost| lost.is_whole_label);
+        if !is_label_lost && largest.largest_samples < FRAGMENT_SAMPLES {
+            return None;
+        }
+        let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
+        let parts = match parts {
+            1 => "a part of a label is".to_string(),
+            parts => format!("{} parts of labels are", group_digits(parts)),
+        };
+        Some(Issue {
+            message: format!(
+                "{parts} lost, the largest {} samples of label {}",
+                group_digits(largest.largest_samples),
+                largest.label
+            ),
+            option: largest.remedy(),
+            suggestion: match largest.remedy() {
+                Some(_) => "makes cells of that label smaller, which keeps the part",
+                None => regions::RESAMPLING_ADVICE,
+            },
+        })
+    }
+
+    /// Returns the issue of labels that touch through holes in the thing between them.
+    fn hole_issue(&self) -> Option<Issue> {
+        let worst = self.regions.as_ref()?.holes.first()?;
+        let [a, b] = worst.labels;
+        (worst.area > MAX_CONTACT_AREA).then(|| Issue {
+            message: format!(
+                "the labels {a} and {b} touch through holes in the layer between them"
+            ),
+            option: self.finer_distance_option(),
+            suggestion: "smaller cells keep thin layers closed; or use an image with more samples",
+        })
+    }
+
+    /// Returns the issue of parts of labels that are largely missing.
+    fn damage_issue(&self) -> Option<Issue> {
+        let damaged = &self.regions.as_ref()?.damaged;
+        let largest = damaged
+            .iter()
+            .max_by_key(|of_label| of_label.largest_samples)?;
+        Some(Issue {
+            message: format!(
+                "a part of label {} with {} samples lacks more than {:.0} % of its volume",
+                largest.label,
+                group_digits(largest.largest_samples),
+                100.0 * regions::MIN_MISSING_SHARE
+            ),
+            option: largest.remedy(),
+            suggestion: match largest.remedy() {
+                Some(_) => "makes cells of that label smaller, which keeps the part",
+                None => regions::RESAMPLING_ADVICE,
+            },
+        })
+    }
+
+    /// Returns the issue of the region with the largest volume error.
+    fn volume_issue(&self) -> Option<Issue> {
+        let candidates = self.regions.as_ref()?.regions.iter();
+        let measured = candidates.filter(|region| region.samples >= MIN_MEASURED_SAMPLES);
+        let worst = measured.max_by(|a, b| {
+            a.volume_error_percent
+                .abs()
+                .total_cmp(&b.volume_error_percent.abs())
+        })?;
+        if worst.volume_error_percent.abs() <= MAX_VOLUME_ERROR_PERCENT {
+            return None;
+        }
+        let option = regions::distance_option(worst.label, worst.distance);
+        let suggestion = match option {
+            Some(_) => "makes cells of that label smaller, so that they follow it",
+            None => "use a smaller --distance everywhere, or an image with more samples",
+        };
+        Some(Issue {
+            message: format!(
+                "the region of label {} is {:.1} % too {}",
+                worst.label,
+                worst.volume_error_percent.abs(),
+                if worst.volume_error_percent < 0.0 {
+                    "small"
+                } else {
+                    "large"
+                }
+            ),
+            option,
+            suggestion,
+        })
+    }
+
+    /// Returns the deviation, in samples, of interfaces from the places where labels change, if it
+    /// is too large.
+    pub(super) fn interface_deviation(&self) -> Option<f64> {
+        self.regions.as_ref()?;
+        let farthest = self.fidelity.as_ref()?.tagged_faces.as_ref()?.hausdorff;
+        (farthest.is_finite() && farthest > MAX_INTERFACE_DEVIATION).then_some(farthest)
+    }
+
+    /// Returns the issue of interfaces with spikes.
+    fn spike_issue(&self) -> Option<Issue> {
+        let farthest = self.interface_deviation()?;
+        Some(Issue {
+            message: format!("faces between regions have spikes, up to {farthest:.1} samples long"),
+            option: self.finer_distance_option(),
+            suggestion: "cells smaller than thin layers have no spikes",
+        })
+    }
+
+    /// Returns the issue of a kind of feature that was chosen although the image is ambiguous.
+    fn doubt_issue(&self) -> Option<Issue> {
+        let doubt = self.doubt.as_ref()?;
+        Some(Issue {
+            message: format!("doubtful: {}", doubt.question),
+            option: Some(format!("--feature {}", doubt.other)),
+            suggestion: doubt.other.suggestion_in_doubt()?,
+        })
+    }
+
+    /// Returns the fraction of the features that have faces, and the fraction of the faces that are
+    /// on features. It uses the tagged faces if there are any.
+    pub(super) fn feature_shares(&self) -> Option<(f64, f64)> {
+        let Fidelity {
+            tagged_faces: tagged,
+            on_feature,
+            ..
+        } = self.fidelity.as_ref()?;
+        let faces = tagged.as_ref().unwrap_or(on_feature);
+        let number = |share: f64| if share.is_finite() { share } else { 0.0 };
+        Some((number(faces.coverage_one), number(faces.precision)))
+    }
+
+    /// Returns the option for half the current distance, unless atoms would be closer together than
+    /// samples.
+    fn finer_distance_option(&self) -> Option<String> {
+        let Some(options) = self.job_options() else {
+            return Some("--distance, smaller".into());
+        };
+        if options["seeding"] == "canny" {
+            return Some("--seeding fcc".into());
+        }
+        let text = options["distance"].as_str().unwrap_or("2.7:8");
+        let half = |number: &str| Some(0.5 * number.trim().parse::<f64>().ok()?);
+        let halves: Option<Vec<f64>> = text.split(':').map(half).collect();
+        let halves = halves?;
+        if halves.iter().any(|half| *half < MIN_ATOM_DISTANCE) {
+            return None;
+        }
+        let words = halves
+            .iter()
+            .map(|half| format!("{}", (1000.0 * half).round() / 1000.0));
+        Some(format!(
+            "--distance {}",
+            words.collect::<Vec<_>>().join(":")
+        ))
+    }
+
+    /// Returns `true` if an option differs from those that were given.
+    pub(super) fn is_new_option(&self, option: &str) -> bool {
+        let Some((name, value)) = option.strip_prefix("--").and_then(|o| o.split_once(' ')) else {
+            return true;
+        };
+        let current = self.job_options().map(|options| &options[name]);
+        !current.is_some_and(|current| match current {
+            serde_json::Value::String(text) => text == value,
+            serde_json::Value::Number(number) => value.parse::<f64>().ok() == number.as_f64(),
+            serde_json::Value::Array(values) => values.iter().any(|item| item == value),
+            _ => false,
+        })
+    }
+
+    /// Returns the options of the job, if there was one.
+    pub(super) fn job_options(&self) -> Option<&serde_json::Value> {
+        self.parameters.is_object().then_some(&self.parameters)
+    }
+
+    pub(super) fn is_stopped(&self) -> bool {
+        let stop = self.lattice.as_ref().and_then(|l| l.optimisation.as_ref());
+        stop.is_some_and(|o| o.stop.contains("interrupted"))
+    }
+}

@@ -2,7 +2,7 @@
 //! the whole mesh.
 
 use super::join::{AnnotatedMesh, MeshScene};
-use super::measure::figures_of_partition;
+use super::measure::MeasuredMesh;
 use super::{StageRunner, join};
 use crate::comm::Comm;
 use crate::feature::PointSubset;
@@ -18,6 +18,7 @@ use crate::mesh::delaunay::{
     distributed_delaunay_with_neighbors,
 };
 use crate::mesh::partition::MeshPartition;
+use crate::mesh::view::MeshView;
 use crate::progress::Stage;
 use crate::report::{Improvement, Report};
 use crate::{Error, Result};
@@ -128,34 +129,19 @@ pub fn make_partition(
         improve::seal_distributed(&partition, points, extent, distance, marks, comm, cancel)
     })?;
     stages.begin(Stage::Measuring);
-    let mut figures = stages.run_cancellable(|cancel| {
-        let marks = &feature_faces[..];
-        let near_points = &points.points;
-        figures_of_partition(
-            &partition,
-            Some(marks),
-            marks,
-            scene,
-            near_points,
-            comm,
-            cancel,
-        )
-    })?;
-    let assessment = figures.angle_assessment.take().unwrap_or_default();
-    if let Some(quality) = &mut figures.quality {
-        quality.angles = Some(assessment.angles.clone());
-    }
-    let report = Report {
-        quality: figures.quality,
-        box_check: figures.box_check,
-        fidelity: figures.fidelity,
-        lattice: figures.lattice,
-        improvement: Some(improvement),
-        notes: missing_distance_note(&local_distance, comm)?
-            .into_iter()
-            .collect(),
-        ..Report::default()
+    let measured = MeasuredMesh {
+        view: MeshView::from_partition(&partition, comm),
+        neighbors: Some(partition.neighbors.as_flattened()),
+        tagged_faces: Some(&feature_faces),
+        feature_faces: Some(&feature_faces),
+        scene,
+        near_points: &points.points,
     };
+    let figures = stages.run_cancellable(|cancel| measured.figures(comm, cancel))?;
+    let (mut report, assessment) = figures.into_report(Some(improvement));
+    report
+        .notes
+        .extend(missing_distance_note(&local_distance, comm)?);
     let MeshPartition {
         mesh,
         global_ids,

@@ -124,14 +124,26 @@ pub fn make_partition(
     })?;
     drop(planes);
     let mut improvement = Improvement::from(&improved);
+    let view = MeshView::from_partition(&partition, comm);
+    let neighbors = partition.neighbors.as_flattened();
     improvement.sealed = stages.run_cancellable(|cancel| {
-        let (points, marks) = (&points.points, &mut feature_faces);
-        improve::seal_distributed(&partition, points, extent, distance, marks, comm, cancel)
+        let (points, marks, d_max) = (&points.points, &mut feature_faces, distance.max());
+        let distance_near = |nodes: &[[f64; 3]]| distance.fetch_near(nodes, 0.0, comm);
+        improve::seal(
+            &view,
+            neighbors,
+            points,
+            extent,
+            d_max,
+            distance_near,
+            marks,
+            cancel,
+        )
     })?;
     stages.begin(Stage::Measuring);
     let measured = MeasuredMesh {
-        view: MeshView::from_partition(&partition, comm),
-        neighbors: Some(partition.neighbors.as_flattened()),
+        view,
+        neighbors: Some(neighbors),
         tagged_faces: Some(&feature_faces),
         feature_faces: Some(&feature_faces),
         scene,

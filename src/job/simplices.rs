@@ -142,7 +142,7 @@ where
         improvement.sealed = stages.run_cancellable(|cancel| {
             let marks = &mut annotated.feature_faces;
             close_holes(&annotated.mesh, &neighbors, scene, marks, cancel)
-        });
+        })?;
     }
     Ok((joined, neighbors))
 }

@@ -1,5 +1,11 @@
 //! Large meshes that several ranks make together, from atoms at rest to the report. No rank holds
 //! the whole mesh.
+//!
+//! All other meshes are made by `simplices`: small ones, which are not cut into slabs, those with
+//! labels, those of other methods, and those that are written to one file. There, all atoms, feature
+//! points and distances are in memory. Here, each rank receives those near its slabs, both before
+//! and after atoms are snapped, and triangulates only these; a process that has all of them would
+//! copy them. What follows is the same code for both: improving slabs, closing holes, measuring.
 
 use super::join::{AnnotatedMesh, MeshScene};
 use super::measure::MeasuredMesh;

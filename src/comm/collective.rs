@@ -93,6 +93,22 @@ impl dyn Comm + '_ {
         decode_received(place, self.all_to_all_bytes(place, sent)?, rank, own)
     }
 
+    /// Returns the elementwise sum of the counts of all ranks, which have equally many. Each rank sums a part of them,
+    /// so that no rank receives all counts of all ranks.
+    ///
+    /// # Errors
+    /// Returns the errors of other ranks.
+    pub fn all_reduce_sum(&self, place: &str, own: Vec<u64>) -> Result<Vec<u64>> {
+        let size = self.size();
+        let part = |to: usize| own[partition_range(own.len(), to, size)].to_vec();
+        let mut received = self.all_to_all(place, (0..size).map(part).collect())?;
+        let mut sums = received.pop().unwrap_or_default();
+        for other in received {
+            sums.iter_mut().zip(other).for_each(|(sum, n)| *sum += n);
+        }
+        Ok(self.all_gather(place, sums)?.concat())
+    }
+
     /// Passes the result of each of `parts` parts to `take`, in the order of the parts, on every rank. `work` computes
     /// the results of a range of parts, one after the other; each rank calls it with its own range.
     ///
@@ -249,8 +265,13 @@ pub fn concatenate<T>(mut lists: Vec<Vec<T>>) -> Vec<T> {
     }
 }
 
-/// A group of one.
+/// A group of one, whose communication never fails.
 pub struct SelfComm;
+
+impl SelfComm {
+    /// Message for [`Result::expect`], for work whose only errors are those of communication.
+    pub const NEVER_FAILS: &str = "a group of one communicates without errors";
+}
 
 impl Comm for SelfComm {
     fn rank(&self) -> usize {
@@ -305,6 +326,22 @@ mod tests {
         }
         let alone: &dyn Comm = &SelfComm;
         assert_eq!(alone.all_to_all("numbers", vec![7usize]).unwrap(), [7]);
+    }
+
+    #[test]
+    fn counts_are_summed_up_by_all() {
+        for size in [1, 2, 3, 7] {
+            for length in [0, 1, 5, 100] {
+                let own = |rank: usize| (0..length).map(move |i| (i * (rank + 1)) as u64);
+                let sums = run_threads(size, |comm| {
+                    let own = own(comm.rank()).collect();
+                    comm.all_reduce_sum("counts", own).unwrap()
+                });
+                let all = (1..=size).sum::<usize>();
+                let wanted: Vec<u64> = (0..length).map(|i| (i * all) as u64).collect();
+                assert!(sums.iter().all(|sums| *sums == wanted));
+            }
+        }
     }
 
     #[test]

@@ -15,12 +15,10 @@
 //! - `launch`: how this process was started
 //! - `partition`: how parts are divided among ranks
 //! - `selection`: values by their rank in sorted order, among those that all ranks have
-//! - `local_or_comm`: a communicator, or one process that cannot fail, if either does the same
 //! - `thread_comm`: threads in place of ranks, for tests
 
 mod collective;
 mod launch;
-mod local_or_comm;
 mod mpi_comm;
 mod partition;
 pub(crate) mod selection;
@@ -31,7 +29,6 @@ pub mod world;
 pub use collective::{Comm, SelfComm, concatenate};
 #[cfg(feature = "cli")]
 pub use launch::ranks_sharing_processors;
-pub use local_or_comm::LocalOrComm;
 pub use mpi_comm::MpiComm;
 pub use partition::partition_range;
 #[cfg(test)]

@@ -3,7 +3,8 @@
 
 use crate::parallel::prelude::*;
 
-use super::LocalOrComm;
+use super::Comm;
+use crate::error::Result;
 
 /// Values with integer keys, which have the order of `total_cmp`. A key has digits of [`DIGIT_BITS`] bits.
 pub trait RadixKey: Copy {
@@ -68,11 +69,11 @@ const RADIX: usize = 1 << DIGIT_BITS;
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-pub fn order_statistics<V: RadixKey, R: AsRef<[usize]>, H: LocalOrComm + ?Sized>(
+pub fn order_statistics<V: RadixKey, R: AsRef<[usize]>>(
     series: &[impl Iterator<Item = V> + Clone + Sync],
     ranks: &[impl Fn(usize) -> R],
-    comm: &H,
-) -> Result<Vec<Vec<f64>>, H::Error> {
+    comm: &dyn Comm,
+) -> Result<Vec<Vec<f64>>> {
     // For each result its prefix, and its rank among the values with this prefix. At first all prefixes are empty.
     let mut states = vec![vec![(0u64, 0usize)]; series.len()];
     let mut totals = vec![0; series.len()];
@@ -174,7 +175,7 @@ mod tests {
         let bits = |found: Vec<Vec<f64>>| std::array::from_fn(|i| found[0][i].to_bits());
         for count in [1, 2, 3, 7] {
             let found = run_threads(count, |group| {
-                let own = |i: &usize| i % count == LocalOrComm::rank(group);
+                let own = |i: &usize| i % count == group.rank();
                 let own = (0..values.len()).filter(own);
                 let (long, short) = (own.clone().map(|i| values[i]), own.map(|i| short[i]));
                 let long = order_statistics(&[long], &[ranks], group).unwrap();
@@ -186,7 +187,8 @@ mod tests {
             assert!(found.iter().all(|found| *found == wanted), "{count}");
         }
         let none: [f64; 0] = [];
-        let Ok(found) = order_statistics(&[none.iter().copied()], &[|_| [0usize; 2]], &SelfComm);
+        let found =
+            order_statistics(&[none.iter().copied()], &[|_| [0usize; 2]], &SelfComm).unwrap();
         assert!(found[0].iter().all(|v| v.is_nan()));
     }
 }

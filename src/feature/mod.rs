@@ -567,14 +567,16 @@ fn feature_potential<const D: usize>(
         is_rim: Cow::Borrowed(&surfaces.is_rim),
         spacing: spacing.map(Cow::Borrowed),
     };
-    match (is_partitioned, options.is_distributed) {
-        (false, false) => Ok(valleys.potential(cancel)),
-        (false, true) => Ok(valleys.distributed_potential(input.comm, cancel)),
-        (true, _) => {
-            let valleys = valleys.gather_for_share(input.comm)?;
-            Ok(valleys.distributed_potential(input.comm, cancel))
-        }
+    if is_partitioned {
+        let valleys = valleys.gather_for_share(input.comm)?;
+        return Ok(valleys.potential(input.comm, cancel));
     }
+    let comm = if options.is_distributed {
+        input.comm
+    } else {
+        &SelfComm
+    };
+    Ok(valleys.potential(comm, cancel))
 }
 
 /// Returns a field in lattice space with a value at each sample of the image.

@@ -52,24 +52,13 @@ pub struct PotentialValleys<'a, const D: usize> {
 type ValleyPoint<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
 
 impl<const D: usize> PotentialValleys<'_, D> {
-    /// Computes the potential of all points.
-    pub fn potential(&self, cancel: &CancelToken<'_>) -> SparseField<D> {
-        SparseField::from_layers(self.dims, self.step, |layers, samples: &mut Vec<f32>| {
-            self.compute_layers(layers, samples, cancel);
-        })
-    }
-
-    /// Computes this rank's share of the potential. The points are all points, or those that
-    /// [`PotentialValleys::gather_for_share`] returned.
-    pub fn distributed_potential(
-        &self,
-        comm: &dyn Comm,
-        cancel: &CancelToken<'_>,
-    ) -> SparseField<D> {
+    /// Computes the potential, distributed over the ranks of `comm`. The points are all points, or
+    /// those that [`PotentialValleys::gather_for_share`] returned.
+    pub fn potential(&self, comm: &dyn Comm, cancel: &CancelToken<'_>) -> SparseField<D> {
         let compute = |layers: Range<usize>, samples: &mut Vec<f32>| {
             self.compute_layers(layers, samples, cancel);
         };
-        SparseField::from_layers_distributed(self.dims, self.step, comm, compute)
+        SparseField::from_layers(self.dims, self.step, comm, compute)
     }
 
     /// Returns the valleys with the points on which this rank's share of the potential depends, if

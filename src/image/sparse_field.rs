@@ -7,7 +7,7 @@
 //! not in it.
 
 use super::field::{ScalarField, Taps, box_extent, interpolate};
-use crate::comm::{Comm, partition_range};
+use crate::comm::{Comm, SelfComm, partition_range};
 use crate::error::Result;
 use crate::files::codec::{Codec, codec_fields};
 use crate::geometry::grid_index::{index_at, offset_of, strides};
@@ -148,21 +148,11 @@ impl<const D: usize> SparseField<D> {
         }
     }
 
-    /// Creates a field from samples that are computed some layers along the last axis at a time.
+    /// Creates a field from samples that are computed some layers along the last axis at a time,
+    /// distributed over the ranks of `comm`: each rank computes and stores a part of the layers.
     /// `fill_layers` replaces the content of its buffer by the samples of a range of layers. It is
     /// called for some layers twice.
     pub fn from_layers(
-        dims: [usize; D],
-        step: [f64; D],
-        fill_layers: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
-    ) -> Self {
-        let (parts, _) = part_layout(dims);
-        Self::from_parts(dims, step, 0..parts, fill_layers)
-    }
-
-    /// Creates a field as [`Self::from_layers`] does, distributed over the ranks of `comm`: each
-    /// rank computes and stores a part of the layers.
-    pub fn from_layers_distributed(
         dims: [usize; D],
         step: [f64; D],
         comm: &dyn Comm,
@@ -170,43 +160,9 @@ impl<const D: usize> SparseField<D> {
     ) -> Self {
         let (parts, layers_per_part) = part_layout(dims);
         let owned_parts = partition_range(parts, comm.rank(), comm.size());
-        let mut field = Self::from_parts(dims, step, owned_parts.clone(), fill_layers);
-        let bricks_per_layer = field.slots.len() / brick_counts(dims)[D - 1];
-        let owned_bricks = owned_parts.start * layers_per_part * bricks_per_layer
-            ..owned_parts.end * layers_per_part * bricks_per_layer;
-        for (brick, slot) in field.slots.iter_mut().enumerate() {
-            if !owned_bricks.contains(&brick) {
-                *slot = UNKNOWN_BRICK;
-            }
-        }
-        field.is_distributed = true;
-        field
-    }
-
-    /// Returns the layers of samples that one of `count` ranks computes in
-    /// [`Self::from_layers_distributed`].
-    pub fn rank_layers(dims: [usize; D], rank: usize, count: usize) -> Range<usize> {
-        let (parts, layers_per_part) = part_layout(dims);
-        let owned = partition_range(parts, rank, count);
-        if owned.is_empty() {
-            0..0
-        } else {
-            sample_layers(
-                dims,
-                owned.start * layers_per_part..owned.end * layers_per_part,
-            )
-        }
-    }
-
-    fn from_parts(
-        dims: [usize; D],
-        step: [f64; D],
-        parts: Range<usize>,
-        fill_layers: impl Fn(Range<usize>, &mut Vec<f32>) + Sync,
-    ) -> Self {
         let count = brick_counts(dims)[D - 1];
-        let (_, layers_per_part) = self::part_layout(dims);
-        let brick_sets: Vec<BrickSet> = parts
+        let brick_sets: Vec<BrickSet> = owned_parts
+            .clone()
             .into_par_iter()
             .map_init(Vec::new, |samples, part| {
                 let [first, end] = [
@@ -229,7 +185,31 @@ impl<const D: usize> SparseField<D> {
             .collect();
         let mut field = Self::zero(dims, step);
         field.insert_all(brick_sets);
+        field.is_distributed = comm.size() > 1;
+        let bricks_per_layer = field.slots.len() / count;
+        let owned_bricks = owned_parts.start * layers_per_part * bricks_per_layer
+            ..owned_parts.end * layers_per_part * bricks_per_layer;
+        for (brick, slot) in field.slots.iter_mut().enumerate() {
+            if !owned_bricks.contains(&brick) {
+                *slot = UNKNOWN_BRICK;
+            }
+        }
         field
+    }
+
+    /// Returns the layers of samples that one of `count` ranks computes in
+    /// [`Self::from_layers`].
+    pub fn rank_layers(dims: [usize; D], rank: usize, count: usize) -> Range<usize> {
+        let (parts, layers_per_part) = part_layout(dims);
+        let owned = partition_range(parts, rank, count);
+        if owned.is_empty() {
+            0..0
+        } else {
+            sample_layers(
+                dims,
+                owned.start * layers_per_part..owned.end * layers_per_part,
+            )
+        }
     }
 
     /// Stores bricks in the order of parts. The field must not store any before.
@@ -346,7 +326,7 @@ impl<const D: usize> SparseField<D> {
             samples.clear();
             samples.extend_from_slice(&field.samples[layers.start * layer..layers.end * layer]);
         };
-        Self::from_layers(field.dims, field.step, part)
+        Self::from_layers(field.dims, field.step, &SelfComm, part)
     }
 
     fn insert(&mut self, brick: usize, mask: u64, samples: &[f32]) {
@@ -688,8 +668,9 @@ mod tests {
         };
         for count in [1, 2, 3, 7] {
             let shares = run_threads(count, |comm| {
-                let owned = SparseField::from_layers_distributed(dims, [1.0; 3], comm, make);
-                assert!(owned.is_distributed && owned.all_gather(comm).unwrap() == global);
+                let owned = SparseField::from_layers(dims, [1.0; 3], comm, make);
+                assert_eq!(owned.is_distributed, count > 1);
+                assert!(owned.all_gather(comm).unwrap() == global);
                 let twice = owned
                     .combine(&owned, |a, b| a + b)
                     .all_gather(comm)

@@ -42,7 +42,8 @@ mod target;
 
 pub use improve_report::{BlockedCell, ImproveReport, OperationCounts};
 pub use reshape::{ReshapeError, ReshapeRequest, ReshapeResult};
-pub use seal::{SealReport, seal, seal_distributed};
+pub use seal::SealReport;
+pub(crate) use seal::seal;
 pub(crate) use snap::snap_distributed;
 pub use snap::snap_to_features;
 pub use target::{SliverMethod, Target};

@@ -45,10 +45,6 @@ pub fn snap_distributed<const D: usize>(
     reach: f64,
     comm: &dyn Comm,
 ) -> Result<usize> {
-    if comm.size() == 1 {
-        let Atoms { positions, kinds } = &mut owned_atoms.atoms;
-        return Ok(snap_to_features(positions, kinds, extent, planes, reach));
-    }
     // Two atoms may each move towards the other.
     let halo_width = (2.0 * MAX_MOVE_RATIO + 2.0 * MIN_GAP_RATIO) * reach;
     let (

@@ -16,7 +16,7 @@ use super::{
     placement, regions, simplices,
 };
 use crate::Result;
-use crate::comm::Comm;
+use crate::comm::{Comm, SelfComm};
 use crate::feature::{Features, LabelMap};
 use crate::image::{Geometry, ImageSource};
 use crate::improve::regions::{SamplePoints, Votes};
@@ -27,9 +27,10 @@ use crate::lattice::energy::{Beta, PairwiseEnergy};
 use crate::lattice::optimize::{self, StopReason, temperature};
 use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed_atoms};
-use crate::mesh::check::{CheckHints, check_cancellable};
+use crate::mesh::check::{CheckHints, check_view};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
+use crate::mesh::view::MeshView;
 use crate::mesh::voronoi::conform::{ConformingSites, FacetSurface};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{self, Reference, Report};
@@ -118,7 +119,7 @@ where
         .transpose()?;
     let report =
         stages.run_cancellable(|cancel| {
-            let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel);
+            let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel)?;
             report.regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
                 |(label_indices, image)| {
                     let (sample_points, step) =
@@ -138,8 +139,8 @@ where
             if let Some(voronoi) = &mut report.voronoi {
                 voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
             }
-            report
-        });
+            Ok::<_, crate::Error>(report)
+        })?;
     Ok((
         MeshResult::Voronoi { mesh, weld },
         report,
@@ -438,7 +439,7 @@ fn measure_cells<const D: usize>(
     scene: &MeshScene<'_, D>,
     geometry: &Geometry<D>,
     cancel: &CancelToken<'_>,
-) -> Report {
+) -> Result<Report> {
     let (features, distance) = (scene.features, scene.distance);
     let step = features.potential.step;
     let graph = Graph::from_poly(mesh);
@@ -446,33 +447,33 @@ fn measure_cells<const D: usize>(
         weld,
         ..CheckHints::default()
     };
-    let voronoi = measure_unless_cancelled(cancel, || {
-        let low = [0.0; D];
-        let check = check_cancellable(mesh, hints, low, scene.extent, BOX_TOLERANCE, cancel);
+    let voronoi = measure_unless_cancelled(&SelfComm, cancel, || {
+        let (view, low) = (MeshView::from_mesh(mesh), [0.0; D]);
+        let check = check_view(&view, hints, low, scene.extent, BOX_TOLERANCE, cancel)?;
         let physical = Graph::from_poly(&to_world(mesh, step, geometry));
         let cube_counts = graph.volume.iter().zip(&graph.site);
         let cube_counts =
             cube_counts.map(|(volume, &x)| volume / distance.value_at(x).powi(D as i32));
         let measured = report::measure_voronoi(check, &graph, &physical);
-        report::Voronoi {
+        Ok(report::Voronoi {
             cells_per_cube: Some(graph.volume.len() as f64 / cube_counts.sum::<f64>()),
             angle_physical: measured
                 .angle_physical
                 .filter(|_| geometry.has_uniform_units()),
             ..measured
-        }
-    });
-    let fidelity = measure_unless_cancelled(cancel, || {
+        })
+    })?;
+    let fidelity = measure_unless_cancelled(&SelfComm, cancel, || {
         let reference = Reference::from_features(features);
         let has_features = !features.points.is_empty();
-        has_features.then(|| cell_fidelity(mesh, step, &reference, cancel))
-    });
-    Report {
+        Ok(has_features.then(|| cell_fidelity(mesh, step, &reference, cancel)))
+    })?;
+    Ok(Report {
         voronoi,
         lattice: Some(report::lattice_of_graph(&graph, |x| distance.value_at(x))),
         fidelity: fidelity.flatten(),
         ..Report::default()
-    }
+    })
 }
 
 /// Returns the fidelity of cells in a lattice space where samples are `step` apart. The result is

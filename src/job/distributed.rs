@@ -1,8 +1,14 @@
 //! Large meshes that several ranks make together, from atoms at rest to the report. No rank holds
 //! the whole mesh.
+//!
+//! All other meshes are made by `simplices`: small ones, which are not cut into slabs, those with
+//! labels, those of other methods, and those that are written to one file. There, all atoms, feature
+//! points and distances are in memory. Here, each rank receives those near its slabs, both before
+//! and after atoms are snapped, and triangulates only these; a process that has all of them would
+//! copy them. What follows is the same code for both: improving slabs, closing holes, measuring.
 
 use super::join::{AnnotatedMesh, MeshScene};
-use super::measure::figures_of_partition;
+use super::measure::MeasuredMesh;
 use super::{StageRunner, join};
 use crate::comm::Comm;
 use crate::feature::PointSubset;
@@ -18,6 +24,7 @@ use crate::mesh::delaunay::{
     distributed_delaunay_with_neighbors,
 };
 use crate::mesh::partition::MeshPartition;
+use crate::mesh::view::MeshView;
 use crate::progress::Stage;
 use crate::report::{Improvement, Report};
 use crate::{Error, Result};
@@ -123,39 +130,36 @@ pub fn make_partition(
     })?;
     drop(planes);
     let mut improvement = Improvement::from(&improved);
+    let view = MeshView::from_partition(&partition, comm);
+    let neighbors = partition.neighbors.as_flattened();
     improvement.sealed = stages.run_cancellable(|cancel| {
-        let (points, marks) = (&points.points, &mut feature_faces);
-        improve::seal_distributed(&partition, points, extent, distance, marks, comm, cancel)
-    })?;
-    stages.begin(Stage::Measuring);
-    let mut figures = stages.run_cancellable(|cancel| {
-        let marks = &feature_faces[..];
-        let near_points = &points.points;
-        figures_of_partition(
-            &partition,
-            Some(marks),
+        let (points, marks, d_max) = (&points.points, &mut feature_faces, distance.max());
+        let distance_near = |nodes: &[[f64; 3]]| distance.fetch_near(nodes, 0.0, comm);
+        improve::seal(
+            &view,
+            neighbors,
+            points,
+            extent,
+            d_max,
+            distance_near,
             marks,
-            scene,
-            near_points,
-            comm,
             cancel,
         )
     })?;
-    let assessment = figures.angle_assessment.take().unwrap_or_default();
-    if let Some(quality) = &mut figures.quality {
-        quality.angles = Some(assessment.angles.clone());
-    }
-    let report = Report {
-        quality: figures.quality,
-        box_check: figures.box_check,
-        fidelity: figures.fidelity,
-        lattice: figures.lattice,
-        improvement: Some(improvement),
-        notes: missing_distance_note(&local_distance, comm)?
-            .into_iter()
-            .collect(),
-        ..Report::default()
+    stages.begin(Stage::Measuring);
+    let measured = MeasuredMesh {
+        view,
+        neighbors: Some(neighbors),
+        tagged_faces: Some(&feature_faces),
+        feature_faces: Some(&feature_faces),
+        scene,
+        near_points: &points.points,
     };
+    let figures = stages.run_cancellable(|cancel| measured.figures(comm, cancel))?;
+    let (mut report, assessment) = figures.into_report(Some(improvement));
+    report
+        .notes
+        .extend(missing_distance_note(&local_distance, comm)?);
     let MeshPartition {
         mesh,
         global_ids,

@@ -1,5 +1,7 @@
 //! The step from atoms at rest to a mesh, which differs between the plane and space.
 
+use std::borrow::Cow;
+
 use super::checkpoint::Codec;
 use super::distributed::{self, PartitionResult};
 use super::{Outcome, Params, RunOptions, StageRunner, run};
@@ -21,6 +23,7 @@ use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::view::MeshView;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::progress::{CancelToken, Progress, Stage};
@@ -231,7 +234,7 @@ pub(super) fn close_holes<const D: usize>(
     scene: &MeshScene<'_, D>,
     marks: &mut [u8],
     cancel: &CancelToken<'_>,
-) -> SealReport
+) -> Result<SealReport>
 where
     MeshSpace<D>: Meshing<D>,
 {
@@ -241,8 +244,15 @@ where
         .iter()
         .map(MeshSpace::<D>::point_in_space);
     let points: Vec<FeaturePoint<3>> = points.collect();
-    let (extent, distance) = (scene.extent, scene.distance);
-    improve::seal(mesh, neighbors, &points, extent, distance, marks, cancel)
+    let (view, extent, d_max) = (
+        MeshView::from_mesh(mesh),
+        scene.extent,
+        scene.distance.max(),
+    );
+    let distance = |_: &[[f64; D]]| Ok(Cow::Borrowed(scene.distance));
+    improve::seal(
+        &view, neighbors, &points, extent, d_max, distance, marks, cancel,
+    )
 }
 
 /// Closes holes in a part of a mesh.
@@ -255,7 +265,7 @@ where
 {
     let neighbors = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
     let (marks, cancel) = (&mut part.feature_faces, CancelToken::never());
-    close_holes(&part.mesh, &neighbors, scene, marks, &cancel);
+    close_holes(&part.mesh, &neighbors, scene, marks, &cancel).map_err(ReshapeError::Mesh)?;
     Ok(part)
 }
 

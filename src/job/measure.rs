@@ -11,24 +11,28 @@ use crate::comm::Comm;
 use crate::feature::{FeaturePoint, Features};
 use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
-use crate::mesh::check::{Check, CheckHints, check_cancellable, check_distributed};
-use crate::mesh::partition::MeshPartition;
+use crate::mesh::check::{Check, CheckHints, check_view};
 use crate::mesh::view::MeshView;
 use crate::progress::CancelToken;
-use crate::report::{self, AngleAssessment, Fidelity, LatticeReport, Quality, Reference};
+use crate::report::{
+    self, AngleAssessment, Fidelity, Improvement, LatticeReport, Quality, Reference, Report,
+};
 
 /// Tolerance of the volume of the mesh, and of the flatness of sides, relative to the box.
 pub const BOX_TOLERANCE: f64 = 1e-9;
 
 /// A mesh in lattice space, and the features with which it is compared.
 pub(super) struct MeasuredMesh<'a, const D: usize, M> {
-    pub mesh: &'a M,
+    /// The mesh, or this rank's partition of it.
+    pub view: MeshView<'a, D, M>,
     pub neighbors: Option<&'a [u32]>,
     /// The faces that the mesh declares to lie on features, if it declares any.
     pub tagged_faces: Option<&'a [u8]>,
     /// The faces on features, if the figures of the lattice and the acute lines are wanted.
     pub feature_faces: Option<&'a [u8]>,
     pub scene: &'a MeshScene<'a, D>,
+    /// The feature points near the mesh or the partition.
+    pub near_points: &'a [FeaturePoint<D>],
 }
 
 /// Figures of a mesh that were requested and completely measured.
@@ -59,145 +63,124 @@ impl MeshFigures {
         self.box_check = box_check.or(self.box_check.take());
         self.fidelity = fidelity.or(self.fidelity.take());
     }
+
+    /// Returns the figures as a report, and the assessment of the angles of each local cell.
+    pub fn into_report(self, improvement: Option<Improvement>) -> (Report, AngleAssessment) {
+        let assessment = self.angle_assessment.unwrap_or_default();
+        let quality = self.quality.map(|quality| Quality {
+            angles: Some(assessment.angles.clone()),
+            ..quality
+        });
+        let report = Report {
+            quality,
+            box_check: self.box_check,
+            fidelity: self.fidelity,
+            lattice: self.lattice,
+            improvement,
+            ..Report::default()
+        };
+        (report, assessment)
+    }
 }
 
 impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
     /// Measures atoms and angles, shapes, validity and fidelity. Figures that are incomplete when
-    /// `cancel` is cancelled are omitted.
+    /// `cancel` is cancelled, on any rank, are omitted. The assessment of cells covers only the
+    /// local cells.
     ///
-    /// The four tasks take about as long and are mostly serial, so that they run at the same time,
-    /// and each rank runs some of them.
+    /// All ranks measure their partitions of a distributed mesh together. If each rank has the
+    /// whole mesh, each runs some of the five tasks. They are mostly serial, so that they run at
+    /// the same time.
     ///
     /// # Errors
     /// Returns the errors of [`report::fidelity`] and of other ranks.
     pub fn figures(&self, comm: &dyn Comm, cancel: &CancelToken<'_>) -> Result<MeshFigures> {
         type MeasureTask<'a> = &'a (dyn Fn() -> Result<MeshFigures> + Sync);
-        let tasks: [MeasureTask; 4] = [
-            &|| Ok(self.measure_lattice()),
+        let (view, scene) = (&self.view, self.scene);
+        let tasks: [MeasureTask; 5] = [
             &|| {
+                let quality = measure_unless_cancelled(view.comm, cancel, || {
+                    report::quality_of_partition(view, cancel)
+                })?;
                 Ok(MeshFigures {
-                    quality: measure_unless_cancelled(cancel, || {
-                        report::quality_with_cancel(self.mesh, cancel)
-                    }),
+                    quality,
+                    ..MeshFigures::default()
+                })
+            },
+            &|| {
+                let hints = CheckHints {
+                    neighbors: self.neighbors,
+                    ..CheckHints::default()
+                };
+                let (low, high) = ([0.0; D], scene.extent);
+                let box_check = measure_unless_cancelled(view.comm, cancel, || {
+                    check_view(view, hints, low, high, BOX_TOLERANCE, cancel)
+                })?;
+                Ok(MeshFigures {
+                    box_check,
                     ..MeshFigures::default()
                 })
             },
             &|| {
                 Ok(MeshFigures {
-                    box_check: measure_unless_cancelled(cancel, || self.check_box(cancel)),
+                    fidelity: self.measure_fidelity(cancel)?,
                     ..MeshFigures::default()
                 })
             },
             &|| {
-                let fidelity = measure_unless_cancelled(cancel, || self.measure_fidelity(cancel));
+                let at_node = |n: u32| scene.distance.value_at(view.mesh.nodes()[n as usize]);
+                let assess =
+                    |faces| report::assess_partition_angles(view, faces, scene.extent, &at_node);
                 Ok(MeshFigures {
-                    fidelity: fidelity.transpose()?.flatten(),
+                    angle_assessment: self.feature_faces.map(assess).transpose()?,
+                    ..MeshFigures::default()
+                })
+            },
+            &|| {
+                let measure =
+                    |_| report::lattice_of_partition(view, |x| scene.distance.value_at(x));
+                Ok(MeshFigures {
+                    lattice: self.feature_faces.map(measure).transpose()?,
                     ..MeshFigures::default()
                 })
             },
         ];
+        let mut merged = MeshFigures::default();
+        if view.comm.size() > 1 {
+            for task in tasks {
+                merged.add(task()?);
+            }
+            return Ok(merged);
+        }
         let measure = |range: Range<usize>, emit: &mut dyn FnMut(MeshFigures)| {
             let figures: Vec<_> = tasks[range].par_iter().map(|task| task()).collect();
             figures
                 .into_iter()
                 .try_for_each(|part| part.map(&mut *emit))
         };
-        let mut merged = MeshFigures::default();
         comm.distribute("figures", tasks.len(), measure, &mut |part| {
             merged.add(part)
         })?;
         Ok(merged)
     }
 
-    fn measure_lattice(&self) -> MeshFigures {
-        let Some(faces) = self.feature_faces else {
-            return MeshFigures::default();
-        };
-        let (mesh, scene) = (self.mesh, self.scene);
-        let at_node = |n: u32| scene.distance.value_at(mesh.nodes()[n as usize]);
-        let (assessment, lattice) = rayon::join(
-            || report::assess_angles(mesh, faces, scene.extent, at_node),
-            || report::measure_lattice(mesh, |x| scene.distance.value_at(x)),
-        );
-        MeshFigures {
-            angle_assessment: Some(assessment),
-            lattice: Some(lattice),
-            ..MeshFigures::default()
-        }
-    }
-
-    fn check_box(&self, cancel: &CancelToken<'_>) -> Check {
-        let hints = CheckHints {
-            neighbors: self.neighbors,
-            ..CheckHints::default()
-        };
-        let (low, high) = ([0.0; D], self.scene.extent);
-        check_cancellable(self.mesh, hints, low, high, BOX_TOLERANCE, cancel)
-    }
-
     fn measure_fidelity(&self, cancel: &CancelToken<'_>) -> Result<Option<Fidelity>> {
-        let features: &Features<D> = self.scene.features;
+        let (view, features) = (&self.view, self.scene.features);
         if features.point_counts().points == 0 {
             return Ok(None);
         }
-        let reference = Reference::from_features(features);
-        let in_samples = mesh_in_samples(self.mesh, features);
-        report::fidelity_with_cancel(&*in_samples, &reference, self.tagged_faces, cancel).map(Some)
+        measure_unless_cancelled(view.comm, cancel, || {
+            let reference = Reference::from_share(features, self.near_points);
+            let in_samples = mesh_in_samples(view.mesh, features);
+            let view = view.with_mesh(&*in_samples);
+            report::fidelity_of_partition(&view, &reference, self.tagged_faces, cancel)
+        })
     }
 }
 
-/// Measures a distributed mesh and returns the figures on every rank, as [`MeasuredMesh::figures`]
-/// does for a whole mesh.
-///
-/// The assessment of cells covers only this rank's partition. `tagged_faces` and `feature_faces`
-/// have a byte for each tetrahedron of the partition. Each rank has a share of the features, and
-/// `near_points` are the feature points near its partition.
-///
-/// # Errors
-/// Returns the errors of [`report::fidelity`] and those of other ranks.
-pub(super) fn figures_of_partition(
-    partition: &MeshPartition,
-    tagged_faces: Option<&[u8]>,
-    feature_faces: &[u8],
-    scene: &MeshScene<'_, 3>,
-    near_points: &[FeaturePoint<3>],
-    comm: &dyn Comm,
-    cancel: &CancelToken<'_>,
-) -> Result<MeshFigures> {
-    let tagged = report::TaggedFaces::new(&partition.mesh, tagged_faces)?;
-    let view = MeshView::from_partition(partition, comm);
-    let d = |x: [f64; 3]| scene.distance.value_at(x);
-    let at_node = |n: u32| d(partition.mesh.nodes[n as usize]);
-    let assessment = report::assess_partition_angles(&view, feature_faces, scene.extent, &at_node)?;
-    let lattice = report::lattice_of_partition(&view, d)?;
-    let quality =
-        measure_on_all_ranks(comm, cancel, || report::quality_of_partition(&view, cancel))?;
-    let box_check = measure_on_all_ranks(comm, cancel, || {
-        let (low, high) = ([0.0; 3], scene.extent);
-        check_distributed(partition, comm, low, high, BOX_TOLERANCE, cancel)
-    })?;
-    let features = scene.features;
-    let fidelity = match features.point_counts().points {
-        0 => None,
-        _ => measure_on_all_ranks(comm, cancel, || {
-            let reference = Reference::from_share(features, near_points);
-            let in_samples = mesh_in_samples(&partition.mesh, features);
-            let view = view.with_mesh(&*in_samples);
-            report::fidelity_of_partition(&view, &reference, tagged, cancel)
-        })?,
-    };
-    Ok(MeshFigures {
-        angle_assessment: Some(assessment),
-        lattice: Some(lattice),
-        quality,
-        box_check,
-        fidelity,
-    })
-}
-
-/// Runs `measure` and returns its result, if no rank is cancelled before or after it. All ranks
-/// decide together, as `measure` needs all of them.
-fn measure_on_all_ranks<T>(
+/// Runs `measure` and returns its result, if `cancel` is not cancelled on any rank before or after
+/// it. All ranks decide together, as `measure` may need all of them.
+pub(super) fn measure_unless_cancelled<T>(
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
     measure: impl FnOnce() -> Result<T>,
@@ -212,18 +195,6 @@ fn measure_on_all_ranks<T>(
     }
     let figures = measure()?;
     Ok((!any_cancelled()?).then_some(figures))
-}
-
-/// Runs `measure` and returns its result, if `cancel` is not cancelled before or after it.
-pub(super) fn measure_unless_cancelled<T>(
-    cancel: &CancelToken<'_>,
-    measure: impl FnOnce() -> T,
-) -> Option<T> {
-    if cancel.is_cancelled() {
-        return None;
-    }
-    let figures = measure();
-    (!cancel.is_cancelled()).then_some(figures)
 }
 
 /// Returns a mesh in units of the samples of its features.

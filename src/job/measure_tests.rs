@@ -5,6 +5,7 @@ use crate::geometry::random::Random;
 use crate::lattice::distance::{self, Distance};
 use crate::mesh::boxes::{faces_on, kuhn_box};
 use crate::mesh::complex::neighbors;
+use crate::mesh::partition::MeshPartition;
 use crate::mesh::{TetMesh, check};
 use crate::report::AcutePair;
 
@@ -115,11 +116,12 @@ impl TestCase {
     fn global_figures(&self, with_tags: bool) -> MeshFigures {
         let neighbors = self.neighbors();
         let measured = MeasuredMesh {
-            mesh: &self.mesh,
+            view: MeshView::from_mesh(&self.mesh),
             neighbors: Some(neighbors.as_flattened()),
             tagged_faces: with_tags.then_some(&*self.tagged_faces),
             feature_faces: Some(&self.feature_faces),
             scene: &self.scene(),
+            near_points: &self.features.points,
         };
         measured.figures(&SelfComm, &CancelToken::never()).unwrap()
     }
@@ -150,17 +152,15 @@ impl TestCase {
             };
             let near_points = features.points_near(&partition.mesh.nodes, 20.0, comm);
             let near_points = near_points.unwrap().points;
-            let measure = |cancel: &CancelToken<'_>| {
-                figures_of_partition(
-                    partition,
-                    tagged_faces,
-                    feature_faces,
-                    &scene,
-                    &near_points,
-                    comm,
-                    cancel,
-                )
+            let measured = MeasuredMesh {
+                view: MeshView::from_partition(partition, comm),
+                neighbors: Some(partition.neighbors.as_flattened()),
+                tagged_faces,
+                feature_faces: Some(feature_faces),
+                scene: &scene,
+                near_points: &near_points,
             };
+            let measure = |cancel: &CancelToken<'_>| measured.figures(comm, cancel);
             CancelToken::run(&mut keep_going, measure).unwrap()
         })
     }
@@ -189,7 +189,7 @@ fn assert_alike(actual: &MeshFigures, expected: &MeshFigures) {
     };
     assert_eq!(quality, expected_quality);
     let checks = [actual, expected].map(|figures| figures.box_check.clone().unwrap());
-    check::assert_same_check(&checks[0], &checks[1]);
+    check::partition_tests::assert_same_check(&checks[0], &checks[1]);
     assert_eq!(actual.lattice, expected.lattice);
     assert_eq!(actual.fidelity, expected.fidelity);
     let angles = |figures: &MeshFigures| figures.angle_assessment.clone().unwrap().angles;

@@ -481,6 +481,10 @@ fn check_validity(report: &Report) -> Result<()> {
 }
 
 #[cfg(test)]
+#[path = "rank_tests.rs"]
+mod rank_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::feature::scenes::{ExactSurface, ridge_image};

@@ -13,6 +13,7 @@ use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::lattice::seeding::Atoms;
+use crate::mesh::view::MeshView;
 use crate::progress::{CancelToken, Stage};
 use crate::report::{Baseline, Report};
 
@@ -69,20 +70,18 @@ where
         .then(|| source.to_image())
         .transpose()?;
     let measured = MeasuredMesh {
-        mesh: &annotated.mesh,
+        view: MeshView::from_mesh(&annotated.mesh),
         neighbors: Some(&neighbors),
         tagged_faces,
         feature_faces: Some(&annotated.feature_faces),
         scene,
+        near_points: &scene.features.points,
     };
     let report =
         stages.run_cancellable(|cancel| {
-            let mut figures = measured.figures(comm, cancel)?;
-            let assessment = figures.angle_assessment.take().unwrap_or_default();
-            if let Some(quality) = &mut figures.quality {
-                quality.angles = Some(assessment.angles.clone());
-            }
-            let regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
+            let figures = measured.figures(comm, cancel)?;
+            let (mut report, assessment) = figures.into_report(improvement);
+            report.regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
                 |(label_indices, image)| {
                     let sample_points = SamplePoints::from_simplices(&annotated.mesh);
                     let contacts =
@@ -98,21 +97,13 @@ where
                     )
                 },
             );
-            let mut report = Report {
-                quality: figures.quality,
-                box_check: figures.box_check,
-                fidelity: figures.fidelity,
-                lattice: figures.lattice,
-                regions,
-                ..Report::default()
-            };
             if let Some((mesh, faces)) = baseline {
                 let measured_baseline = MeasuredMesh {
-                    mesh: &mesh,
+                    view: MeshView::from_mesh(&mesh),
                     neighbors: None,
                     tagged_faces: Some(&faces),
                     feature_faces: None,
-                    scene,
+                    ..measured
                 };
                 let baseline_figures = measured_baseline.figures(comm, cancel)?;
                 report.baseline = baseline_figures.quality.map(|quality| Baseline {
@@ -125,10 +116,6 @@ where
         });
     let (report, assessment) = report?;
     annotated.angle_assessment = assessment;
-    let report = Report {
-        improvement,
-        ..report
-    };
     Ok((MeshResult::Simplices(annotated), report))
 }
 
@@ -155,7 +142,7 @@ where
         improvement.sealed = stages.run_cancellable(|cancel| {
             let marks = &mut annotated.feature_faces;
             close_holes(&annotated.mesh, &neighbors, scene, marks, cancel)
-        });
+        })?;
     }
     Ok((joined, neighbors))
 }

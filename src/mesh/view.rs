@@ -2,13 +2,14 @@
 //! each measurement is written once for both cases.
 
 use super::partition::MeshPartition;
-use super::{Simplices, TetMesh};
-use crate::comm::{Comm, LocalOrComm, SelfComm};
+use super::{Mesh, Simplices, TetMesh};
+use crate::Result;
+use crate::comm::{Comm, SelfComm};
 use crate::files::codec::Codec;
 use crate::geometry::sorted;
 
 /// Consecutive cells of a mesh, or all of them, and the ranks that have the others.
-pub struct MeshView<'a, const D: usize, M, H: ?Sized> {
+pub struct MeshView<'a, const D: usize, M> {
     /// The cells, and their nodes.
     pub mesh: &'a M,
     /// Global number of each node, ascending; `None` if local and global numbers are equal.
@@ -20,10 +21,10 @@ pub struct MeshView<'a, const D: usize, M, H: ?Sized> {
     /// Number of nodes and number of cells of the global mesh.
     pub global_counts: [usize; 2],
     /// The ranks that have the parts of the mesh.
-    pub comm: &'a H,
+    pub comm: &'a dyn Comm,
 }
 
-impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, SelfComm> {
+impl<'a, const D: usize, M: Mesh<D>> MeshView<'a, D, M> {
     /// Creates a view of a whole mesh.
     pub fn from_mesh(mesh: &'a M) -> Self {
         Self {
@@ -37,9 +38,9 @@ impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, SelfComm> {
     }
 }
 
-impl<'a> MeshView<'a, 3, TetMesh, dyn Comm + 'a> {
+impl<'a> MeshView<'a, 3, TetMesh> {
     /// Creates a view of the partition of this rank, where each rank of `comm` has one partition.
-    pub fn from_partition(partition: &'a MeshPartition, comm: &'a (dyn Comm + 'a)) -> Self {
+    pub fn from_partition(partition: &'a MeshPartition, comm: &'a dyn Comm) -> Self {
         Self {
             mesh: &partition.mesh,
             global_ids: Some(&partition.global_ids),
@@ -52,7 +53,7 @@ impl<'a> MeshView<'a, 3, TetMesh, dyn Comm + 'a> {
 }
 
 #[cfg(feature = "cli")]
-impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, dyn Comm + 'a> {
+impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M> {
     /// Creates a view of the cells of this rank for measurements cell by cell. `first_cell` is the
     /// global number of the first cell; `global_counts` are the numbers of nodes and of cells of
     /// the global mesh.
@@ -60,7 +61,7 @@ impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, dyn Comm + 'a> {
         mesh: &'a M,
         first_cell: usize,
         global_counts: [usize; 2],
-        comm: &'a (dyn Comm + 'a),
+        comm: &'a dyn Comm,
     ) -> Self {
         Self {
             mesh,
@@ -73,10 +74,17 @@ impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M, dyn Comm + 'a> {
     }
 }
 
-impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, D, M, H> {
+impl<'a, const D: usize, M: Mesh<D>> MeshView<'a, D, M> {
     /// Returns a view of the same cells with the nodes of another mesh.
-    pub fn with_mesh(self, mesh: &'a M) -> Self {
-        Self { mesh, ..self }
+    pub fn with_mesh<'b>(&self, mesh: &'b M) -> MeshView<'b, D, M>
+    where
+        'a: 'b,
+    {
+        MeshView {
+            mesh,
+            shared_nodes: self.shared_nodes.clone(),
+            ..*self
+        }
     }
 
     /// Returns the global number of a node.
@@ -94,6 +102,12 @@ impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, 
         }
     }
 
+    /// Returns the rank that collects what all ranks know of a node, given by its global number.
+    pub fn owner_rank(&self, global_id: u32) -> usize {
+        let size = self.comm.size();
+        (global_id as usize * size / self.global_counts[0].max(1)).min(size - 1)
+    }
+
     /// Returns for each node whether other ranks may have it.
     pub fn shared_mask(&self) -> Vec<bool> {
         let mut is_shared = vec![false; self.mesh.nodes().len()];
@@ -108,16 +122,13 @@ impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, 
     ///
     /// # Errors
     /// Returns the errors of the communication.
-    pub fn combine_shared_marks(&self, message: &str, marks: &mut [bool]) -> Result<(), H::Error> {
-        let owner = |node: u32| {
-            self.comm
-                .owner_rank(self.global_id(node), self.global_counts[0])
-        };
+    pub fn combine_shared_marks(&self, message: &str, marks: &mut [bool]) -> Result<()> {
         let mut by_rank = vec![Vec::new(); self.comm.size()];
         for &node in &self.shared_nodes {
-            by_rank[owner(node)].push((self.global_id(node), marks[node as usize]));
+            let global_id = self.global_id(node);
+            by_rank[self.owner_rank(global_id)].push((global_id, marks[node as usize]));
         }
-        let mut received = self.comm.try_all_to_all(message, by_rank)?;
+        let mut received = self.comm.all_to_all(message, by_rank)?;
         let marked = received.iter().flatten().filter(|(_, marked)| *marked);
         let marked: Vec<u32> = sorted(marked.map(|(global_id, _)| *global_id).collect());
         for (global_id, is_marked) in received.iter_mut().flatten() {
@@ -125,7 +136,7 @@ impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, 
         }
         for (global_id, is_marked) in self
             .comm
-            .try_all_to_all(message, received)?
+            .all_to_all(message, received)?
             .into_iter()
             .flatten()
         {
@@ -145,14 +156,13 @@ impl<'a, const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized> MeshView<'a, 
         &self,
         message: &str,
         value_of: impl Fn(u32) -> T,
-    ) -> Result<Vec<(u32, T)>, H::Error> {
+    ) -> Result<Vec<(u32, T)>> {
         let mut by_rank: Vec<Vec<(u32, T)>> = (0..self.comm.size()).map(|_| Vec::new()).collect();
         for &node in &self.shared_nodes {
             let global_id = self.global_id(node);
-            by_rank[self.comm.owner_rank(global_id, self.global_counts[0])]
-                .push((global_id, value_of(node)));
+            by_rank[self.owner_rank(global_id)].push((global_id, value_of(node)));
         }
-        let received = self.comm.try_all_to_all(message, by_rank)?;
+        let received = self.comm.all_to_all(message, by_rank)?;
         let mut values: Vec<(u32, T)> = received.into_iter().flatten().collect();
         values.sort_by_key(|(global_id, _)| *global_id);
         Ok(values)

@@ -19,7 +19,7 @@ use crate::parallel::prelude::*;
 use serde::{Serialize, Serializer};
 
 use super::mesh_faces::MeshFaces;
-use crate::comm::LocalOrComm;
+use crate::comm::Comm;
 use crate::files::codec::codec_fields;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, cross, dot, norm, sorted, sorted_distinct, sub, to_3d, unit};
@@ -259,14 +259,14 @@ pub(super) struct AcuteLines<const D: usize> {
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    view: &MeshView<'_, D, M, H>,
+pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     surface: &MeshFaces<'_, D>,
     extent: [f64; D],
     distance: &dyn Fn(u32) -> f64,
-) -> Result<AcuteLines<D>, H::Error> {
+) -> crate::Result<AcuteLines<D>> {
     let (nodes, faces, comm) = (surface.nodes, &surface.faces, view.comm);
-    let counts: Vec<u32> = comm.try_all_gather("faces on features", faces.len() as u32)?;
+    let counts: Vec<u32> = comm.all_gather("faces on features", faces.len() as u32)?;
     // Global number of the first face of this rank.
     let first: u32 = counts[..comm.rank()].iter().sum();
     let mut ridge_faces: Vec<RidgeFace> = (0..)
@@ -285,7 +285,7 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Siz
         let position = |n: u32| nodes[n as usize];
         let (ends, d) = (local_ridge.map(position), local_ridge.map(distance));
         if local_ridge.iter().all(|&n| is_shared[n as usize]) {
-            let owner = comm.owner_rank(ridge[0], view.global_counts[0]);
+            let owner = view.owner_rank(ridge[0]);
             outgoing[owner].extend(group.iter().map(|ridge_face| SharedRidgeFace {
                 ridge,
                 nodes: faces[ridge_face.face as usize].map(|n| view.global_id(n)),
@@ -305,7 +305,7 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Siz
         }
     }
     drop(ridge_faces);
-    let mut shared = comm.try_all_to_all("ridges at cuts", outgoing)?.concat();
+    let mut shared = comm.all_to_all("ridges at cuts", outgoing)?.concat();
     shared.sort_unstable_by_key(|face| (face.ridge, face.nodes));
     let (mut cut_wedges, mut united_faces) = (Vec::new(), Vec::new());
     for group in shared.chunk_by(|a, b| a.ridge == b.ridge) {
@@ -323,12 +323,10 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Siz
             None => united_faces.extend(group.windows(2).map(|pair| [pair[0].face, pair[1].face])),
         }
     }
-    let cut_wedges: Vec<Wedge<D>> = comm.try_all_gather("wedges at cuts", cut_wedges)?.concat();
-    let united_faces: Vec<[u32; 2]> = comm
-        .try_all_gather("patches at cuts", united_faces)?
-        .concat();
+    let cut_wedges: Vec<Wedge<D>> = comm.all_gather("wedges at cuts", cut_wedges)?.concat();
+    let united_faces: Vec<[u32; 2]> = comm.all_gather("patches at cuts", united_faces)?.concat();
     let parts_per_area = parts_per_unit_area(extent);
-    let areas = patch_areas::<D, M, H>(
+    let areas = patch_areas::<D, M>(
         surface,
         &mut patches,
         first,
@@ -345,8 +343,8 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Siz
     };
     wedges.retain(is_large);
     let is_small: Vec<bool> = cut_wedges.iter().map(|wedge| !is_large(wedge)).collect();
-    let is_small: Vec<Vec<bool>> = comm.try_all_gather("small patches", is_small)?;
-    let mut wedges: Vec<Wedge<D>> = comm.try_all_gather("wedges", wedges)?.concat();
+    let is_small: Vec<Vec<bool>> = comm.all_gather("small patches", is_small)?;
+    let mut wedges: Vec<Wedge<D>> = comm.all_gather("wedges", wedges)?.concat();
     let is_large_everywhere = |i: usize| !is_small.iter().any(|of_rank| of_rank[i]);
     let large_cut_wedges = cut_wedges
         .iter()
@@ -370,14 +368,14 @@ fn parts_per_unit_area<const D: usize>(extent: [f64; D]) -> f64 {
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-fn patch_areas<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
+fn patch_areas<const D: usize, M: Simplices<D>>(
     surface: &MeshFaces<'_, D>,
     patches: &mut UnionFind,
     first: u32,
     united_faces: &[[u32; 2]],
     parts_per_area: f64,
-    comm: &H,
-) -> Result<Vec<u64>, H::Error> {
+    comm: &dyn Comm,
+) -> crate::Result<Vec<u64>> {
     let count = surface.faces.len();
     let mut area = vec![0u64; count];
     for face in 0..count {
@@ -397,7 +395,7 @@ fn patch_areas<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
         }
     }
     let cut_faces = sorted_distinct(cut_faces);
-    let cut_faces = sorted(comm.try_all_gather("areas of patches", cut_faces)?.concat());
+    let cut_faces = sorted(comm.all_gather("areas of patches", cut_faces)?.concat());
     let cut_patches: Vec<(u32, u64)> = sorted_distinct(cut_faces.iter().map(|(_, patch)| *patch));
     let patch_index = |patch: u32| cut_patches.partition_point(|&(other, _)| other < patch) as u32;
     let patch_of_face = |face: u32| {

@@ -18,7 +18,8 @@ use super::acute::{
 };
 use super::mesh_faces::MeshFaces;
 use super::quality::{CELLS_PER_TASK, Worst, angle_from_versine, centroid, max_value, min_value};
-use crate::comm::LocalOrComm;
+use crate::Result;
+use crate::comm::SelfComm;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::mesh::Simplices;
@@ -92,9 +93,8 @@ pub fn assess_angles<const D: usize, M: Simplices<D>>(
     extent: [f64; D],
     distance: impl Fn(u32) -> f64,
 ) -> AngleAssessment {
-    let Ok(assessment) =
-        assess_partition_angles(&MeshView::from_mesh(mesh), feature_faces, extent, &distance);
-    assessment
+    assess_partition_angles(&MeshView::from_mesh(mesh), feature_faces, extent, &distance)
+        .expect(SelfComm::NEVER_FAILS)
 }
 
 /// Assesses the angles of a distributed mesh. Collective. The cell classes are those of the local
@@ -102,12 +102,12 @@ pub fn assess_angles<const D: usize, M: Simplices<D>>(
 ///
 /// # Errors
 /// Returns the communication errors of the mesh's `comm`.
-pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    view: &MeshView<'_, D, M, H>,
+pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     feature_faces: &[u8],
     extent: [f64; D],
     distance: &dyn Fn(u32) -> f64,
-) -> Result<AngleAssessment, H::Error> {
+) -> Result<AngleAssessment> {
     let (mesh, nodes) = (view.mesh, view.mesh.nodes());
     let faces = sorted_feature_faces(mesh, feature_faces, extent);
     let mut on_feature = vec![false; nodes.len()];
@@ -156,7 +156,7 @@ pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>, H: LocalO
         (bad.worst_versine(), worst)
     });
     let local = ([OK, NEAR_ACUTE_LINE, UNEXPLAINED].map(count), worst);
-    let gathered = view.comm.try_all_gather("verdicts on angles", local)?;
+    let gathered = view.comm.all_gather("verdicts on angles", local)?;
     let count = |class: u8| {
         gathered
             .iter()

@@ -140,6 +140,6 @@ pub fn lattice_of_graph<const D: usize>(
         nearest[b] = nearest[b].min(square);
     }
     let nearest = (nearest.into_iter()).zip(graph.site.iter().map(|&site| distance(site)));
-    let Ok(report) = super::lattice::lattice_figures(nearest, graph.site.len(), &SelfComm);
-    report
+    super::lattice::lattice_figures(nearest, graph.site.len(), &SelfComm)
+        .expect(SelfComm::NEVER_FAILS)
 }

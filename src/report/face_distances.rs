@@ -8,8 +8,8 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::mesh_faces::MeshFaces;
-use crate::comm::LocalOrComm;
-use crate::comm::concatenate;
+use crate::Result;
+use crate::comm::{Comm, concatenate};
 use crate::geometry::box_tree::BoxTree;
 use crate::geometry::point_grid::PointGrid;
 use crate::geometry::{bounding_box, cross, dot, squared_distance_to_face, sub, to_3d};
@@ -31,13 +31,13 @@ const ITEMS_PER_TASK: usize = if cfg!(test) { 64 } else { 4096 };
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-pub(super) fn distances_to_faces<const D: usize, H: LocalOrComm + ?Sized>(
+pub(super) fn distances_to_faces<const D: usize>(
     surface: &MeshFaces<'_, D>,
     points: &[[f32; D]],
     queried_sets: [u8; 2],
-    comm: &H,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
-) -> Result<[Vec<f64>; 2], H::Error> {
+) -> Result<[Vec<f64>; 2]> {
     let mut squares = {
         let nearby = BoxedFaces::gather_near(surface, points, comm)?;
         let mut squares = nearby.squared_distances_nearby(points, queried_sets, cancel);
@@ -45,7 +45,7 @@ pub(super) fn distances_to_faces<const D: usize, H: LocalOrComm + ?Sized>(
         squares
     };
     let exists = queried_sets.map(|set| surface.sets.iter().any(|sets| sets & set != 0));
-    let exists = comm.try_all_gather("sets of faces", exists)?;
+    let exists = comm.all_gather("sets of faces", exists)?;
     let exists = [0, 1].map(|k| exists.iter().any(|exists| exists[k]));
     let is_far = |&i: &usize| (0..2).any(|k| exists[k] && squares[k][i].is_infinite());
     let far_points: Vec<usize> = (0..points.len()).filter(is_far).collect();
@@ -53,7 +53,7 @@ pub(super) fn distances_to_faces<const D: usize, H: LocalOrComm + ?Sized>(
     loop {
         let chunk = far_chunks.next().unwrap_or_default();
         let chunk_points: Vec<[f32; D]> = chunk.iter().map(|&i| points[i]).collect();
-        let received = comm.try_all_gather("points far from faces", chunk_points)?;
+        let received = comm.all_gather("points far from faces", chunk_points)?;
         let counts: Vec<usize> = received.iter().map(Vec::len).collect();
         let received = concatenate(received);
         if received.is_empty() {
@@ -77,7 +77,7 @@ pub(super) fn distances_to_faces<const D: usize, H: LocalOrComm + ?Sized>(
                 .map(|squares| squares[range.clone()].to_vec())
         };
         let answers = counts.into_iter().map(answer_for).collect();
-        for answer in comm.try_all_to_all("squares of distances to faces", answers)? {
+        for answer in comm.all_to_all("squares of distances to faces", answers)? {
             for (squares, answer) in squares.iter_mut().zip(answer) {
                 for (&i, square) in chunk.iter().zip(answer) {
                     squares[i] = squares[i].min(square);
@@ -113,17 +113,17 @@ impl<const D: usize> BoxedFaces<D> {
 
     /// Gathers the faces of all ranks that may be within [`EXCHANGE_RADIUS`] of the box of the
     /// local points. Collective.
-    fn gather_near<H: LocalOrComm + ?Sized>(
+    fn gather_near(
         surface: &MeshFaces<'_, D>,
         points: &[[f32; D]],
-        comm: &H,
-    ) -> Result<Self, H::Error> {
+        comm: &dyn Comm,
+    ) -> Result<Self> {
         let [low, high] = bounding_box(points.iter().map(|p| p.map(f64::from)));
         let bounds = [
             low.map(|c| c - EXCHANGE_RADIUS),
             high.map(|c| c + EXCHANGE_RADIUS),
         ];
-        let boxes = comm.try_all_gather("boxes of points", bounds)?;
+        let boxes = comm.all_gather("boxes of points", bounds)?;
         let faces_near_box = |[low, high]: [[f64; D]; 2]| -> Vec<SentFace<D>> {
             let faces = (0..surface.faces.len()).into_par_iter();
             let faces = faces.map(|f| (surface.corners(f), surface.sets[f]));
@@ -133,7 +133,7 @@ impl<const D: usize> BoxedFaces<D> {
             };
             faces.filter(overlaps).collect()
         };
-        let received = comm.try_all_to_all(
+        let received = comm.all_to_all(
             "faces round points",
             boxes.into_iter().map(faces_near_box).collect(),
         )?;
@@ -278,8 +278,8 @@ mod tests {
             sets: sets.to_vec(),
         };
         let surface = surface_of(faces, sets);
-        let Ok(expected) =
-            super::distances_to_faces(&surface, points, queried_sets, &SelfComm, cancel);
+        let expected =
+            super::distances_to_faces(&surface, points, queried_sets, &SelfComm, cancel).unwrap();
         // Points are distributed by position, so that not all ranks have points near all faces.
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.sort_by(|&i, &j| points[i][0].total_cmp(&points[j][0]));

@@ -10,8 +10,7 @@ use super::face_samples::{FaceSample, sample_face};
 use super::mesh_faces::{MeshFaces, merge_equal_faces};
 use super::reference::Reference;
 use super::tally::{DistanceShares, WeightedDistances, quantiles, summaries};
-use crate::comm::LocalOrComm;
-use crate::comm::SelfComm;
+use crate::comm::{Comm, SelfComm};
 use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
@@ -136,65 +135,35 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
     reference: &Reference<'_, D>,
     tagged: Option<&[u8]>,
 ) -> Result<Fidelity> {
-    fidelity_with_cancel(mesh, reference, tagged, &CancelToken::never())
+    let (view, never) = (MeshView::from_mesh(mesh), CancelToken::never());
+    fidelity_of_partition(&view, reference, tagged, &never)
 }
 
-/// Compares a mesh with the features, as [`fidelity`] does, until `cancel` is cancelled. The result
-/// of a cancelled call is meaningless.
+/// Compares a mesh that may be distributed with the features, as [`fidelity`] does, until `cancel`
+/// is cancelled. The result of a cancelled call is meaningless. Collective. `tagged` has the marks
+/// of the local cells, and `reference` the feature points of this rank.
 ///
 /// # Errors
-/// Returns the errors of [`fidelity`].
-pub(crate) fn fidelity_with_cancel<const D: usize, M: Simplices<D>>(
-    mesh: &M,
+/// Returns the errors of [`fidelity`], and the communication errors of the mesh's `comm`.
+pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     reference: &Reference<'_, D>,
     tagged: Option<&[u8]>,
     cancel: &CancelToken<'_>,
 ) -> Result<Fidelity> {
-    let tags = TaggedFaces::new(mesh, tagged)?;
-    let Ok(result) = fidelity_of_partition(&MeshView::from_mesh(mesh), reference, tags, cancel);
-    Ok(result)
-}
-
-/// Marks of the faces that a mesh places on features, if it has such marks.
-#[derive(Clone, Copy)]
-pub(crate) struct TaggedFaces<'a>(Option<&'a [u8]>);
-
-impl<'a> TaggedFaces<'a> {
-    /// Checks the marks: one byte per cell, in which bit k marks face k.
-    ///
-    /// # Errors
-    /// Returns [`Error::Mesh`] if there is not one byte per cell.
-    pub fn new<const D: usize, M: Simplices<D>>(
-        mesh: &M,
-        tagged: Option<&'a [u8]>,
-    ) -> Result<Self> {
-        if let Some(flags) = tagged
-            && flags.len() != mesh.len()
-        {
-            return Err(Error::Mesh(cause(
-                "fidelity",
-                format!("{} bytes for {} {}", flags.len(), mesh.len(), M::CELLS_NAME),
-                "give one byte per cell",
-            )));
-        }
-        Ok(Self(tagged))
+    let cells = view.mesh.len();
+    if let Some(flags) = tagged
+        && flags.len() != cells
+    {
+        return Err(Error::Mesh(cause(
+            "fidelity",
+            format!("{} bytes for {cells} {}", flags.len(), M::CELLS_NAME),
+            "give one byte per cell",
+        )));
     }
-}
-
-/// Compares a distributed mesh with the features, as [`fidelity_with_cancel`] does. Collective. The
-/// marks are those of the local cells.
-///
-/// # Errors
-/// Returns the communication errors of the mesh's `comm`.
-pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    view: &MeshView<'_, D, M, H>,
-    reference: &Reference<'_, D>,
-    tags: TaggedFaces<'_>,
-    cancel: &CancelToken<'_>,
-) -> std::result::Result<Fidelity, H::Error> {
-    let faces = face_sets(view.mesh, reference, tags.0, cancel);
+    let faces = face_sets(view.mesh, reference, tagged, cancel);
     let surface = MeshFaces::owned_faces("faces near features", view, faces)?;
-    compare_faces(&surface, tags.0.is_some(), reference, view.comm, cancel)
+    compare_faces(&surface, tagged.is_some(), reference, view.comm, cancel)
 }
 
 /// Compares polyhedra (polygons) with the features, by the rules of [`fidelity`]. Faces are cut
@@ -246,7 +215,8 @@ pub(crate) fn fidelity_of_cells_with_cancel<const D: usize>(
         faces: triangles,
         sets,
     };
-    let Ok(mut result) = compare_faces(&surface, true, reference, &SelfComm, cancel);
+    let mut result =
+        compare_faces(&surface, true, reference, &SelfComm, cancel).expect(SelfComm::NEVER_FAILS);
     let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
     result.on_feature.faces = count(ON_FEATURE);
     if let Some(tagged) = &mut result.tagged_faces {
@@ -276,33 +246,28 @@ fn nodes_near_features<const D: usize>(
     is_near
 }
 
-/// Compares the faces of all ranks with the features. Each rank measures its own faces and some of
-/// the feature points. Collective.
-fn compare_faces<const D: usize, H: LocalOrComm + ?Sized>(
+/// Compares the faces of all ranks with the features. Each rank measures its own faces and feature
+/// points. Collective.
+fn compare_faces<const D: usize>(
     surface: &MeshFaces<'_, D>,
     has_tags: bool,
     reference: &Reference<'_, D>,
-    comm: &H,
+    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
-) -> std::result::Result<Fidelity, H::Error> {
+) -> Result<Fidelity> {
     let queried_sets = [ON_FEATURE, TAGGED];
-    let local_points = reference.owned_points(comm);
-    let points = &reference.points[local_points.clone()];
-    let face_distances = distances_to_faces(surface, points, queried_sets, comm, cancel)?;
-    let next = reference
-        .next_feature
-        .as_ref()
-        .map(|next| &next[local_points]);
+    let face_distances =
+        distances_to_faces(surface, &reference.points, queried_sets, comm, cancel)?;
     let local = LocalMatch {
         faces: queried_sets.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
         max_corner_distances: find_farthest_corners(surface, queried_sets, reference, cancel),
-        gap_counts: next.map(|next| {
+        gap_counts: reference.next_feature.as_ref().map(|next| {
             face_distances
                 .each_ref()
                 .map(|distances| GapClass::count_by_gap(next, distances))
         }),
     };
-    let gathered: Vec<LocalMatch> = comm.try_all_gather("faces and features", local)?;
+    let gathered: Vec<LocalMatch> = comm.all_gather("faces and features", local)?;
     let by_gap = |set: usize| -> Vec<GapClass> {
         if reference.next_feature.is_none() {
             return Vec::new();

@@ -1,7 +1,8 @@
 //! Measures how evenly the atoms are spread.
 
-use crate::comm::LocalOrComm;
+use crate::Result;
 use crate::comm::selection::order_statistics;
+use crate::comm::{Comm, SelfComm};
 use crate::geometry::distance2;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
@@ -64,18 +65,17 @@ pub fn measure_lattice<const D: usize, M: Simplices<D>>(
     mesh: &M,
     distance: impl Fn([f64; D]) -> f64,
 ) -> LatticeReport {
-    let Ok(report) = lattice_of_partition(&MeshView::from_mesh(mesh), distance);
-    report
+    lattice_of_partition(&MeshView::from_mesh(mesh), distance).expect(SelfComm::NEVER_FAILS)
 }
 
 /// Returns the lattice report of a distributed mesh. Collective.
 ///
 /// # Errors
 /// Returns the communication errors of the mesh's `comm`.
-pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    view: &MeshView<'_, D, M, H>,
+pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     distance: impl Fn([f64; D]) -> f64,
-) -> Result<LatticeReport, H::Error> {
+) -> Result<LatticeReport> {
     let (mesh, nodes) = (view.mesh, view.mesh.nodes());
     let mut nearest = vec![f64::INFINITY; nodes.len()];
     for cell in mesh.connectivity().chunks_exact(D + 1) {
@@ -107,11 +107,11 @@ pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>, H: LocalOrCo
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-pub(super) fn lattice_figures<H: LocalOrComm + ?Sized>(
+pub(super) fn lattice_figures(
     nearest: impl Iterator<Item = (f64, f64)>,
     atoms: usize,
-    comm: &H,
-) -> Result<LatticeReport, H::Error> {
+    comm: &dyn Comm,
+) -> Result<LatticeReport> {
     let spacing: Vec<f64> = nearest
         .filter(|(square, _)| square.is_finite())
         .map(|(square, distance)| square.sqrt() / distance)

@@ -2,7 +2,7 @@
 
 use crate::parallel::prelude::*;
 
-use crate::comm::LocalOrComm;
+use crate::Result;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 
@@ -23,11 +23,11 @@ impl<'a, const D: usize> MeshFaces<'a, D> {
     ///
     /// # Errors
     /// Returns the communication errors of the mesh's `comm`.
-    pub fn owned_faces<M: Simplices<D>, H: LocalOrComm + ?Sized>(
+    pub fn owned_faces<M: Simplices<D>>(
         description: &str,
-        view: &MeshView<'a, D, M, H>,
+        view: &MeshView<'a, D, M>,
         mut faces: Vec<([u32; D], u8)>,
-    ) -> Result<Self, H::Error> {
+    ) -> Result<Self> {
         merge_equal_faces(&mut faces);
         let (comm, is_shared) = (view.comm, view.shared_mask());
         // The owner of the first node of a shared face receives the face from all ranks that have
@@ -39,12 +39,12 @@ impl<'a, const D: usize> MeshFaces<'a, D> {
                 // Global numbers are in the order of local numbers, so the first node is the same
                 // on all ranks.
                 let global_nodes = face.map(|n| view.global_id(n));
-                let owner = comm.owner_rank(global_nodes[0], view.global_counts[0]);
+                let owner = view.owner_rank(global_nodes[0]);
                 sent_indices[owner].push(index);
                 outgoing[owner].push((global_nodes, *sets));
             }
         }
-        let received = comm.try_all_to_all(description, outgoing)?;
+        let received = comm.all_to_all(description, outgoing)?;
         let mut answers: Vec<Vec<u8>> = received.iter().map(|faces| vec![0; faces.len()]).collect();
         let mut entries = Vec::new();
         for (rank, faces_of_rank) in received.iter().enumerate() {
@@ -62,7 +62,7 @@ impl<'a, const D: usize> MeshFaces<'a, D> {
         }
         for (indices, answers) in sent_indices
             .iter()
-            .zip(comm.try_all_to_all(description, answers)?)
+            .zip(comm.all_to_all(description, answers)?)
         {
             for (&index, sets) in indices.iter().zip(answers) {
                 faces[index].1 = sets;
@@ -121,7 +121,7 @@ mod tests {
             faces
         };
         let view = MeshView::from_mesh(&mesh);
-        let Ok(expected) = MeshFaces::owned_faces("faces", &view, faces(&mesh, 0));
+        let expected = MeshFaces::owned_faces("faces", &view, faces(&mesh, 0)).unwrap();
         let expected: Vec<_> = expected.faces.into_iter().zip(expected.sets).collect();
         assert!(expected.iter().any(|face| face.1 == 3));
         for count in [1, 2, 5] {

@@ -42,13 +42,11 @@ pub use angles::{AngleAssessment, Angles, assess_angles};
 pub use cells::{Voronoi, lattice_of_graph, measure_voronoi};
 pub use cost::{Clock, StageCost};
 pub use fidelity::{FaceMatch, Fidelity, fidelity, fidelity_of_cells};
-pub(crate) use fidelity::{
-    TaggedFaces, fidelity_of_cells_with_cancel, fidelity_of_partition, fidelity_with_cancel,
-};
+pub(crate) use fidelity::{fidelity_of_cells_with_cancel, fidelity_of_partition};
 pub(crate) use lattice::lattice_of_partition;
 pub use lattice::{LatticeReport, Optimisation, TracedLattice, measure_lattice};
+pub(crate) use quality::quality_of_partition;
 pub use quality::{Quality, quality, smallest_angles};
-pub(crate) use quality::{quality_of_partition, quality_with_cancel};
 pub use reference::Reference;
 pub(crate) use regions::MIN_MISSING_SHARE;
 pub use regions::{Hole, LostParts, RegionReport, RegionSummary};

@@ -1,8 +1,9 @@
 //! Measures the shapes of cells: tetrahedra by their dihedral angles, triangles by their angles.
 
 use super::Angles;
-use crate::comm::LocalOrComm;
+use crate::Result;
 use crate::comm::selection::order_statistics;
+use crate::comm::{Comm, SelfComm};
 use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
@@ -137,34 +138,26 @@ struct ShapeSums {
 
 /// Measures every cell in the space in which the nodes of the mesh are given.
 pub fn quality<const D: usize, M: Simplices<D>>(mesh: &M) -> Quality {
-    quality_with_cancel(mesh, &CancelToken::never())
+    quality_of_partition(&MeshView::from_mesh(mesh), &CancelToken::never())
+        .expect(SelfComm::NEVER_FAILS)
 }
 
-/// Measures every cell, as [`quality`] does, until `cancel` is cancelled. The result of a cancelled
-/// call is meaningless.
-pub(crate) fn quality_with_cancel<const D: usize, M: Simplices<D>>(
-    mesh: &M,
-    cancel: &CancelToken<'_>,
-) -> Quality {
-    let Ok(result) = quality_of_partition(&MeshView::from_mesh(mesh), cancel);
-    result
-}
-
-/// Measures a distributed mesh. Collective.
+/// Measures a mesh that may be distributed, until `cancel` is cancelled. The result of a cancelled
+/// call is meaningless. Collective.
 ///
 /// # Errors
 /// Returns the communication errors of the mesh's `comm`.
-pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-    view: &MeshView<'_, D, M, H>,
+pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     cancel: &CancelToken<'_>,
-) -> Result<Quality, H::Error> {
+) -> Result<Quality> {
     let mesh = view.mesh;
     let mut shapes = vec![CellShape::default(); mesh.len()];
     let sums: Vec<ShapeSums> = (shapes.par_chunks_mut(CELLS_PER_TASK).enumerate())
         .take_any_while(|_| !cancel.is_cancelled())
         .map(|(chunk, chunk_shapes)| measure_shapes(mesh, chunk * CELLS_PER_TASK, chunk_shapes))
         .collect();
-    let gathered = (view.comm).try_all_gather("shapes", LocalQuality::new(view, &shapes, &sums))?;
+    let gathered = (view.comm).all_gather("shapes", LocalQuality::new(view, &shapes, &sums))?;
     let series: [ShapeMeasure; 4] = [
         |c| c.smallest,
         |c| c.largest,
@@ -242,8 +235,8 @@ struct LocalQuality {
 codec_fields! { LocalQuality as LocalQuality { counts, sums, volume_range, worst } }
 
 impl LocalQuality {
-    fn new<const D: usize, M: Simplices<D>, H: LocalOrComm + ?Sized>(
-        view: &MeshView<'_, D, M, H>,
+    fn new<const D: usize, M: Simplices<D>>(
+        view: &MeshView<'_, D, M>,
         shapes: &[CellShape],
         sums: &[ShapeSums],
     ) -> Self {
@@ -386,11 +379,11 @@ impl Quantiles {
 }
 
 /// Returns the quantiles of each series of values over all ranks. Collective.
-fn quantiles<const N: usize, H: LocalOrComm + ?Sized>(
+fn quantiles<const N: usize>(
     series: [impl Iterator<Item = f32> + Clone + Sync; N],
     bad: [BadEnd; N],
-    comm: &H,
-) -> Result<[Quantiles; N], H::Error> {
+    comm: &dyn Comm,
+) -> Result<[Quantiles; N]> {
     let ranks = bad.map(|bad| {
         move |total: usize| {
             let last = total - 1;

@@ -4,7 +4,7 @@ use crate::mesh::boxes::kuhn_box;
 use crate::mesh::{TetMesh, TriMesh};
 
 fn quantiles_of(values: impl Iterator<Item = f32> + Clone + Sync, bad: BadEnd) -> Quantiles {
-    let Ok([quantiles]) = super::quantiles([values], [bad], &SelfComm);
+    let [quantiles] = super::quantiles([values], [bad], &SelfComm).unwrap();
     quantiles
 }
 

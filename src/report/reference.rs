@@ -2,13 +2,11 @@
 //!
 //! All positions and distances are in samples, that is, in lattice space with a step of 1.
 
-use crate::comm::LocalOrComm;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::point_grid::PointGrid;
 use crate::geometry::{add_scaled, dot, hypot, norm, unit};
 use crate::image::synth::Truth;
 use crate::image::synth::truth::MAX_DISTANCE;
-use std::ops::Range;
 
 /// Radius, in samples, within which a detected point represents the plane through it.
 const PLANE_RADIUS: f64 = 1.0;
@@ -21,7 +19,6 @@ pub struct Reference<'a, const D: usize = 3> {
     /// moved onto it (except where the feature tapers out). Otherwise the detected points, or this
     /// rank's part of them.
     pub points: Vec<[f32; D]>,
-    is_shared: bool,
     /// Distance of the next feature and its angle (degrees) at each point, where the truth has
     /// them.
     pub next_feature: Option<Vec<[f32; 2]>>,
@@ -69,7 +66,6 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source,
             points,
-            is_shared: false,
             next_feature,
             field: DistanceField::Truth(truth),
         }
@@ -77,19 +73,12 @@ impl<'a, const D: usize> Reference<'a, D> {
 
     /// Creates a reference from detected features, if no truth is known.
     pub fn from_features(features: &Features<D>) -> Self {
-        Self::detected(features, &features.points)
+        Self::from_share(features, &features.points)
     }
 
     /// Creates a reference for one of several ranks, each of which has a part of the feature
     /// points. `nearby` are the points near the cells that this rank measures.
     pub(crate) fn from_share(features: &Features<D>, nearby: &[FeaturePoint<D>]) -> Self {
-        Self {
-            is_shared: true,
-            ..Self::detected(features, nearby)
-        }
-    }
-
-    fn detected(features: &Features<D>, nearby: &[FeaturePoint<D>]) -> Self {
         let step = features.potential.step.map(|s| s as f32);
         let in_samples = |points: &[FeaturePoint<D>]| -> Vec<[f32; D]> {
             let points = points.iter();
@@ -107,21 +96,11 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source: "detected",
             points: in_samples(&features.points),
-            is_shared: false,
             next_feature: None,
             field: DistanceField::Detected(DetectedPoints {
                 points: sorted,
                 normals,
             }),
-        }
-    }
-
-    /// Returns the range of the points that this rank compares with faces.
-    pub(super) fn owned_points<H: LocalOrComm + ?Sized>(&self, comm: &H) -> Range<usize> {
-        if self.is_shared {
-            0..self.points.len()
-        } else {
-            comm.range_of_rank(self.points.len(), comm.rank())
         }
     }
 

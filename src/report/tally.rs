@@ -1,7 +1,8 @@
 //! Statistics of distances that are distributed over ranks: fractions within a distance, maxima and
 //! quantiles. Counts and areas are integers, so that results do not depend on the distribution.
 
-use crate::comm::LocalOrComm;
+use crate::Result;
+use crate::comm::Comm;
 use crate::parallel::prelude::*;
 
 /// Number of units in which a square sample of area is counted.
@@ -98,17 +99,17 @@ impl<const N: usize> DistanceShares<N> {
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-pub(super) fn summaries<const M: usize, const N: usize, H: LocalOrComm + ?Sized>(
+pub(super) fn summaries<const M: usize, const N: usize>(
     local: [&WeightedDistances; M],
     limits: [f64; N],
-    comm: &H,
-) -> Result<[DistanceShares<N>; M], H::Error> {
+    comm: &dyn Comm,
+) -> Result<[DistanceShares<N>; M]> {
     let summarize = |distances: &WeightedDistances| {
         let figures = [distances.sorted.len() as u64, distances.total_weight()];
         let within = limits.map(|distance| distances.weight_within(distance));
         (figures, (within, distances.sorted.last().copied()))
     };
-    let gathered = comm.try_all_gather("distances", local.map(summarize))?;
+    let gathered = comm.all_gather("distances", local.map(summarize))?;
     let combine = |i: usize| {
         let mut shares = DistanceShares {
             count: 0,
@@ -136,17 +137,17 @@ pub(super) fn summaries<const M: usize, const N: usize, H: LocalOrComm + ?Sized>
 ///
 /// # Errors
 /// Returns the communication errors of `comm`.
-pub(super) fn quantiles<const M: usize, H: LocalOrComm + ?Sized>(
+pub(super) fn quantiles<const M: usize>(
     local: [&WeightedDistances; M],
     weights: [u64; M],
-    comm: &H,
-) -> Result<[f64; M], H::Error> {
+    comm: &dyn Comm,
+) -> Result<[f64; M]> {
     // The result is found bit by bit: it is the largest value before which there is less weight.
     let mut bits = [0u64; M];
     for bit in (0..63).rev() {
         let candidates = bits.map(|bits| bits | 1 << bit);
         let before: [u64; M] = std::array::from_fn(|i| local[i].weight_before(candidates[i]));
-        let gathered = comm.try_all_gather("distances before one", before)?;
+        let gathered = comm.all_gather("distances before one", before)?;
         for i in 0..M {
             if gathered.iter().map(|before| before[i]).sum::<u64>() < weights[i] {
                 bits[i] = candidates[i];
@@ -159,7 +160,7 @@ pub(super) fn quantiles<const M: usize, H: LocalOrComm + ?Sized>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{Comm, SelfComm, run_threads};
+    use crate::comm::{SelfComm, partition_range, run_threads};
     use crate::geometry::random::Random;
 
     #[test]
@@ -184,7 +185,7 @@ mod tests {
             let counted = WeightedDistances::from_distances(distances(&samples));
             let weighted = WeightedDistances::from_weighted(samples.clone());
             let series = [&counted, &weighted];
-            let Ok(expected) = summaries(series, [0.5, 1.0], &SelfComm);
+            let expected = summaries(series, [0.5, 1.0], &SelfComm).unwrap();
             let within = |limit: f64| samples.iter().filter(move |sample| sample.0 <= limit);
             assert_eq!(
                 expected[0].share(0),
@@ -206,11 +207,8 @@ mod tests {
                 (0.5 * expected[1].total_weight as f64) as u64,
             ];
             let weights = weights.map(|weight| weight.clamp(1, u64::MAX));
-            let Ok(expected_quantiles) = quantiles(
-                series,
-                [weights[0].min(count as u64), weights[1]],
-                &SelfComm,
-            );
+            let expected_weights = [weights[0].min(count as u64), weights[1]];
+            let expected_quantiles = quantiles(series, expected_weights, &SelfComm).unwrap();
             assert_eq!(
                 expected_quantiles[0],
                 sorted[weights[0].min(count as u64) as usize - 1]
@@ -223,7 +221,7 @@ mod tests {
             assert!(previous.is_none_or(|&far| area(far) < 0.5 * total_area + 1e-6));
             for ranks in [2, 7] {
                 run_threads(ranks, |comm: &dyn Comm| {
-                    let range = comm.range_of_rank(count, comm.rank());
+                    let range = partition_range(count, comm.rank(), comm.size());
                     let local = &samples[range];
                     let local = [
                         WeightedDistances::from_distances(distances(local)),
@@ -237,7 +235,7 @@ mod tests {
             }
         }
         let empty = WeightedDistances::default();
-        let Ok([shares]) = summaries([&empty], [0.5], &SelfComm);
+        let [shares] = summaries([&empty], [0.5], &SelfComm).unwrap();
         assert!(shares.share(0).is_nan() && shares.largest.is_none() && shares.area() == 0.0);
     }
 }

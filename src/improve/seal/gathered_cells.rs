@@ -1,20 +1,20 @@
-//! The cells at some nodes of a partitioned mesh, gathered from all ranks. Each rank has the same.
+//! The cells at some nodes of a mesh, gathered from all ranks. Each rank has the same.
 
 use crate::geometry::sorted_distinct;
 use crate::parallel::prelude::*;
 
-use crate::comm::Comm;
+use super::local_surface::LocalSurface;
 use crate::error::cause;
 use crate::files::codec::codec_fields;
-use crate::mesh::TetMesh;
-use crate::mesh::complex::{self, NONE, NOT_LOCAL};
-use crate::mesh::partition::MeshPartition;
+use crate::mesh::Simplices;
+use crate::mesh::complex::{NONE, NOT_LOCAL};
+use crate::mesh::view::MeshView;
 use crate::{Error, Result};
 
 /// A cell as its owner sends it.
 #[derive(Debug, Clone, Copy)]
 struct GatheredCell {
-    /// Global index of the cell, and of its nodes.
+    /// Global index of the cell, and of its nodes. In the plane the last is `NONE`.
     global_id: usize,
     nodes: [u32; 4],
     /// Bit k for face k: the marked faces, and the faces on the outside of the mesh.
@@ -28,60 +28,65 @@ codec_fields! {
 
 /// All cells at some nodes.
 #[derive(Debug, Default)]
-pub(super) struct GatheredCells {
+pub(super) struct GatheredCells<const D: usize> {
     /// Cells in the order of their global indices.
     cells: Vec<GatheredCell>,
     /// Global indices of the nodes, rising, and their positions.
-    nodes: Vec<(u32, [f64; 3])>,
+    nodes: Vec<(u32, [f64; D])>,
     /// Global indices of the nodes whose cells are all gathered, rising.
     complete_nodes: Vec<u32>,
 }
 
-impl GatheredCells {
+impl<const D: usize> GatheredCells<D> {
     /// Gathers the cells at more nodes. Returns the other nodes of these cells, except those whose
     /// cells are all gathered.
     ///
     /// # Errors
     /// Returns an error if another rank fails.
-    pub fn gather(
+    pub fn gather<M: Simplices<D>>(
         &mut self,
         new_nodes: &[u32],
-        partition: &MeshPartition,
-        marks: &[u8],
-        comm: &dyn Comm,
+        local: &LocalSurface<'_, D, M>,
     ) -> Result<Vec<u32>> {
+        let (view, surface) = (local.view, &local.surface);
         let (is_new, is_complete) = (
-            node_mask(partition, new_nodes),
-            node_mask(partition, &self.complete_nodes),
+            node_mask(view, new_nodes),
+            node_mask(view, &self.complete_nodes),
         );
-        let has_any = |mask: &[bool], tet: &[u32; 4]| tet.iter().any(|&n| mask[n as usize]);
-        let tets = partition.mesh.tets.par_iter().enumerate();
-        let cells = tets.filter(|(_, tet)| has_any(&is_new, tet) && !has_any(&is_complete, tet));
+        let has_any = |mask: &[bool], c: usize| {
+            let mut nodes = view.mesh.cell(c).iter();
+            nodes.any(|&n| mask[n as usize])
+        };
+        let cells = (0..view.mesh.len()).into_par_iter();
+        let cells = cells.filter(|&c| has_any(&is_new, c) && !has_any(&is_complete, c));
         let cells: Vec<GatheredCell> = cells
-            .map(|(c, tet)| GatheredCell {
-                global_id: partition.first_cell + c,
-                nodes: tet.map(|n| partition.global_ids[n as usize]),
-                marks: marks[c],
-                boundary_faces: (0..4)
-                    .filter(|&k| partition.neighbors[c][k] == NONE)
-                    .map(|k| 1 << k)
-                    .sum(),
+            .map(|c| {
+                let mut nodes = [NONE; 4];
+                for (slot, &n) in nodes.iter_mut().zip(view.mesh.cell(c)) {
+                    *slot = view.global_id(n);
+                }
+                let adjacent = &surface.neighbors[(D + 1) * c..(D + 1) * (c + 1)];
+                GatheredCell {
+                    global_id: view.first_cell + c,
+                    nodes,
+                    marks: surface.marks[c],
+                    boundary_faces: (0..=D)
+                        .filter(|&k| adjacent[k] == NONE)
+                        .map(|k| 1 << k)
+                        .sum(),
+                }
             })
             .collect();
-        let nodes = sorted_distinct(
-            cells
+        let nodes = sorted_distinct((cells.iter()).flat_map(|cell| {
+            view.mesh
+                .cell(cell.global_id - view.first_cell)
                 .iter()
-                .flat_map(|cell| partition.mesh.tets[cell.global_id - partition.first_cell]),
-        );
-        let with_position = |n: u32| {
-            (
-                partition.global_ids[n as usize],
-                partition.mesh.nodes[n as usize],
-            )
-        };
-        let nodes: Vec<(u32, [f64; 3])> = nodes.into_iter().map(with_position).collect();
+                .copied()
+        }));
+        let with_position = |n: u32| (view.global_id(n), view.mesh.nodes()[n as usize]);
+        let nodes: Vec<(u32, [f64; D])> = nodes.into_iter().map(with_position).collect();
         let mut other_nodes = Vec::new();
-        for (cells, nodes) in comm.all_gather("cells near rims", (cells, nodes))? {
+        for (cells, nodes) in view.comm.all_gather("cells near rims", (cells, nodes))? {
             other_nodes.extend(nodes.iter().map(|(id, _)| *id));
             self.cells.extend(cells);
             self.nodes.extend(nodes);
@@ -103,26 +108,23 @@ impl GatheredCells {
     ///
     /// # Errors
     /// Returns [`Error::Mesh`] if more than two cells share a face.
-    pub fn local_mesh(&self) -> Result<(TetMesh, Vec<[u32; 4]>)> {
-        let to_local = |n: u32| self.nodes.partition_point(|(id, _)| *id < n) as u32;
-        let mesh = TetMesh {
-            nodes: self.nodes.iter().map(|(_, x)| *x).collect(),
-            tets: self
-                .cells
-                .iter()
-                .map(|cell| cell.nodes.map(to_local))
-                .collect(),
-        };
-        let shared_face_error = |face: [u32; 3]| {
+    pub fn local_mesh<M: Simplices<D>>(&self) -> Result<(M, Vec<u32>)> {
+        let to_local = |n: &u32| self.nodes.partition_point(|(id, _)| id < n) as u32;
+        let corners = self.cells.iter().flat_map(|cell| &cell.nodes[..=D]);
+        let mesh = M::from_parts(
+            self.nodes.iter().map(|(_, x)| *x).collect(),
+            corners.map(to_local).collect(),
+        );
+        let shared_face_error = |face: Vec<u32>| {
+            let face: Vec<u32> = face.into_iter().map(|n| self.global_node(n)).collect();
             Error::Mesh(cause(
-                format!("face {:?}", face.map(|n| self.global_node(n))),
-                "belongs to more than two tetrahedra",
+                format!("face {face:?}"),
+                format!("belongs to more than two {}", M::CELLS_NAME),
                 "mesh the image again",
             ))
         };
-        let mut neighbors =
-            complex::neighbors(mesh.nodes.len(), &mesh.tets).map_err(shared_face_error)?;
-        for (adjacent, cell) in neighbors.iter_mut().zip(&self.cells) {
+        let mut neighbors = mesh.neighbors().map_err(shared_face_error)?;
+        for (adjacent, cell) in neighbors.chunks_exact_mut(D + 1).zip(&self.cells) {
             for (k, neighbor) in adjacent.iter_mut().enumerate() {
                 if *neighbor == NONE && cell.boundary_faces >> k & 1 == 0 {
                     *neighbor = NOT_LOCAL;
@@ -154,12 +156,15 @@ impl GatheredCells {
     }
 }
 
-/// Returns, for each node of a partition, `true` if it is one of `global_ids`.
-fn node_mask(partition: &MeshPartition, global_ids: &[u32]) -> Vec<bool> {
-    let mut mask = vec![false; partition.global_ids.len()];
-    for id in global_ids {
-        if let Ok(n) = partition.global_ids.binary_search(id) {
-            mask[n] = true;
+/// Returns, for each local node, `true` if it is one of `global_ids`.
+fn node_mask<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
+    global_ids: &[u32],
+) -> Vec<bool> {
+    let mut mask = vec![false; view.mesh.nodes().len()];
+    for &id in global_ids {
+        if let Some(n) = view.local_node(id) {
+            mask[n as usize] = true;
         }
     }
     mask

@@ -7,29 +7,32 @@
 //! rim (at the tip of a fault, or across a hole that the image shows) are removed again.
 //!
 //! - `surface`: marked faces, and the compartments between them
-//! - `distributed`: closes holes in a mesh that is partitioned among ranks
-//! - `gathered_cells`: the cells of such a mesh near rims, gathered on all ranks
+//! - `local_surface`: the marked faces of one rank, and those that it shares with other ranks
+//! - `gathered_cells`: the cells near rims, gathered on all ranks
 
-mod distributed;
 mod gathered_cells;
+mod local_surface;
 mod surface;
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
-use std::convert::Infallible;
 
 use crate::parallel::prelude::*;
 
 use super::feature_planes::{FeaturePlanes, NearbyPlanes, SAME_SURFACE_COSINE};
+use crate::Result;
+use crate::comm::concatenate;
 use crate::feature::FeaturePoint;
 use crate::geometry::union_find::UnionFind;
-use crate::geometry::{dot, norm, sub, to_3d};
+use crate::geometry::{dot, norm, sorted_distinct, sub, to_3d};
 use crate::lattice::distance::Distance;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NOT_LOCAL;
+use crate::mesh::view::MeshView;
 use crate::progress::CancelToken;
-
-pub use distributed::seal_distributed;
-use surface::{CompartmentPairs, MarkedSurface, Ridge, RidgeFan};
+use gathered_cells::GatheredCells;
+use local_surface::LocalSurface;
+use surface::{CompartmentPairs, MarkedSurface, Ridge, RidgeFan, ridge_nodes};
 
 /// Radius, in units of d, of the patches that determine on which side of a surface a cell is.
 const PATCH_RADIUS: f64 = 0.8;
@@ -47,6 +50,10 @@ const SAME_SURFACE_SLOPE: f64 = 0.35;
 
 /// Smallest volume of a compartment between faces, in units of d^D. A smaller one is a pocket.
 const MIN_COMPARTMENT_VOLUME: f64 = 0.5;
+
+/// Largest number of rings of cells that are gathered in addition when surfaces grow beyond the
+/// gathered cells.
+const MAX_RINGS: usize = 4;
 
 /// Returns the radius of patches where the lattice has spacing d.
 fn radius_at<const D: usize>(d: f64) -> f64 {
@@ -73,56 +80,90 @@ pub struct SealReport {
 }
 
 /// Marks further faces of a mesh that close holes in the surfaces of `points`, and marks every
-/// marked face on both of its sides.
+/// marked face on both of its sides. The mesh may be distributed; then every rank gets the report
+/// on the global mesh. Collective.
 ///
 /// `marks` has bit k of a cell for its face k. `neighbors` has, for every cell and face in order,
-/// the adjacent cell or `NONE`.
-pub fn seal<const D: usize, M: Simplices<D>>(
-    mesh: &M,
+/// the adjacent cell, `NONE` or `NOT_LOCAL`. `points` must contain at least the feature points near
+/// the local cells. `distance_near` returns d near some positions, and `max_distance` is its
+/// maximum.
+///
+/// All holes lie at the rims of surfaces. Each rank gathers the cells near all rims and performs
+/// the same operations on them. The rank that owns a cell computes the feature planes near it and
+/// sends them to all.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) if the partitions do not fit each other, and an
+/// error if another rank fails.
+pub fn seal<'a, const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     neighbors: &[u32],
     points: &[FeaturePoint<3>],
     extent: [f64; D],
-    distance: &Distance<D>,
+    max_distance: f64,
+    distance_near: impl Fn(&[[f64; D]]) -> Result<Cow<'a, Distance<D>>>,
     marks: &mut [u8],
     cancel: &CancelToken<'_>,
-) -> SealReport {
-    let planes = local_planes(points, extent, distance);
+) -> Result<SealReport> {
+    let (radius, comm) = (radius_at::<D>(max_distance), view.comm);
+    let planes = FeaturePlanes::new(points, to_3d(extent), radius, radius);
     let surface = MarkedSurface {
-        mesh,
+        mesh: view.mesh,
         neighbors,
         marks,
     };
-    let mut sealer = Sealer::new(surface, &planes, distance);
-    sealer.surface.mark_both_sides();
-    let is_cancelled = || Ok::<_, Infallible>(cancel.is_cancelled());
-    let Ok(()) = sealer.grow(is_cancelled, |sealer, cells| {
-        Ok(sealer.planes_near_cells(&cells))
-    });
-    sealer.remove_overhangs();
-    let (compartment_of, volumes) = sealer.surface.compartments();
-    let adjacent_compartments = |&face: &u32| {
-        let cells = [face / (D as u32 + 1), neighbors[face as usize]];
-        cells.map(|c| compartment_of[c as usize])
-    };
-    let adjacent: Vec<[u32; 2]> = sealer.new_faces.iter().map(adjacent_compartments).collect();
-    let opened = sealer.find_pockets(&volumes, &adjacent);
-    sealer
-        .surface
-        .unmark_between(&opened, |c| compartment_of[c as usize]);
-    sealer.report(&opened, &adjacent, volumes.len())
+    let mut local = LocalSurface { view, surface };
+    local.mark_both_sides()?;
+    let mut gathered = GatheredCells::default();
+    let mut pending_nodes = local.rim_nodes()?;
+    let mut rings = 1;
+    let mut known_planes = Vec::new();
+    loop {
+        for _ in 0..rings {
+            pending_nodes = gathered.gather(&pending_nodes, &local)?;
+        }
+        let (mesh, neighbors) = gathered.local_mesh::<M>()?;
+        let mut marks = gathered.local_marks();
+        let surface = MarkedSurface {
+            mesh: &mesh,
+            neighbors: &neighbors,
+            marks: &mut marks,
+        };
+        // The distance is fetched for all gathered cells, whichever rank owns them.
+        let distance = distance_near(mesh.nodes())?;
+        let mut sealer = Sealer::new(surface, &planes, &distance);
+        let to_local = |(global_id, planes)| (gathered.local_cell(global_id), planes);
+        sealer.cell_planes = known_planes.into_iter().map(to_local).collect();
+        let is_cancelled = || {
+            let flags = comm.all_gather("cancellation", cancel.is_cancelled())?;
+            Ok(flags.contains(&true))
+        };
+        sealer.grow(is_cancelled, |sealer, cells| {
+            let owned_cells = cells
+                .into_iter()
+                .filter(|&c| local.has_cell(gathered.global_cell(c)));
+            let owned_cells: Vec<u32> = owned_cells.collect();
+            Ok(concatenate(comm.all_gather(
+                "planes near cells",
+                sealer.planes_near_cells(&owned_cells),
+            )?))
+        })?;
+        if sealer.incomplete_nodes.is_empty() {
+            sealer.remove_overhangs();
+            return local.close_holes(&sealer, &gathered);
+        }
+        // Repeat with the missing cells. The planes that are known need not be computed again.
+        let incomplete = sealer.incomplete_nodes.iter();
+        pending_nodes = sorted_distinct(incomplete.map(|&n| gathered.global_node(n)));
+        let cell_planes = sealer.cell_planes.into_iter();
+        known_planes = cell_planes
+            .map(|(c, planes)| (gathered.global_cell(c), planes))
+            .collect();
+        rings = MAX_RINGS.min(2 * rings);
+    }
 }
 
-/// Returns the features as local planes.
-fn local_planes<const D: usize>(
-    points: &[FeaturePoint<3>],
-    extent: [f64; D],
-    distance: &Distance<D>,
-) -> FeaturePlanes {
-    let radius = radius_at::<D>(distance.max());
-    FeaturePlanes::new(points, to_3d(extent), radius, radius)
-}
-
-/// State of closing holes in a mesh or in a part of one. Nodes at which cells are missing are
+/// State of closing holes in the gathered part of a mesh. Nodes at which cells are missing are
 /// recorded.
 struct Sealer<'a, const D: usize, M> {
     surface: MarkedSurface<'a, D, M>,
@@ -214,11 +255,11 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
     /// Adds the faces that separate cells on different sides of a surface, starting at the rims of
     /// the marked faces, until none is left or `is_cancelled` returns `true`. `find_planes` returns
     /// the planes near some cells.
-    fn grow<E>(
+    fn grow(
         &mut self,
-        is_cancelled: impl Fn() -> std::result::Result<bool, E>,
-        find_planes: impl Fn(&Self, Vec<u32>) -> std::result::Result<Vec<(u32, NearbyPlanes)>, E>,
-    ) -> std::result::Result<(), E> {
+        is_cancelled: impl Fn() -> Result<bool>,
+        find_planes: impl Fn(&Self, Vec<u32>) -> Result<Vec<(u32, NearbyPlanes)>>,
+    ) -> Result<()> {
         let n = D as u32 + 1;
         let mut face_count: HashMap<Ridge, u32> = HashMap::new();
         let marked = self.surface.unique_marked_faces();
@@ -273,7 +314,7 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
                         if self.surface.visit_ridge_cells(c, ridge, |c| next.push(c))
                             == RidgeFan::NotLocal
                         {
-                            self.incomplete_nodes.extend(ridge);
+                            self.incomplete_nodes.extend(ridge_nodes(ridge));
                         }
                     }
                 }

@@ -12,6 +12,11 @@ const VOLUME_CHUNK: usize = 1 << 20;
 /// Nodes of a ridge of a face, in rising order. In the plane the second is `NONE`.
 pub(super) type Ridge = [u32; 2];
 
+/// Returns the nodes of a ridge.
+pub(super) fn ridge_nodes(ridge: Ridge) -> impl Iterator<Item = u32> {
+    ridge.into_iter().filter(|&n| n != NONE)
+}
+
 /// How the cells around a ridge end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RidgeFan {

@@ -54,7 +54,19 @@ fn seal_box<const DIM: usize, M: Simplices<DIM>>(
     );
     let neighbors = mesh.neighbors().unwrap();
     let cancel = CancelToken::never();
-    seal(mesh, &neighbors, points, extent, &distance, marks, &cancel)
+    let distance_near = |_: &[[f64; DIM]]| Ok(Cow::Borrowed(&distance));
+    let view = MeshView::from_mesh(mesh);
+    seal(
+        &view,
+        &neighbors,
+        points,
+        extent,
+        SPACING,
+        distance_near,
+        marks,
+        &cancel,
+    )
+    .unwrap()
 }
 
 fn box_mesh<const DIM: usize, M: Simplices<DIM>>() -> M {

@@ -8,7 +8,7 @@ use crate::parallel::prelude::*;
 use super::Atoms;
 use super::fixed_atoms::Clearance;
 use super::morton::MortonCurve;
-use crate::comm::{Comm, LocalOrComm, concatenate};
+use crate::comm::{Comm, concatenate};
 use crate::error::Result;
 use crate::lattice::AtomKind;
 use crate::lattice::partition::{OwnedAtoms, owned_range};

@@ -2,9 +2,11 @@
 //! lie between two cells or in a side of the box.
 
 use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, flat};
+use crate::Result;
 use crate::geometry::dot;
 use crate::mesh::Mesh;
 use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, NO_CELL, PolyMesh};
+use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use serde::Serialize;
@@ -29,7 +31,7 @@ pub struct CellCheck {
 }
 
 impl<const D: usize> CellChecks<D> for PolyMesh<D> {
-    fn unreadable_reason(&self) -> Option<String> {
+    fn unreadable_reason(&self, _: usize) -> Option<String> {
         let (nodes, cells, faces) = (self.nodes.len(), self.sites.len(), self.face_cells.len());
         if self.faces.len() != faces || self.region.len() != cells || self.on_feature.len() != faces
         {
@@ -69,23 +71,24 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
     }
 
     fn check_faces(
-        &self,
+        view: &MeshView<'_, D, Self>,
         hints: CheckHints<'_>,
         bounds: &BoxBounds<D>,
         report: &mut Check,
         cancel: &CancelToken<'_>,
-    ) -> Option<SideCoverage<D>> {
-        let in_columns = is_columnar(self, bounds);
-        let faces = self.faces_of_cells();
-        let validity: Vec<[bool; 2]> = (0..self.sites.len())
+    ) -> Result<Option<SideCoverage<D>>> {
+        let mesh = view.mesh;
+        let in_columns = is_columnar(mesh, bounds);
+        let faces = mesh.faces_of_cells();
+        let validity: Vec<[bool; 2]> = (0..mesh.sites.len())
             .into_par_iter()
             .map(|cell| {
                 if cancel.is_cancelled() {
                     return [true; 2];
                 }
                 let faces = faces.get(cell);
-                let holds_site = contains_site(self, cell, faces, in_columns);
-                [is_closed(self, cell, faces), holds_site]
+                let holds_site = contains_site(mesh, cell, faces, in_columns);
+                [is_closed(mesh, cell, faces), holds_site]
             })
             .collect();
         let mut count_failures = |criterion: usize, problem: &str| {
@@ -108,37 +111,37 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
                 if cancel.is_cancelled() {
                     0.0
                 } else {
-                    (deviation(f) - flat::weld_offset(self, f, hints.weld)).max(0.0)
+                    (deviation(f) - flat::weld_offset(mesh, f, hints.weld)).max(0.0)
                 }
             };
-            let excesses = (0..self.face_cells.len()).into_par_iter().map(excess);
+            let excesses = (0..mesh.face_cells.len()).into_par_iter().map(excess);
             excesses.reduce(|| 0.0, f64::max) / bounds.longest_side()
         };
         let warp = max_excess(&|f| {
-            if in_columns && !self.is_upright(f) {
+            if in_columns && !mesh.is_upright(f) {
                 0.0
             } else {
-                flat::warp(self, f)
+                flat::warp(mesh, f)
             }
         });
         if warp > bounds.tolerance {
             report.add_problem(format!("a face is not flat, by {warp:.1e} of the box"));
         }
-        let crossing_width = max_excess(&|f| flat::self_crossing_width(self, f));
+        let crossing_width = max_excess(&|f| flat::self_crossing_width(mesh, f));
         if crossing_width > bounds.tolerance {
             report.add_problem(format!(
                 "the outline of a face crosses itself, by {crossing_width:.1e} of the box"
             ));
         }
         report.cell_check = Some(CellCheck {
-            faces: self.face_cells.len(),
+            faces: mesh.face_cells.len(),
             is_columnar: in_columns,
             open_cells: not_closed,
             cells_without_site: without_site,
             warp,
             self_crossing_width: crossing_width,
         });
-        boundary_sides(self, in_columns, bounds, report)
+        Ok(boundary_sides(mesh, in_columns, bounds, report))
     }
 }
 

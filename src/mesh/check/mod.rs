@@ -3,21 +3,23 @@
 //! This module checks what holds for all meshes: cells have positive volumes, no node is unused,
 //! the box is filled, its sides are flat and covered once. Conformity of faces depends on the kind
 //! of cells, and polyhedra can have further faults: `simplices` and `cells` check these, and `flat`
-//! checks faces of more than three nodes. `distributed` checks a mesh that is distributed over
-//! several ranks.
+//! checks faces of more than three nodes.
+//!
+//! The simplices may be distributed over several ranks, each of which checks its partition.
 
 mod cells;
-mod distributed;
 mod flat;
+#[cfg(test)]
+pub(crate) mod partition_tests;
 mod simplices;
 
 pub use cells::CellCheck;
 pub(crate) use cells::broken_cells;
-pub(crate) use distributed::check_distributed;
-#[cfg(test)]
-pub(crate) use distributed::tests::assert_same_check;
 
 use super::Mesh;
+use super::view::MeshView;
+use crate::Result;
+use crate::comm::SelfComm;
 use crate::progress::CancelToken;
 use serde::Serialize;
 
@@ -104,14 +106,34 @@ struct CellTotals {
 }
 
 impl CellTotals {
-    fn from_volumes(volumes: &[f64]) -> Self {
+    /// Sums up the volumes of the cells of all ranks. Collective.
+    fn new<const D: usize, M: Mesh<D>>(view: &MeshView<'_, D, M>) -> Result<Self> {
+        let volumes = view.mesh.volumes();
         let is_not_positive = |v: &f64| *v <= 0.0;
-        Self {
-            not_positive: volumes.iter().filter(|v| is_not_positive(v)).count(),
-            first_not_positive: volumes.iter().position(is_not_positive),
-            volume: volumes.iter().sum(),
-        }
+        let not_positive = volumes.iter().filter(|v| is_not_positive(v)).count();
+        let first = volumes.iter().position(is_not_positive);
+        let first = first.map(|cell| view.first_cell + cell);
+        let local = ((not_positive, first), volumes.iter().sum::<f64>());
+        let gathered = view.comm.all_gather("volumes", local)?;
+        Ok(Self {
+            not_positive: gathered.iter().map(|((count, _), _)| count).sum(),
+            first_not_positive: gathered.iter().find_map(|((_, first), _)| *first),
+            volume: gathered.iter().map(|(_, volume)| volume).sum(),
+        })
     }
+}
+
+/// Counts the nodes of the global mesh that no rank uses. Collective.
+fn unused_nodes<const D: usize, M: Mesh<D>>(view: &MeshView<'_, D, M>) -> Result<usize> {
+    let is_used = view.mesh.used_nodes();
+    let shared = view.gather_shared("used nodes", |n| is_used[n as usize])?;
+    let copies = shared.chunk_by(|a, b| a.0 == b.0);
+    let shared = copies.filter(|copies| copies.iter().any(|(_, used)| *used));
+    let owned = is_used.iter().zip(view.shared_mask());
+    let owned = owned.filter(|(used, is_shared)| **used && !is_shared);
+    let used = owned.count() + shared.count();
+    let used = view.comm.all_gather("counts of used nodes", used)?;
+    Ok(view.global_counts[0].saturating_sub(used.iter().sum()))
 }
 
 /// Returns `true` if all coordinates are finite.
@@ -155,8 +177,8 @@ impl<const D: usize> BoxBounds<D> {
 /// The parts of the check that depend on the kind of cells.
 pub trait CellChecks<const D: usize> {
     /// Returns the reason why a mesh cannot be read, if there is one: indices of nodes that do not
-    /// exist, for instance.
-    fn unreadable_reason(&self) -> Option<String>;
+    /// exist, for instance. `first_cell` is the global number of the first cell.
+    fn unreadable_reason(&self, first_cell: usize) -> Option<String>;
 
     /// Returns for each node whether a cell uses it.
     fn used_nodes(&self) -> Vec<bool>;
@@ -164,15 +186,20 @@ pub trait CellChecks<const D: usize> {
     /// Returns the volume that the cells should fill.
     fn target_volume(&self, bounds: &BoxBounds<D>) -> f64;
 
-    /// Checks the faces, and returns how they cover each side of the box. Returns `None` if that
-    /// cannot be determined.
+    /// Checks the faces of all ranks, and returns how they cover each side of the box. Returns
+    /// `None` if that cannot be determined. Collective.
+    ///
+    /// # Errors
+    /// Returns the communication errors of the mesh's `comm`.
     fn check_faces(
-        &self,
+        view: &MeshView<'_, D, Self>,
         hints: CheckHints<'_>,
         bounds: &BoxBounds<D>,
         report: &mut Check,
         cancel: &CancelToken<'_>,
-    ) -> Option<SideCoverage<D>>;
+    ) -> Result<Option<SideCoverage<D>>>
+    where
+        Self: Sized;
 }
 
 /// Checks a mesh against the box `[low, high]`: cells have positive volumes, faces conform, no node
@@ -199,53 +226,56 @@ pub fn check_with_hints<const D: usize, M: Mesh<D>>(
     high: [f64; D],
     tolerance: f64,
 ) -> Check {
-    check_cancellable(mesh, hints, low, high, tolerance, &CancelToken::never())
+    let (view, never) = (MeshView::from_mesh(mesh), CancelToken::never());
+    check_view(&view, hints, low, high, tolerance, &never).expect(SelfComm::NEVER_FAILS)
 }
 
-/// Performs [`check_with_hints`] until `cancel` is cancelled. After that the result has no meaning.
-pub(crate) fn check_cancellable<const D: usize, M: Mesh<D>>(
-    mesh: &M,
+/// Performs [`check_with_hints`] on a mesh that may be distributed, until `cancel` is cancelled.
+/// After that the result has no meaning. Collective; every rank gets the result for the global
+/// mesh. If it is distributed, neighbours must be given.
+///
+/// # Errors
+/// Returns the communication errors of the mesh's `comm`.
+pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
+    view: &MeshView<'_, D, M>,
     hints: CheckHints<'_>,
     low: [f64; D],
     high: [f64; D],
     tolerance: f64,
     cancel: &CancelToken<'_>,
-) -> Check {
+) -> Result<Check> {
+    let mesh = view.mesh;
     let mut report = Check {
-        nodes: mesh.nodes().len(),
-        cells: mesh.len(),
+        nodes: view.global_counts[0],
+        cells: view.global_counts[1],
         ..Check::default()
     };
-    if let Some(problem) = mesh.unreadable_reason() {
+    let unreadable_reason = mesh.unreadable_reason(view.first_cell);
+    let local = (unreadable_reason, are_finite(mesh.nodes()));
+    let gathered = (view.comm).all_gather("whether meshes are readable", local)?;
+    let is_finite = gathered.iter().all(|(_, is_finite)| *is_finite);
+    let unreadable_reason = gathered.into_iter().find_map(|(reason, _)| reason);
+    let not_finite = (!is_finite).then(|| NOT_FINITE.into());
+    if let Some(problem) = unreadable_reason.or(not_finite) {
         report.add_problem(problem);
-        return report;
-    }
-    if !are_finite(mesh.nodes()) {
-        report.add_problem(NOT_FINITE.into());
-        return report;
+        return Ok(report);
     }
     let bounds = BoxBounds {
         low,
         high,
         tolerance,
     };
-
-    if cancel.is_cancelled() {
-        return report;
-    }
-    let totals = CellTotals::from_volumes(&mesh.volumes());
-    let unused = mesh.used_nodes().iter().filter(|used| !**used).count();
     report.judge(
         M::CELLS_NAME,
-        &totals,
-        unused,
+        &CellTotals::new(view)?,
+        unused_nodes(view)?,
         mesh.target_volume(&bounds),
         tolerance,
     );
-    if let Some(sides) = mesh.check_faces(hints, &bounds, &mut report, cancel) {
+    if let Some(sides) = M::check_faces(view, hints, &bounds, &mut report, cancel)? {
         sides.judge(&bounds, &mut report);
     }
-    report
+    Ok(report)
 }
 
 /// Returns the fraction of the box `[0, extent]` that the cells fill: 1 for a valid mesh, less for

@@ -3,7 +3,8 @@
 
 use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, singular_name};
 use crate::mesh::Simplices;
-use crate::mesh::complex::NONE;
+use crate::mesh::complex::{NONE, NOT_LOCAL};
+use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use std::ops::Range;
@@ -12,8 +13,16 @@ use std::ops::Range;
 const TASK_SIZE: usize = 1 << 14;
 
 impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
-    fn unreadable_reason(&self) -> Option<String> {
-        first_unreadable(self).map(unreadable_message::<D, M>)
+    fn unreadable_reason(&self, first_cell: usize) -> Option<String> {
+        let mut corners = self.connectivity().iter();
+        let position = corners.position(|&i| i as usize >= self.nodes().len())?;
+        let (name, cell) = (
+            singular_name(M::CELLS_NAME),
+            first_cell + position / (D + 1),
+        );
+        Some(format!(
+            "{name} {cell}: it names a node that does not exist"
+        ))
     }
 
     fn used_nodes(&self) -> Vec<bool> {
@@ -29,66 +38,90 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
     }
 
     fn check_faces(
-        &self,
+        view: &MeshView<'_, D, Self>,
         hints: CheckHints<'_>,
         bounds: &BoxBounds<D>,
         report: &mut Check,
         cancel: &CancelToken<'_>,
-    ) -> Option<SideCoverage<D>> {
-        if cancel.is_cancelled() {
-            return None;
-        }
+    ) -> crate::Result<Option<SideCoverage<D>>> {
         if let Some(neighbors) = hints.neighbors {
-            match unpaired_count(self, neighbors, &[NONE], cancel) {
-                Ok(0) => return Some(boundary_sides(self, neighbors, bounds, report)),
-                Ok(_) => report.add_problem(mismatch_message::<D, M>(0)),
-                Err(cell) => report.add_problem(mismatch_message::<D, M>(cell)),
+            if let Some(cell) = first_mismatched_cell(view, neighbors, cancel)? {
+                let name = singular_name(M::CELLS_NAME);
+                report.add_problem(format!(
+                    "{name} {cell}: its faces do not match its neighbours"
+                ));
+                return Ok(None);
             }
-            return None;
+            return boundary_sides(view, neighbors, bounds, report).map(Some);
         }
-        match self.neighbors() {
-            Ok(neighbors) => Some(boundary_sides(self, &neighbors, bounds, report)),
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
+        match view.mesh.neighbors() {
+            Ok(neighbors) => boundary_sides(view, &neighbors, bounds, report).map(Some),
             Err(face) => {
                 report.add_problem(format!(
                     "face {face:?} belongs to more than two {}",
                     M::CELLS_NAME
                 ));
-                None
+                Ok(None)
             }
         }
     }
 }
 
-/// Returns the first cell that uses a node that does not exist.
-pub(super) fn first_unreadable<const D: usize, M: Simplices<D>>(mesh: &M) -> Option<usize> {
-    let mut corners = mesh.connectivity().iter();
-    let position = corners.position(|&i| i as usize >= mesh.nodes().len())?;
-    Some(position / (D + 1))
-}
-
-/// Returns the problem that the check reports for a cell that uses a node that does not exist.
-pub(super) fn unreadable_message<const D: usize, M: Simplices<D>>(cell: usize) -> String {
-    let name = singular_name(M::CELLS_NAME);
-    format!("{name} {cell}: it names a node that does not exist")
-}
-
-/// Returns the problem that the check reports for a cell whose faces are not those of its
-/// neighbours.
-pub(super) fn mismatch_message<const D: usize, M: Simplices<D>>(cell: usize) -> String {
-    let name = singular_name(M::CELLS_NAME);
-    format!("{name} {cell}: its faces do not match its neighbours")
+/// Returns the first cell of which a face is not shared with the neighbour that is given for it.
+/// Each face between two ranks is sent to the rank that owns its first node, so both of its copies
+/// meet there. Collective.
+fn first_mismatched_cell<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
+    neighbors: &[u32],
+    cancel: &CancelToken<'_>,
+) -> crate::Result<Option<usize>> {
+    let (mesh, comm) = (view.mesh, view.comm);
+    let (mismatched, unpaired) = match unpaired_count(mesh, neighbors, cancel) {
+        Ok(unpaired) => (None, unpaired as i64),
+        Err(cell) => (Some(view.first_cell + cell), 0),
+    };
+    let mut by_rank = vec![Vec::new(); comm.size()];
+    for (i, _) in neighbors
+        .iter()
+        .enumerate()
+        .filter(|(_, n)| **n == NOT_LOCAL)
+    {
+        let (cell, k) = (i / (D + 1), i % (D + 1));
+        let mut face = mesh.face(cell, k).map(|n| view.global_id(n));
+        face.sort_unstable();
+        by_rank[view.owner_rank(face[0])].push((face, view.first_cell + cell));
+    }
+    let received = comm.all_to_all("faces between pieces", by_rank)?;
+    let mut faces: Vec<([u32; D], (usize, usize))> = (received.into_iter().enumerate())
+        .flat_map(|(rank, faces)| {
+            let with_rank = move |(face, cell)| (face, (cell, rank));
+            faces.into_iter().map(with_rank)
+        })
+        .collect();
+    faces.sort_unstable();
+    let unmatched = faces.chunk_by(|a, b| a.0 == b.0).filter(|same| match same {
+        [(_, (_, one)), (_, (_, other))] => one == other,
+        _ => true,
+    });
+    let mismatched = unmatched.map(|same| same[0].1.0).chain(mismatched).min();
+    let gathered = comm.all_gather("whether neighbours fit", (mismatched, unpaired))?;
+    let unpaired: i64 = gathered.iter().map(|(_, left_over)| left_over).sum();
+    let mismatched = gathered.iter().filter_map(|(cell, _)| *cell).min();
+    Ok(mismatched.or((unpaired != 0).then_some(0)))
 }
 
 /// Returns how many more faces are seen from their cell with the lower number than from their cell
 /// with the higher number: 0 if all faces pair.
 ///
 /// Returns as the error the first cell of which a face is not shared with the neighbour given for
-/// it, and with that one only. Faces whose neighbour is one of the `skipped` numbers are not
-/// checked, and none is checked after `cancel` is cancelled.
-pub(super) fn unpaired_count<const D: usize, M: Simplices<D>>(
+/// it, and with that one only. Faces without a local neighbour are not checked, and none is checked
+/// after `cancel` is cancelled.
+fn unpaired_count<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
-    skipped: &[u32],
     cancel: &CancelToken<'_>,
 ) -> Result<isize, usize> {
     if neighbors.len() != (D + 1) * mesh.len() {
@@ -96,7 +129,7 @@ pub(super) fn unpaired_count<const D: usize, M: Simplices<D>>(
     }
     let count_in_task = |task: usize| {
         let cells = task * TASK_SIZE..mesh.len().min((task + 1) * TASK_SIZE);
-        unpaired_count_in(mesh, neighbors, skipped, cells)
+        unpaired_count_in(mesh, neighbors, cells)
     };
     let counts: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(TASK_SIZE))
         .into_par_iter()
@@ -113,7 +146,6 @@ pub(super) fn unpaired_count<const D: usize, M: Simplices<D>>(
 fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbors: &[u32],
-    skipped: &[u32],
     cells: Range<usize>,
 ) -> Result<isize, usize> {
     let faces = D + 1;
@@ -121,7 +153,7 @@ fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     for c in cells {
         let cell = mesh.cell(c);
         for (k, n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
-            if skipped.contains(n) {
+            if *n >= NOT_LOCAL {
                 continue;
             }
             let beyond = *n as usize;
@@ -156,13 +188,15 @@ fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     Ok(unpaired)
 }
 
-/// Adds every face without a neighbour to the side of the box whose plane is nearest to it.
-pub(super) fn boundary_sides<const D: usize, M: Simplices<D>>(
-    mesh: &M,
+/// Adds every face without a neighbour, on any rank, to the side of the box whose plane is nearest
+/// to it. Collective.
+fn boundary_sides<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     neighbors: &[u32],
     bounds: &BoxBounds<D>,
     report: &mut Check,
-) -> SideCoverage<D> {
+) -> crate::Result<SideCoverage<D>> {
+    let (mesh, mut local) = (view.mesh, Check::default());
     let mut sides = SideCoverage::uncovered();
     for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
         let face = mesh.face(i / (D + 1), i % (D + 1));
@@ -176,7 +210,20 @@ pub(super) fn boundary_sides<const D: usize, M: Simplices<D>>(
                 }
             }
         }
-        sides.add(best.0, M::face_area(&p), best.1, bounds, report);
+        sides.add(best.0, M::face_area(&p), best.1, bounds, &mut local);
     }
-    sides
+    let counts = [local.boundary_faces, local.faces_off_sides];
+    let local = (counts, (local.flatness_error, sides.area));
+    sides.area = [[0.0; 2]; D];
+    for ([boundary_faces, faces_off_sides], (flatness_error, area)) in
+        view.comm.all_gather("sides", local)?
+    {
+        report.boundary_faces += boundary_faces;
+        report.faces_off_sides += faces_off_sides;
+        report.flatness_error = report.flatness_error.max(flatness_error);
+        let sums = sides.area.as_flattened_mut().iter_mut();
+        sums.zip(area.as_flattened())
+            .for_each(|(sum, area)| *sum += area);
+    }
+    Ok(sides)
 }

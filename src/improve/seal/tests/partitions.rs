@@ -4,7 +4,6 @@ use super::*;
 use crate::comm::{SelfComm, run_threads};
 use crate::geometry::bounding_box;
 use crate::improve::tets::ImproveContext;
-use crate::lattice::distance::DistributedDistance;
 use crate::mesh::Mesh;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::partition::MeshPartition;
@@ -31,15 +30,16 @@ impl MarkedMesh {
         let (mut marks, cancel) = (self.marks.clone(), CancelToken::never());
         let neighbors = self.neighbors();
         let report = seal(
-            &self.mesh,
+            &MeshView::from_mesh(&self.mesh),
             neighbors.as_flattened(),
             &self.points,
             self.extent,
-            &self.distance,
+            self.distance.max(),
+            |_| Ok(Cow::Borrowed(&self.distance)),
             &mut marks,
             &cancel,
         );
-        (report, marks)
+        (report.unwrap(), marks)
     }
 
     /// Returns the reports of `count` ranks and the marks of the whole mesh after it is sealed in
@@ -68,13 +68,14 @@ impl MarkedMesh {
             let points: Vec<FeaturePoint<3>> =
                 self.points.iter().filter(is_near).copied().collect();
             let report = CancelToken::run(&mut keep_going(comm.rank()), |cancel| {
-                seal_distributed(
-                    partition,
+                seal(
+                    &MeshView::from_partition(partition, comm),
+                    partition.neighbors.as_flattened(),
                     &points,
                     self.extent,
-                    &DistributedDistance::Global(self.distance.clone()),
+                    self.distance.max(),
+                    |_| Ok(Cow::Borrowed(&self.distance)),
                     &mut marks,
-                    comm,
                     cancel,
                 )
             });

@@ -75,16 +75,15 @@ impl SlabCuts {
         let atoms: Vec<usize> = comm.all_gather("atoms", owned.len())?;
         let atoms = atoms.iter().sum();
         let max_count = Self::max_slabs(atoms, extent[axis], distance.max());
-        let mut coordinates: Vec<f64> = owned.iter().map(|x| x[axis]).collect();
+        let coordinates = owned.iter().map(|x| x[axis]);
         for count in (2..=max_count).rev() {
             let order_indices: Vec<usize> = (1..count).map(|i| i * atoms / count).collect();
-            let cut_positions = match comm.size() {
-                1 => (order_indices.iter())
-                    .map(|&index| *coordinates.select_nth_unstable_by(index, f64::total_cmp).1)
-                    .collect(),
-                _ => order_statistics(&[coordinates.iter().copied()], &[|_| &order_indices], comm)?
-                    .swap_remove(0),
-            };
+            let cut_positions = order_statistics(
+                std::slice::from_ref(&coordinates),
+                &[|_| &order_indices],
+                comm,
+            )?
+            .swap_remove(0);
             let mut ends = vec![0.0];
             ends.extend(&cut_positions);
             ends.push(extent[axis]);

@@ -76,7 +76,10 @@ pub mod report;
 pub mod store;
 
 pub use error::{Error, ErrorKind, Result};
+pub use export::surfaces::surfaces;
 pub use job::{MeshSpec, mesh};
+pub use model::flow::{FlowSpec, flow};
+pub use model::surface::SurfaceSpec;
 
 /// Makes rustdoc test the examples of the README.
 #[cfg(doctest)]

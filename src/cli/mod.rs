@@ -5,7 +5,6 @@
 //! - [`common`]: code that several verbs share
 //! - [`job_files`]: the files of a job of `mesh`
 //! - [`case`]: options for the position of a model, its wells and fluids
-//! - [`faults`]: options that say how faults resist flow
 //! - [`rock`]: porosity, permeability and other properties from numbers, tables and images
 //! - [`parse`]: parsers of option values
 //! - [`provenance`]: the hash of the input
@@ -20,7 +19,6 @@ pub mod args;
 pub mod case;
 pub mod common;
 pub mod console;
-pub mod faults;
 pub mod host;
 pub mod interrupts;
 pub mod job_files;
@@ -45,8 +43,10 @@ use crate::files::transaction;
 use crate::{Error, ErrorKind, Result, memory};
 use args::{CommandLine, Verb, value_error};
 use common::global::VerbStatus;
+use common::options::with_option_name;
 use console::{Console, print_stderr};
 use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
+use verbs::export::ExportArgs;
 
 /// Size in bytes of the stack of the main thread.
 const MAIN_STACK_BYTES: usize = 8 << 20;
@@ -197,10 +197,12 @@ fn run_verb(
         Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
-        Verb::Export(args) => verbs::export::export(args, console)?,
+        Verb::Export(args) => {
+            verbs::export::export(args, console).map_err(with_option_name::<ExportArgs>)?;
+        }
         Verb::Paint(args) => verbs::paint::paint(args, console)?,
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
-        Verb::Surface(args) => verbs::surface::surface(args, console)?,
+        Verb::Surface(args) => verbs::surface::surface(args, interrupts, console)?,
         Verb::Synth(args) => verbs::synth::synth(args, console)?,
         Verb::Doctor => verbs::setup::doctor(console, has_mpi)?,
         Verb::Completions(args) => verbs::setup::completions(args),

@@ -80,9 +80,9 @@ impl Typed<MeshSpec> {
 }
 
 /// Returns an error of the library with option names as on the command line: a place that begins
-/// with the name of an option gets its two hyphens.
-pub fn with_option_name(error: Error) -> Error {
-    match option_name(&error.cause().place) {
+/// with the name of an option of `T` gets its two hyphens.
+pub fn with_option_name<T: Args>(error: Error) -> Error {
+    match option_name::<T>(&error.cause().place) {
         Some(_) => {
             let place = format!("--{}", error.cause().place);
             error.with_place(place)
@@ -91,10 +91,10 @@ pub fn with_option_name(error: Error) -> Error {
     }
 }
 
-/// Returns the name of the option with which the place of an error begins.
-pub fn option_name(place: &str) -> Option<&str> {
+/// Returns the name of the option of `T` with which the place of an error begins.
+pub fn option_name<T: Args>(place: &str) -> Option<&str> {
     let name = place.split(' ').next()?;
-    let options = MeshSpec::augment_args(Command::new("options"));
+    let options = T::augment_args(Command::new("options"));
     let is_known = options
         .get_arguments()
         .any(|option| option.get_long() == Some(name));
@@ -107,7 +107,9 @@ pub fn option_name(place: &str) -> Option<&str> {
 /// Returns the errors of [`InputOptions::read_options_for`], with option names as on the command
 /// line.
 pub fn read_options(input: &InputOptions, path: &Path) -> Result<ReadOptions> {
-    input.read_options_for(path).map_err(with_option_name)
+    input
+        .read_options_for(path)
+        .map_err(with_option_name::<InputOptions>)
 }
 
 #[cfg(test)]

@@ -9,13 +9,13 @@ use serde_json::json;
 use crate::cli::case::{CaseOptions, SpaceOptions, check_depth};
 use crate::cli::common::output::path_text;
 use crate::cli::console::Console;
-use crate::cli::faults::{FaultOptions, parse_surface_selection};
 use crate::cli::parse::option_error;
 use crate::cli::rock::RockOptions;
 use crate::error::cause;
 use crate::export::{ExportContent, ExportFormat, formats};
 use crate::job::well_file::is_well_file;
-use crate::model::flow::driver::FaultLaws;
+use crate::model::flow::driver::{BarrierSelection, FaultLaws};
+use crate::model::flow::{FaultOptions, FaultResistance};
 use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel};
 use crate::store::AnyMesh;
 use crate::{Error, Result};
@@ -45,7 +45,7 @@ pub struct ExportArgs {
     /// Duplicate the nodes along surfaces and add elements between the two sides (tetrahedra only):
     /// faults, horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
     #[arg(long, value_name = "WHICH", help_heading = None)]
-    pub split: Option<String>,
+    pub split: Option<BarrierSelection>,
     /// Add nodes in the middle of edges: elements of second order
     #[arg(long, help_heading = None, conflicts_with = "split")]
     pub quadratic: bool,
@@ -190,12 +190,8 @@ pub fn export(args: &ExportArgs, console: &mut Console) -> Result<()> {
         keeps_unit: !format.is_flow_format(),
         ..args.space.placement()?
     };
-    let laws = args.faults.laws("open")?;
-    let split = args
-        .split
-        .as_deref()
-        .map(|text| parse_surface_selection("--split", text));
-    let split = split.transpose()?;
+    let laws = args.faults.laws(FaultResistance::Open)?;
+    let split = args.split.clone();
     args.check_options(format, &laws)?;
     format.check_target(&args.output)?;
     let outputs = [

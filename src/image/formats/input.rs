@@ -6,9 +6,21 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::placement::ImagePlacement;
-use super::{ImageFormat, ReadOptions, SegyBytes, detect};
+use super::{AnyImage, ImageFormat, ReadOptions, SegyBytes, detect};
 use crate::error::cause;
 use crate::{Error, Result};
+
+/// Reads the image that has this name, with these options.
+pub type ReadImage<'a> = &'a dyn Fn(&Path, &InputOptions) -> Result<AnyImage>;
+
+/// Reads an image from a file, with options for what the file lacks.
+///
+/// # Errors
+/// Returns the errors of [`read_any`](super::read_any) and of
+/// [`InputOptions::read_options_for`].
+pub fn read_with_options(path: &Path, input: &InputOptions) -> Result<AnyImage> {
+    super::read_any(path, &input.read_options_for(path)?)
+}
 
 /// Options for reading an image whose file lacks information.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

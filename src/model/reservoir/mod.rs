@@ -319,7 +319,7 @@ impl Model {
     /// Returns [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
         self.add_picked_interfaces(laws);
-        let surface_laws = laws.surface_laws(&self.surfaces.all_names(), "--barriers")?;
+        let surface_laws = laws.surface_laws(&self.surfaces.all_names(), "barriers")?;
         self.barriers = Barriers::new(self.surfaces.connection_surfaces.clone(), surface_laws)?;
         Ok(())
     }
@@ -568,7 +568,7 @@ mod tests {
         assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
         laws.overrides[0].0 = 2.into();
         let error = model.set_faults(&laws).unwrap_err().to_string();
-        let expected = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
+        let expected = "fault-multiplier 2: matches no surface: the mesh has horizon1; ";
         assert!(error.starts_with(expected), "{error}");
     }
 

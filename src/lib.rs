@@ -77,6 +77,7 @@ pub mod store;
 
 pub use error::{Error, ErrorKind, Result};
 pub use export::surfaces::surfaces;
+pub use export::{ExportSpec, export};
 pub use job::{MeshSpec, mesh};
 pub use model::flow::{FlowSpec, flow};
 pub use model::surface::SurfaceSpec;

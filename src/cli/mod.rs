@@ -4,8 +4,6 @@
 //! - [`verbs`]: the verbs, one file each with its arguments and its code
 //! - [`common`]: code that several verbs share
 //! - [`job_files`]: the files of a job of `mesh`
-//! - [`case`]: options for the position of a model, its wells and fluids
-//! - [`rock`]: porosity, permeability and other properties from numbers, tables and images
 //! - [`parse`]: parsers of option values
 //! - [`provenance`]: the hash of the input
 //! - [`console`]: the console, through which verbs read, write and print
@@ -16,7 +14,6 @@
 
 pub mod allocator;
 pub mod args;
-pub mod case;
 pub mod common;
 pub mod console;
 pub mod host;
@@ -24,7 +21,6 @@ pub mod interrupts;
 pub mod job_files;
 pub mod parse;
 pub mod provenance;
-pub mod rock;
 mod time_left;
 pub mod verbs;
 
@@ -43,10 +39,8 @@ use crate::files::transaction;
 use crate::{Error, ErrorKind, Result, memory};
 use args::{CommandLine, Verb, value_error};
 use common::global::VerbStatus;
-use common::options::with_option_name;
 use console::{Console, print_stderr};
 use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
-use verbs::export::ExportArgs;
 
 /// Size in bytes of the stack of the main thread.
 const MAIN_STACK_BYTES: usize = 8 << 20;
@@ -197,9 +191,7 @@ fn run_verb(
         Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
-        Verb::Export(args) => {
-            verbs::export::export(args, console).map_err(with_option_name::<ExportArgs>)?;
-        }
+        Verb::Export(args) => verbs::export::export(args, interrupts, console)?,
         Verb::Paint(args) => verbs::paint::paint(args, console)?,
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
         Verb::Surface(args) => verbs::surface::surface(args, interrupts, console)?,

@@ -1,4 +1,4 @@
-//! What functions on a mesh read: the mesh, and the images that options name.
+//! The input of functions on a mesh: the mesh, and the images that options name.
 
 use std::path::Path;
 

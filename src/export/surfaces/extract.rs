@@ -21,14 +21,14 @@ use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
 use crate::model::surface::{
-    GroupBy, GroupingOptions, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces,
-    facet_selection, measure,
+    GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
 };
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, LabelledRegion, MeshFile, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 
 /// File endings of the surface formats that can be written.
+#[cfg(feature = "cli")]
 pub(crate) const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
 
 /// File endings of fault sticks.
@@ -272,7 +272,7 @@ fn measured_groups<const D: usize, M: Storable<D>>(
 pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
 ) -> Result<SurfaceFile<D>> {
-    let grouping = GroupingOptions::default();
+    let grouping = crate::model::surface::GroupingOptions::default();
     let (up, z_up) = grouping.up_direction::<D>()?;
     let up = up.with_units(&stored.space.geometry.units);
     let marks = stored.feature_marks().unwrap_or_default();
@@ -470,8 +470,9 @@ impl SurfaceOutcome {
     ///
     /// # Errors
     /// Returns [`Error::Job`] if there is no surface of the required kind, if it is ambiguous, or for
-    /// an unknown ending, and [`Error::Io`] if the file cannot be written.
+    /// an option that does not apply to this file, and [`Error::Io`] if the file cannot be written.
     pub fn write(&self, path: &Path, spec: &SurfaceSpec) -> Result<()> {
+        spec.check_target(path)?;
         let is_grid = has_extension(path, &GRID_EXTENSIONS);
         if !is_grid && !has_extension(path, &STICK_EXTENSIONS) {
             return match &self.surfaces {

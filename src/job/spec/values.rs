@@ -400,7 +400,7 @@ impl LooseValue {
     }
 }
 
-/// What stands between the numbers of a list, and between other items: `[",", ":"]` for
+/// The separators between the numbers of a list, and between other items: `[",", ":"]` for
 /// `X,Y,Z:VALUE`.
 pub(crate) type Separators = [&'static str; 2];
 

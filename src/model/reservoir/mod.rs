@@ -3,6 +3,8 @@
 //! module `export` writes it.
 //!
 //! - `prepared_model`: models from mesh files
+//! - `rock_options`: options for the rock in the cells
+//! - `case_options`: options for the position of a model, its wells and fluids
 //! - `frame`: from a mesh's coordinates to metres and depth
 //! - `averaging`: averages of an image over cells
 //! - `check`: checks of a model before it is written
@@ -12,11 +14,13 @@
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
 pub(crate) mod averaging;
+pub(crate) mod case_options;
 pub(crate) mod check;
 pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod frame;
 pub(crate) mod prepared_model;
+pub(crate) mod rock_options;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
@@ -39,9 +43,11 @@ use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
 pub use averaging::{MeanKind, SamplePositions};
+pub use case_options::{CaseOptions, FluidChoice, SpaceOptions, WellOption, WellPlace};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use frame::{DepthAxis, ModelFrame};
+pub use rock_options::{CellPermeability, CellProperty, CellValue, PermeabilityUnit, RockOptions};
 pub use trajectory::{Trajectory, WellTracer};
 
 /// One millidarcy in m^2.

@@ -4,6 +4,7 @@
 //!
 //! ```text
 //! error     the error type: place, problem and remedy
+//! option_text values of options as texts
 //! progress  reports progress, and stops long work
 //! memory    checks that a task fits into memory
 //! parallel  parallel iterators
@@ -70,6 +71,7 @@ pub mod lattice;
 pub mod memory;
 pub mod mesh;
 pub mod model;
+pub(crate) mod option_text;
 pub(crate) mod parallel;
 pub mod progress;
 pub mod report;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::placement::ImagePlacement;
 use super::{AnyImage, ImageFormat, ReadOptions, SegyBytes, detect};
 use crate::error::cause;
+use crate::option_text::deserialize_optional;
 use crate::{Error, Result};
 
 /// Reads the image that has this name, with these options.
@@ -30,19 +31,23 @@ pub struct InputOptions {
     /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     /// 100x400x208:f32be
     #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub raw: Option<String>,
     /// An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
     /// the fastest first, or one for all
     #[cfg_attr(feature = "cli", arg(long, value_name = "A,B,C"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub spacing: Option<String>,
     /// An array without geometry: the position of its first sample
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
     )]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub origin: Option<String>,
     /// Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
     #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub unit: Option<String>,
     /// An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     /// decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -51,6 +56,7 @@ pub struct InputOptions {
         feature = "cli",
         arg(long, value_name = "A,B,C", allow_hyphen_values = true)
     )]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub axes: Option<String>,
     /// An array without geometry: take the geometry of this image, which has as many samples (.sgy,
     /// .vti ...)
@@ -63,6 +69,7 @@ pub struct InputOptions {
         feature = "cli",
         arg(long, value_name = "V,...", allow_hyphen_values = true)
     )]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub null: Option<String>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
     #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]

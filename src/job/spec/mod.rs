@@ -25,9 +25,7 @@ use crate::improve::{SliverMethod, Target};
 use crate::lattice::optimize::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
-pub(crate) use values::{
-    DEFAULT_DISTANCES, deserialize_text, joined, names_image, parse_number, serde_as_text,
-};
+pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
 pub use values::{
     DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile,
     PointValue, SignedAxis,

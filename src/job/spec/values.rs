@@ -1,17 +1,15 @@
 //! Types of option values that are more than one number or word.
 //!
-//! Each type is parsed from a text and displayed as one, on the command line as in TOML and JSON.
-//! If the text may be a number, TOML and JSON may also hold a number.
+//! Each type is parsed from a text and displayed as one, on the command line as in TOML and JSON, which
+//! may also hold numbers and lists of them.
 
-use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use serde::{Deserialize, Deserializer};
-
 use crate::error::cause;
 use crate::feature::LabelOptions;
+use crate::option_text::serde_as_text;
 
 /// Default limits of the nominal distance, in samples: 8, and a third of that in gaps between
 /// features.
@@ -364,83 +362,6 @@ impl FromStr for LabelOptions {
         Self::parse(text).map_err(|(problem, remedy)| InvalidValue::new(problem, remedy))
     }
 }
-
-/// The value of an option as TOML, JSON and other languages may hold it.
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "give a text, a number or a list")]
-enum LooseValue {
-    Text(String),
-    Whole(i64),
-    Number(f64),
-    List(Vec<Self>),
-    Table(BTreeMap<String, Self>),
-}
-
-impl LooseValue {
-    /// Returns the value as a text. `separators` stand between numbers, and between other items.
-    fn to_text(&self, separators: Separators) -> String {
-        let joined = |items: Vec<String>, separator| items.join(separator);
-        match self {
-            Self::Text(text) => text.clone(),
-            Self::Whole(number) => number.to_string(),
-            Self::Number(number) => number.to_string(),
-            Self::List(items) => {
-                let are_numbers =
-                    (items.iter()).all(|item| matches!(item, Self::Whole(_) | Self::Number(_)));
-                let separator = separators[usize::from(!are_numbers)];
-                let texts = items.iter().map(|item| item.to_text([",", ","]));
-                joined(texts.collect(), separator)
-            }
-            Self::Table(items) => {
-                let pair =
-                    |(name, item): (&String, &Self)| format!("{name}={}", item.to_text([","; 2]));
-                joined(items.iter().map(pair).collect(), ",")
-            }
-        }
-    }
-}
-
-/// The separators between the numbers of a list, and between other items: `[",", ":"]` for
-/// `X,Y,Z:VALUE`.
-pub(crate) type Separators = [&'static str; 2];
-
-/// Reads a value from a text, a number, or a list.
-pub(crate) fn deserialize_text<'de, T, D>(
-    deserializer: D,
-    separators: Separators,
-) -> Result<T, D::Error>
-where
-    T: FromStr<Err: Display>,
-    D: Deserializer<'de>,
-{
-    let text = LooseValue::deserialize(deserializer)?.to_text(separators);
-    text.parse()
-        .map_err(|error| serde::de::Error::custom(format!("'{text}' {error}")))
-}
-
-/// Makes types that are parsed from a text and displayed as one serialisable as this text. They are
-/// also read from lists, whose items have [`Separators`] between them.
-macro_rules! serde_as_text {
-    ($($name:ty: $separators:expr),+ $(,)?) => {$(
-        impl serde::Serialize for $name {
-            fn serialize<S: serde::Serializer>(
-                &self,
-                serializer: S,
-            ) -> std::result::Result<S::Ok, S::Error> {
-                serializer.collect_str(self)
-            }
-        }
-
-        impl<'de> serde::Deserialize<'de> for $name {
-            fn deserialize<D: serde::Deserializer<'de>>(
-                deserializer: D,
-            ) -> std::result::Result<Self, D::Error> {
-                $crate::job::spec::deserialize_text(deserializer, $separators)
-            }
-        }
-    )+};
-}
-pub(crate) use serde_as_text;
 
 serde_as_text!(
     NominalDistance: [":", ":"],

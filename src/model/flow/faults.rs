@@ -10,8 +10,9 @@ use super::FaultLaw;
 use super::driver::{BarrierSelection, FaultLaws};
 use crate::error::cause;
 use crate::files::csv::text_rows;
-use crate::job::spec::{InvalidValue, parse_number, serde_as_text};
+use crate::job::spec::{InvalidValue, parse_number};
 use crate::model::surface::names::Selector;
+use crate::option_text::serde_as_text;
 use crate::{Error, Result};
 
 /// Options that say how the surfaces of a mesh resist flow.

@@ -13,9 +13,10 @@ use super::{
     SimulationCase, Trajectory, Well, WellTracer,
 };
 use crate::error::cause;
-use crate::job::spec::{InvalidValue, SignedAxis, joined, parse_number, serde_as_text};
+use crate::job::spec::{InvalidValue, SignedAxis, joined, parse_number};
 use crate::job::well_file::{WellFile, is_well_file};
 use crate::mesh::graph::Locator;
+use crate::option_text::serde_as_text;
 use crate::progress::Progress;
 use crate::{Error, Result};
 

@@ -13,8 +13,9 @@ use crate::files::csv::values_by_region;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
-use crate::job::spec::{InvalidValue, names_image, serde_as_text};
+use crate::job::spec::{InvalidValue, names_image};
 use crate::model::flow::{Rock, Tensor};
+use crate::option_text::{deserialize_optional, serde_as_text};
 use crate::progress::Progress;
 use crate::{Error, Result};
 
@@ -47,6 +48,7 @@ pub struct RockOptions {
     pub property: Vec<CellProperty>,
     /// An image of labels that sets the regions of the cells
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub region: Option<String>,
     /// Options for reading the images.
     #[cfg_attr(

@@ -180,3 +180,80 @@ impl ExportSpec {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_read_from_texts_numbers_and_lists() {
+        let json = r#"{
+            "rock": {
+                "porosity": 0.2,
+                "permeability": [100, "kv.npy:harmonic", 10],
+                "permeability-unit": "mD",
+                "property": [["amplitude", "survey.sgy"], "depth=z.npy"]
+            },
+            "fault-options": {"faults": 0.01, "fault-multiplier": [[3, 0.5], "1/11:0"], "barriers": [1, "fault2"]},
+            "grid": [10, 20, 3],
+            "space": {"down": "z"},
+            "case": {"injector": [[[1, 2.5, 3], 50], "W=way.csv:20"], "fluid": "oil-water"}
+        }"#;
+        let spec: ExportSpec = serde_json::from_str(json).unwrap();
+        let texts = |json: serde_json::Value| json.to_string().replace('"', "");
+        let rock = texts(serde_json::to_value(&spec.rock).unwrap());
+        assert!(
+            rock.contains("porosity:0.2,permeability:100,kv.npy:harmonic,10"),
+            "{rock}"
+        );
+        assert!(
+            rock.contains("[amplitude=survey.sgy,depth=z.npy]"),
+            "{rock}"
+        );
+        let faults = texts(serde_json::to_value(&spec.fault_options).unwrap());
+        assert!(
+            faults.contains("[3:0.5,1/11:0],barriers:1,fault2"),
+            "{faults}"
+        );
+        assert_eq!(spec.grid, Some(GridCounts([10, 20, 3])));
+        assert_eq!(
+            spec.case.injector[0].place,
+            WellPlace::Point([1.0, 2.5, 3.0])
+        );
+        assert_eq!(spec.case.injector[1].to_string(), "W=way.csv:20");
+        for wrong in [
+            r#"{"grid": [10, 20]}"#,
+            r#"{"case": {"producer": ["1,2,3"]}}"#,
+            r#"{"case": {"producer": ["1,2:5"]}}"#,
+            r#"{"case": {"producer": ["1,2,3:0"]}}"#,
+            r#"{"rock": {"permeability-unit": "darcy"}}"#,
+            r#"{"porosity": 0.2}"#,
+        ] {
+            assert!(
+                serde_json::from_str::<ExportSpec>(wrong).is_err(),
+                "{wrong}"
+            );
+        }
+    }
+
+    #[test]
+    fn options_without_effect_are_refused_by_name() {
+        let opm = ExportFormat::from_name("opm").unwrap();
+        let case = CaseOptions {
+            days: Some(7.0),
+            ..CaseOptions::default()
+        };
+        let spec = ExportSpec {
+            case,
+            ..ExportSpec::default()
+        };
+        let error = spec.validate(opm).unwrap_err().to_string();
+        assert!(error.starts_with("days 7: has no effect"), "{error}");
+        let msh = ExportFormat::from_name("msh").unwrap();
+        let error = spec.validate(msh).unwrap_err().to_string();
+        assert!(
+            error.starts_with("days: the format msh holds no"),
+            "{error}"
+        );
+    }
+}

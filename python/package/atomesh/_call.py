@@ -7,6 +7,7 @@ import functools
 import json
 import keyword
 import logging
+import math
 import os
 import sys
 import tempfile
@@ -173,6 +174,8 @@ class _Inputs:
         if isinstance(value, np.generic) or isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         if isinstance(value, float):
+            if not math.isfinite(value):
+                return repr(value)
             return int(value) if value.is_integer() and abs(value) < 1e15 else value
         if isinstance(value, str):
             return _number(value) if option["type"] in ("number", "whole") else value

@@ -114,8 +114,16 @@ pub fn read_options(input: &InputOptions, path: &Path) -> Result<ReadOptions> {
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Debug;
+
+    use serde::Serialize;
+    use serde::de::DeserializeOwned;
+
     use super::*;
+    use crate::export::ExportSpec;
     use crate::job::spec::NominalDistance;
+    use crate::model::flow::FlowSpec;
+    use crate::model::surface::SurfaceSpec;
 
     fn typed(words: &[&str]) -> Typed<MeshSpec> {
         let command = Typed::<MeshSpec>::augment_args(Command::new("mesh"));
@@ -139,8 +147,28 @@ mod tests {
         assert_eq!(merged.input.spacing.as_deref(), Some("3"));
     }
 
+    /// Checks that options that are not typed have the defaults of the type, also in JSON.
+    fn check_defaults<T>()
+    where
+        T: Args + Default + PartialEq + Debug + Serialize + DeserializeOwned,
+    {
+        let command = T::augment_args(Command::new("verb"));
+        let parsed = T::from_arg_matches(&command.get_matches_from(["verb"])).unwrap();
+        assert_eq!(parsed, T::default());
+        let json = serde_json::to_value(&parsed).unwrap();
+        assert_eq!(serde_json::from_value::<T>(json).unwrap(), parsed);
+        assert_eq!(
+            serde_json::from_str::<T>("{}").unwrap(),
+            parsed,
+            "an empty table"
+        );
+    }
+
     #[test]
-    fn without_options_the_spec_has_its_defaults() {
-        assert_eq!(typed(&[]).options, MeshSpec::default());
+    fn without_options_a_spec_has_its_defaults() {
+        check_defaults::<MeshSpec>();
+        check_defaults::<FlowSpec>();
+        check_defaults::<SurfaceSpec>();
+        check_defaults::<ExportSpec>();
     }
 }

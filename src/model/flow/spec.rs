@@ -364,3 +364,49 @@ impl FlowSpec {
         Rock::by_region(&regions, &by_region, viscosity)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_read_from_texts_numbers_and_lists() {
+        let json = r#"{
+            "source": [[[8, 10, 12.5], 0.002], "30,20,15"],
+            "sink": [[1, 2, 3]],
+            "pressure": [["xmin", 1e5]],
+            "permeability": [1e-13, 2e-13, 1e-14],
+            "velocity": 2000
+        }"#;
+        let spec: FlowSpec = serde_json::from_str(json).unwrap();
+        assert_eq!(spec.source[0].to_string(), "8,10,12.5:0.002");
+        assert_eq!(spec.source[1].position, [30.0, 20.0, 15.0]);
+        assert_eq!(spec.sink[0].rate, None);
+        assert_eq!(spec.pressure[0].to_string(), "xmin=100000");
+        let components = vec![1e-13, 2e-13, 1e-14];
+        assert_eq!(spec.permeability, FlowPermeability::Tensor(components));
+        spec.validate().unwrap();
+        assert!(serde_json::from_str::<FlowSpec>(r#"{"source": ["8,10,x"]}"#).is_err());
+        assert!(serde_json::from_str::<FlowSpec>(r#"{"pressure": ["top=1"]}"#).is_err());
+    }
+
+    #[test]
+    fn impossible_combinations_are_refused_by_name() {
+        let sink = FlowSpec {
+            sink: vec!["1,2,3".parse().unwrap()],
+            ..FlowSpec::default()
+        };
+        let twice = FlowSpec {
+            pressure: vec!["xmin=1".parse().unwrap(); 2],
+            ..FlowSpec::default()
+        };
+        for (spec, expected) in [
+            (FlowSpec::default(), "flow: nothing makes fluid flow"),
+            (sink, "sink 1,2,3: has no rate"),
+            (twice, "pressure xmin=1: is given twice"),
+        ] {
+            let error = spec.validate().unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
+        }
+    }
+}

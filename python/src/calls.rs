@@ -206,20 +206,23 @@ fn refused(name: &str, value: &str, message: &str) -> atomesh::Error {
         .and_then(|rest| rest.split_once("' "));
     let (value, message) = quoted.unwrap_or((value, message));
     let place = format!("--{name} {value}");
-    let (problem, remedy) = match message.split_once("; ") {
-        Some(parts) => parts,
-        None => match message.split_once(", expected ") {
-            Some((problem, expected)) if problem.starts_with("unknown variant") => {
-                let remedy = format!("give {}", expected.replace('`', ""));
-                let problem = "is not one of the possible values";
-                return atomesh::Error::Job(cause(place.trim_end(), problem, remedy));
-            }
-            Some((problem, expected)) => {
-                let remedy = format!("give {}", expected.replace('`', ""));
-                return atomesh::Error::Job(cause(place.trim_end(), problem, remedy));
-            }
-            None => (message, "atomesh.options(verb) says what it can be"),
-        },
+    let (problem, remedy) = match (message.split_once("; "), message.split_once(", expected ")) {
+        (Some((problem, remedy)), _) => (problem, remedy.to_string()),
+        (None, Some((problem, expected))) => {
+            let expected = match expected {
+                "f32" | "f64" => "a number".into(),
+                "usize" | "u64" => "a whole number".into(),
+                other => other.replace('`', ""),
+            };
+            let is_name = problem.starts_with("unknown variant");
+            let problem = if is_name {
+                "is not one of the possible values"
+            } else {
+                problem
+            };
+            (problem, format!("give {expected}"))
+        }
+        (None, None) => (message, "atomesh.options(verb) says what it can be".into()),
     };
     atomesh::Error::Job(cause(place.trim_end(), problem, remedy))
 }

@@ -40,8 +40,8 @@ pub struct FlowOutcome {
 /// use atomesh::{FlowSpec, MeshSpec};
 ///
 /// # if !cfg!(feature = "tetgen") { return Ok(()); }
-/// let options = synth::Options { dims: [30, 28, 26], ..Default::default() };
-/// let image = synth::make(SyntheticKind::Faults, &options)?.image;
+/// let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
+/// let image = synth::make(SyntheticKind::Sphere, &options)?.image;
 /// let spec = MeshSpec { distance: "6".parse()?, ..MeshSpec::default() };
 /// let mesh = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
 /// let spec = FlowSpec {

@@ -4,6 +4,7 @@
 //!
 //! ```text
 //! error     the error type: place, problem and remedy
+//! option_text values of options as texts
 //! progress  reports progress, and stops long work
 //! memory    checks that a task fits into memory
 //! parallel  parallel iterators
@@ -69,13 +70,18 @@ pub mod lattice;
 pub mod memory;
 pub mod mesh;
 pub mod model;
+pub(crate) mod option_text;
 pub(crate) mod parallel;
 pub mod progress;
 pub mod report;
 pub mod store;
 
 pub use error::{Error, ErrorKind, Result};
+pub use export::surfaces::surfaces;
+pub use export::{ExportSpec, export};
 pub use job::{MeshSpec, mesh};
+pub use model::flow::{FlowSpec, flow};
+pub use model::surface::SurfaceSpec;
 
 /// Makes rustdoc test the examples of the README.
 #[cfg(doctest)]

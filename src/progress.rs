@@ -15,7 +15,8 @@ use serde::{Serialize, Serializer};
 use crate::error::cause;
 use crate::{Error, Result};
 
-/// A stage of making or editing a mesh. The variants are in the order in which a job runs them.
+/// A stage of making, editing or using a mesh. The variants up to [`Writing`](Self::Writing) are in
+/// the order in which a job runs them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Stage {
@@ -56,6 +57,16 @@ pub enum Stage {
     Rebuilding,
     /// In an edit: the changed and the unchanged parts are assembled into one mesh.
     Assembling,
+    /// Faces on features are grouped into surfaces.
+    GroupingFaces,
+    /// In a flow computation: faces on features are grouped into faults.
+    GroupingFaults,
+    /// In a flow computation: pressure is computed.
+    Pressure,
+    /// In an export: the properties of cells are set.
+    FillingCells,
+    /// In an export: the model is checked.
+    Checking,
 }
 
 impl Stage {
@@ -87,6 +98,11 @@ impl fmt::Display for Stage {
             Self::Moving => "moving atoms",
             Self::Rebuilding => "rebuilding the mesh",
             Self::Assembling => "assembling the mesh",
+            Self::GroupingFaces => "grouping faces",
+            Self::GroupingFaults => "grouping faces into faults",
+            Self::Pressure => "computing pressure",
+            Self::FillingCells => "filling cells",
+            Self::Checking => "checking",
         })
     }
 }
@@ -158,7 +174,7 @@ pub struct SizeEstimate {
 /// | while the mesh is smoothed or improved | the mesh so far: valid, with more slivers or edges across features |
 /// | while it is measured | the mesh, with the figures that were complete by then; the validity check may be missing, too |
 /// | in an edit | [`Error::Interrupted`]; the mesh stays as it was |
-/// | in a flow computation, by a [`CancelToken`] | [`Error::Interrupted`] |
+/// | in a flow computation | [`Error::Interrupted`] |
 ///
 /// Three operations run to their end once they have begun, and a stop takes effect after them:
 /// reading a file, one evaluation of the energy of all atoms, and an operation that joins all atoms

@@ -461,7 +461,7 @@ fn permeability_by_region_and_by_cell_array() {
 
 /// Options of impossible jobs, and parts of the errors; `ENDS` stands for pressures at two sides.
 const REFUSED_JOBS: [(&str, &[&str]); 30] = [
-    ("", &["--source", "--pressure"]),
+    ("", &["a source", "pressure"]),
     (
         "--source 800,10,12 --sink 30,20,15",
         &["--source 800,10,12", "outside"],

@@ -371,7 +371,8 @@ fn faulty_configuration_files() {
     let folder = folder();
     for (text, word) in [
         ("distanse = 8", "distanse"),
-        ("distance = [8]", "a text or a number"),
+        ("distance = true", "a text, a number or a list"),
+        ("distance = [8, 9, 10]", "not a finite number"),
         ("feature = \"everything\"", "everything"),
         ("distance = ", "1"),
     ] {

@@ -1,12 +1,14 @@
 //! The extension module of the Python package `atomesh`. It runs the verbs of the command line on
 //! meshes and images in memory.
 //!
+//! - `calls`: verbs from keyword arguments
 //! - `objects`: meshes, images and surfaces as Python objects, with their arrays without copies
 //! - `parts`: the arrays from which meshes and surfaces are made, for pickles and subsets
 //! - `host`: the host that provides objects to verbs and receives their messages
 //! - `verbs`: descriptions of the verbs and their options
 //! - `errors`: exceptions for errors of the library
 
+mod calls;
 mod errors;
 mod host;
 mod objects;
@@ -21,11 +23,9 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use atomesh::ErrorKind;
-use atomesh::cli::args::CommandLine;
 use atomesh::cli::common::global::VerbStatus;
 use atomesh::cli::console::Console;
 use atomesh::cli::interrupts::Interrupts;
-use clap::Parser;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -36,10 +36,10 @@ use host::{Event, MemoryHost, SharedResults};
 /// Interval at which Python's signals are checked.
 const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Runs a verb.
+/// Runs a verb with these positional arguments, and its options by their names on the command line.
 ///
-/// `objects` are meshes and images by the names under which `args` refer to them. Results that the
-/// verb writes under the names `keep` are returned. The calling thread calls `on_event(kind,
+/// `objects` are meshes and images by the names under which arguments and options refer to them.
+/// Results that the verb writes under the names `keep` are returned. The calling thread calls `on_event(kind,
 /// fraction, text)` for stages, progress and notes.
 ///
 /// A thread of its own does the work. The calling thread waits for its events without the
@@ -47,14 +47,15 @@ const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 #[pyfunction]
 fn run<'py>(
     py: Python<'py>,
-    args: Vec<String>,
+    verb: &str,
+    arguments: Vec<PathBuf>,
+    options: &Bound<'py, PyDict>,
     objects: HashMap<PathBuf, Bound<'py, PyAny>>,
     keep: Vec<PathBuf>,
     on_event: Option<Bound<'py, PyAny>>,
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let line = CommandLine::try_parse_from(["atomesh".to_string()].into_iter().chain(args))
-        .map_err(|error| errors::usage_error(py, &error))?;
+    let line = calls::command_line(py, verb, &arguments, options)?;
     let pool = match threads {
         Some(count) => Some(
             rayon::ThreadPoolBuilder::new()

@@ -9,6 +9,7 @@ use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::panic::resume_unwind;
 use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -17,14 +18,18 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use crate::cli::common::global::CommonOptions;
 use crate::cli::common::options::read_options;
 use crate::cli::host::{Host, MemoryOutput};
+use crate::cli::interrupts::Interrupts;
 use crate::cli::provenance::file_hash;
 use crate::cli::time_left::TimeLeft;
 use crate::comm::Comm;
 use crate::export::SurfaceFile;
+use crate::export::surfaces::{AnySurfaces, SurfaceOutcome};
 use crate::image::formats::stream::OpenedImage;
-use crate::image::formats::{self, AnyImage, InputOptions, LineNumbers};
+use crate::image::formats::{self, AnyImage, InputOptions, LineNumbers, ReadImage};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
+use crate::model::surface::SurfaceSpec;
+use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh};
 use crate::{Error, Result};
 
@@ -103,6 +108,22 @@ impl Console {
         self.host.end_stage();
     }
 
+    /// Runs a function of the library, which reads images through this console and reports its
+    /// progress to it.
+    pub fn run<T>(
+        &mut self,
+        interrupts: &Interrupts,
+        work: impl FnOnce(ReadImage<'_>, &mut dyn Progress) -> T,
+    ) -> T {
+        let console = Mutex::new(self);
+        let mut progress = VerbProgress {
+            console: &console,
+            interrupts,
+        };
+        let read_image = |path: &Path, input: &InputOptions| lock(&console).read_image(path, input);
+        work(&read_image, &mut progress)
+    }
+
     /// Reads a mesh that an argument names.
     ///
     /// # Errors
@@ -133,6 +154,11 @@ impl Console {
             }
             None => formats::read_any(path, &read_options(input, path)?),
         }
+    }
+
+    /// Returns the function by which the library reads images through this console.
+    pub fn reader(&self) -> impl Fn(&Path, &InputOptions) -> Result<AnyImage> {
+        |path, input| self.read_image(path, input)
     }
 
     /// Returns `true` if there is an image of this name, in memory or in a file.
@@ -193,6 +219,19 @@ impl Console {
         self.write(path, file, |file| M::write(path, file))
     }
 
+    /// Writes a mesh of any kind.
+    ///
+    /// # Errors
+    /// Returns the errors of [`AnyMesh::write`].
+    pub fn write_any_mesh(&mut self, path: &Path, mesh: AnyMesh) -> Result<()> {
+        if !self.host.keeps_in_memory(path) {
+            return mesh.write(path);
+        }
+        self.host
+            .keep_in_memory(path, MemoryOutput::Mesh(Box::new(mesh)));
+        Ok(())
+    }
+
     /// Writes the mesh of a job, with the image's values at its nodes or cells.
     ///
     /// # Errors
@@ -210,10 +249,9 @@ impl Console {
         if !self.host.keeps_in_memory(path) {
             return outcome.write_distributed(path, image, comm);
         }
-        if let Some(mesh) = outcome.mesh_file(image)? {
-            self.host
-                .keep_in_memory(path, MemoryOutput::Mesh(Box::new(mesh)));
-        }
+        let mesh = outcome.mesh_file(image)?;
+        self.host
+            .keep_in_memory(path, MemoryOutput::Mesh(Box::new(mesh)));
         Ok(())
     }
 
@@ -240,17 +278,37 @@ impl Console {
         })
     }
 
-    /// Writes surfaces with the function `write`.
+    /// Writes surfaces in the format of the file's ending.
     ///
     /// # Errors
-    /// Returns the errors of `write`.
+    /// Returns the errors of [`SurfaceFile::write`].
     pub fn write_surfaces<const D: usize>(
         &mut self,
         path: &Path,
         file: SurfaceFile<D>,
-        write: impl FnOnce(&SurfaceFile<D>) -> Result<()>,
     ) -> Result<()> {
-        self.write(path, file, write)
+        self.write(path, file, |file| file.write(path))
+    }
+
+    /// Writes the surfaces of a mesh, also as sticks or grids.
+    ///
+    /// # Errors
+    /// Returns the errors of [`SurfaceOutcome::write`].
+    pub fn write_outcome_surfaces(
+        &mut self,
+        path: &Path,
+        outcome: SurfaceOutcome,
+        spec: &SurfaceSpec,
+    ) -> Result<()> {
+        if !self.host.keeps_in_memory(path) {
+            return outcome.write(path, spec);
+        }
+        let output = match outcome.surfaces {
+            AnySurfaces::Curves(file) => MemoryOutput::Curves(file),
+            AnySurfaces::Surfaces(file) => MemoryOutput::Surfaces(file),
+        };
+        self.host.keep_in_memory(path, output);
+        Ok(())
     }
 
     /// Keeps a result in memory, or writes it with the function `write`.
@@ -267,6 +325,38 @@ impl Console {
             self.host.keep_in_memory(path, output);
         }
         Ok(())
+    }
+}
+
+/// A console that a function of the library shares with the function that reads its images.
+type SharedConsole<'a> = Mutex<&'a mut Console>;
+
+/// Locks the console, of which no thread leaves an inconsistent state behind.
+fn lock<'a, 'c>(console: &'a SharedConsole<'c>) -> MutexGuard<'a, &'c mut Console> {
+    console.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Shows the progress of a function of the library, and stops it when the user asks for it.
+struct VerbProgress<'a, 'c> {
+    console: &'a SharedConsole<'c>,
+    interrupts: &'a Interrupts,
+}
+
+impl Progress for VerbProgress<'_, '_> {
+    fn stage(&mut self, stage: Stage) {
+        lock(self.console).begin_stage(stage);
+    }
+
+    fn note(&mut self, line: &str) {
+        lock(self.console).note(line);
+    }
+
+    fn fraction_done(&mut self, fraction: f64) {
+        lock(self.console).progress(fraction, "");
+    }
+
+    fn keep_going(&mut self) -> bool {
+        !self.interrupts.is_requested()
     }
 }
 

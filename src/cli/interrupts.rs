@@ -11,12 +11,11 @@ use std::thread;
 use std::time::Duration;
 
 use crate::Result;
-use crate::cli::console::Console;
 use crate::comm::Comm;
 #[cfg(not(target_family = "wasm"))]
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
-use crate::progress::{CancelToken, Stage};
+use crate::progress::Stage;
 
 /// The exit code of an interrupted process.
 pub const INTERRUPTED_EXIT_CODE: u8 = 130;
@@ -63,22 +62,6 @@ impl Interrupts {
         // Several ranks would not stop at the same place.
         let can_stop = stage.has_lattice() && comm.size() == 1;
         self.0.has_lattice.store(can_stop, Ordering::SeqCst);
-    }
-
-    /// Runs `work`, which ends soon after the user asks to stop, and shows its progress on the
-    /// console.
-    pub fn run_until_interrupted<T>(
-        &self,
-        console: &mut Console,
-        work: impl FnOnce(&CancelToken<'_>) -> T,
-    ) -> T {
-        let callback = &mut move |fraction: Option<f64>| {
-            if let Some(fraction) = fraction {
-                console.progress(fraction, "");
-            }
-            !self.is_requested()
-        };
-        CancelToken::run_with_progress(callback, work)
     }
 
     /// Asks the job to stop.

@@ -4,9 +4,6 @@
 //! - [`verbs`]: the verbs, one file each with its arguments and its code
 //! - [`common`]: code that several verbs share
 //! - [`job_files`]: the files of a job of `mesh`
-//! - [`case`]: options for the position of a model, its wells and fluids
-//! - [`faults`]: options that say how faults resist flow
-//! - [`rock`]: porosity, permeability and other properties from numbers, tables and images
 //! - [`parse`]: parsers of option values
 //! - [`provenance`]: the hash of the input
 //! - [`console`]: the console, through which verbs read, write and print
@@ -17,16 +14,13 @@
 
 pub mod allocator;
 pub mod args;
-pub mod case;
 pub mod common;
 pub mod console;
-pub mod faults;
 pub mod host;
 pub mod interrupts;
 pub mod job_files;
 pub mod parse;
 pub mod provenance;
-pub mod rock;
 mod time_left;
 pub mod verbs;
 
@@ -197,10 +191,10 @@ fn run_verb(
         Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
         Verb::Columns(args) => verbs::columns::run(args, console)?,
-        Verb::Export(args) => verbs::export::export(args, console)?,
+        Verb::Export(args) => verbs::export::export(args, interrupts, console)?,
         Verb::Paint(args) => verbs::paint::paint(args, console)?,
         Verb::Segment(args) => verbs::segment::segment(args, console)?,
-        Verb::Surface(args) => verbs::surface::surface(args, console)?,
+        Verb::Surface(args) => verbs::surface::surface(args, interrupts, console)?,
         Verb::Synth(args) => verbs::synth::synth(args, console)?,
         Verb::Doctor => verbs::setup::doctor(console, has_mpi)?,
         Verb::Completions(args) => verbs::setup::completions(args),

@@ -20,6 +20,8 @@
 //! ```
 //!
 //! - [`format`](mod@format): the list of formats, and how to add one
+//! - `spec`: all options of an export, as one value
+//! - `run`: exports a mesh, from options to files
 //! - [`simulators`]: models for flow simulators
 //! - [`corner_point`]: corner-point grids, sampled from cells of any shape
 //! - [`meshers`]: triangles and tetrahedra with named faces, for other meshers and for finite
@@ -36,12 +38,16 @@ pub mod corner_point;
 pub mod format;
 pub mod meshers;
 pub mod page;
+mod run;
 pub mod simulators;
+mod spec;
 pub mod surfaces;
 pub(crate) mod values;
 
 pub use format::{ExportContent, ExportFormat, formats};
 pub use meshers::obj::write_obj;
+pub use run::{ExportOutcome, export};
+pub use spec::{ExportSpec, GridCounts};
 pub use surfaces::SurfaceFile;
 pub use surfaces::sticks::{FaultSticks, read_sticks, write_sticks};
 pub use surfaces::tsurf::{Gocad, read_gocad, write_tsurf};

@@ -85,6 +85,12 @@ pub enum ImageSource<'a, const D: usize> {
     Layered(&'a dyn ImageLayers<D>),
 }
 
+impl<'a, const D: usize> From<&'a Image<D>> for ImageSource<'a, D> {
+    fn from(image: &'a Image<D>) -> Self {
+        Self::InMemory(image)
+    }
+}
+
 impl<const D: usize> fmt::Debug for ImageSource<'_, D> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?} samples", self.dims())

@@ -5,12 +5,9 @@ use std::path::Path;
 use super::spec::NumberOrFile;
 use super::{Params, Weight};
 use crate::error::cause;
-use crate::image::formats::AnyImage;
+use crate::image::formats::{InputOptions, ReadImage};
 use crate::image::{DepthConversion, Geometry, Image, Modality, VelocityModel};
 use crate::{Error, Result};
-
-/// Reads an image from a file.
-pub type ReadImage<'a> = &'a dyn Fn(&Path) -> Result<AnyImage>;
 
 /// Reads a volume of velocities. A volume without a position of its own gets that of `time`, the
 /// geometry of the image, if `fits` accepts its dimensions.
@@ -24,11 +21,13 @@ pub(crate) fn read_velocities<const D: usize>(
     read: ReadImage<'_>,
 ) -> Result<VelocityModel<D>> {
     let name = path.display().to_string();
-    let mut image: Image<D> = read(path)?.into_image().ok_or_else(|| {
-        let problem = format!("is not a {D}-D image, but the image in time is {D}-D");
-        let remedy = "give velocities with as many axes";
-        Error::Image(cause(format!("velocity {name}"), problem, remedy))
-    })?;
+    let mut image: Image<D> = read(path, &InputOptions::default())?
+        .into_image()
+        .ok_or_else(|| {
+            let problem = format!("is not a {D}-D image, but the image in time is {D}-D");
+            let remedy = "give velocities with as many axes";
+            Error::Image(cause(format!("velocity {name}"), problem, remedy))
+        })?;
     if image.geometry == Geometry::default() && fits(image.dims()) {
         image.geometry = time.clone();
     }

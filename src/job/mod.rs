@@ -46,11 +46,9 @@ pub mod spec;
 mod stages;
 pub(crate) mod well_file;
 
-use std::path::Path;
-
 use crate::Result;
 use crate::image::Image;
-use crate::image::formats::{self, ReadOptions};
+use crate::image::formats::read_with_options;
 use crate::progress::Progress;
 
 pub use checkpoint::Checkpoint;
@@ -92,10 +90,13 @@ where
     if spec.velocity.is_none() {
         return run(image, &params, progress);
     }
-    let read = |path: &Path| formats::read_any(path, &ReadOptions::default());
     let is_labels = params.spec.feature.has_labels();
-    let (image, conversion) =
-        depth::image_in_depth(image.clone(), spec.velocity.as_ref(), is_labels, &read)?;
+    let (image, conversion) = depth::image_in_depth(
+        image.clone(),
+        spec.velocity.as_ref(),
+        is_labels,
+        &read_with_options,
+    )?;
     if let Some(conversion) = conversion {
         params.convert_to_depth(&conversion)?;
     }

@@ -6,13 +6,12 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::depth::ReadImage;
 use super::spec::{DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
 use crate::files::csv;
-use crate::image::formats::{self, AnyImage, ReadOptions};
+use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::{Geometry, Image, Modality};
 use crate::lattice::seeding::{self, Seeding};
 use crate::{Error, Result};
@@ -248,9 +247,7 @@ impl<const D: usize> Params<D> {
     /// # Errors
     /// Returns the errors of [`Params::new`] and those of reading these files.
     pub fn read(spec: &MeshSpec) -> Result<Self> {
-        Self::read_with(spec, &|path| {
-            formats::read_any(path, &ReadOptions::default())
-        })
+        Self::read_with(spec, &read_with_options)
     }
 
     /// Returns the parameters as [`Params::read`] does, and reads images with `read_image`.
@@ -267,11 +264,11 @@ impl<const D: usize> Params<D> {
         }
         if let DistanceSource::File(path) = &spec.distance_from {
             let remedy = "give one distance per sample of the image";
-            let distances = with_dimension("distance-from", path, read_image(path)?, remedy)?;
+            let distances = with_dimension("distance-from", path, read_image(path, &InputOptions::default())?, remedy)?;
             params.distance_map = Some(Box::new(distances));
         }
         if let NumberOrFile::File(path) = &spec.beta {
-            params.beta = Weight::Image(Box::new(check_beta(path, read_image(path)?)?));
+            params.beta = Weight::Image(Box::new(check_beta(path, read_image(path, &InputOptions::default())?)?));
         }
         params.wells = (spec.well.iter())
             .map(|path| read_well(path))

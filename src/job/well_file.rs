@@ -16,7 +16,6 @@ pub struct WellFile<const D: usize> {
 }
 
 /// Returns `true` if a text names a CSV file.
-#[cfg(feature = "cli")]
 pub fn is_well_file(text: &str) -> bool {
     Path::new(text)
         .extension()

@@ -15,8 +15,11 @@ pub mod columns;
 pub mod edit;
 pub mod flow;
 pub mod geodesics;
+pub(crate) mod input;
 pub mod paint;
 pub mod reservoir;
 pub mod segment;
 pub mod slice;
 pub mod surface;
+
+pub use input::MeshInput;

@@ -110,19 +110,24 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     /// Returns the mesh with all its data in world coordinates, as [`Self::write_with_image`]
-    /// writes it. Returns `None` unless the image has two or three axes.
+    /// writes it.
     ///
     /// # Errors
     /// Returns the error of reading the image.
-    pub fn mesh_file(&self, image: ImageSource<'_, D>) -> Result<Option<AnyMesh>> {
-        Ok(AnyMesh::from_any(match &self.mesh {
+    pub fn mesh_file<'a>(&self, image: impl Into<ImageSource<'a, D>>) -> Result<AnyMesh> {
+        let image = image.into();
+        let mesh = AnyMesh::from_any(match &self.mesh {
             MeshResult::Simplices(annotated) => {
                 Box::new(with_image(simplex_mesh_file(self, annotated), image)?)
             }
             MeshResult::Voronoi { mesh, weld } => {
                 Box::new(with_image(cell_mesh_file(self, mesh, *weld), image)?)
             }
-        }))
+        });
+        mesh.ok_or_else(|| {
+            let problem = format!("has {D} axes");
+            Error::Image(cause("image", problem, "give one of 2 or 3 axes"))
+        })
     }
 
     /// Writes the mesh with all its data in world coordinates as a VTU file. The file is written

@@ -1,4 +1,4 @@
-"""Translates a Python call to a verb of the command line, and its results back."""
+"""Translates a Python call to a verb with its options, and its results back."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import functools
 import json
 import keyword
 import logging
+import math
 import os
 import sys
 import tempfile
@@ -110,7 +111,7 @@ def call(
         If there is no such option, or if its value has a type that it cannot have.
     """
     known = options_of(verb)
-    words = [verb]
+    values: dict[str, Any] = {}
     with _Inputs(verb) as inputs, _ProgressDisplay(progress) as display:
         for name, value in options.items():
             option = known.get(name)
@@ -118,10 +119,11 @@ def call(
                 close = difflib.get_close_matches(name, known, 1)
                 remedy = f"did you mean {close[0]}=?" if close else f"give one of {', '.join(known)}"
                 raise error(f"{verb}()", f"has no option {name}", remedy, ArgumentError)
-            words += inputs.words(option, value)
-        words.append("--")
-        words += [_path(path) for path in arguments]
-        results = _native.run(words, {**(objects or {}), **inputs.images}, list(keep), display, threads)
+            if value is not None and value is not False:
+                values[option["name"]] = inputs.values(option, value)
+        paths = [_path(path) for path in arguments]
+        images = {**(objects or {}), **inputs.images}
+        results = _native.run(verb, paths, values, images, list(keep), display, threads)
         return Answer(results, inputs.images)
 
 
@@ -134,7 +136,7 @@ def _path(path: Any) -> str:
 
 
 class _Inputs:
-    """The options of a call in the syntax of the command line, with their images and temporary files."""
+    """The options of a call as plain values, with their images and temporary files."""
 
     def __init__(self, verb: str) -> None:
         self._verb = verb
@@ -150,50 +152,43 @@ class _Inputs:
         if self._folder is not None:
             self._folder.cleanup()
 
-    def words(self, option: Mapping[str, Any], value: Any) -> list[str]:
-        """Returns an option in the syntax of the command line."""
-        name = f"--{option['name']}"
-        if value is None or value is False:
-            return []
+    def values(self, option: Mapping[str, Any], value: Any) -> Any:
+        """Returns the value of an option, or a list of its values if it may be repeated."""
         if option["flag"]:
-            return [name]
-        values = [value]
-        if option["repeated"]:
-            if isinstance(value, Mapping):
-                # The separator is a colon in X,Y,Z[:RATE], N:X,Y,Z and [NAME=]X,Y,Z:VALUE, but = in SIDE=P.
-                separator = ":" if ":" in (option["value"] or ":") else "="
-                pairs = ((self._text(option, a), self._text(option, b)) for a, b in value.items())
-                return [f"{name}={a}{separator}{b}" for a, b in pairs]
-            if isinstance(value, (list, tuple)) and not _is_point(value) and not _is_rows(option, value):
-                values = list(value)
-            elif isinstance(value, np.ndarray) and value.ndim == 2 and not _is_table(option):
-                values = list(value)
-        return [f"{name}={self._text(option, item)}" for item in values]
+            return True
+        if not option["repeated"]:
+            return self._value(option, value)
+        if isinstance(value, Mapping):
+            return [[self._value(option, name), self._value(option, item)] for name, item in value.items()]
+        if isinstance(value, (list, tuple)) and not _is_point(value) and not _is_rows(option, value):
+            return [self._value(option, item) for item in value]
+        if isinstance(value, np.ndarray) and value.ndim == 2 and not _is_table(option):
+            return [self._value(option, item) for item in value]
+        return [self._value(option, value)]
 
-    def _text(self, option: Mapping[str, Any], value: Any) -> str:
-        """Returns a value in the syntax of the command line.
+    def _value(self, option: Mapping[str, Any], value: Any) -> Any:
+        """Returns a value made of texts, numbers, lists and dicts.
 
-        A point becomes X,Y,Z, a box X,Y,Z:X,Y,Z, a range of distances MIN:MAX and a dict NAME=VALUE,NAME=VALUE. An
-        array or an image becomes the name that stands for it.
+        An array or an image becomes the name that stands for it.
         """
         if isinstance(value, np.generic) or isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         if isinstance(value, float):
-            return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-        if isinstance(value, (str, int)):
-            return str(value)
+            if not math.isfinite(value):
+                return repr(value)
+            return int(value) if value.is_integer() and abs(value) < 1e15 else value
+        if isinstance(value, str):
+            return _number(value) if option["type"] in ("number", "whole") else value
+        if isinstance(value, int):
+            return value
         if isinstance(value, os.PathLike):
             return os.fsdecode(value)
         if isinstance(value, np.ndarray) and _is_table(option) or _is_rows(option, value):
             return self._input(option, np.atleast_2d(np.asarray(value, dtype=float)))
         if isinstance(value, Mapping) and option["repeated"]:
-            return ",".join(f"{name}={self._text(option, item)}" for name, item in value.items())
+            return {str(name): self._value(option, item) for name, item in value.items()}
         if isinstance(value, (list, tuple)) or isinstance(value, np.ndarray) and value.ndim == 1:
-            items = list(value)
-            is_range = option["name"] == "distance" and len(items) == 2
-            is_list = _is_point(items) and not is_range or any(isinstance(item, str) for item in items)
-            is_list = is_list or any(_is_image(item) for item in items)
-            return ("," if is_list else ":").join(self._text(option, item) for item in items)
+            return [self._value(option, item) for item in value]
         return self._input(option, value)
 
     def _input(self, option: Mapping[str, Any], value: Any) -> str:
@@ -233,6 +228,16 @@ class _Inputs:
             self._folder = tempfile.TemporaryDirectory(prefix="atomesh-")
         self._file_count += 1
         return Path(self._folder.name) / f"{self._file_count}.{ending}"
+
+
+def _number(text: str) -> int | float | str:
+    """Returns the number that a text is, or the text if it is none."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
 def _is_point(value: Any) -> bool:

@@ -106,7 +106,9 @@ class Surfaces:
     def cell_data(self) -> dict[str, npt.NDArray[Any]]: ...
 
 def run(
-    args: Sequence[str],
+    verb: str,
+    arguments: Sequence[str],
+    options: Mapping[str, Any],
     objects: Mapping[str, Mesh | Image],
     keep: Sequence[str],
     on_event: Callable[[str, float, str], object] | None,

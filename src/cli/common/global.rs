@@ -21,7 +21,10 @@ pub struct CommonOptions {
 }
 
 /// Parses a number of bytes: 500M, 8G, 1.5T, or a number without a unit.
-fn parse_bytes(text: &str) -> Result<u64, String> {
+///
+/// # Errors
+/// Returns a message for anything else.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let wrong = || format!("{text} is not a size of memory; give one such as 8G or 500M");
     let digits = text.trim_end_matches(['b', 'B']).trim_end_matches('i');
     let (number, unit) = match digits.char_indices().next_back() {

@@ -80,9 +80,9 @@ impl Typed<MeshSpec> {
 }
 
 /// Returns an error of the library with option names as on the command line: a place that begins
-/// with the name of an option gets its two hyphens.
-pub fn with_option_name(error: Error) -> Error {
-    match option_name(&error.cause().place) {
+/// with the name of an option of `T` gets its two hyphens.
+pub fn with_option_name<T: Args>(error: Error) -> Error {
+    match option_name::<T>(&error.cause().place) {
         Some(_) => {
             let place = format!("--{}", error.cause().place);
             error.with_place(place)
@@ -91,10 +91,10 @@ pub fn with_option_name(error: Error) -> Error {
     }
 }
 
-/// Returns the name of the option with which the place of an error begins.
-pub fn option_name(place: &str) -> Option<&str> {
+/// Returns the name of the option of `T` with which the place of an error begins.
+pub fn option_name<T: Args>(place: &str) -> Option<&str> {
     let name = place.split(' ').next()?;
-    let options = MeshSpec::augment_args(Command::new("options"));
+    let options = T::augment_args(Command::new("options"));
     let is_known = options
         .get_arguments()
         .any(|option| option.get_long() == Some(name));
@@ -107,13 +107,23 @@ pub fn option_name(place: &str) -> Option<&str> {
 /// Returns the errors of [`InputOptions::read_options_for`], with option names as on the command
 /// line.
 pub fn read_options(input: &InputOptions, path: &Path) -> Result<ReadOptions> {
-    input.read_options_for(path).map_err(with_option_name)
+    input
+        .read_options_for(path)
+        .map_err(with_option_name::<InputOptions>)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Debug;
+
+    use serde::Serialize;
+    use serde::de::DeserializeOwned;
+
     use super::*;
+    use crate::export::ExportSpec;
     use crate::job::spec::NominalDistance;
+    use crate::model::flow::FlowSpec;
+    use crate::model::surface::SurfaceSpec;
 
     fn typed(words: &[&str]) -> Typed<MeshSpec> {
         let command = Typed::<MeshSpec>::augment_args(Command::new("mesh"));
@@ -137,8 +147,28 @@ mod tests {
         assert_eq!(merged.input.spacing.as_deref(), Some("3"));
     }
 
+    /// Checks that options that are not typed have the defaults of the type, also in JSON.
+    fn check_defaults<T>()
+    where
+        T: Args + Default + PartialEq + Debug + Serialize + DeserializeOwned,
+    {
+        let command = T::augment_args(Command::new("verb"));
+        let parsed = T::from_arg_matches(&command.get_matches_from(["verb"])).unwrap();
+        assert_eq!(parsed, T::default());
+        let json = serde_json::to_value(&parsed).unwrap();
+        assert_eq!(serde_json::from_value::<T>(json).unwrap(), parsed);
+        assert_eq!(
+            serde_json::from_str::<T>("{}").unwrap(),
+            parsed,
+            "an empty table"
+        );
+    }
+
     #[test]
-    fn without_options_the_spec_has_its_defaults() {
-        assert_eq!(typed(&[]).options, MeshSpec::default());
+    fn without_options_a_spec_has_its_defaults() {
+        check_defaults::<MeshSpec>();
+        check_defaults::<FlowSpec>();
+        check_defaults::<SurfaceSpec>();
+        check_defaults::<ExportSpec>();
     }
 }

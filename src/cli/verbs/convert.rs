@@ -10,10 +10,7 @@ use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, path_text, repo
 use crate::cli::console::Console;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_surfaces;
-use crate::export::{
-    FaultSticks, Gocad, SurfaceFile, read_gocad, read_sticks, write_obj, write_sticks, write_tsurf,
-    write_vtp,
-};
+use crate::export::{FaultSticks, Gocad, SurfaceFile, read_gocad, read_sticks, write_sticks};
 use crate::image::formats::stream::{ImageStream, OpenedImage};
 use crate::image::formats::{AnyImage, InputOptions, LoadedImage, StreamedImage, can_stream};
 use crate::job::spec::NumberOrFile;
@@ -197,10 +194,6 @@ fn write_surfaces<const D: usize>(
     console: &mut Console,
 ) -> Result<usize> {
     let count = file.names.len();
-    console.write_surfaces(path, file, |file| match extension(path).as_str() {
-        "vtp" => write_vtp(path, file),
-        "obj" => write_obj(path, file),
-        _ => write_tsurf(path, file),
-    })?;
+    console.write_surfaces(path, file)?;
     Ok(count)
 }

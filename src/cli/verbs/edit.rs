@@ -119,8 +119,8 @@ fn run<const D: usize, M: Storable<D>>(
         )));
     };
     image.check(&args.image.display().to_string())?;
-    let read_image = |path: &Path| console.read_image(path, &InputOptions::default());
-    let mut params = Params::<D>::read_with(&spec, &read_image).map_err(with_option_name)?;
+    let mut params =
+        Params::<D>::read_with(&spec, &console.reader()).map_err(with_option_name::<MeshSpec>)?;
     // An image that is in depth already is not converted.
     let velocity = (spec.velocity.as_ref()).filter(|_| image.geometry.time_coordinate().is_some());
     let labels = params.spec.feature.has_labels();
@@ -128,7 +128,7 @@ fn run<const D: usize, M: Storable<D>>(
     if let Some(conversion) = &conversion {
         params
             .convert_to_depth(conversion)
-            .map_err(with_option_name)?;
+            .map_err(with_option_name::<MeshSpec>)?;
     }
     let image = if feature::fills_gaps(&image, params.spec.feature, params.modality) {
         (image.mark_dead(!params.spec.input.keeps_nulls())?).map_or(image, |marked| marked.image)

@@ -113,8 +113,10 @@ fn detect_features<const D: usize>(
         input: args.input.clone(),
         ..MeshSpec::default()
     };
-    spec.validate().map_err(with_option_name)?;
-    let mut options = spec.detection_options([1.0; D]).map_err(with_option_name)?;
+    spec.validate().map_err(with_option_name::<MeshSpec>)?;
+    let mut options = spec
+        .detection_options([1.0; D])
+        .map_err(with_option_name::<MeshSpec>)?;
     options.modality = Modality::detect(loaded.format, &loaded.image.geometry);
     for note in &loaded.notes {
         console.note(note);

@@ -16,9 +16,10 @@ use crate::cli::job_files::{check_files, output_path};
 use crate::comm::Comm;
 use crate::error::{cause, io_error};
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
+use crate::export::surfaces::extract::default_surfaces;
 use crate::files::vtk::DataArray;
 use crate::image::formats::stream::{ImageStream, OpenedImage};
-use crate::image::formats::{AnyImage, InputOptions, LoadedImage, into_any_image};
+use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
 use crate::image::{Geometry, Image, ImageSource, Modality};
 use crate::job::spec::NumberOrFile;
 use crate::job::{
@@ -97,13 +98,16 @@ pub(crate) fn mesh(
         OpenedImage::Stream(mut stream) => {
             if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {
                 let geometry = &mut stream.header.geometry;
-                *geometry = geometry.to_depth(velocity).map_err(with_option_name)?.0;
+                *geometry = geometry
+                    .to_depth(velocity)
+                    .map_err(with_option_name::<MeshSpec>)?
+                    .0;
             }
             let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
-            let read_image = |path: &Path| console.read_image(path, &InputOptions::default());
             let params = Params {
                 modality: Modality::detect(stream.header.format, &stream.header.geometry),
-                ..Params::read_with(&spec, &read_image).map_err(with_option_name)?
+                ..Params::read_with(&spec, &console.reader())
+                    .map_err(with_option_name::<MeshSpec>)?
             };
             run.mesh(image, dims, params, &|| stream_notes(&stream), console)
         }
@@ -126,7 +130,7 @@ fn stream_notes(stream: &ImageStream) -> Vec<String> {
 fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
     let Some(path) = &args.config else {
         let spec = args.spec.options.clone();
-        spec.validate().map_err(with_option_name)?;
+        spec.validate().map_err(with_option_name::<MeshSpec>)?;
         return Ok(spec.resolved());
     };
     let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
@@ -145,11 +149,11 @@ fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
     spec.validate().map_err(|error| {
         let place = &error.cause().place;
         // An option that was not typed comes from the configuration file.
-        if option_name(place).is_some_and(|name| !args.spec.names.contains(name)) {
+        if option_name::<MeshSpec>(place).is_some_and(|name| !args.spec.names.contains(name)) {
             let place = format!("{}: {place}", path.display());
             error.with_place(place)
         } else {
-            with_option_name(error)
+            with_option_name::<MeshSpec>(error)
         }
     })?;
     Ok(spec.resolved())
@@ -182,9 +186,8 @@ impl MeshRun<'_> {
         } = loaded;
         let dims = image.dims();
         image.check(&self.path.display().to_string())?;
-        let read_image = |path: &Path| console.read_image(path, &InputOptions::default());
-        let mut params =
-            Params::<D>::read_with(self.spec, &read_image).map_err(with_option_name)?;
+        let mut params = Params::<D>::read_with(self.spec, &console.reader())
+            .map_err(with_option_name::<MeshSpec>)?;
         params.modality = Modality::detect(format, &image.geometry);
         let velocity = self.spec.velocity.as_ref();
         let is_labels = params.spec.feature.has_labels();
@@ -192,7 +195,7 @@ impl MeshRun<'_> {
         if let Some(conversion) = &conversion {
             params
                 .convert_to_depth(conversion)
-                .map_err(with_option_name)?;
+                .map_err(with_option_name::<MeshSpec>)?;
         }
         notes.extend(
             conversion
@@ -347,11 +350,17 @@ where
     match &outcome.mesh {
         MeshResult::Simplices(annotated) => {
             let stored = StoredMesh::new(simplex_mesh_file(outcome, annotated), &place)?;
-            super::surface::write_tagged_surfaces(path, &stored, console)
+            let file = default_surfaces(&stored)?;
+            let count = file.names.len();
+            console.write_surfaces(path, file)?;
+            Ok(count)
         }
         MeshResult::Voronoi { mesh, weld } => {
             let stored = StoredMesh::new(cell_mesh_file(outcome, mesh, *weld), &place)?;
-            super::surface::write_tagged_surfaces(path, &stored, console)
+            let file = default_surfaces(&stored)?;
+            let count = file.names.len();
+            console.write_surfaces(path, file)?;
+            Ok(count)
         }
     }
 }

@@ -6,21 +6,21 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
-use super::surface::{
-    GroupingOptions, SURFACE_EXTENSIONS, read_mesh_image, tagged_facets, write_file,
-};
 use crate::Result;
 use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
+use crate::export::surfaces::extract::SURFACE_EXTENSIONS;
 use crate::image::ScalarField;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;
 use crate::model::geodesics::{GeodesicSource, Geodesics};
+use crate::model::input::read_mesh_image;
 use crate::model::paint::{blocks, contrast_factors, paint as paint_cells};
+use crate::model::surface::GroupingOptions;
 use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
-use crate::model::surface::stored_surfaces::group_facets;
+use crate::model::surface::stored_surfaces::{group_facets, tagged_facets};
 use crate::store::{LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 
 /// Smallest number of cells of a compartment; smaller ones are fragments between surfaces.
@@ -107,8 +107,9 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
         0.0..=f64::INFINITY,
     )?;
     let neck = check_range("--neck", args.neck, 0.0..=1.0)?;
-    let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
-    let tagged = tagged_facets(&stored, &args.mesh)?;
+    let name = args.mesh.display().to_string();
+    let stored = StoredMesh::new(file, &name)?;
+    let tagged = tagged_facets(&stored, &name)?;
     let mut closed = group_facets(&stored, tagged, &options).facets;
     closed.iter_mut().for_each(|facet| facet.sort_unstable());
     closed.sort_unstable();
@@ -148,7 +149,7 @@ fn paint_mesh<const D: usize, M: Storable<D>>(
             .iter()
             .map(|r| format!("region{}", r.region))
             .collect();
-        write_file(path, surfaces, &space.geometry, z_up, console)?;
+        console.write_surfaces(path, surfaces.with_space(&space.geometry, z_up))?;
     }
     console.write_mesh(&args.output, file)?;
     let mut lines = vec![format!(
@@ -237,7 +238,7 @@ fn image_contrast<const D: usize>(
     let Some(path) = &args.image else {
         return Ok(None);
     };
-    let image = read_mesh_image(path, &args.input, space, console)?;
+    let image = read_mesh_image(path, &args.input, space, &console.reader())?;
     let field = ScalarField {
         dims: image.dims(),
         step: space.step,

@@ -7,16 +7,17 @@ use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 
-use super::surface::{SURFACE_EXTENSIONS as SURFACES, read_mesh_image, write_file};
 use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::export::SurfaceFile;
+use crate::export::surfaces::extract::SURFACE_EXTENSIONS as SURFACES;
 use crate::files::vtk::DataArray;
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
+use crate::model::input::read_mesh_image;
 use crate::model::segment::superpixels::Superpixels;
 use crate::model::segment::{Options, SegmentSeeds, boundary, cut_cells, cut_samples, dice};
 use crate::model::surface::adjacency::{CellAdjacency, find_cell};
@@ -146,9 +147,9 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     let seed_boxes = SeedBoxes::<D>::parse_all(args)?;
     let stored = StoredMesh::new(file, &args.mesh.display().to_string())?;
     let space = stored.space.clone();
-    let image = read_mesh_image(&args.image, &args.input, &space, console)?;
+    let image = read_mesh_image(&args.image, &args.input, &space, &console.reader())?;
     let truth = (args.truth.as_deref())
-        .map(|path| read_mesh_image(path, &InputOptions::default(), &space, console))
+        .map(|path| read_mesh_image(path, &InputOptions::default(), &space, &console.reader()))
         .transpose()?;
     let is_object = |&v: &f32| u8::from(v != 0.0);
     let truth: Option<Vec<u8>> =
@@ -213,7 +214,7 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     if let Some(path) = &args.surface_out {
         let (nodes, facets) = object_boundary(&file.mesh, labels)?;
         let surface = SurfaceFile::new(&nodes, &facets, &[0, facets.len()], "object");
-        write_file(path, surface, &space.geometry, true, console)?;
+        console.write_surfaces(path, surface.with_space(&space.geometry, true))?;
     }
     file.cell_data
         .retain(|array| !matches!(array.name.as_str(), "label" | "mean"));

@@ -1,6 +1,8 @@
 //! Writes and reads labelled surfaces.
 //!
 //! - `file`: the surfaces and their values, independent of the format
+//! - `extract`: extracts the surfaces of a mesh, from options to files
+//! - `table`: tables of the measures of surfaces
 //! - `vtp`: VTK poly data
 //! - `heights`: a surface as a grid of heights
 //! - `tsurf`: GOCAD surfaces and lines
@@ -8,10 +10,13 @@
 //!
 //! Wavefront OBJ is in [`meshers`](super::meshers).
 
+pub(crate) mod extract;
 pub(crate) mod file;
 pub mod heights;
 pub mod sticks;
+mod table;
 pub(crate) mod tsurf;
 pub mod vtp;
 
+pub use extract::{AnySurfaces, InterfaceMeasure, SurfaceOutcome, SurfaceReport, surfaces};
 pub use file::SurfaceFile;

@@ -6,9 +6,22 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::placement::ImagePlacement;
-use super::{ImageFormat, ReadOptions, SegyBytes, detect};
+use super::{AnyImage, ImageFormat, ReadOptions, SegyBytes, detect};
 use crate::error::cause;
+use crate::option_text::deserialize_optional;
 use crate::{Error, Result};
+
+/// Reads the image that has this name, with these options.
+pub type ReadImage<'a> = &'a dyn Fn(&Path, &InputOptions) -> Result<AnyImage>;
+
+/// Reads an image from a file, with options for what the file lacks.
+///
+/// # Errors
+/// Returns the errors of [`read_any`](super::read_any) and of
+/// [`InputOptions::read_options_for`].
+pub fn read_with_options(path: &Path, input: &InputOptions) -> Result<AnyImage> {
+    super::read_any(path, &input.read_options_for(path)?)
+}
 
 /// Options for reading an image whose file lacks information.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -18,19 +31,23 @@ pub struct InputOptions {
     /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     /// 100x400x208:f32be
     #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub raw: Option<String>,
     /// An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
     /// the fastest first, or one for all
     #[cfg_attr(feature = "cli", arg(long, value_name = "A,B,C"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub spacing: Option<String>,
     /// An array without geometry: the position of its first sample
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
     )]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub origin: Option<String>,
     /// Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
     #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub unit: Option<String>,
     /// An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     /// decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -39,6 +56,7 @@ pub struct InputOptions {
         feature = "cli",
         arg(long, value_name = "A,B,C", allow_hyphen_values = true)
     )]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub axes: Option<String>,
     /// An array without geometry: take the geometry of this image, which has as many samples (.sgy,
     /// .vti ...)
@@ -51,6 +69,7 @@ pub struct InputOptions {
         feature = "cli",
         arg(long, value_name = "V,...", allow_hyphen_values = true)
     )]
+    #[serde(deserialize_with = "deserialize_optional")]
     pub null: Option<String>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
     #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]

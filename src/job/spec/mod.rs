@@ -25,9 +25,10 @@ use crate::improve::{SliverMethod, Target};
 use crate::lattice::optimize::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
-pub(crate) use values::DEFAULT_DISTANCES;
+pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
 pub use values::{
-    DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile, PointValue,
+    DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile,
+    PointValue, SignedAxis,
 };
 
 /// Headings of the command line's help; options without one come first.

@@ -5,10 +5,9 @@
 
 use std::fmt::Display;
 
-use super::values::names_image;
 use super::{
     AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NominalDistance,
-    NumberOrFile, SeedingKind, Slivers,
+    NumberOrFile, SeedingKind, Slivers, names_image,
 };
 use crate::Result;
 use crate::error::{Error, cause};

@@ -1,15 +1,15 @@
 //! Types of option values that are more than one number or word.
 //!
-//! Each type is parsed from a text and displayed as one, on the command line as in TOML and JSON.
-//! If the text may be a number, TOML and JSON may also hold a number.
+//! Each type is parsed from a text and displayed as one, on the command line as in TOML and JSON, which
+//! may also hold numbers and lists of them.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
+use crate::error::cause;
 use crate::feature::LabelOptions;
+use crate::option_text::serde_as_text;
 
 /// Default limits of the nominal distance, in samples: 8, and a third of that in gaps between
 /// features.
@@ -25,7 +25,7 @@ pub struct InvalidValue {
 }
 
 impl InvalidValue {
-    fn new(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn new(problem: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self {
             problem: problem.into(),
             remedy: remedy.into(),
@@ -149,7 +149,7 @@ impl Display for DistanceSource {
 
 /// Returns `true` if `path` is a file, or `<name>`, the form in which front ends name images in
 /// memory.
-pub(super) fn names_image(path: &Path) -> bool {
+pub(crate) fn names_image(path: &Path) -> bool {
     let name = path.as_os_str().as_encoded_bytes();
     path.is_file() || name.starts_with(b"<") && name.ends_with(b">")
 }
@@ -244,6 +244,60 @@ impl Display for PointValue {
     }
 }
 
+/// A coordinate axis, or its opposite: x, y, z, -x, -y or -z.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SignedAxis {
+    /// The number of the coordinate.
+    pub axis: usize,
+    /// `true` for the direction in which the coordinate increases.
+    pub is_positive: bool,
+}
+
+impl SignedAxis {
+    /// Checks that a mesh of `D` dimensions has the axis. `option` is its name in messages.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`](crate::Error::Job) if it does not.
+    pub(crate) fn check<const D: usize>(self, option: &str) -> crate::Result<()> {
+        if self.axis < D {
+            return Ok(());
+        }
+        let axes = &AXIS_NAMES[..D];
+        Err(crate::Error::Job(cause(
+            format!("{option} {self}"),
+            "is not an axis of the mesh",
+            format!("give {}, or -{}", axes.join(", "), axes.join(", -")),
+        )))
+    }
+}
+
+const AXIS_NAMES: [&str; 3] = ["x", "y", "z"];
+
+impl FromStr for SignedAxis {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let name = text.strip_prefix('-').unwrap_or(text);
+        match AXIS_NAMES.iter().position(|&axis| axis == name) {
+            Some(axis) => Ok(Self {
+                axis,
+                is_positive: name.len() == text.len(),
+            }),
+            None => Err(InvalidValue::new(
+                "is not an axis",
+                "give x, y, z, -x, -y or -z",
+            )),
+        }
+    }
+}
+
+impl Display for SignedAxis {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let sign = if self.is_positive { "" } else { "-" };
+        write!(f, "{sign}{}", AXIS_NAMES.get(self.axis).unwrap_or(&"?"))
+    }
+}
+
 /// The length of one sample along each axis of lattice space, in which cells are well shaped.
 ///
 /// Lattice space has these lengths except for a common factor: a unit cube of it holds one sample, so
@@ -309,60 +363,30 @@ impl FromStr for LabelOptions {
     }
 }
 
-/// A number or a text, as TOML and JSON may hold the value of an option.
-#[derive(Deserialize)]
-#[serde(untagged, expecting = "give a text or a number")]
-enum TextOrNumber {
-    Text(String),
-    Whole(i64),
-    Number(f64),
-}
-
-/// Reads a value from a text or a number.
-fn deserialize_text<'de, T, D>(deserializer: D) -> Result<T, D::Error>
-where
-    T: FromStr<Err: Display>,
-    D: Deserializer<'de>,
-{
-    let text = match TextOrNumber::deserialize(deserializer)? {
-        TextOrNumber::Text(text) => text,
-        TextOrNumber::Whole(number) => number.to_string(),
-        TextOrNumber::Number(number) => number.to_string(),
-    };
-    text.parse()
-        .map_err(|error| serde::de::Error::custom(format!("'{text}' {error}")))
-}
-
-macro_rules! serde_as_text {
-    ($($name:ty),+) => {$(
-        impl Serialize for $name {
-            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-                serializer.collect_str(self)
-            }
-        }
-
-        impl<'de> Deserialize<'de> for $name {
-            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                deserialize_text(deserializer)
-            }
-        }
-    )+};
-}
-
 serde_as_text!(
-    NominalDistance,
-    DistanceSource,
-    NumberOrFile,
-    FeatureWeights,
-    PointValue,
-    Metric,
-    LabelOptions
+    NominalDistance: [":", ":"],
+    DistanceSource: [","; 2],
+    NumberOrFile: [","; 2],
+    FeatureWeights: [","; 2],
+    PointValue: [","; 2],
+    SignedAxis: [","; 2],
+    Metric: [","; 2],
+    LabelOptions: [",", ":"],
 );
 
 /// Returns numbers with commas between them.
-pub(super) fn joined(numbers: &[f64]) -> String {
+pub(crate) fn joined(numbers: &[f64]) -> String {
     let words: Vec<String> = numbers.iter().map(f64::to_string).collect();
     words.join(",")
+}
+
+/// Parses a finite number, which is expected as `remedy` says.
+pub(crate) fn parse_number(text: &str, remedy: &str) -> Result<f64, InvalidValue> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(InvalidValue::new("is not a finite number", remedy)),
+        Err(_) => Err(InvalidValue::new("is not a number", remedy)),
+    }
 }
 
 fn finite_number(word: &str) -> Option<f64> {

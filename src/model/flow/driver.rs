@@ -124,15 +124,15 @@ impl FaultLaws {
             && self.overrides.is_empty()
     }
 
-    /// Returns the law of each surface. `option` is the command-line option that selects barriers,
-    /// for error messages.
+    /// Returns the law of each surface. `option` is the option that selects barriers, for error
+    /// messages.
     ///
     /// # Errors
     /// Returns [`Error::Flow`](crate::Error::Flow) with the names of all surfaces if a selected
     /// surface does not exist.
     pub fn surface_laws(&self, surfaces: &SurfaceNames, option: &str) -> Result<Vec<FaultLaw>> {
         for (selector, _) in &self.overrides {
-            surfaces.check("--fault-multiplier", selector)?;
+            surfaces.check("fault-multiplier", selector)?;
         }
         match &self.selection {
             BarrierSelection::Selected(selectors) => {
@@ -147,9 +147,9 @@ impl FaultLaws {
         }
         if self.must_apply && self.has_no_effect(surfaces) {
             return Err(surfaces.no_match_error(
-                "--faults",
+                "faults",
                 "is for faults, but no surface is one",
-                "select the surfaces that resist with --barriers, or omit it",
+                "select the surfaces that resist by the option barriers, or omit it",
             ));
         }
         let law = |surface: usize| {
@@ -172,7 +172,7 @@ impl FaultLaws {
 /// # Errors
 /// Returns [`Error::Flow`](crate::Error::Flow) with the names of all surfaces if a selected surface
 /// does not exist.
-pub fn barriers<const D: usize, M: Storable<D>>(
+pub(super) fn barriers<const D: usize, M: Storable<D>>(
     stored: &mut StoredMesh<D, M>,
     marks: &[bool],
     laws: &FaultLaws,
@@ -185,7 +185,7 @@ pub fn barriers<const D: usize, M: Storable<D>>(
     }
     let names = surfaces.all_names();
     let no_effect = laws.has_no_effect(&names);
-    let laws = laws.surface_laws(&names, "--barriers")?;
+    let laws = laws.surface_laws(&names, "barriers")?;
     let label =
         stored.with_world_mesh(|mesh| facet_selection::labels_of_faces(mesh, &surfaces.facets));
     Ok((
@@ -196,7 +196,7 @@ pub fn barriers<const D: usize, M: Storable<D>>(
 
 /// A computed flow: the file to write and the report.
 #[derive(Debug, Clone)]
-pub struct FlowOutcome<const D: usize, M> {
+pub(super) struct ComputedFlow<const D: usize, M> {
     /// The mesh, split along its faults, with pressure and velocity.
     pub file: MeshFile<M>,
     /// The report.
@@ -211,14 +211,14 @@ pub struct FlowOutcome<const D: usize, M> {
 /// # Errors
 /// Returns the errors of [`ElementFlow`], and [`Error::Interrupted`](crate::Error::Interrupted)
 /// once `cancel` is cancelled.
-pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
+pub(super) fn flow_through_elements<const D: usize, M: Simplices<D>>(
     stored: StoredMesh<D, M>,
     rock: Rock,
     barriers: &Barriers,
     conditions: &BoundaryConditions<D>,
     streamline_count: Option<usize>,
     cancel: &CancelToken<'_>,
-) -> Result<FlowOutcome<D, M>> {
+) -> Result<ComputedFlow<D, M>> {
     let nodes_on_sides = side_nodes(&stored, &conditions.sides);
     let (mesh, arrays) = stored.into_file().into_parts();
     let flow = ElementFlow::new(&mesh, barriers, rock)?;
@@ -257,7 +257,7 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
     }
     check_cancelled(cancel)?;
     let file = split_mesh_file(flow, solution, arrays, &report);
-    Ok(FlowOutcome {
+    Ok(ComputedFlow {
         file,
         report,
         streamlines,
@@ -272,14 +272,14 @@ pub fn flow_through_elements<const D: usize, M: Simplices<D>>(
 /// # Errors
 /// Returns the errors of [`CellFlow`], and [`Error::Interrupted`](crate::Error::Interrupted) once
 /// `cancel` is cancelled.
-pub fn flow_through_cells<const D: usize>(
+pub(super) fn flow_through_cells<const D: usize>(
     stored: StoredMesh<D, PolyMesh<D>>,
     rock: &Rock,
     barriers: &Barriers,
     conditions: &BoundaryConditions<D>,
     streamline_count: Option<usize>,
     cancel: &CancelToken<'_>,
-) -> Result<(FlowOutcome<D, PolyMesh<D>>, Vec<String>)>
+) -> Result<(ComputedFlow<D, PolyMesh<D>>, Vec<String>)>
 where
     MeshSpace<D>: Meshing<D>,
 {
@@ -328,7 +328,7 @@ where
     file.cell_data
         .extend([pressure, vectors("velocity", velocity)]);
     file.field_data.push(report_field(&report));
-    let outcome = FlowOutcome {
+    let outcome = ComputedFlow {
         file,
         report,
         streamlines,
@@ -402,7 +402,7 @@ fn flow_report<const D: usize>(
         faults.add(rate, jump);
     }
     let wells = conditions.wells.iter().map(|well| Exchange {
-        name: well.name.trim_start_matches('-').to_string(),
+        name: well.name.clone(),
         rate: well.rate,
     });
     let sides = conditions.sides.iter().map(|&(side, pressure)| Exchange {

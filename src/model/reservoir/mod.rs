@@ -3,6 +3,8 @@
 //! module `export` writes it.
 //!
 //! - `prepared_model`: models from mesh files
+//! - `rock_options`: options for the rock in the cells
+//! - `case_options`: options for the position of a model, its wells and fluids
 //! - `frame`: from a mesh's coordinates to metres and depth
 //! - `averaging`: averages of an image over cells
 //! - `check`: checks of a model before it is written
@@ -12,11 +14,13 @@
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
 pub(crate) mod averaging;
+pub(crate) mod case_options;
 pub(crate) mod check;
 pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod frame;
 pub(crate) mod prepared_model;
+pub(crate) mod rock_options;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
@@ -39,9 +43,11 @@ use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
 pub use averaging::{MeanKind, SamplePositions};
+pub use case_options::{CaseOptions, FluidChoice, SpaceOptions, WellOption, WellPlace};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use frame::{DepthAxis, ModelFrame};
+pub use rock_options::{CellPermeability, CellProperty, CellValue, PermeabilityUnit, RockOptions};
 pub use trajectory::{Trajectory, WellTracer};
 
 /// One millidarcy in m^2.
@@ -319,7 +325,7 @@ impl Model {
     /// Returns [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
         self.add_picked_interfaces(laws);
-        let surface_laws = laws.surface_laws(&self.surfaces.all_names(), "--barriers")?;
+        let surface_laws = laws.surface_laws(&self.surfaces.all_names(), "barriers")?;
         self.barriers = Barriers::new(self.surfaces.connection_surfaces.clone(), surface_laws)?;
         Ok(())
     }
@@ -568,7 +574,7 @@ mod tests {
         assert!((model.fault_factor(0) - 0.5).abs() < 1e-15);
         laws.overrides[0].0 = 2.into();
         let error = model.set_faults(&laws).unwrap_err().to_string();
-        let expected = "--fault-multiplier 2: matches no surface: the mesh has horizon1; ";
+        let expected = "fault-multiplier 2: matches no surface: the mesh has horizon1; ";
         assert!(error.starts_with(expected), "{error}");
     }
 

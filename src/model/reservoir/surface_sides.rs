@@ -58,7 +58,7 @@ impl Model {
             overrides: Vec::new(),
             must_apply: false,
         };
-        let laws = laws.surface_laws(&self.surfaces.all_names(), "--split")?;
+        let laws = laws.surface_laws(&self.surfaces.all_names(), "split")?;
         let mut label = vec![0; 4 * tets.tets.len()];
         for (f, &surface) in self.surfaces.connection_surfaces.iter().enumerate() {
             if surface == 0 || surface as usize > self.surfaces.kept_count {

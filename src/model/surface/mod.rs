@@ -30,6 +30,7 @@
 //! - `merging`: merges pieces into surfaces by their votes
 //! - `hole_patches`: fragments that close holes of a surface belong to it
 //! - `kind`: faults, horizons, and interfaces between labels
+//! - `spec`: all options of `atomesh surface`, as one value
 //! - `names`: names of surfaces, and selectors
 //! - `stored_surfaces`: the surfaces of a mesh from a file
 //! - `measure`: area, orientation, extent, rim
@@ -47,6 +48,7 @@ pub(crate) mod measure;
 pub(crate) mod merging;
 pub mod names;
 pub mod region_interfaces;
+pub(crate) mod spec;
 pub mod stored_surfaces;
 
 use crate::geometry::{norm, sorted_distinct};
@@ -56,6 +58,7 @@ use facets::FacetComplex;
 use fault_separation::FaultSeparation;
 pub use kind::SurfaceKind;
 pub use measure::{SurfaceMeasure, measure};
+pub use spec::{GroupBy, GroupingOptions, SurfaceSpec};
 
 /// Options of the grouping of facets into surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]

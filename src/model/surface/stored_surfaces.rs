@@ -3,9 +3,11 @@
 use super::kind::{SurfaceKind, surface_kinds};
 use super::names::{SurfaceNames, add_names, interface_name};
 use super::{Options, Surfaces, facet_selection};
+use crate::error::cause;
 use crate::geometry::sorted_distinct;
 use crate::mesh::Mesh;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
+use crate::{Error, Result};
 
 /// All surfaces of a mesh, with the numbers that `atomesh surface` gives them.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -57,6 +59,31 @@ impl<const D: usize> NumberedSurfaces<D> {
         self.kinds
             .splice(self.kept_count..self.kept_count, interfaces);
         self.kept_count += count;
+    }
+}
+
+/// Returns the facets that the mesh declares to lie on features. `name` is that of the mesh in
+/// messages.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] if it declares none.
+pub(crate) fn tagged_facets<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+    name: &str,
+) -> Result<Vec<[u32; D]>> {
+    let marks = stored.feature_marks();
+    let facets = marks.map(|marks| facet_selection::marked_facets(&stored.lattice, &marks));
+    let refuse = |problem: &str, remedy: &str| Err(Error::Mesh(cause(name, problem, remedy)));
+    match facets {
+        None => refuse(
+            "does not say which faces lie on features (no cell data feature_faces)",
+            "give a mesh that atomesh mesh wrote",
+        ),
+        Some(facets) if facets.is_empty() => refuse(
+            "has no face on a feature",
+            "mesh the image with features, and with slivers removed",
+        ),
+        Some(facets) => Ok(facets),
     }
 }
 

@@ -332,6 +332,14 @@ pub enum AnyMesh {
 }
 
 impl AnyMesh {
+    /// Writes the mesh with all its arrays as a VTU file, completely or not at all.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        with_mesh!(self, file => super::Storable::write(path, file))
+    }
+
     /// Converts a [`MeshFile`] of one of these kinds; `None` for anything else.
     pub fn from_any(file: Box<dyn Any>) -> Option<Self> {
         let file = match file.downcast() {
@@ -352,7 +360,6 @@ impl AnyMesh {
 /// Runs the same code with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or different code
 /// for simplices and for polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells
 /// file => ...)`.
-#[cfg(feature = "cli")]
 #[macro_export]
 #[doc(hidden)]
 macro_rules! with_mesh {
@@ -368,7 +375,6 @@ macro_rules! with_mesh {
         }
     };
 }
-#[cfg(feature = "cli")]
 pub(crate) use crate::with_mesh;
 
 /// Reads a mesh of triangles or polygons in the plane z = 0 (quadrilaterals are polygons), of

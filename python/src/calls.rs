@@ -1,0 +1,228 @@
+//! Verbs from Python's keyword arguments. Each value becomes a field of the verb's options; only verbs
+//! whose options are not one type yet get a command line.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use atomesh::cli::args::{CommandLine, Verb};
+use atomesh::cli::common::global::{CommonOptions, parse_bytes};
+use atomesh::cli::common::options::Typed;
+use atomesh::cli::verbs::export::ExportArgs;
+use atomesh::cli::verbs::flow::FlowArgs;
+use atomesh::cli::verbs::mesh::MeshArgs;
+use atomesh::cli::verbs::surface::SurfaceArgs;
+use atomesh::error::cause;
+use clap::{Arg, ArgAction, Command, CommandFactory, Parser};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+
+use crate::errors;
+
+/// Returns a verb with these positional arguments, and its options by their names on the command
+/// line.
+///
+/// # Errors
+/// Returns the exception for a value that an option cannot have.
+pub fn command_line(
+    py: Python<'_>,
+    verb: &str,
+    arguments: &[PathBuf],
+    options: &Bound<'_, PyDict>,
+) -> PyResult<CommandLine> {
+    let mut options = Options(pythonize::depythonize(options)?);
+    if !matches!(verb, "mesh" | "flow" | "surface" | "export") {
+        let words = options.words(verb, arguments);
+        return CommandLine::try_parse_from(words).map_err(|e| errors::usage_error(py, &e));
+    }
+    let line = options.line(verb, arguments);
+    line.map_err(|error| errors::library_error(py, &error))
+}
+
+/// Options that no field has taken yet, by their names on the command line.
+struct Options(Map<String, Value>);
+
+impl Options {
+    fn line(&mut self, verb: &str, arguments: &[PathBuf]) -> atomesh::Result<CommandLine> {
+        let first = || arguments.first().cloned().unwrap_or_default();
+        let max_memory = self.take("max-memory").map(|size| {
+            let size = plain_text(&size);
+            let refuse = |problem: String| refused("max-memory", &size, &problem);
+            parse_bytes(&size).map_err(refuse)
+        });
+        let verb = match verb {
+            "mesh" => {
+                let config = self.take_path("config");
+                Verb::Mesh(Box::new(MeshArgs {
+                    image: arguments.first().cloned(),
+                    config,
+                    print_config: false,
+                    spec: Typed {
+                        names: self.0.keys().cloned().collect(),
+                        options: self.spec()?,
+                    },
+                }))
+            }
+            "flow" => Verb::Flow(FlowArgs {
+                mesh: first(),
+                output: self.take_path("output").unwrap_or_default(),
+                spec: self.spec()?,
+            }),
+            "surface" => {
+                if let Some(image) = arguments.get(1) {
+                    let image = image.to_string_lossy().into_owned();
+                    self.0.insert("image".into(), image.into());
+                }
+                Verb::Surface(SurfaceArgs {
+                    mesh: first(),
+                    output: self.take_path("output").unwrap_or_default(),
+                    spec: self.spec()?,
+                })
+            }
+            _ => Verb::Export(Box::new(ExportArgs {
+                mesh: first(),
+                to: self
+                    .take("to")
+                    .map(|to| plain_text(&to))
+                    .unwrap_or_default(),
+                output: self.take_path("output").unwrap_or_default(),
+                spec: self.spec()?,
+            })),
+        };
+        Ok(CommandLine {
+            verb,
+            common: CommonOptions {
+                quiet: false,
+                json: false,
+                threads: None,
+                max_memory: max_memory.transpose()?,
+            },
+        })
+    }
+
+    /// Returns the words of the command line of a verb whose options are not one type.
+    fn words(&self, verb: &str, arguments: &[PathBuf]) -> Vec<OsString> {
+        let line = CommandLine::command();
+        let verb_args = line.find_subcommand(verb);
+        let mut words: Vec<OsString> = vec!["atomesh".into(), verb.into()];
+        for (name, value) in &self.0 {
+            let arg = verb_args
+                .into_iter()
+                .flat_map(Command::get_arguments)
+                .find(|arg| arg.get_long() == Some(name));
+            let has_colon = arg
+                .and_then(Arg::get_value_names)
+                .is_some_and(|names| names.iter().any(|name| name.contains(':')));
+            let separator = if has_colon { ":" } else { "=" };
+            let is_repeated = arg.is_some_and(|arg| matches!(arg.get_action(), ArgAction::Append));
+            match value {
+                Value::Bool(true) => words.push(format!("--{name}").into()),
+                Value::Array(items) if is_repeated => {
+                    let word = |item| format!("--{name}={}", text(item, separator)).into();
+                    words.extend(items.iter().map(word));
+                }
+                value => words.push(format!("--{name}={}", text(value, separator)).into()),
+            }
+        }
+        words.push("--".into());
+        words.extend(arguments.iter().map(OsString::from));
+        words
+    }
+
+    fn take(&mut self, name: &str) -> Option<Value> {
+        self.0.remove(name)
+    }
+
+    fn take_path(&mut self, name: &str) -> Option<PathBuf> {
+        self.take(name).map(|path| plain_text(&path).into())
+    }
+
+    /// Returns the options as one value. Options of a group, such as those for reading the image,
+    /// become fields of this group.
+    fn spec<T: Default + Serialize + DeserializeOwned>(&self) -> atomesh::Result<T> {
+        let failed = |error: serde_json::Error| refused("options", "", &error.to_string());
+        let template = serde_json::to_value(T::default()).map_err(failed)?;
+        let mut spec = Value::Object(Map::new());
+        for (name, value) in &self.0 {
+            let path = group_of(&template, name).unwrap_or_default();
+            let mut single = Value::Object(Map::new());
+            insert(&mut single, &path, name, value.clone());
+            serde_json::from_value::<T>(single).map_err(|error| {
+                let text = plain_text(value);
+                refused(name, &text, &error.to_string())
+            })?;
+            insert(&mut spec, &path, name, value.clone());
+        }
+        serde_json::from_value(spec).map_err(failed)
+    }
+}
+
+/// Returns the names of the groups, from the outside, in which the option is.
+fn group_of(template: &Value, name: &str) -> Option<Vec<String>> {
+    let fields = template.as_object()?;
+    if fields.get(name).is_some_and(|field| !field.is_object()) {
+        return Some(Vec::new());
+    }
+    fields.iter().find_map(|(group, field)| {
+        let mut path = group_of(field, name)?;
+        path.insert(0, group.clone());
+        Some(path)
+    })
+}
+
+/// Sets a field in a group, which is created if necessary.
+fn insert(spec: &mut Value, path: &[String], name: &str, value: Value) {
+    let group = path
+        .iter()
+        .fold(spec, |group, name| &mut group[name.as_str()]);
+    group[name] = value;
+}
+
+/// Returns a value as a text: numbers or names with commas between them, and other items with the
+/// separator between them.
+fn text(value: &Value, separator: &str) -> String {
+    let Value::Array(items) = value else {
+        return plain_text(value);
+    };
+    let is_plain = items.iter().all(Value::is_number) || items.iter().all(Value::is_string);
+    let texts: Vec<String> = items.iter().map(|item| text(item, ",")).collect();
+    texts.join(if is_plain { "," } else { separator })
+}
+
+/// Returns a value as in messages.
+fn plain_text(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_string)
+}
+
+/// Returns the error about the value of an option. `message` is `'value' problem; remedy`, or any
+/// other message of serde.
+fn refused(name: &str, value: &str, message: &str) -> atomesh::Error {
+    let quoted = message
+        .strip_prefix('\'')
+        .and_then(|rest| rest.split_once("' "));
+    let (value, message) = quoted.unwrap_or((value, message));
+    let place = format!("--{name} {value}");
+    let (problem, remedy) = match (message.split_once("; "), message.split_once(", expected ")) {
+        (Some((problem, remedy)), _) => (problem, remedy.to_string()),
+        (None, Some((problem, expected))) => {
+            let expected = match expected {
+                "f32" | "f64" => "a number".into(),
+                "usize" | "u64" => "a whole number".into(),
+                other => other.replace('`', ""),
+            };
+            let is_name = problem.starts_with("unknown variant");
+            let problem = if is_name {
+                "is not one of the possible values"
+            } else {
+                problem
+            };
+            (problem, format!("give {expected}"))
+        }
+        (None, None) => (message, "atomesh.options(verb) says what it can be".into()),
+    };
+    atomesh::Error::Job(cause(place.trim_end(), problem, remedy))
+}

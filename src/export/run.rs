@@ -1,0 +1,214 @@
+//! Exports a mesh as `atomesh export` does: fills its cells with rock, adds wells, checks the model
+//! and writes it.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::spec::{ExportSpec, no_effect_error};
+use super::{ExportContent, ExportFormat};
+use crate::Result;
+use crate::model::MeshInput;
+use crate::model::flow::FaultResistance;
+use crate::model::reservoir::case_options::check_depth;
+use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel, Well};
+use crate::progress::{Progress, Stage};
+use crate::store::AnyMesh;
+
+/// A model that was written.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ExportOutcome {
+    /// The format.
+    pub format: &'static ExportFormat,
+    /// The file or the folder.
+    pub path: PathBuf,
+    /// A file with the shapes of the cells, if the format does not hold them.
+    pub companion: Option<PathBuf>,
+    /// The checks of the model.
+    pub checks: ModelChecks,
+    /// The unit of the coordinates.
+    pub unit: String,
+    /// The wells.
+    pub wells: Vec<Well>,
+}
+
+/// Writes a mesh for a reservoir simulator or another mesher, as `atomesh export` does. All files
+/// appear, or none.
+///
+/// ```
+/// use atomesh::export::ExportFormat;
+/// use atomesh::image::{Geometry, Image};
+/// use atomesh::progress::NoProgress;
+/// use atomesh::{ExportSpec, MeshSpec};
+///
+/// let disc = |i: usize| f32::from(u8::from((i % 40).abs_diff(20) < 11 && (i / 40).abs_diff(18) < 9));
+/// let image = Image::new([40, 36], (0..40 * 36).map(disc).collect(), Geometry::default());
+/// let spec = MeshSpec { distance: "5".parse()?, ..MeshSpec::default() };
+/// let mesh = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
+///
+/// let path = std::env::temp_dir().join("atomesh-export-example.msh");
+/// let format = ExportFormat::from_name("msh")?;
+/// let outcome = atomesh::export(mesh, format, &path, &ExportSpec::default(), &mut NoProgress)?;
+/// assert!(outcome.checks.cells > 50);
+/// # std::fs::remove_file(&path).ok();
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of [`ExportSpec::validate`] and [`ExportFormat::write`], those of reading the
+/// files that the options name, and [`Error::Export`](crate::Error::Export) for a mesh that the
+/// format cannot hold.
+pub fn export<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    format: &'static ExportFormat,
+    path: &Path,
+    spec: &ExportSpec,
+    progress: &mut dyn Progress,
+) -> Result<ExportOutcome> {
+    spec.validate(format)?;
+    format.check_target(path)?;
+    let MeshInput {
+        mesh,
+        name,
+        read_image,
+    } = mesh.into();
+    let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
+    if spec.space.thickness.is_some() && is_3d {
+        let problem = "is for 2-D meshes, but the mesh is 3-D";
+        return Err(no_effect_error("thickness", problem));
+    }
+    let placement = MeshPlacement {
+        keeps_unit: !format.is_flow_format(),
+        ..spec.space.placement()?
+    };
+    let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
+        || spec.split.is_some()
+        || spec.fault_options.given_option().is_some();
+    let mut prepared = if needs_surfaces {
+        PreparedModel::new(mesh, name, &placement)?
+    } else {
+        PreparedModel::without_surfaces(mesh, name, &placement)?
+    };
+    if format.uses_depth {
+        check_depth(&prepared.model, &spec.space)?;
+    }
+    if !prepared.has_feature_faces {
+        progress.note(&format!(
+            "{name} does not say which faces lie on features: no faults"
+        ));
+    }
+    progress.stage(Stage::FillingCells);
+    let rock = spec.rock.fill(&mut prepared, read_image, progress)?;
+    let laws = spec.fault_options.laws(FaultResistance::Open)?;
+    prepared.model.set_faults(&laws)?;
+    let inactive = prepared.model.find_inactive(rock.as_ref())?;
+    if inactive > 0 {
+        progress.note(&format!(
+            "{inactive} of {} cells are inactive: their porosity or permeability is 0",
+            prepared.model.len()
+        ));
+    }
+    if let Some(rock) = rock {
+        prepared.model.set_permeability(rock)?;
+    }
+    if !(spec.case.injector.is_empty() && spec.case.producer.is_empty()) || format.uses_depth {
+        prepared.model.case = spec.case.case(&prepared, progress)?;
+        let mut notes = prepared.model.idle_producers();
+        notes.extend(prepared.model.notes_on_wells());
+        notes.iter().for_each(|note| progress.note(note));
+    }
+    prepared.model.is_quadratic = spec.quadratic;
+    if let Some(selection) = &spec.split {
+        prepared.model.split_along(selection.clone())?;
+    }
+    prepared.model.grid = spec.grid.map(|grid| grid.0);
+    progress.stage(Stage::Checking);
+    let checks = ModelChecks::new(&prepared.model, prepared.box_volume);
+    note_checks(&prepared, &checks, format, progress)?;
+    progress.stage(Stage::Writing);
+    let deck = format.deck_path(path);
+    let model = prepared.model;
+    format.write(&model, path)?;
+    let default_deck = path.with_extension("DATA");
+    let has_deck = model.porosity.is_some() && model.permeability.is_some();
+    if let Some(deck) = deck.filter(|deck| has_deck && *deck != default_deck) {
+        progress.note(&format!(
+            "{} is there already and stays as it is: the corner-point grid's deck is {}",
+            default_deck.display(),
+            deck.display()
+        ));
+    }
+    Ok(ExportOutcome {
+        format,
+        path: path.to_path_buf(),
+        companion: format.companion_path(path),
+        checks,
+        unit: prepared.unit,
+        wells: model.case.wells,
+    })
+}
+
+/// Reports what the checks of a model found.
+fn note_checks(
+    prepared: &PreparedModel,
+    checks: &ModelChecks,
+    format: &ExportFormat,
+    progress: &mut dyn Progress,
+) -> Result<()> {
+    if format.is_flow_format() {
+        checks.notes().iter().for_each(|note| progress.note(note));
+        if checks.is_rough() {
+            let ratios = prepared.axis_ratios()?;
+            let note = ratios.and_then(|ratios| ratios.note());
+            note.iter().for_each(|note| progress.note(note));
+        }
+    } else if prepared.unit != "m" {
+        let unit = &prepared.unit;
+        progress.note(&format!(
+            "coordinates are in {unit}, as in the image; the length unit {unit} writes metres"
+        ));
+    }
+    Ok(())
+}
+
+impl ExportOutcome {
+    /// Returns the checks, the wells and the written files as a table.
+    pub fn table(&self) -> String {
+        let mut table = self.checks.table(&self.unit, self.format.is_flow_format());
+        for well in &self.wells {
+            let index: f64 = well.cells.iter().map(|c| c.1).sum();
+            let place = match well.cells[..] {
+                [(cell, _)] => format!("in cell {cell}"),
+                _ => {
+                    let length: f64 = well.lengths.iter().sum();
+                    format!("{length:.2} m in {} cells", well.cells.len())
+                }
+            };
+            table += &format!("\nwell {:<9} {place}, index {index:.3e} m^3", well.name);
+        }
+        let description = self.format.description;
+        table += &format!("\nwrote {}: {description}", self.path.display());
+        if let Some(companion) = &self.companion {
+            table += &format!(
+                "\nwrote {}: the same cells with their shapes",
+                companion.display()
+            );
+        }
+        table
+    }
+
+    /// Returns the checks, the wells and the written files as JSON.
+    pub fn to_json(&self) -> Value {
+        let path_text = |path: &Path| path.display().to_string();
+        json!({
+            "format": self.format.name,
+            "file": path_text(&self.path),
+            "twin": self.companion.as_deref().map(path_text),
+            "checks": self.checks,
+            "wells": self.wells.iter().map(|well| {
+                json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })
+            }).collect::<Vec<_>>(),
+        })
+    }
+}

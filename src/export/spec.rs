@@ -1,0 +1,259 @@
+//! The options of `atomesh export`, as one value.
+
+use std::fmt::{self, Display, Formatter};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::{ExportContent, ExportFormat};
+use crate::error::cause;
+use crate::job::spec::InvalidValue;
+use crate::model::flow::driver::{BarrierSelection, FaultLaws};
+use crate::model::flow::{FaultOptions, FaultResistance};
+use crate::model::reservoir::{CaseOptions, RockOptions, SpaceOptions, WellPlace};
+use crate::option_text::serde_as_text;
+use crate::{Error, Result};
+
+/// Options of `atomesh export`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct ExportSpec {
+    /// Options for the rock in the cells.
+    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Rock"))]
+    pub rock: RockOptions,
+    /// Options that say how faults resist flow; they are open by default.
+    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Faults"))]
+    pub fault_options: FaultOptions,
+    /// Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
+    /// as fine as the cells]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "NX,NY,NZ", help_heading = None)
+    )]
+    pub grid: Option<GridCounts>,
+    /// Duplicate the nodes along surfaces and add elements between the two sides (tetrahedra only):
+    /// faults, horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
+    #[cfg_attr(feature = "cli", arg(long, value_name = "WHICH", help_heading = None))]
+    pub split: Option<BarrierSelection>,
+    /// Add nodes in the middle of edges: elements of second order
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, help_heading = None, conflicts_with = "split")
+    )]
+    pub quadratic: bool,
+    /// Options that convert coordinates to metres and depth.
+    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Space"))]
+    pub space: SpaceOptions,
+    /// Options for wells, fluids and the duration of the simulation.
+    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Case"))]
+    pub case: CaseOptions,
+}
+
+/// Numbers of columns along two axes, and of layers, each from 1 to 10000.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GridCounts(pub [usize; 3]);
+
+impl FromStr for GridCounts {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
+        let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        let counts = numbers.and_then(|n| <[usize; 3]>::try_from(n).ok());
+        let fits = |n: &[usize; 3]| n.iter().all(|n| (1..=10_000).contains(n));
+        counts.filter(fits).map(Self).ok_or_else(|| {
+            let remedy = "give NX,NY,NZ, each from 1 to 10000";
+            InvalidValue::new("is not three numbers of cells", remedy)
+        })
+    }
+}
+
+impl Display for GridCounts {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let [nx, ny, nz] = self.0;
+        write!(f, "{nx},{ny},{nz}")
+    }
+}
+
+serde_as_text!(GridCounts: [","; 2]);
+
+/// Returns the error about an option that would have no effect.
+pub(super) fn no_effect_error(option: &str, problem: &str) -> Error {
+    Error::Job(cause(option, problem, "omit it"))
+}
+
+impl ExportSpec {
+    /// Checks that the options make sense together, and have an effect in this format.
+    ///
+    /// # Errors
+    /// Returns an error that begins with the name of the option that is impossible or has no effect.
+    pub fn validate(&self, format: &ExportFormat) -> Result<()> {
+        self.space.placement()?;
+        let laws = self.fault_options.laws(FaultResistance::Open)?;
+        if self.quadratic && self.split.is_some() {
+            let problem = "is for meshes that are not split along surfaces";
+            return Err(no_effect_error("quadratic", problem));
+        }
+        self.check_effect(format, &laws)?;
+        self.case.validate()
+    }
+
+    /// Checks that no option is given that has no effect with the format or the other options.
+    fn check_effect(&self, format: &ExportFormat, laws: &FaultLaws) -> Result<()> {
+        use ExportContent as Content;
+        let (rock, case) = (&self.rock, &self.case);
+        let (has_porosity, has_permeability) =
+            (rock.porosity.is_some(), rock.permeability.is_some());
+        let given = [
+            ("porosity", has_porosity, Content::Porosity),
+            ("region", rock.region.is_some(), Content::Regions),
+            ("permeability", has_permeability, Content::Permeability),
+            ("property", !rock.property.is_empty(), Content::Properties),
+            ("injector", !case.injector.is_empty(), Content::Wells),
+            ("producer", !case.producer.is_empty(), Content::Wells),
+            ("well-radius", case.well_radius.is_some(), Content::Wells),
+            ("fluid", case.fluid.is_some(), Content::Fluid),
+            (
+                "pressure-at-top",
+                case.pressure_at_top.is_some(),
+                Content::InitialPressure,
+            ),
+            ("no-gravity", case.no_gravity, Content::Gravity),
+            ("days", case.days.is_some(), Content::Duration),
+            ("grid", self.grid.is_some(), Content::Grid),
+            ("split", self.split.is_some(), Content::SplitNodes),
+            ("quadratic", self.quadratic, Content::Quadratic),
+        ];
+        for (option, _, content) in given.iter().filter(|given| given.1) {
+            format.check_content(*content, option)?;
+        }
+        if let Some(option) = self.fault_options.given_option() {
+            let content = if laws.has_partial_law() {
+                Content::Faults
+            } else {
+                Content::ClosedFaults
+            };
+            format.check_content(content, option)?;
+        }
+        if let Some((option, ..)) = given
+            .iter()
+            .find(|given| given.1 && given.2.is_simulation_input())
+            .filter(|_| !(has_permeability && has_porosity) && format.case_needs_rock())
+        {
+            let problem = format!(
+                "applies to a simulation deck, which {} writes only if the rock is known",
+                format.name
+            );
+            let remedy = "give porosity and permeability, or omit it";
+            let parameter = if has_porosity {
+                "permeability"
+            } else {
+                "porosity"
+            };
+            let cause = cause(*option, problem, remedy).with_parameter(parameter);
+            return Err(Error::Job(cause));
+        }
+        if !has_permeability {
+            if rock.permeability_unit.is_some() {
+                return Err(no_effect_error(
+                    "permeability-unit",
+                    "is given without a permeability",
+                ));
+            }
+            if let Some(option) = self.fault_options.given_option()
+                && !format
+                    .supported_content
+                    .contains(&Content::FaultsWithoutRock)
+            {
+                let problem =
+                    "changes the transmissibility of faults, but no permeability is given";
+                return Err(no_effect_error(option, problem));
+            }
+        }
+        let mut wells = case.injector.iter().chain(&case.producer);
+        if case.well_radius.is_some()
+            && !wells.any(|well| matches!(well.place, WellPlace::Point(_)))
+        {
+            let problem = "is the radius of wells that are given by a point, but there are none";
+            return Err(no_effect_error("well-radius", problem));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_read_from_texts_numbers_and_lists() {
+        let json = r#"{
+            "rock": {
+                "porosity": 0.2,
+                "permeability": [100, "kv.npy:harmonic", 10],
+                "permeability-unit": "mD",
+                "property": [["amplitude", "survey.sgy"], "depth=z.npy"]
+            },
+            "fault-options": {"faults": 0.01, "fault-multiplier": [[3, 0.5], "1/11:0"], "barriers": [1, "fault2"]},
+            "grid": [10, 20, 3],
+            "space": {"down": "z"},
+            "case": {"injector": [[[1, 2.5, 3], 50], "W=way.csv:20"], "fluid": "oil-water"}
+        }"#;
+        let spec: ExportSpec = serde_json::from_str(json).unwrap();
+        let texts = |json: serde_json::Value| json.to_string().replace('"', "");
+        let rock = texts(serde_json::to_value(&spec.rock).unwrap());
+        assert!(
+            rock.contains("porosity:0.2,permeability:100,kv.npy:harmonic,10"),
+            "{rock}"
+        );
+        assert!(
+            rock.contains("[amplitude=survey.sgy,depth=z.npy]"),
+            "{rock}"
+        );
+        let faults = texts(serde_json::to_value(&spec.fault_options).unwrap());
+        assert!(
+            faults.contains("[3:0.5,1/11:0],barriers:1,fault2"),
+            "{faults}"
+        );
+        assert_eq!(spec.grid, Some(GridCounts([10, 20, 3])));
+        assert_eq!(
+            spec.case.injector[0].place,
+            WellPlace::Point([1.0, 2.5, 3.0])
+        );
+        assert_eq!(spec.case.injector[1].to_string(), "W=way.csv:20");
+        for wrong in [
+            r#"{"grid": [10, 20]}"#,
+            r#"{"case": {"producer": ["1,2,3"]}}"#,
+            r#"{"case": {"producer": ["1,2:5"]}}"#,
+            r#"{"case": {"producer": ["1,2,3:0"]}}"#,
+            r#"{"rock": {"permeability-unit": "darcy"}}"#,
+            r#"{"porosity": 0.2}"#,
+        ] {
+            assert!(
+                serde_json::from_str::<ExportSpec>(wrong).is_err(),
+                "{wrong}"
+            );
+        }
+    }
+
+    #[test]
+    fn options_without_effect_are_refused_by_name() {
+        let opm = ExportFormat::from_name("opm").unwrap();
+        let case = CaseOptions {
+            days: Some(7.0),
+            ..CaseOptions::default()
+        };
+        let spec = ExportSpec {
+            case,
+            ..ExportSpec::default()
+        };
+        let error = spec.validate(opm).unwrap_err().to_string();
+        assert!(error.starts_with("days 7: has no effect"), "{error}");
+        let msh = ExportFormat::from_name("msh").unwrap();
+        let error = spec.validate(msh).unwrap_err().to_string();
+        assert!(
+            error.starts_with("days: the format msh holds no"),
+            "{error}"
+        );
+    }
+}

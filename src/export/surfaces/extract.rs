@@ -1,0 +1,633 @@
+//! Extracts surfaces from a mesh as `atomesh surface` does: groups the faces on features, measures
+//! the surfaces, and writes them.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::heights::height_grid;
+use super::sticks::{FaultSticks, write_sticks};
+use super::table::{interface_table, surface_table};
+use super::{SurfaceFile, table};
+use crate::error::cause;
+use crate::feature::{self, DetectionOptions};
+use crate::files::vtk::DataArray;
+use crate::geometry::{normal, unit};
+use crate::image::Geometry;
+use crate::image::formats;
+use crate::mesh::Mesh;
+use crate::model::input::{MeshInput, mesh_in_depth, read_mesh_image};
+use crate::model::surface::measure::MapAxes;
+use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
+use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
+use crate::model::surface::{
+    GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
+};
+use crate::progress::{Progress, Stage};
+use crate::store::{AnyMesh, LabelledRegion, MeshFile, Storable, StoredMesh, read_labels};
+use crate::{Error, Result};
+
+/// File endings of the surface formats that can be written.
+#[cfg(feature = "cli")]
+pub(crate) const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
+
+/// File endings of fault sticks.
+pub(crate) const STICK_EXTENSIONS: [&str; 1] = ["csv"];
+
+/// File endings of grids of heights.
+pub(crate) const GRID_EXTENSIONS: [&str; 3] = ["irap", "zmap", "cps3"];
+
+/// Default depth of the valleys of b(x) from which faces count as lying on features.
+const DEFAULT_VALLEY_DEPTH: f64 = 0.6;
+
+/// Smallest cosine of the angle between the normals of a face and of its feature (35 degrees).
+const MIN_NORMAL_COSINE: f64 = 0.82;
+
+/// Surfaces of a mesh in the plane or in space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnySurfaces {
+    /// Curves in the plane.
+    Curves(SurfaceFile<2>),
+    /// Surfaces in space.
+    Surfaces(SurfaceFile<3>),
+}
+
+/// The surfaces of a mesh, and their measures.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct SurfaceOutcome {
+    /// The surfaces, with their names and the values of their faces.
+    pub surfaces: AnySurfaces,
+    /// The measures of the surfaces.
+    pub report: SurfaceReport,
+}
+
+/// The measures of the surfaces of a mesh.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum SurfaceReport {
+    /// Surfaces of faces that continue one another.
+    Bends {
+        /// The surfaces.
+        measures: Vec<SurfaceMeasure>,
+        /// The number of surfaces that are too small.
+        dropped_count: usize,
+        /// Their area in square samples, in 2-D their length in samples.
+        dropped_area: f64,
+        /// Their fraction of the area of all surfaces.
+        dropped_share: f64,
+    },
+    /// Interfaces between regions.
+    Regions(Vec<InterfaceMeasure>),
+}
+
+/// The measures of an interface between two regions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InterfaceMeasure {
+    /// The region behind the faces, and its name.
+    pub inner: (i32, String),
+    /// The region in front of the faces, and its name; `None` at the sides of the mesh.
+    pub outer: Option<(i32, String)>,
+    /// The number of faces.
+    pub faces: usize,
+    /// The total area of the faces (length in 2-D).
+    pub area: f64,
+}
+
+/// Extracts the surfaces of a mesh, as `atomesh surface` does.
+///
+/// ```
+/// use atomesh::image::synth::{self, SyntheticKind};
+/// use atomesh::progress::NoProgress;
+/// use atomesh::{MeshSpec, SurfaceSpec};
+///
+/// # if !cfg!(feature = "tetgen") { return Ok(()); }
+/// let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
+/// let image = synth::make(SyntheticKind::Sphere, &options)?.image;
+/// let spec = MeshSpec { distance: "6".parse()?, ..MeshSpec::default() };
+/// let mesh = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
+/// let outcome = atomesh::surfaces(mesh, &SurfaceSpec::default(), &mut NoProgress)?;
+/// assert!(!outcome.is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of [`SurfaceSpec::validate`], those of reading the image, and
+/// [`Error::Mesh`] for a mesh without faces on features.
+pub fn surfaces<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    spec: &SurfaceSpec,
+    progress: &mut dyn Progress,
+) -> Result<SurfaceOutcome> {
+    spec.validate()?;
+    let input = mesh.into();
+    let (name, read_image) = (input.name, input.read_image);
+    let extraction = Extraction {
+        spec,
+        name,
+        read_image,
+        progress,
+    };
+    match input.mesh {
+        AnyMesh::Triangles(file) => extraction.run(file, AnySurfaces::Curves),
+        AnyMesh::Tetrahedra(file) => extraction.run(file, AnySurfaces::Surfaces),
+        AnyMesh::Polygons(file) => extraction.run(file, AnySurfaces::Curves),
+        AnyMesh::Polyhedra(file) => extraction.run(file, AnySurfaces::Surfaces),
+    }
+}
+
+/// The options and the progress of an extraction.
+struct Extraction<'a> {
+    spec: &'a SurfaceSpec,
+    /// The name of the mesh in messages.
+    name: &'a str,
+    read_image: formats::ReadImage<'a>,
+    progress: &'a mut dyn Progress,
+}
+
+impl Extraction<'_> {
+    fn run<const D: usize, M: Storable<D>>(
+        mut self,
+        file: MeshFile<M>,
+        any: fn(SurfaceFile<D>) -> AnySurfaces,
+    ) -> Result<SurfaceOutcome> {
+        let spec = self.spec;
+        let options = spec.grouping.options(spec.min_area)?;
+        let (up, z_up) = spec.grouping.up_direction::<D>()?;
+        let distance = min_distance(&file);
+        let labels = read_labels(&file);
+        let velocity = spec.velocity.as_ref();
+        let mut stored = mesh_in_depth(file, velocity, self.name, self.read_image, self.progress)?;
+        if spec.by == GroupBy::Regions {
+            let (file, measures) = extract_interfaces(&stored, &labels, self.name)?;
+            return Ok(SurfaceOutcome {
+                surfaces: any(file.with_space(&stored.space.geometry, z_up)),
+                report: SurfaceReport::Regions(measures),
+            });
+        }
+        // All other arrays are no longer needed, except for regions that are labels.
+        if labels.is_empty() {
+            stored.arrays = MeshFile::default();
+        }
+        let facets = match &spec.image {
+            None => tagged_facets(&stored, self.name)?,
+            Some(path) => self.facets_on_image(path, &stored, distance)?,
+        };
+        self.progress.stage(Stage::GroupingFaces);
+        let geometry = &stored.space.geometry;
+        let up = up.with_units(&geometry.units);
+        if !up.has_dip {
+            let is_time = geometry.time_coordinate().is_some();
+            self.progress
+                .note(&mixed_units_note(&geometry.units, &up, is_time));
+        }
+        let (surfaces, measures, file) = measured_groups(&stored, facets, &options, &up, z_up);
+        Ok(SurfaceOutcome {
+            surfaces: any(file),
+            report: SurfaceReport::Bends {
+                measures,
+                dropped_count: surfaces.dropped_count,
+                dropped_area: surfaces.dropped_area,
+                dropped_share: surfaces.dropped_share(stored.lattice.nodes()),
+            },
+        })
+    }
+
+    /// Returns the facets on the features of the image at `path`.
+    fn facets_on_image<const D: usize, M: Mesh<D>>(
+        &mut self,
+        path: &Path,
+        stored: &StoredMesh<D, M>,
+        distance: Option<f64>,
+    ) -> Result<Vec<[u32; D]>> {
+        self.progress.stage(Stage::Features);
+        let spec = self.spec;
+        let image = read_mesh_image(path, &spec.input, &stored.space, self.read_image)?;
+        let options = DetectionOptions {
+            d_min: distance.unwrap_or_else(|| mean_spacing(&stored.lattice)),
+            ..spec.detection().detection_options(stored.space.step)?
+        };
+        let features = feature::detect(&image, &options)?;
+        features
+            .notes
+            .iter()
+            .for_each(|note| self.progress.note(note));
+        let (b, sigma) = (&features.potential, features.sigma);
+        let depth = spec.depth.unwrap_or(DEFAULT_VALLEY_DEPTH);
+        let facets =
+            facet_selection::valley_facets(&stored.lattice, b, sigma, depth, MIN_NORMAL_COSINE);
+        if facets.is_empty() {
+            return Err(Error::Mesh(cause(
+                self.name,
+                format!("has no face on a feature of {}", path.display()),
+                "give the image that was meshed, or a smaller depth of valleys",
+            )));
+        }
+        Ok(facets)
+    }
+}
+
+/// Returns the smallest nominal distance between nodes, if the mesh records it.
+fn min_distance<M>(file: &MeshFile<M>) -> Option<f64> {
+    let mut arrays = file.point_data.iter().chain(&file.cell_data);
+    let array = arrays.find(|a| a.name == "distance")?;
+    let distances = array.values.to_f64().into_iter();
+    let min = distances.fold(f64::INFINITY, f64::min);
+    (min.is_finite() && min > 0.0).then_some(min)
+}
+
+/// Returns the mean spacing of nodes: the D-th root of the volume per node.
+fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
+    let volume: f64 = mesh.volumes().iter().sum();
+    (volume / mesh.nodes().len() as f64).powf(1.0 / D as f64)
+}
+
+/// Groups facets of a mesh into surfaces and measures them. `up` is the direction that is up; `z_up`
+/// is `true` if z grows upwards.
+fn measured_groups<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+    facets: Vec<[u32; D]>,
+    options: &Options,
+    up: &MapAxes<D>,
+    z_up: bool,
+) -> (Surfaces<D>, Vec<SurfaceMeasure>, SurfaceFile<D>) {
+    let mut surfaces = group_facets(stored, facets, options);
+    let nodes = stored.world.nodes.as_slice();
+    surfaces.orient(nodes, up.up);
+    let geometry = &stored.space.geometry;
+    let up = &up.with_geometry(geometry);
+    let measures = measure(&surfaces, nodes, up, &horizon_facets(stored));
+    let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
+    file.names = measures.iter().map(surface_name).collect();
+    file.cell_data = cell_data(&surfaces, &measures, nodes);
+    (surfaces, measures, file.with_space(geometry, z_up))
+}
+
+/// Returns the surfaces of the faces on features with default options. A mesh without features has
+/// none.
+///
+/// # Errors
+/// Returns no error with default options.
+#[cfg(feature = "cli")]
+pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+) -> Result<SurfaceFile<D>> {
+    let grouping = crate::model::surface::GroupingOptions::default();
+    let (up, z_up) = grouping.up_direction::<D>()?;
+    let up = up.with_units(&stored.space.geometry.units);
+    let marks = stored.feature_marks().unwrap_or_default();
+    let facets = if marks.is_empty() {
+        Vec::new()
+    } else {
+        facet_selection::marked_facets(&stored.lattice, &marks)
+    };
+    let options = grouping.options(None)?;
+    Ok(measured_groups(stored, facets, &options, &up, z_up).2)
+}
+
+/// Returns the name of a surface in files.
+fn surface_name(measure: &SurfaceMeasure) -> String {
+    let name = measure.name.clone();
+    name.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
+}
+
+/// Returns the note that says why dips are missing.
+fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, is_time: bool) -> String {
+    let unit_name = |unit: &String| match unit.as_str() {
+        "" => "no unit".to_string(),
+        unit => unit.to_string(),
+    };
+    let missing = if up.has_strike {
+        "no dip"
+    } else {
+        "neither dip nor strike"
+    };
+    format!(
+        "axes of different units ({}): {missing}; area, off plane and rim mix them{}",
+        units.iter().map(unit_name).collect::<Vec<_>>().join(", "),
+        if is_time {
+            "; a velocity converts time to depth"
+        } else {
+            ""
+        }
+    )
+}
+
+/// Returns arrays with the normal of each face, and with the measures of the surface that it
+/// belongs to.
+fn cell_data<const D: usize>(
+    surfaces: &Surfaces<D>,
+    measures: &[SurfaceMeasure],
+    nodes: &[[f64; D]],
+) -> Vec<DataArray> {
+    let labels = surfaces.labels();
+    let per_face = |value: &dyn Fn(&SurfaceMeasure) -> f64| -> Vec<f32> {
+        labels
+            .iter()
+            .map(|&s| value(&measures[s as usize]) as f32)
+            .collect()
+    };
+    let normal = |facet: &[u32; D]| {
+        let n = unit(normal(&facet.map(|i| nodes[i as usize])));
+        [0, 1, 2].map(|k| n.get(k).copied().unwrap_or(0.0) as f32)
+    };
+    let horizon = |&s: &u32| u8::from(measures[s as usize].kind == SurfaceKind::Horizon);
+    vec![
+        DataArray {
+            name: "normal".into(),
+            components: 3,
+            values: surfaces
+                .facets
+                .iter()
+                .flat_map(normal)
+                .collect::<Vec<f32>>()
+                .into(),
+        },
+        DataArray::scalars("dip", per_face(&|m| m.dip.unwrap_or(f64::NAN))),
+        DataArray::scalars("strike", per_face(&|m| m.strike.unwrap_or(f64::NAN))),
+        DataArray::scalars(
+            if D == 2 { "length" } else { "area" },
+            per_face(&|m| m.area),
+        ),
+        DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
+    ]
+}
+
+/// Returns the interfaces between every two regions of a mesh, and their measures.
+fn extract_interfaces<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+    labels: &[LabelledRegion],
+    place: &str,
+) -> Result<(SurfaceFile<D>, Vec<InterfaceMeasure>)> {
+    let regions = stored.regions().unwrap_or_default();
+    if regions.iter().all(|region| *region == regions[0]) {
+        return Err(Error::Mesh(cause(
+            place,
+            "has only one region",
+            "mesh an image of labels, or paint the mesh",
+        )));
+    }
+    let nodes = stored.world.nodes.as_slice();
+    let mut interfaces = region_interfaces(&stored.lattice, &regions, nodes)?;
+    if stored.space.is_mirrored() {
+        let facets = interfaces
+            .iter_mut()
+            .flat_map(|between| &mut between.facets);
+        facets.for_each(|facet| facet.swap(0, 1));
+    }
+    let named = |region: i32| {
+        let label = labels.iter().find(|label| label.region == region);
+        let name = label.and_then(|label| label.name.clone());
+        (region, name.unwrap_or_else(|| region.to_string()))
+    };
+    let measures: Vec<InterfaceMeasure> = interfaces
+        .iter()
+        .map(|between| InterfaceMeasure {
+            inner: named(between.inner_region),
+            outer: between.outer_region.map(named),
+            faces: between.facets.len(),
+            area: between.area,
+        })
+        .collect();
+    let mut start = vec![0];
+    let mut facets = Vec::new();
+    for between in &interfaces {
+        facets.extend_from_slice(&between.facets);
+        start.push(facets.len());
+    }
+    let mut file = SurfaceFile::new(nodes, &facets, &start, "surface");
+    file.names = measures
+        .iter()
+        .map(|m| format!("{}_{}", m.inner.1, m.outer_name()))
+        .collect();
+    let per_facet = |value: &dyn Fn(&RegionInterface<D>) -> i32| -> Vec<i32> {
+        let faces = interfaces.iter();
+        faces
+            .flat_map(|b| std::iter::repeat_n(value(b), b.facets.len()))
+            .collect()
+    };
+    let on_side = per_facet(&|b| i32::from(b.outer_region.is_none()));
+    file.cell_data = vec![
+        DataArray::scalars("inside", per_facet(&|b| b.inner_region)),
+        DataArray::scalars(
+            "outside",
+            per_facet(&|b| b.outer_region.unwrap_or(b.inner_region)),
+        ),
+        DataArray::scalars(
+            "on_side",
+            on_side.iter().map(|&o| o as u8).collect::<Vec<u8>>(),
+        ),
+    ];
+    Ok((file, measures))
+}
+
+impl InterfaceMeasure {
+    /// Returns the name of the region in front of the faces.
+    pub(super) fn outer_name(&self) -> &str {
+        self.outer.as_ref().map_or("outside", |outer| &outer.1)
+    }
+}
+
+impl SurfaceSpec {
+    /// Checks that no option is given that has no effect on a file of this name.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for an option that does not apply to this file.
+    pub(crate) fn check_target(&self, path: &Path) -> Result<()> {
+        let is_grid = has_extension(path, &GRID_EXTENSIONS);
+        let is_sticks = has_extension(path, &STICK_EXTENSIONS);
+        let refuse = |option: &str, formats: &str| {
+            let problem = format!("applies to {formats}, but the output is {}", path.display());
+            Err(Error::Job(cause(option, problem, "omit it")))
+        };
+        if self.number.is_some() && !is_grid {
+            return refuse("number", "a grid (.irap, .zmap, .cps3)");
+        }
+        if self.step.is_some() && !is_grid && !is_sticks {
+            return refuse("step", "sticks (.csv) or a grid (.irap, .zmap, .cps3)");
+        }
+        Ok(())
+    }
+}
+
+impl SurfaceOutcome {
+    /// Returns the number of surfaces.
+    pub fn len(&self) -> usize {
+        match &self.report {
+            SurfaceReport::Bends { measures, .. } => measures.len(),
+            SurfaceReport::Regions(measures) => measures.len(),
+        }
+    }
+
+    /// Returns `true` if there is no surface.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Writes the surfaces in the format of the file's ending: surfaces as `.vtp`, `.obj` or GOCAD's
+    /// `.ts`; faults as sticks: `.csv`; a horizon as a grid of its heights: `.irap`, `.zmap`,
+    /// `.cps3`. The options `number` and `step` of `spec` apply to sticks and grids.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] if there is no surface of the required kind, if it is ambiguous, or for
+    /// an option that does not apply to this file, and [`Error::Io`] if the file cannot be written.
+    pub fn write(&self, path: &Path, spec: &SurfaceSpec) -> Result<()> {
+        spec.check_target(path)?;
+        let is_grid = has_extension(path, &GRID_EXTENSIONS);
+        if !is_grid && !has_extension(path, &STICK_EXTENSIONS) {
+            return match &self.surfaces {
+                AnySurfaces::Curves(file) => file.write(path),
+                AnySurfaces::Surfaces(file) => file.write(path),
+            };
+        }
+        let refuse =
+            |problem: &str, remedy: &str| Err(Error::Job(cause(path.display(), problem, remedy)));
+        let AnySurfaces::Surfaces(file) = &self.surfaces else {
+            return refuse(
+                "is for surfaces in space, but the mesh is 2-D",
+                "write .vtp, .obj or .ts",
+            );
+        };
+        let SurfaceReport::Bends { measures, .. } = &self.report else {
+            return refuse(
+                "is for faults or horizons, but the surfaces are those between regions",
+                "write .vtp, .obj or .ts",
+            );
+        };
+        if is_grid {
+            let mut image = height_grid(file, horizon_index(measures, spec.number)?, spec.step)?;
+            image.geometry.units = [file.units[0].clone(), file.units[1].clone()];
+            return formats::write(path, &image);
+        }
+        let sticks = FaultSticks::from_surfaces(file, spec.step);
+        let faults: Vec<FaultSticks> = (sticks.into_iter().zip(measures))
+            .filter_map(|(sticks, measure)| (measure.kind == SurfaceKind::Fault).then_some(sticks))
+            .collect();
+        if faults.is_empty() {
+            let remedy = "write surfaces as .vtp, or a horizon as .irap";
+            return refuse("there is no fault", remedy);
+        }
+        write_sticks(path, &faults)
+    }
+
+    /// Returns the measures as a table. `meets` says whether it shows which surfaces meet.
+    pub fn table(&self, meets: bool) -> String {
+        let is_plane = matches!(self.surfaces, AnySurfaces::Curves(_));
+        match &self.report {
+            SurfaceReport::Bends {
+                measures,
+                dropped_count,
+                dropped_area,
+                dropped_share,
+            } => {
+                let mut text = surface_table(measures, is_plane, meets);
+                if *dropped_count > 0 {
+                    text += &format!(
+                        "\nomitted: {dropped_count} small surfaces, {dropped_area:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",
+                        if is_plane {
+                            "samples"
+                        } else {
+                            "square samples"
+                        },
+                        100.0 * dropped_share,
+                    );
+                }
+                text
+            }
+            SurfaceReport::Regions(measures) => interface_table(measures, is_plane),
+        }
+    }
+
+    /// Returns the measures as JSON.
+    pub fn to_json(&self) -> Value {
+        match &self.report {
+            SurfaceReport::Bends {
+                measures,
+                dropped_count,
+                dropped_area,
+                ..
+            } => json!({
+                "surfaces": measures,
+                "dropped": dropped_count,
+                "dropped_area": dropped_area,
+            }),
+            SurfaceReport::Regions(measures) => {
+                let area = table::area_name(matches!(self.surfaces, AnySurfaces::Curves(_)));
+                let rows = measures.iter().map(|m| {
+                    json!({
+                        "inside": m.inner.0,
+                        "outside": m.outer.as_ref().map(|outer| outer.0),
+                        "faces": m.faces,
+                        area: m.area,
+                    })
+                });
+                json!({ "surfaces": rows.collect::<Vec<_>>() })
+            }
+        }
+    }
+}
+
+/// Returns the index of the surface that becomes a grid: that with this number, or the only horizon.
+fn horizon_index(measures: &[SurfaceMeasure], number: Option<usize>) -> Result<usize> {
+    let refuse = |problem: String| {
+        let remedy = "give the number of a surface in the table";
+        Err(Error::Job(
+            cause("a grid of one surface", problem, remedy).with_parameter("number"),
+        ))
+    };
+    if let Some(number) = number {
+        let index = measures.iter().position(|m| m.surface == number);
+        return match index {
+            Some(index) => Ok(index),
+            None => refuse(format!("there is no surface {number}")),
+        };
+    }
+    let horizons: Vec<usize> = (0..measures.len())
+        .filter(|&s| measures[s].kind == SurfaceKind::Horizon)
+        .collect();
+    match horizons[..] {
+        [only] => Ok(only),
+        _ => {
+            let numbers = horizons.iter().map(|&s| measures[s].surface.to_string());
+            let numbers: Vec<String> = numbers.take(20).collect();
+            let (count, list) = (horizons.len(), numbers.join(", "));
+            refuse(format!(
+                "there are {count} horizons{}{list}",
+                if count > 0 { ": " } else { "" }
+            ))
+        }
+    }
+}
+
+fn has_extension(path: &Path, endings: &[&str]) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    endings
+        .iter()
+        .any(|known| ending.eq_ignore_ascii_case(known))
+}
+
+impl<const D: usize> SurfaceFile<D> {
+    /// Returns the surfaces with the units of a geometry. `z_up` is `true` if z grows upwards.
+    pub(crate) fn with_space(self, geometry: &Geometry<D>, z_up: bool) -> Self {
+        Self {
+            units: geometry.to_3d().units,
+            z_up,
+            ..self
+        }
+    }
+
+    /// Writes the surfaces in the format of the file's ending: `.obj`, GOCAD's `.ts` and `.pl`, or VTK's
+    /// `.vtp` for all others.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        if has_extension(path, &["obj"]) {
+            super::super::write_obj(path, self)
+        } else if has_extension(path, &["ts", "pl"]) {
+            super::tsurf::write_tsurf(path, self)
+        } else {
+            super::vtp::write_vtp(path, self)
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Tables of the measures of surfaces.
+
+use super::extract::InterfaceMeasure;
+use crate::model::surface::SurfaceMeasure;
+
+/// Returns the name of what faces measure: area, in the plane length.
+pub(super) fn area_name(is_plane: bool) -> &'static str {
+    if is_plane { "length" } else { "area" }
+}
+
+/// Returns a table of the largest surfaces, with the surfaces that they meet if `meets` is set.
+pub(super) fn surface_table(measures: &[SurfaceMeasure], is_plane: bool, meets: bool) -> String {
+    const MAX_ROWS: usize = 40;
+    let area = area_name(is_plane);
+    let rim = if is_plane { "ends" } else { "rim" };
+    let title = |name: &'static str| if meets { name } else { "" };
+    let mut lines = vec![format!(
+        "{:>7} {:>7} {:>11} {:>6} {:>6} {:>4} {:>9} {:>9} {:>6} {:>5} {:>9}  {}",
+        "surface",
+        "kind",
+        area,
+        "faces",
+        "strike",
+        "dip",
+        "off plane",
+        rim,
+        "pieces",
+        "holes",
+        "hole area",
+        title("meets")
+    )];
+    // Names that differ from kind and number are shown at the end of the line.
+    if measures.iter().any(|m| m.name.is_some()) {
+        lines[0] += "  name";
+    }
+    let angle = |angle: Option<f64>| angle.map_or("-".into(), |angle| format!("{angle:.0}"));
+    for m in measures.iter().take(MAX_ROWS) {
+        let others = m.adjacent_surfaces.iter().filter(|_| meets);
+        let others: Vec<String> = others.map(ToString::to_string).collect();
+        lines.push(format!(
+            "{:>7} {:>7} {:>11.5} {:>6} {:>6} {:>4} {:>9.3} {:>9.5} {:>6} {:>5} {:>9.3}  {}",
+            m.surface,
+            m.kind.name(),
+            ShortNumber(m.area),
+            m.facets,
+            angle(m.strike),
+            angle(m.dip),
+            ShortNumber(m.rms_plane_distance),
+            ShortNumber(m.rim),
+            m.components,
+            m.holes,
+            ShortNumber(m.hole_area),
+            others.join(" ")
+        ));
+        if let (Some(name), Some(line)) = (&m.name, lines.last_mut()) {
+            *line += &format!("  {name}");
+        }
+    }
+    lines
+        .iter_mut()
+        .for_each(|line| line.truncate(line.trim_end().len()));
+    if measures.len() > MAX_ROWS {
+        lines.push(format!(
+            "... and {} smaller ones",
+            measures.len() - MAX_ROWS
+        ));
+    }
+    lines.join("\n")
+}
+
+/// Returns a table of the interfaces between regions.
+pub(super) fn interface_table(measures: &[InterfaceMeasure], is_plane: bool) -> String {
+    let mut lines = vec![format!(
+        "{:>12} {:>12} {:>9} {:>14}",
+        "inside",
+        "outside",
+        "faces",
+        area_name(is_plane)
+    )];
+    lines.extend(measures.iter().map(|m| {
+        format!(
+            "{:>12} {:>12} {:>9} {:>14.6}",
+            m.inner.1,
+            m.outer_name(),
+            m.faces,
+            ShortNumber(m.area)
+        )
+    }));
+    lines.join("\n")
+}
+
+/// A number that is displayed with about as many digits as the format's precision.
+struct ShortNumber(f64);
+
+impl std::fmt::Display for ShortNumber {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let digits = f.precision().unwrap_or(4) as i32;
+        let integer_digits = self.0.abs().clamp(1e-300, 1e300).log10().floor() as i32 + 1;
+        let decimals = (digits - integer_digits).clamp(0, 9) as usize;
+        f.pad_integral(self.0 >= 0.0, "", &format!("{:.decimals$}", self.0.abs()))
+    }
+}

@@ -1,0 +1,220 @@
+//! Computes the flow through a mesh as `atomesh flow` does.
+
+use super::driver::{ComputedFlow, barriers, flow_through_cells, flow_through_elements};
+use super::faults::FaultResistance;
+use super::report::FlowReport;
+use super::spec::FlowSpec;
+use super::{Barriers, Streamlines};
+use crate::error::cause;
+use crate::geometry::to_3d;
+use crate::image::formats::ReadImage;
+use crate::job::{MeshSpace, Meshing};
+use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
+use crate::model::input::{MeshInput, mesh_in_depth, time_warning};
+use crate::progress::{CancelToken, Progress, Stage};
+use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
+use crate::{Error, Result};
+
+/// Default number of streamlines.
+const DEFAULT_LINE_COUNT: usize = 200;
+
+/// A computed flow.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct FlowOutcome {
+    /// The mesh, split along its faults, with pressure (Pa) and Darcy velocity (m/s).
+    pub mesh: AnyMesh,
+    /// The report.
+    pub report: FlowReport,
+    /// Streamlines, if the options ask for them. In the plane, z is 0.
+    pub streamlines: Option<Streamlines<3>>,
+}
+
+/// Computes steady flow through a mesh, from sources to sinks, as `atomesh flow` does. Lengths of the
+/// mesh are assumed to be in metres.
+///
+/// ```
+/// use atomesh::image::synth::{self, SyntheticKind};
+/// use atomesh::progress::NoProgress;
+/// use atomesh::{FlowSpec, MeshSpec};
+///
+/// # if !cfg!(feature = "tetgen") { return Ok(()); }
+/// let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
+/// let image = synth::make(SyntheticKind::Sphere, &options)?.image;
+/// let spec = MeshSpec { distance: "6".parse()?, ..MeshSpec::default() };
+/// let mesh = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
+/// let spec = FlowSpec {
+///     pressure: vec!["xmin=2e5".parse()?, "xmax=1e5".parse()?],
+///     ..FlowSpec::default()
+/// };
+/// let outcome = atomesh::flow(mesh, &spec, &mut NoProgress)?;
+/// assert!(outcome.report.solver.throughput > 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of [`FlowSpec::validate`], those of reading the files that the options name,
+/// and [`Error::Flow`] if the flow cannot be computed.
+pub fn flow<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    spec: &FlowSpec,
+    progress: &mut dyn Progress,
+) -> Result<FlowOutcome> {
+    spec.validate()?;
+    let MeshInput {
+        mesh,
+        name,
+        read_image,
+    } = mesh.into();
+    let run = FlowRun {
+        spec,
+        name,
+        read_image,
+        progress,
+    };
+    match mesh {
+        AnyMesh::Triangles(file) => run.through_elements(file, AnyMesh::Triangles),
+        AnyMesh::Tetrahedra(file) => run.through_elements(file, AnyMesh::Tetrahedra),
+        AnyMesh::Polygons(file) => run.through_cells(file, AnyMesh::Polygons),
+        AnyMesh::Polyhedra(file) => run.through_cells(file, AnyMesh::Polyhedra),
+    }
+}
+
+/// The options and the progress of a computation.
+struct FlowRun<'a> {
+    spec: &'a FlowSpec,
+    /// The name of the mesh in messages.
+    name: &'a str,
+    read_image: ReadImage<'a>,
+    progress: &'a mut dyn Progress,
+}
+
+impl FlowRun<'_> {
+    /// Computes the flow through triangles or tetrahedra.
+    fn through_elements<const D: usize, M: Simplices<D>>(
+        mut self,
+        file: MeshFile<M>,
+        any: fn(MeshFile<M>) -> AnyMesh,
+    ) -> Result<FlowOutcome> {
+        let mut stored = self.prepare(file)?;
+        let rock = self.spec.rock(&stored)?;
+        let conditions = self.spec.conditions()?;
+        let barriers = self.barriers(&mut stored)?;
+        let lines = self.line_count();
+        let computed = self.solve(|cancel| {
+            flow_through_elements(stored, rock, &barriers, &conditions, lines, cancel)
+        })?;
+        Ok(outcome(computed, any))
+    }
+
+    /// Computes the flow through Voronoi cells (or other polyhedra or polygons).
+    fn through_cells<const D: usize>(
+        mut self,
+        file: MeshFile<PolyMesh<D>>,
+        any: fn(MeshFile<PolyMesh<D>>) -> AnyMesh,
+    ) -> Result<FlowOutcome>
+    where
+        MeshSpace<D>: Meshing<D>,
+    {
+        let mut stored = self.prepare(file)?;
+        let rock = self.spec.rock(&stored)?;
+        let conditions = self.spec.conditions()?;
+        let barriers = self.barriers(&mut stored)?;
+        let lines = self.line_count();
+        let (computed, notes) = self.solve(|cancel| {
+            flow_through_cells(stored, &rock, &barriers, &conditions, lines, cancel)
+        })?;
+        notes.iter().for_each(|note| self.progress.note(note));
+        Ok(outcome(computed, any))
+    }
+
+    /// Prepares the mesh and checks that its cells fill it. Warns if a coordinate is time.
+    fn prepare<const D: usize, M: Storable<D>>(
+        &mut self,
+        file: MeshFile<M>,
+    ) -> Result<StoredMesh<D, M>> {
+        let velocity = self.spec.velocity.as_ref();
+        let (name, progress) = (self.name, &mut *self.progress);
+        let stored = mesh_in_depth(file, velocity, name, self.read_image, progress)?;
+        stored.check_filled(name)?;
+        if let Some(warning) = time_warning(&stored.space.geometry) {
+            progress.note(&warning);
+        }
+        Ok(stored)
+    }
+
+    /// Returns the number of streamlines; `None` if the options ask for none.
+    fn line_count(&self) -> Option<usize> {
+        let default = self.spec.streamlines.as_ref().map(|_| DEFAULT_LINE_COUNT);
+        self.spec.lines.or(default)
+    }
+
+    /// Runs the solver, which ends soon after the caller asks to stop.
+    fn solve<T>(&mut self, work: impl FnOnce(&CancelToken<'_>) -> T) -> T {
+        self.progress.stage(Stage::Pressure);
+        let progress = &mut *self.progress;
+        let callback = &mut |fraction: Option<f64>| {
+            if let Some(fraction) = fraction {
+                progress.fraction_done(fraction);
+            }
+            progress.keep_going()
+        };
+        CancelToken::run_with_progress(callback, work)
+    }
+
+    /// Returns the faces that resist flow.
+    fn barriers<const D: usize, M: Storable<D>>(
+        &mut self,
+        stored: &mut StoredMesh<D, M>,
+    ) -> Result<Barriers> {
+        let options = &self.spec.fault_options;
+        let laws = options.laws(FaultResistance::Closed)?;
+        if laws.law.is_open() && laws.overrides.is_empty() {
+            return Ok(Barriers::default());
+        }
+        let name = self.name;
+        match stored.feature_marks() {
+            Some(marks) => {
+                self.progress.stage(Stage::GroupingFaults);
+                let (barriers, idle) = barriers(stored, &marks, &laws)?;
+                if idle {
+                    self.progress.note(&format!(
+                        "{name} has surfaces, but no faults, so that nothing resists flow; the option barriers says which surfaces resist"
+                    ));
+                }
+                Ok(barriers)
+            }
+            None if options.faults.is_some() || !laws.overrides.is_empty() => {
+                Err(Error::Flow(cause(
+                    name,
+                    "does not say which of its faces lie on features",
+                    "give a mesh that atomesh mesh wrote, or open faults",
+                )))
+            }
+            None => {
+                self.progress.note(&format!(
+                    "{name} does not say which faces lie on features: no faults"
+                ));
+                Ok(Barriers::default())
+            }
+        }
+    }
+}
+
+/// Returns the outcome for a mesh of any kind and dimension.
+fn outcome<const D: usize, M>(
+    computed: ComputedFlow<D, M>,
+    any: fn(MeshFile<M>) -> AnyMesh,
+) -> FlowOutcome {
+    FlowOutcome {
+        mesh: any(computed.file),
+        report: computed.report,
+        streamlines: computed.streamlines.map(|lines| Streamlines {
+            points: lines.points.into_iter().map(to_3d).collect(),
+            time: lines.time,
+            ends: lines.ends,
+            rate: lines.rate,
+        }),
+    }
+}

@@ -1,0 +1,102 @@
+//! The input of functions on a mesh: the mesh, and the images that options name.
+
+use std::path::Path;
+
+use crate::error::cause;
+use crate::image::formats::{InputOptions, ReadImage, read_with_options};
+use crate::image::{Geometry, Image};
+use crate::job::depth::read_velocities;
+use crate::job::spec::NumberOrFile;
+use crate::progress::Progress;
+use crate::store::{self, AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
+use crate::{Error, Result};
+
+/// A mesh, and how to read the images that options name.
+///
+/// Any mesh converts to it; images are then read from their files.
+pub struct MeshInput<'a> {
+    /// The mesh.
+    pub mesh: AnyMesh,
+    /// The name of the mesh in messages, such as the path of its file.
+    pub name: &'a str,
+    /// Reads the images that options name.
+    pub read_image: ReadImage<'a>,
+}
+
+impl From<AnyMesh> for MeshInput<'_> {
+    fn from(mesh: AnyMesh) -> Self {
+        Self {
+            mesh,
+            name: "mesh",
+            read_image: &read_with_options,
+        }
+    }
+}
+
+impl std::fmt::Debug for MeshInput<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("MeshInput")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Prepares a mesh from a file, and converts it to depth if a velocity is given. `name` is that of
+/// the mesh in messages.
+///
+/// # Errors
+/// Returns the errors of [`StoredMesh::new`], and [`Error::Image`] for
+/// velocities that do not fit the mesh.
+pub(crate) fn mesh_in_depth<const D: usize, M: Storable<D>>(
+    file: MeshFile<M>,
+    velocity: Option<&NumberOrFile>,
+    name: &str,
+    read_image: ReadImage<'_>,
+    progress: &mut dyn Progress,
+) -> Result<StoredMesh<D, M>> {
+    match velocity {
+        None => StoredMesh::new(file, name),
+        Some(NumberOrFile::Constant(velocity)) => {
+            StoredMesh::new(store::to_depth(file, *velocity)?, name)
+        }
+        Some(NumberOrFile::File(path)) => {
+            let mut stored = StoredMesh::new(file, name)?;
+            let space = &stored.space;
+            let fits = |dims| space.fits_dims(dims);
+            let velocities = read_velocities(path, &space.geometry, fits, read_image)?;
+            let notes = stored.convert_to_depth(&velocities, name)?;
+            notes.iter().for_each(|note| progress.note(note));
+            Ok(stored)
+        }
+    }
+}
+
+/// Reads the image of a mesh, and checks that it fills the mesh's box.
+///
+/// # Errors
+/// Returns [`Error::Image`] or [`Error::Io`] if it cannot be used.
+pub(crate) fn read_mesh_image<const D: usize>(
+    path: &Path,
+    input: &InputOptions,
+    space: &LatticeSpace<D>,
+    read_image: ReadImage<'_>,
+) -> Result<Image<D>> {
+    let place = path.display().to_string();
+    let image = read_image(path, input)?.into_image().ok_or_else(|| {
+        let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
+        Error::Image(cause(&place, problem, "give the image that was meshed"))
+    })?;
+    image.check(&place)?;
+    space.check_image(&image.geometry, image.dims(), &place)?;
+    Ok(image)
+}
+
+/// Returns a warning if a coordinate is time.
+pub(crate) fn time_warning<const D: usize>(geometry: &Geometry<D>) -> Option<String> {
+    let axis = geometry.time_coordinate()?;
+    Some(format!(
+        "WARNING: {} is time ({}), not depth: dips, volumes and fluxes are not true; give a velocity (m/s, or a file of velocities)",
+        ["x", "y", "z"][axis],
+        geometry.units[axis]
+    ))
+}

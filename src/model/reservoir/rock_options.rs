@@ -1,0 +1,415 @@
+//! Options for rock properties: numbers, tables by region, arrays of the mesh, or images that are
+//! averaged over cells.
+
+use std::fmt::{self, Display, Formatter};
+use std::path::Path;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::{MILLIDARCY, MeanKind, PreparedModel};
+use crate::error::cause;
+use crate::files::csv::values_by_region;
+use crate::files::vtk::DataArray;
+use crate::image::Image;
+use crate::image::formats::{AnyImage, InputOptions, ReadImage};
+use crate::job::spec::{InvalidValue, names_image};
+use crate::model::flow::{Rock, Tensor};
+use crate::option_text::{deserialize_optional, serde_as_text};
+use crate::progress::Progress;
+use crate::{Error, Result};
+
+/// Options for the rock in the cells.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct RockOptions {
+    /// Porosity: a number, a CSV file of lines region,porosity, a cell array of the mesh, or an
+    /// image with an optional mean: FILE[:arithmetic|harmonic|geometric|nearest] [default mean:
+    /// arithmetic]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "PHI", allow_hyphen_values = true)
+    )]
+    pub porosity: Option<CellValue>,
+    /// Permeability: K, or KX,KY,KZ along the mesh's coordinates, each a number or an image with an
+    /// optional mean [default: geometric]; or a CSV file of lines region,K or region,KX,KY,KZ
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "K", allow_hyphen_values = true)
+    )]
+    pub permeability: Option<CellPermeability>,
+    /// Unit of the permeability: mD or m2
+    #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
+    pub permeability_unit: Option<PermeabilityUnit>,
+    /// Another property of the cells, such as a seismic attribute, given like a porosity; may be
+    /// repeated
+    #[cfg_attr(feature = "cli", arg(long, value_name = "NAME=VALUE"))]
+    pub property: Vec<CellProperty>,
+    /// An image of labels that sets the regions of the cells
+    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[serde(deserialize_with = "deserialize_optional")]
+    pub region: Option<String>,
+    /// Options for reading the images.
+    #[cfg_attr(
+        feature = "cli",
+        command(flatten, next_help_heading = "Reading images")
+    )]
+    pub input: InputOptions,
+}
+
+/// A value for each cell.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CellValue {
+    /// One number for all cells.
+    Number(f64),
+    /// A CSV file of lines region,value; a cell array of the mesh; or an image, perhaps with a colon
+    /// and the name of a [`MeanKind`].
+    Named(String),
+}
+
+impl FromStr for CellValue {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
+        let number = text.parse();
+        Ok(number.map_or_else(|_| Self::Named(text.into()), Self::Number))
+    }
+}
+
+impl Display for CellValue {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(number) => number.fmt(f),
+            Self::Named(name) => f.write_str(name),
+        }
+    }
+}
+
+/// The permeability of the cells: one value, values along x, y and z, or the six components of a
+/// tensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellPermeability(pub Vec<CellValue>);
+
+impl FromStr for CellPermeability {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
+        if is_table(text) {
+            return Ok(Self(vec![CellValue::Named(text.into())]));
+        }
+        let values = text.split(',').map(|word| word.trim().parse());
+        Ok(Self(values.collect::<std::result::Result<_, _>>()?))
+    }
+}
+
+impl Display for CellPermeability {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let texts: Vec<String> = self.0.iter().map(CellValue::to_string).collect();
+        f.write_str(&texts.join(","))
+    }
+}
+
+/// A unit of permeability.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PermeabilityUnit {
+    /// Millidarcy.
+    Millidarcy,
+    /// Square metre.
+    SquareMetre,
+}
+
+impl FromStr for PermeabilityUnit {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
+        match text {
+            "mD" => Ok(Self::Millidarcy),
+            "m2" => Ok(Self::SquareMetre),
+            _ => Err(InvalidValue::new("is not a known unit", "give mD or m2")),
+        }
+    }
+}
+
+impl Display for PermeabilityUnit {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Millidarcy => "mD",
+            Self::SquareMetre => "m2",
+        })
+    }
+}
+
+/// A property of the cells, with its name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellProperty {
+    /// The name: letters, digits and `_`.
+    pub name: String,
+    /// The value for each cell.
+    pub value: CellValue,
+}
+
+impl FromStr for CellProperty {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| InvalidValue::new("has no '='", PROPERTY_REMEDY))?;
+        let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+        if name.is_empty() || !letters {
+            return Err(InvalidValue::new(PROPERTY_NAME_PROBLEM, PROPERTY_REMEDY));
+        }
+        let Ok(value) = value.parse();
+        Ok(Self {
+            name: name.into(),
+            value,
+        })
+    }
+}
+
+impl Display for CellProperty {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.name, self.value)
+    }
+}
+
+const PROPERTY_REMEDY: &str = "give NAME=VALUE, such as amplitude=survey.sgy";
+const PROPERTY_NAME_PROBLEM: &str =
+    "has a name that is empty, taken, or not of letters, digits and _";
+
+serde_as_text!(
+    CellValue: [","; 2],
+    CellPermeability: [","; 2],
+    PermeabilityUnit: [","; 2],
+    CellProperty: ["="; 2],
+);
+
+/// Returns an error about an option.
+fn option_error(option: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
+    Error::Job(cause(format!("{option} {value}"), problem, remedy))
+}
+
+impl RockOptions {
+    /// Sets the properties of the cells: regions first, as the others may depend on them. Returns
+    /// the permeability, if it is given.
+    ///
+    /// # Errors
+    /// Returns [`Error::Export`] or [`Error::Job`] for values that make no sense, a region without
+    /// a value, or a permeability without a unit, and [`Error::Io`] for files that cannot be read.
+    pub(crate) fn fill(
+        &self,
+        prepared: &mut PreparedModel,
+        read_image: ReadImage<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Option<Rock>> {
+        let mut filling = Filling {
+            input: &self.input,
+            read_image,
+            progress,
+        };
+        if let Some(text) = &self.region {
+            let labels = filling.image_values("region", text, MeanKind::Nearest, prepared)?;
+            let labels: Vec<i32> = labels.iter().map(|&l| l.round() as i32).collect();
+            prepared.model.graph.region.clone_from(&labels);
+            prepared.model.mesh.region = labels;
+            // The new regions are not those of the labels from which the mesh was made.
+            prepared.model.labels.clear();
+        }
+        let mean = MeanKind::Arithmetic;
+        if let Some(value) = &self.porosity {
+            let values = filling.values("porosity", value, mean, prepared)?;
+            prepared.model.porosity = Some(values);
+        }
+        for property in &self.property {
+            let CellProperty { name, value } = property;
+            let arrays = &prepared.model.properties;
+            if arrays.iter().any(|a| a.name == *name) {
+                let problem = PROPERTY_NAME_PROBLEM;
+                return Err(option_error("property", property, problem, PROPERTY_REMEDY));
+            }
+            let values = filling.values("property", value, mean, prepared)?;
+            let array = DataArray::scalars(name.as_str(), values);
+            prepared.model.properties.push(array);
+        }
+        match &self.permeability {
+            None => Ok(None),
+            Some(permeability) => {
+                let unit = self.unit(permeability)?;
+                filling.rock(permeability, unit, prepared).map(Some)
+            }
+        }
+    }
+
+    /// Returns the unit of permeability in m^2.
+    fn unit(&self, permeability: &CellPermeability) -> Result<f64> {
+        match self.permeability_unit {
+            Some(PermeabilityUnit::Millidarcy) => Ok(MILLIDARCY),
+            Some(PermeabilityUnit::SquareMetre) => Ok(1.0),
+            None => {
+                let place = format!("permeability {permeability}");
+                let cause = cause(place, "has no unit", "give its unit, mD or m2");
+                Err(Error::Job(cause.with_parameter("permeability-unit")))
+            }
+        }
+    }
+}
+
+/// Sets the properties of cells from options.
+struct Filling<'a> {
+    input: &'a InputOptions,
+    read_image: ReadImage<'a>,
+    progress: &'a mut dyn Progress,
+}
+
+impl Filling<'_> {
+    fn rock(
+        &mut self,
+        permeability: &CellPermeability,
+        unit: f64,
+        prepared: &PreparedModel,
+    ) -> Result<Rock> {
+        let frame = &prepared.frame;
+        let tensor = |numbers: &[f64]| {
+            // Zero permeability marks inactive cells.
+            if !numbers.is_empty() && numbers.iter().all(|k| *k == 0.0) {
+                return Some(Tensor::default());
+            }
+            let tensor = Tensor::from_numbers(numbers)?;
+            Some(frame.transform_tensor(tensor.scaled(unit)))
+        };
+        let refuse = |problem: &str| {
+            let remedy = "give K or KX,KY,KZ, positive, or 0 for inactive cells";
+            option_error("permeability", permeability, problem, remedy)
+        };
+        let values = &permeability.0;
+        if let [CellValue::Named(text)] = values.as_slice()
+            && is_table(text)
+        {
+            let lines = "write region,K or region,KX,KY,KZ, positive, or 0 for inactive cells";
+            let by_region = values_by_region(Path::new(text), tensor, lines)?;
+            return Rock::by_region(&prepared.model.graph.region, &by_region, 1.0);
+        }
+        let number = |value: &CellValue| match value {
+            CellValue::Number(number) => Some(*number),
+            CellValue::Named(_) => None,
+        };
+        if let Some(numbers) = values.iter().map(number).collect::<Option<Vec<f64>>>() {
+            let tensor = tensor(&numbers).ok_or_else(|| refuse("is not a permeability"))?;
+            return Ok(Rock::uniform(tensor, 1.0));
+        }
+        if !matches!(values.len(), 1 | 3) {
+            return Err(refuse(&format!("has {} parts, not 1 or 3", values.len())));
+        }
+        let mut columns: Vec<Vec<f64>> = Vec::new();
+        for (k, value) in values.iter().enumerate() {
+            // An image that is given for two directions is averaged only once.
+            columns.push(match values[..k].iter().position(|known| known == value) {
+                Some(known) => columns[known].clone(),
+                None => self.values("permeability", value, MeanKind::Geometric, prepared)?,
+            });
+        }
+        let cell_tensor = |cell: usize| {
+            let numbers: Vec<f64> = columns.iter().map(|column| column[cell]).collect();
+            tensor(&numbers).ok_or_else(|| {
+                refuse(&format!(
+                    "is {numbers:?} in cell {cell}, which is not a permeability"
+                ))
+            })
+        };
+        let cells = prepared.model.len();
+        Ok(Rock {
+            mobilities: (0..cells).map(cell_tensor).collect::<Result<_>>()?,
+            cell_mobility: (0..cells as u32).collect(),
+        })
+    }
+
+    /// Returns a value for each cell.
+    fn values(
+        &mut self,
+        option: &str,
+        value: &CellValue,
+        mean: MeanKind,
+        prepared: &PreparedModel,
+    ) -> Result<Vec<f64>> {
+        let cells = prepared.model.len();
+        let text = match value {
+            CellValue::Number(number) if number.is_finite() => return Ok(vec![*number; cells]),
+            CellValue::Number(_) => {
+                let remedy = "give a finite number";
+                return Err(option_error(option, value, "is not finite", remedy));
+            }
+            CellValue::Named(text) => text,
+        };
+        if is_table(text) {
+            let single = |numbers: &[f64]| match numbers {
+                [value] if value.is_finite() => Some(*value),
+                _ => None,
+            };
+            let table = values_by_region(Path::new(text), single, "write region,value")?;
+            let value = |region: &i32| {
+                let row = table.iter().find(|(known, _)| known == region);
+                row.map(|f| f.1).ok_or_else(|| {
+                    let place = format!("{option} {text}");
+                    let problem = format!("has no value for region {region}");
+                    let remedy = "give one for every region of the mesh";
+                    Error::Export(cause(place, problem, remedy))
+                })
+            };
+            return prepared.model.graph.region.iter().map(value).collect();
+        }
+        let arrays = &prepared.cell_data;
+        if let Some(array) = arrays.iter().find(|a| a.name == *text && a.components == 1) {
+            return Ok(array.values.to_f64());
+        }
+        self.image_values(option, text, mean, prepared)
+    }
+
+    fn image_values(
+        &mut self,
+        option: &str,
+        text: &str,
+        mean: MeanKind,
+        prepared: &PreparedModel,
+    ) -> Result<Vec<f64>> {
+        let suffix = text.rsplit_once(':');
+        let (path, mean) =
+            match suffix.and_then(|(path, name)| Some((path, MeanKind::from_name(name)?))) {
+                Some((path, mean)) => (path, mean),
+                None => (text, mean),
+            };
+        let path = Path::new(path);
+        if !path.exists() && !names_image(path) {
+            let scalars = prepared.cell_data.iter().filter(|a| a.components == 1);
+            let names: Vec<&str> = scalars.map(|array| array.name.as_str()).collect();
+            return Err(option_error(
+                option,
+                text,
+                &format!(
+                    "is neither a number nor a file nor a cell array of the mesh (it has {})",
+                    names.join(", ")
+                ),
+                "give a number, a CSV file of lines region,value, or an image",
+            ));
+        }
+        let image = self.read_image(path)?;
+        prepared.average(&image, mean, &path.display().to_string())
+    }
+
+    /// Reads an image; a 2-D image becomes a 3-D image of one layer.
+    fn read_image(&mut self, path: &Path) -> Result<Image<3>> {
+        let (image, notes) = match (self.read_image)(path, self.input)? {
+            AnyImage::Plane(loaded) => (loaded.image.to_3d(), loaded.notes),
+            AnyImage::Space(loaded) => (loaded.image, loaded.notes),
+        };
+        notes.iter().for_each(|note| self.progress.note(note));
+        Ok(image)
+    }
+}
+
+/// Returns `true` if a value names a table by region.
+fn is_table(text: &str) -> bool {
+    Path::new(text)
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+}

@@ -1,0 +1,238 @@
+//! The options of `atomesh surface`, as one value.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::Options;
+use super::measure::MapAxes;
+use crate::error::cause;
+use crate::feature::FeatureKind;
+use crate::image::formats::InputOptions;
+use crate::job::MeshSpec;
+use crate::job::spec::{NumberOrFile, SignedAxis};
+use crate::{Error, Result};
+
+/// Options of `atomesh surface`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct SurfaceSpec {
+    /// An image; faces on its features are used and not those that the mesh declares
+    #[cfg_attr(feature = "cli", arg(value_name = "IMAGE"))]
+    pub image: Option<PathBuf>,
+    /// Options that group faces into surfaces.
+    #[cfg_attr(feature = "cli", command(flatten))]
+    pub grouping: GroupingOptions,
+    /// The criterion by which faces form a surface
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "WHAT", default_value_t, value_enum)
+    )]
+    pub by: GroupBy,
+    /// Smallest area of a surface, in square samples (length in 2-D); smaller ones are omitted, and
+    /// 0 keeps all [default: ten faces, and 2 % of the largest surface]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "AREA", allow_negative_numbers = true)
+    )]
+    pub min_area: Option<f64>,
+    /// The number of the surface that becomes a grid, as in the printed table [default: the only
+    /// horizon]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    pub number: Option<usize>,
+    /// Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten
+    /// sticks per fault; for a grid about the length of the surface's edges]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "LENGTH", allow_negative_numbers = true)
+    )]
+    pub step: Option<f64>,
+    /// Show in the table which surfaces meet (--json always does)
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub meets: bool,
+    /// Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
+    /// of IMAGE [default: 0.6]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DEPTH", requires = "image"))]
+    pub depth: Option<f64>,
+    /// The features to detect in IMAGE [default: auto]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "KIND", requires = "image"))]
+    pub feature: Option<FeatureKind>,
+    /// Scale of the features, in samples [default: depends on the kind of feature]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "S", requires = "image"))]
+    pub sigma: Option<f64>,
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// [default: automatic; it is printed]
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "T",
+            allow_negative_numbers = true,
+            requires = "image"
+        )
+    )]
+    pub threshold: Option<f32>,
+    /// Convert two-way time to depth in metres, with one velocity in m/s for the whole mesh, or a
+    /// file of interval velocities in m/s on a grid in two-way time
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "V", allow_negative_numbers = true)
+    )]
+    pub velocity: Option<NumberOrFile>,
+    /// Options for reading the image.
+    #[cfg_attr(
+        feature = "cli",
+        command(flatten, next_help_heading = "Reading the image")
+    )]
+    pub input: InputOptions,
+}
+
+/// The criterion by which faces form a surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum GroupBy {
+    /// Faces on features that continue one another: faults, horizons
+    #[default]
+    Bends,
+    /// All faces between the same two regions, or between a region and the sides of the mesh; the
+    /// faces of a region enclose it
+    Regions,
+}
+
+/// Options that group faces into surfaces, and set their orientation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct GroupingOptions {
+    /// Largest bend from face to face within a surface, in degrees
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "DEGREES",
+            default_value_t = Options::default().max_bend
+        )
+    )]
+    pub max_bend: f64,
+    /// The direction that is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in
+    /// 2-D]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "AXIS", allow_hyphen_values = true)
+    )]
+    pub up: Option<SignedAxis>,
+}
+
+impl Default for GroupingOptions {
+    fn default() -> Self {
+        Self {
+            max_bend: Options::default().max_bend,
+            up: None,
+        }
+    }
+}
+
+impl GroupingOptions {
+    /// Returns the checked options for surfaces of at least `min_area`.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for a bend that is not an angle between 0 and 90 degrees, or a
+    /// negative area.
+    pub(crate) fn options(&self, min_area: Option<f64>) -> Result<Options> {
+        let refuse = |option: String, remedy: &str| {
+            Err(Error::Job(cause(option, "is out of range", remedy)))
+        };
+        if !(self.max_bend > 0.0 && self.max_bend < 90.0) {
+            return refuse(
+                format!("max-bend {}", self.max_bend),
+                "give degrees above 0 and below 90; 25 is the default",
+            );
+        }
+        if let Some(area) = min_area.filter(|a| !(a.is_finite() && *a >= 0.0)) {
+            return refuse(format!("min-area {area}"), "give 0 or more square samples");
+        }
+        Ok(Options {
+            max_bend: self.max_bend,
+            min_area,
+            ..Options::default()
+        })
+    }
+
+    /// Returns the directions of up, north and east, and `true` if the axis that is up points in
+    /// its positive direction.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for an axis that the mesh does not have.
+    pub(crate) fn up_direction<const D: usize>(&self) -> Result<(MapAxes<D>, bool)> {
+        let up = self.up.unwrap_or(SignedAxis {
+            axis: D - 1,
+            is_positive: true,
+        });
+        up.check::<D>("up")?;
+        Ok((MapAxes::from_axis(up.axis, up.is_positive), up.is_positive))
+    }
+}
+
+impl SurfaceSpec {
+    /// Checks that the options make sense together.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
+    /// effect.
+    pub fn validate(&self) -> Result<()> {
+        self.grouping.options(self.min_area)?;
+        if let Some(step) = self.step.filter(|step| !(step.is_finite() && *step > 0.0)) {
+            let remedy = "give a length above 0, in the unit of x";
+            return Err(Error::Job(cause(
+                format!("step {step}"),
+                "is no distance",
+                remedy,
+            )));
+        }
+        if let Some(depth) = self.depth.filter(|depth| !(*depth > 0.0 && *depth < 1.0)) {
+            let remedy = "give a number above 0 and below 1; 0.6 is the default";
+            return Err(Error::Job(cause(
+                format!("depth {depth}"),
+                "is out of range",
+                remedy,
+            )));
+        }
+        if self.by == GroupBy::Regions
+            && (self.image.is_some() || self.min_area.is_some() || self.meets)
+        {
+            let problem = "is not for surfaces between regions, all of which are written";
+            let remedy = "omit the image, the smallest area, and which surfaces meet";
+            return Err(Error::Job(cause("by regions", problem, remedy)));
+        }
+        if self.image.is_some() {
+            return self.detection().validate();
+        }
+        let detection = [
+            ("depth", self.depth.is_some()),
+            ("feature", self.feature.is_some()),
+            ("sigma", self.sigma.is_some()),
+            ("threshold", self.threshold.is_some()),
+        ];
+        if let Some((option, _)) = detection.iter().find(|option| option.1) {
+            let problem = "is about the features of an image, but none is given";
+            return Err(Error::Job(cause(
+                option,
+                problem,
+                "give an image, or omit it",
+            )));
+        }
+        self.input.refuse_unused("no image is given")
+    }
+
+    /// Returns the options of feature detection.
+    pub(crate) fn detection(&self) -> MeshSpec {
+        MeshSpec {
+            feature: self.feature.unwrap_or(FeatureKind::Auto),
+            sigma: self.sigma,
+            threshold: self.threshold,
+            ..MeshSpec::default()
+        }
+    }
+}

@@ -253,7 +253,8 @@ fn a_shell_of_three_samples_has_its_volume_and_no_holes_and_rarely_spikes() {
             with_spikes.push((centre, worst));
         }
     }
-    // An edge from the inner surface through the outer one is not found. Two shells have such edges.
+    // Edges that pass from the inner surface through the outer one are not recognised, and two of
+    // these shells have spikes.
     assert!(with_spikes.len() <= 2, "{with_spikes:?}");
 }
 

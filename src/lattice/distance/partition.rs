@@ -105,7 +105,7 @@ fn summarise<const D: usize>(
         min: reduce(0, f64::min).unwrap_or(limits.min),
         max: reduce(1, f64::max).unwrap_or(limits.max),
         mean_density: density / dims.iter().product::<usize>() as f64,
-        max_slope: slope_norm::<D>(std::array::from_fn(steepest)),
+        max_slope: norm::<f64, D>(std::array::from_fn(steepest)),
     })
 }
 

@@ -14,7 +14,7 @@ pub(super) fn draw_axis(canvas: &mut Canvas, raster: &Raster, ruler: &AxisScale,
     };
     let centre = raster.pixel([0.5; 3]);
     let direction = [b[0] - a[0], b[1] - a[1]];
-    let length = hypot(direction[0], direction[1]).max(1.0);
+    let length = hypot(direction[0].into(), direction[1].into()).max(1.0) as f32;
     let mut outward = [direction[1] / length, -direction[0] / length];
     let middle = [0, 1].map(|i| 0.5 * (a[i] + b[i]));
     if outward[0] * (middle[0] - centre[0]) + outward[1] * (middle[1] - centre[1]) < 0.0 {

@@ -3,6 +3,7 @@
 # make test-all   run all tests, also those against other programs (VTK, OPM Flow, Gmsh, ...), with MPI, and on
 #                 images of other projects: DATA=folder
 # make lint   run the lints of every kind of build and build the documentation of the library
+# make without-c   test meshes, improvement and jobs in the build without TetGen and CGAL
 # make portable   check that the library and the program compile for Windows, macOS and WebAssembly
 # make bench   measure the table of docs/benchmarks.md, some minutes
 # make bench-networks   measure meshes of twenty random fault networks, some minutes
@@ -22,7 +23,7 @@
 # make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test test-all lint portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures fuzz soak help demo reservoir test test-all lint without-c portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -61,6 +62,9 @@ lint: packages
 	cargo clippy --no-default-features --features cli --lib --bins --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --locked
 
+without-c:
+	cargo test --no-default-features --features cli --lib --locked -- mesh:: improve:: job::
+
 # The library alone needs nothing of a system. The program needs files, so in a browser it runs as a WASI program.
 portable:
 	scripts/cross.sh wasm32-unknown-unknown check --no-default-features --lib
@@ -77,7 +81,7 @@ web-test: web validators
 	python3 -B tests/data/page/web.py target/web/atomesh.html target/debug/atomesh target/web/pictures
 
 # Ignored tests run, too, and fail if a program that they need is missing.
-test-all: lint validators
+test-all: lint without-c validators
 	cargo fmt --all --check
 	python3 scripts/words.py
 	cargo test --workspace --locked

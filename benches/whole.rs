@@ -274,8 +274,8 @@ fn large(folder: &Path) -> Outcome<()> {
                 .find(|s| s["stage"] == "joining atoms")
                 .map_or(f64::NAN, |s| number(s, "/cpu_seconds"));
             let figure = format!(
-                "{:.1} times TetGen: {:.1} s of user CPU in all ({seconds:.1} s by the clock), \
-                 {delaunay:.1} s in its Delaunay",
+                "{:.1} times the Delaunay triangulation: {:.1} s of user CPU in all ({seconds:.1} s by the \
+                 clock), {delaunay:.1} s in its Delaunay",
                 run.cpu / delaunay,
                 run.cpu,
             );

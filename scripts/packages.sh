@@ -1,6 +1,6 @@
 #!/bin/sh
-# Installs the missing system packages of atomesh: TetGen, CGAL, a C++ compiler, and the libclang that generates the
-# bindings of TetGen. On systems other than Debian and Ubuntu it prints the packages and stops.
+# Installs the missing system packages of atomesh with TetGen and CGAL: these, a C++ compiler, and the libclang that generates
+# the bindings of TetGen. On systems other than Debian and Ubuntu it prints the packages and stops.
 #   packages.sh [PACKAGE...]   installs these packages, too
 set -eu
 
@@ -13,7 +13,7 @@ fi
 
 if ! command -v dpkg >/dev/null 2>&1 || ! command -v apt-get >/dev/null 2>&1; then
     echo "error: system packages: no apt here; install the equivalents of these packages: $packages" >&2
-    echo "       then: cargo build --release" >&2
+    echo "       then: cargo build --release; or without them: cargo build --release --no-default-features --features cli" >&2
     exit 1
 fi
 

@@ -178,8 +178,8 @@ pub struct SizeEstimate {
 ///
 /// Three operations run to their end once they have begun, and a stop takes effect after them:
 /// reading a file, one evaluation of the energy of all atoms, and an operation that joins all atoms
-/// at once ([`Stage::Triangulating`] and [`Stage::Cutting`] by TetGen, and refinement in space by
-/// CGAL). A program that must end sooner has to end its process, as the command line does.
+/// at once (in [`Stage::Triangulating`] and [`Stage::Cutting`]). A program that must end sooner has to
+/// end its process, as the command line does.
 ///
 /// The result of a job that was stopped has the `stop` reason
 /// [`StopReason::Interrupted`](crate::lattice::optimize::StopReason::Interrupted). Every stage

@@ -92,7 +92,7 @@ pub enum Verb {
     /// Writes a page with mesh, image and figures: one HTML file for any browser
     #[command(after_help = "Example:\n  atomesh report survey.sgy mesh.vtu -o page.html")]
     Report(ReportArgs),
-    /// Checks a mesh with atomesh's own checker, TetGen and CGAL
+    /// Checks a mesh with atomesh's own checker, its Delaunay kernels and CGAL
     #[command(after_help = "Example:\n  atomesh validate mesh.vtu")]
     Validate(ValidateArgs),
     /// Computes steady flow from sources to sinks, with faults closed, open, or in between

@@ -1,4 +1,5 @@
-//! The verb `validate`: checks a mesh with atomesh's own checker, TetGen (spade in 2-D) and CGAL.
+//! The verb `validate`: checks a mesh with atomesh's own checker, the Delaunay kernels (spade in 2-D) and
+//! CGAL, as far as they are built in.
 
 use std::path::PathBuf;
 
@@ -78,7 +79,7 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
 }
 
 /// Adds the verdicts of the other checkers if atomesh's own checker finds no fault. On invalid
-/// nodes TetGen may abort the process.
+/// nodes TetGen might abort the process.
 fn with_other_checkers(
     own_verdict: CheckerVerdict,
     others: impl FnOnce() -> Result<Vec<CheckerVerdict>>,

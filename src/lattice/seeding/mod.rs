@@ -177,8 +177,7 @@ pub enum Seeding {
 /// Returns [`Error::Distance`] if d does not suit the box. Returns [`Error::Seeding`] if a fixed
 /// atom lies outside the box (alongside, also on a side of it), if two lie at one place, for
 /// [`Seeding::Canny`], for projection alongside features, and for the methods that need an image if
-/// there is none or it is the same everywhere. Returns [`Error::Delaunay`] for refinement in 3-D
-/// without the feature `cgal`.
+/// there is none or it is the same everywhere.
 ///
 /// Once `cancel` is cancelled, the function returns soon, with a useless result.
 pub fn seed<const D: usize>(

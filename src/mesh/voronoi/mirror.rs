@@ -26,8 +26,8 @@ pub struct MirroredAtoms<const D: usize> {
 
 /// Rounds coordinates so that the images in both sides are exact: to multiples of the last digit of
 /// twice the extent (about 1e-16 of it). Then symmetric points give exactly symmetric results, and
-/// TetGen's exact predicates recognise that an atom, its neighbour and their images lie on a
-/// circle.
+/// the exact predicates of the Delaunay kernels recognise that an atom, its neighbour and their
+/// images lie on a circle.
 pub fn round_coordinates<const D: usize>(atoms: &[[f64; D]], extent: [f64; D]) -> Vec<[f64; D]> {
     let unit = extent.map(|e| (2.0 * e).next_up() - 2.0 * e);
     atoms

@@ -84,7 +84,7 @@ pub(crate) fn distributed_voronoi(
 /// Returns the Voronoi cells of atoms in the plane, as [`voronoi`] does in 3-D: polygons.
 ///
 /// # Errors
-/// Returns the errors of [`voronoi`], but needs no TetGen.
+/// Returns the errors of [`voronoi`].
 pub fn voronoi_plane(atoms: &[[f64; 2]], extent: [f64; 2]) -> Result<PolyMesh<2>> {
     voronoi_plane_welded(atoms, extent, 0.0)
 }

@@ -8,7 +8,7 @@
 
 use super::candidate::Candidate;
 use super::voxel_index::CandidateIndex;
-use crate::geometry::{dot, sub};
+use crate::geometry::{dot, hypot, sub};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
@@ -182,7 +182,7 @@ impl<const D: usize> EdgePoints<'_, D> {
             let at = self.grid.coordinates(&self.grid.candidates[current]);
             self.grid.for_each_around(at, 2, |j| {
                 let step = sub(self.position(j), position);
-                let step_length = step[0].hypot(step[1]);
+                let step_length = hypot(step[0], step[1]);
                 let ahead = dot(step, direction);
                 // Prefers the nearest point, and among equally near ones the one straight ahead.
                 if (STEP_RANGE[0]..STEP_RANGE[1]).contains(&step_length)
@@ -196,7 +196,7 @@ impl<const D: usize> EdgePoints<'_, D> {
             });
             let Some((_, next, step)) = best else { break };
             let sum = [direction[0] + step[0], direction[1] + step[1]];
-            direction = sum.map(|c| c / sum[0].hypot(sum[1]));
+            direction = sum.map(|c| c / hypot(sum[0], sum[1]));
             length += distance(self.position(next), position);
             points.push((length, next));
             current = next;
@@ -351,7 +351,7 @@ fn turn_angle(from: Position, to: Position) -> f64 {
 }
 
 fn distance(a: Position, b: Position) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    hypot(a[0] - b[0], a[1] - b[1])
 }
 
 #[cfg(test)]

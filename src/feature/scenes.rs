@@ -1,6 +1,7 @@
 //! Test scenes: surfaces with exact distances, noisy images of them, and the fit of points to them.
 
 use super::FeaturePoint;
+use crate::geometry::hypot;
 use crate::image::{Geometry, Image};
 
 /// A surface given by its exact signed distance.
@@ -25,7 +26,7 @@ impl ExactSurface {
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match self {
             Self::Plane(n, offset) => n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - offset,
-            Self::Cylinder(c, r) => (p[0] - c[0]).hypot(p[2] - c[1]) - r,
+            Self::Cylinder(c, r) => hypot(p[0] - c[0], p[2] - c[1]) - r,
             Self::Sphere(c, r) => (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f64>().sqrt() - r,
         }
     }

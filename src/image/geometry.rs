@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::time::seconds_per_unit;
-use crate::geometry::{dot, norm};
+use crate::geometry::{dot, hypot, norm};
 
 /// Affine map from sample indices (x first) to physical coordinates: `origin + sum_k index[k] *
 /// axes[k]`.
@@ -300,7 +300,7 @@ impl Geometry<3> {
                 .unwrap_or(0);
             return Geometry {
                 origin: [0.0, self.origin[2]],
-                axes: [a, b].map(|v| [v[0].hypot(v[1]), v[2]]),
+                axes: [a, b].map(|v| [hypot(v[0], v[1]), v[2]]),
                 names,
                 units: [self.units[unit].clone(), self.units[2].clone()],
             };

@@ -18,7 +18,7 @@ use super::poly::{FaceNeighbour, Lists, PolyMesh};
 use super::quality::{BLOCK_SIZE, CornerBlock, SimplexShape, SimplexShapeBlock};
 use super::{TetMesh, TriMesh, tri};
 use crate::error::cause;
-use crate::geometry::{cross, norm, sub, volume6};
+use crate::geometry::{cross, hypot, norm, sub, volume6};
 use crate::{Error, Result};
 
 /// A mesh of any cells: triangles or polygons in 2-D, tetrahedra or polyhedra in 3-D.
@@ -372,7 +372,7 @@ impl Simplices<2> for TriMesh {
     }
 
     fn face_area([a, b]: &[[f64; 2]; 2]) -> f64 {
-        (b[0] - a[0]).hypot(b[1] - a[1])
+        hypot(b[0] - a[0], b[1] - a[1])
     }
 
     fn shape(&self, c: usize) -> SimplexShape<[f64; 3]> {

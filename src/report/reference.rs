@@ -5,7 +5,7 @@
 use super::nearest::PointGrid;
 use crate::comm::LocalOrComm;
 use crate::feature::{FeaturePoint, Features};
-use crate::geometry::dot;
+use crate::geometry::{dot, hypot};
 use crate::image::synth::Truth;
 use crate::image::synth::truth::MAX_DISTANCE;
 use std::ops::Range;
@@ -148,7 +148,7 @@ impl<'a, const D: usize> Reference<'a, D> {
             }
             DistanceField::Detected(detected) => {
                 // The nearest point is farther away than its plane by a limited distance.
-                let search_radius = limit.hypot(PLANE_RADIUS) + 1e-9;
+                let search_radius = hypot(limit, PLANE_RADIUS) + 1e-9;
                 detected.distance(p, search_radius, &mut None) <= limit
             }
         }

@@ -8,7 +8,7 @@
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
-use crate::geometry::{add_scaled, dot, sorted_distinct, sub};
+use crate::geometry::{add_scaled, dot, hypot, sorted_distinct, sub};
 use crate::mesh::graph::{Connection, Graph};
 use crate::{Error, Result};
 
@@ -133,7 +133,7 @@ pub fn is_steep(normal: [f64; 3]) -> bool {
 impl SteepFace {
     fn new(c: &Connection<3>) -> Option<Self> {
         let [x, y, z] = c.normal;
-        let horizontal = x.hypot(y);
+        let horizontal = hypot(x, y);
         (c.on_feature && is_steep(c.normal)).then(|| {
             let normal = [x / horizontal, y / horizontal];
             Self {

@@ -11,7 +11,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::export::SurfaceFile;
 use crate::files;
 use crate::files::atomic_write;
-use crate::geometry::{dot, norm, sub};
+use crate::geometry::{dot, hypot, norm, sub};
 
 /// Fault: its name, and its sticks from one end to the other.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -149,7 +149,7 @@ fn strike(triangles: &[[[f64; 3]; 3]]) -> [f64; 3] {
         let (u, v) = (sub(*b, *a), sub(*c, *a));
         let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2]];
         // Large faces count more.
-        let size = normal[0].hypot(normal[1]).max(f64::MIN_POSITIVE);
+        let size = hypot(normal[0], normal[1]).max(f64::MIN_POSITIVE);
         xx += normal[0] * normal[0] / size;
         xy += normal[0] * normal[1] / size;
         yy += normal[1] * normal[1] / size;

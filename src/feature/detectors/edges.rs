@@ -14,6 +14,7 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::corners::{self, sharpen_corners};
 use crate::feature::gradient_magnitude::prewitt;
+use crate::geometry::hypot;
 
 /// Detector of steps between low and high values.
 pub struct Edges;
@@ -41,7 +42,7 @@ impl<const D: usize> Detector<D> for Edges {
         let mut output = search.find(magnitude, notes)?;
         // The image is smoothed before the gradient is taken, and the gradient magnitude before its
         // ridges are.
-        let width = input.scale().hypot(output.scale);
+        let width = hypot(input.scale(), output.scale);
         let min_strength = output.thresholds.high;
         if D == 2 {
             let candidates = output.gather_candidates(input.comm)?;
@@ -61,7 +62,7 @@ impl<const D: usize> Detector<D> for Edges {
 
     /// Returns the reach of detection, which includes that of corners along their arms.
     fn reach(&self, scale: f64) -> usize {
-        (3.0 * scale).ceil() as usize + 3 + corners::corner_reach(scale.hypot(scale))
+        (3.0 * scale).ceil() as usize + 3 + corners::corner_reach(hypot(scale, scale))
     }
 }
 

@@ -6,8 +6,8 @@ use super::stencil::{
 };
 use crate::feature::candidate::{Candidate, MAX_CELL_OVERLAP, dominant_axes};
 use crate::feature::volume::Volume;
-use crate::geometry::dot;
 use crate::geometry::simd::dispatch_simd;
+use crate::geometry::{dot, hypot};
 use std::f64::consts::PI;
 
 /// Number of filter angles over half a turn.
@@ -99,7 +99,7 @@ impl<const D: usize> OrientedFilters<D> {
         let max_steps = MAX_ANGLE_STEPS[usize::from(is_wide || modes.len() > 1)];
         for mode in modes {
             let [a, b] = [1, 2].map(|k: usize| dot(frame[k], *mode));
-            if a.hypot(b) > MIN_IN_PLANE_COSINE {
+            if hypot(a, b) > MIN_IN_PLANE_COSINE {
                 // The direction across turns with the angle: (-sin, cos).
                 let bin = (-a).atan2(b) / PI * ANGLE_COUNT as f64;
                 for turn in -max_steps..=max_steps {

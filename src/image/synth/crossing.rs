@@ -5,8 +5,8 @@ use super::surface::{ImplicitSurface, Termination, Wave};
 use super::{Options, Result};
 use crate::Error;
 use crate::error::cause;
-use crate::geometry::dot;
 use crate::geometry::random::Random;
+use crate::geometry::{dot, hypot};
 use crate::parallel::prelude::*;
 
 /// Smallest radius of curvature, in samples.
@@ -89,7 +89,7 @@ fn candidate(random: &mut Random, dims: [usize; 3], curving: f64) -> ([f64; 3], 
             }
         })
         .collect();
-    let norm = |w: &Wave| w.wave[0].hypot(w.wave[1]);
+    let norm = |w: &Wave| hypot(w.wave[0], w.wave[1]);
     let curvature: f64 = waves.iter().map(|w| w.amplitude * norm(w).powi(2)).sum();
     let slope: f64 = waves.iter().map(|w| w.amplitude * norm(w)).sum();
     let scale = curving * (1.0 / (MIN_CURVATURE_RADIUS * curvature)).min(MAX_SLOPE / slope);

@@ -1,6 +1,6 @@
 //! Implicit surfaces with exact closest points.
 
-use crate::geometry::{cross, dot, sub};
+use crate::geometry::{cross, dot, hypot, sub};
 
 /// A point of a surface, and the unit normal of the surface there.
 #[derive(Debug, Clone, Copy)]
@@ -38,8 +38,8 @@ impl Rim {
     /// outside. It is exact on the rim and correct to first order near it.
     fn distance_inside(&self, [s, t]: [f64; 2]) -> f64 {
         let [a, b] = self.radii;
-        let level = (s / a).hypot(t / b);
-        let slope = (s / (a * a)).hypot(t / (b * b));
+        let level = hypot(s / a, t / b);
+        let slope = hypot(s / (a * a), t / (b * b));
         if slope > 0.0 {
             (1.0 - level) * level / slope
         } else {
@@ -130,11 +130,11 @@ impl ImplicitSurface {
         let mut other = [0.0; 3];
         other[k] = 1.0;
         let s = unit_vector(cross(n, other));
-        let max_gradient = waves
+        let max_rise = waves
             .iter()
-            .map(|w| w.amplitude.abs() * w.wave[0].hypot(w.wave[1]))
-            .sum::<f64>()
-            .hypot(1.0);
+            .map(|w| w.amplitude.abs() * hypot(w.wave[0], w.wave[1]))
+            .sum::<f64>();
+        let max_gradient = hypot(max_rise, 1.0);
         let base = height(&waves, 0.0, 0.0).0;
         let shape = SurfaceShape::Sheet {
             centre,

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use crate::parallel::prelude::*;
 
 use super::{MAX_COTANGENT, TriImprover};
-use crate::geometry::{add_scaled, sorted_distinct, to_3d};
+use crate::geometry::{add_scaled, hypot, sorted_distinct, to_3d};
 use crate::improve::feature_planes::MAX_FACE_OFFSET;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
@@ -332,7 +332,7 @@ impl<'a> TriImprover<'a> {
     fn feature_length(&self) -> f64 {
         let length = |[a, b]: [u32; 2]| {
             let [p, q] = [a, b].map(|n| self.nodes[n as usize]);
-            (p[0] - q[0]).hypot(p[1] - q[1])
+            hypot(p[0] - q[0], p[1] - q[1])
         };
         self.edges()
             .filter(|&[a, b]| self.is_on_feature(a, b))

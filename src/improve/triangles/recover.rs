@@ -1,7 +1,7 @@
 //! Removes the edges that pass through a curve, which is the first step of improvement.
 
 use super::{MAX_COTANGENT, TriImprover};
-use crate::geometry::to_3d;
+use crate::geometry::{hypot, to_3d};
 use crate::improve::constraint::NodeConstraint;
 use crate::mesh::tri::worst_cotangent;
 
@@ -44,7 +44,7 @@ impl TriImprover<'_> {
         // Snap the nearer end onto the curve if its constraints allow it.
         let distance_to = |n: u32| {
             let x = self.nodes[n as usize];
-            (x[0] - point[0]).hypot(x[1] - point[1])
+            hypot(x[0] - point[0], x[1] - point[1])
         };
         let nearest = if distance_to(a) < distance_to(b) {
             a

@@ -2,6 +2,7 @@
 //! releasing nodes from curves.
 
 use super::TriImprover;
+use crate::geometry::hypot;
 use crate::mesh::complex::NONE;
 use crate::mesh::tri::SIDES;
 use crate::progress::CancelToken;
@@ -109,7 +110,7 @@ impl TriImprover<'_> {
         }
         let lengths = SIDES.map(|[i, j]| {
             let [p, q] = [i, j].map(|i| self.nodes[self.triangles[t as usize][i] as usize]);
-            (p[0] - q[0]).hypot(p[1] - q[1])
+            hypot(p[0] - q[0], p[1] - q[1])
         });
         let find_side = |better: fn(f64, f64) -> bool| {
             (1..3).fold(0, |best, k| {

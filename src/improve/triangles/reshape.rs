@@ -5,6 +5,7 @@
 
 use super::{TriImprover, adjacency};
 use crate::error::{Error, Result, cause};
+use crate::geometry::hypot;
 use crate::improve::constraint::common_sides;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
@@ -127,7 +128,10 @@ fn find_node_on_rim(mesh: &TriMesh, rim: &[[u32; 2]]) -> Option<usize> {
         let [x, y] = mesh.nodes[*n];
         let dot = (x - p[0]) * along[0] + (y - p[1]) * along[1];
         let fraction = (dot / (along[0].powi(2) + along[1].powi(2))).clamp(0.0, 1.0);
-        (x - p[0] - fraction * along[0]).hypot(y - p[1] - fraction * along[1])
+        hypot(
+            x - p[0] - fraction * along[0],
+            y - p[1] - fraction * along[1],
+        )
     };
     let others = (0..mesh.nodes.len()).filter(|&n| n != a as usize && n != b as usize);
     others.min_by(|m, n| distance(m).total_cmp(&distance(n)))

@@ -1,6 +1,7 @@
 //! Draws the contents of a box in software with a depth buffer, so that no graphics card is needed.
 
 use super::canvas::Canvas;
+use crate::geometry::hypot;
 
 /// Samples per pixel along each axis, for smooth edges.
 const SUPERSAMPLING: usize = 2;
@@ -89,7 +90,7 @@ impl Raster {
         if area.abs() < 1e-9 {
             return;
         }
-        let length = |p: [f64; 3], q: [f64; 3]| (p[0] - q[0]).hypot(p[1] - q[1]);
+        let length = |p: [f64; 3], q: [f64; 3]| hypot(p[0] - q[0], p[1] - q[1]);
         // Heights of the triangle above its sides, in samples of the raster.
         let heights = [(a, b), (b, c), (c, a)].map(|(p, q)| area.abs() / length(p, q).max(1e-9));
         let brightness = self.brightness([a, b, c]);
@@ -183,7 +184,7 @@ impl Raster {
                 }
                 .clamp(0.0, 1.0);
                 let relative_distance =
-                    (offset[0] - t * direction[0]).hypot(offset[1] - t * direction[1]) / radius;
+                    hypot(offset[0] - t * direction[0], offset[1] - t * direction[1]) / radius;
                 if relative_distance > 1.0 {
                     continue;
                 }

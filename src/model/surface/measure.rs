@@ -10,7 +10,7 @@ use super::facets::FacetComplex;
 use super::kind::{SurfaceKind, surface_kinds};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{
-    add_scaled, bounding_box, cross, dot, norm, normal, sorted_distinct, sub, to_3d, unit,
+    add_scaled, bounding_box, cross, dot, hypot, norm, normal, sorted_distinct, sub, to_3d, unit,
 };
 use crate::image::Geometry;
 
@@ -266,8 +266,8 @@ fn min_eigenvector<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
                     continue;
                 }
                 let theta = 0.5 * (m[q][q] - m[p][p]) / m[p][q];
-                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-                let (c, s) = (1.0 / t.hypot(1.0), t / t.hypot(1.0));
+                let t = theta.signum() / (theta.abs() + hypot(theta, 1.0));
+                let (c, s) = (1.0 / hypot(t, 1.0), t / hypot(t, 1.0));
                 for row in &mut m {
                     (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
                 }

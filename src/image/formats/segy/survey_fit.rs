@@ -1,5 +1,6 @@
 //! Fits the affine map that places a survey to the coordinates of all traces.
 
+use crate::geometry::hypot;
 use serde::Serialize;
 
 /// Position of a survey: `origin + i * inline + c * crossline` for the `i`th inline and `c`th
@@ -23,7 +24,7 @@ pub struct SurveyFit {
 impl SurveyFit {
     /// Returns the distance between inlines and between crosslines.
     pub fn line_spacing(&self) -> [f64; 2] {
-        [self.inline, self.crossline].map(|[x, y]| x.hypot(y))
+        [self.inline, self.crossline].map(|[x, y]| hypot(x, y))
     }
 
     /// Fits the positions of traces to their cells, `[inline, crossline]` from 0. Traces at exactly

@@ -5,6 +5,7 @@
 //! axis. In a survey `cdp_x` and `cdp_y` hold the positions of traces, and `trace_mask` marks the
 //! traces that exist.
 
+use crate::geometry::hypot;
 use std::path::Path;
 
 use serde_json::Value;
@@ -323,7 +324,7 @@ fn place_by_traces(
         };
     }
     let length: f64 = (known_positions.windows(2))
-        .map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]))
+        .map(|p| hypot(p[1][0] - p[0][0], p[1][1] - p[0][1]))
         .sum();
     let steps = match (known.first(), known.last()) {
         (Some(first), Some(last)) if last > first && header.dims[2] == 1 => last - first,

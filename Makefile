@@ -9,6 +9,8 @@
 # make bench-labels   compare meshes of label images with those of CGAL: DATA=folder of images of other projects
 # make reservoir   run a study from a seismic volume to ten years of simulation, in target/reservoir
 # make mpi-test   install Open MPI if it is missing and test jobs on several processes
+# make web    build a page that runs the program in a browser, target/web/atomesh.html
+# make web-test   use this page in headless Chromium and compare its files with those of the program
 # make wheel  build a wheel of the Python package with all libraries that it needs, in target/wheels
 # make python-stubs   write the types of the Python package's options from those of the command line
 # make python-test   build the Python package and run all its tests
@@ -20,7 +22,7 @@
 # make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test test-all lint portable mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures fuzz soak help demo reservoir test test-all lint portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -64,6 +66,15 @@ portable:
 	scripts/cross.sh wasm32-unknown-unknown check --no-default-features --lib
 	scripts/cross.sh x86_64-pc-windows-gnu check --no-default-features --features cli
 	scripts/cross.sh x86_64-apple-darwin check --no-default-features --features cli
+
+web:
+	scripts/cross.sh wasm32-wasip1 build --release --no-default-features --features cli --bin atomesh
+	scripts/web.py target/cross/wasm32-wasip1/release/atomesh.wasm target/web/atomesh.html
+
+web-test: web validators
+	cargo build --locked
+	@mkdir -p target/web/pictures
+	python3 -B tests/data/page/web.py target/web/atomesh.html target/debug/atomesh target/web/pictures
 
 # Ignored tests run, too, and fail if a program that they need is missing.
 test-all: lint validators

@@ -315,7 +315,9 @@ impl Host for Terminal {
             self.show_job("");
             return;
         }
-        self.end_stage();
+        if !(PRINTS_PERCENT && continues) {
+            self.end_stage();
+        }
         if self.quiet {
             return;
         }
@@ -328,12 +330,20 @@ impl Host for Terminal {
             self.show_job("");
         } else {
             print_stderr(format_args!("{name} ..."));
+            if PRINTS_PERCENT && !continues {
+                *self.job.get_mut() = TimeLeft::new(name).map(|job| (job, Instant::now()));
+            }
         }
     }
 
-    /// Shows the progress on a terminal only.
+    /// Shows the progress on a terminal, and prints it in a browser.
     fn progress(&self, fraction: f64, detail: &str) {
-        let Some(bar) = &self.bar else { return };
+        let Some(bar) = &self.bar else {
+            if PRINTS_PERCENT && !self.quiet {
+                self.print_percent(fraction);
+            }
+            return;
+        };
         let is_job = match &mut *self.job.borrow_mut() {
             Some((job, start)) => {
                 job.update(fraction, start.elapsed().as_secs_f64());
@@ -363,6 +373,18 @@ impl Host for Terminal {
 }
 
 impl Terminal {
+    /// Prints the percentage of the mesh job, or else of the stage, that is done.
+    fn print_percent(&self, fraction: f64) {
+        let done = match &mut *self.job.borrow_mut() {
+            Some((job, start)) => {
+                job.update(fraction, start.elapsed().as_secs_f64());
+                job.share_done()
+            }
+            None => fraction.clamp(0.0, 1.0),
+        };
+        print_stderr(format_args!("{:.1} %", 100.0 * done));
+    }
+
     /// Shows the progress of the mesh job and an upper bound of the time left.
     fn show_job(&self, detail: &str) {
         let job = self.job.borrow();
@@ -383,6 +405,10 @@ impl Terminal {
         bar.set_message(format!("{}{gap}{detail}", left.unwrap_or_default()));
     }
 }
+
+/// Is `true` where the progress is printed as lines such as `42.5 %`, for the page that runs the
+/// program in a browser.
+const PRINTS_PERCENT: bool = cfg!(target_family = "wasm");
 
 /// Number of steps of a progress bar.
 const BAR_STEPS: f64 = 1000.0;

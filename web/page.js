@@ -2,7 +2,7 @@
 
 const $ = id => document.getElementById(id);
 const MAX_SECTION_SAMPLES = 1 << 26;
-// Memory that a job of `mesh` takes at most for each sample, measured.
+// Memory of a job of `mesh` for each sample: 44 MB for 64^3 samples on Linux.
 const BYTES_PER_SAMPLE = 170;
 const PAGE_BYTES = 2 ** 32;
 const EXPORTS = [['msh', 'msh', 'Gmsh'], ['inp', 'inp', 'Abaqus, CalculiX'], ['nastran', 'bdf', 'NASTRAN'], ['stl', 'stl', 'STL']];

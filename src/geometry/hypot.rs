@@ -1,8 +1,8 @@
 //! The length of a vector with two components.
 
 /// Returns the square root of `x * x + y * y`, with an error of less than one unit in the last
-/// place (Borges 2019, arXiv:1904.09481, Algorithm 4). The result is the same on every system,
-/// unlike that of [`f64::hypot`], which the C library computes.
+/// place (Borges 2019, arXiv:1904.09481). The result is the same on every system, unlike that of
+/// [`f64::hypot`], which the C library computes.
 pub fn hypot(x: f64, y: f64) -> f64 {
     /// Scale of numbers whose squares would overflow, and inverse scale of those whose squares
     /// would underflow.

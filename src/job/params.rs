@@ -264,11 +264,19 @@ impl<const D: usize> Params<D> {
         }
         if let DistanceSource::File(path) = &spec.distance_from {
             let remedy = "give one distance per sample of the image";
-            let distances = with_dimension("distance-from", path, read_image(path, &InputOptions::default())?, remedy)?;
+            let distances = with_dimension(
+                "distance-from",
+                path,
+                read_image(path, &InputOptions::default())?,
+                remedy,
+            )?;
             params.distance_map = Some(Box::new(distances));
         }
         if let NumberOrFile::File(path) = &spec.beta {
-            params.beta = Weight::Image(Box::new(check_beta(path, read_image(path, &InputOptions::default())?)?));
+            params.beta = Weight::Image(Box::new(check_beta(
+                path,
+                read_image(path, &InputOptions::default())?,
+            )?));
         }
         params.wells = (spec.well.iter())
             .map(|path| read_well(path))

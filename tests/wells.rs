@@ -559,7 +559,8 @@ fn wells_in_the_plane_are_points_or_polylines() {
 fn impossible_wells_of_meshes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    write_npy(&folder.join("sheet.npy"), [48, 44, 40], |_| 0.0);
+    let dims = [48, 44, 40];
+    write_npy(&folder.join("sheet.npy"), dims, planar_fault(dims));
     std::fs::write(folder.join("W.csv"), WELL).unwrap();
     std::fs::write(folder.join("P.csv"), "20,33,0.1\n").unwrap();
     std::fs::write(folder.join("far.csv"), "100,5,5,0.1\n100,5,9,0.1\n").unwrap();

@@ -45,6 +45,10 @@ const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// A thread of its own does the work. The calling thread waits for its events without the
 /// interpreter lock, so that neither Ctrl-C nor a callback has to wait for the work.
 #[pyfunction]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the signature of the Python function"
+)]
 fn run<'py>(
     py: Python<'py>,
     verb: &str,

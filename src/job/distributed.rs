@@ -222,7 +222,7 @@ fn local_tetrahedra(
     let (slabs, atom_count) = (tets::slabs_of_rank(cuts.count(), comm), owned.global_count);
     let bounds: Vec<[[f64; 3]; 2]> =
         comm.all_gather("where atoms are", bounding_box(&owned.atoms.positions))?;
-    let [low, high] = bounding_box(&bounds.concat());
+    let [low, high] = bounding_box(bounds.concat());
     let points = GlobalPoints {
         low,
         high,

@@ -237,11 +237,14 @@ fn segment_mesh<const D: usize, M: Storable<D>>(
     Ok(())
 }
 
-/// Returns the nodes and the facets of the smoothed boundary of the object.
+/// Nodes, and facets as node numbers.
+type NodesAndFacets<const D: usize> = (Vec<[f64; D]>, Vec<[u32; D]>);
+
+/// Returns the smoothed boundary of the object.
 fn object_boundary<const D: usize, M: Storable<D>>(
     physical: &M,
     labels: &[u8],
-) -> Result<(Vec<[f64; D]>, Vec<[u32; D]>)> {
+) -> Result<NodesAndFacets<D>> {
     // If the geometry mirrors the lattice, faces have other numbers in physical coordinates.
     let face_cells = physical.cells_of_faces()?;
     let facets = boundary::boundary_facets(physical, &face_cells, labels);

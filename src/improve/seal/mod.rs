@@ -95,6 +95,10 @@ pub struct SealReport {
 /// # Errors
 /// Returns [`Error::Mesh`](crate::Error::Mesh) if the partitions do not fit each other, and an
 /// error if another rank fails.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "mesh, features, distances and marks belong to different owners"
+)]
 pub fn seal<'a, const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     neighbors: &[u32],

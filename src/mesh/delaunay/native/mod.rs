@@ -119,12 +119,12 @@ fn compacted(cells: Vec<Cell>, numbers: &[u32], with_neighbors: bool) -> Delauna
         };
     }
     let mut next = 0;
-    let index = |cell: &Cell| match cell.is_finite() {
-        true => {
-            next += 1;
-            next - 1
+    let index = |cell: &Cell| {
+        if !cell.is_finite() {
+            return OUTSIDE;
         }
-        false => OUTSIDE,
+        next += 1;
+        next - 1
     };
     let new_index: Vec<u32> = cells.iter().map(index).collect();
     let mut neighbors = Vec::with_capacity(tets.len());

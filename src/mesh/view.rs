@@ -2,7 +2,7 @@
 //! each measurement is written once for both cases.
 
 use super::partition::MeshPartition;
-use super::{Mesh, Simplices, TetMesh};
+use super::{Mesh, TetMesh};
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
 use crate::files::codec::Codec;
@@ -53,7 +53,7 @@ impl<'a> MeshView<'a, 3, TetMesh> {
 }
 
 #[cfg(feature = "cli")]
-impl<'a, const D: usize, M: Simplices<D>> MeshView<'a, D, M> {
+impl<'a, const D: usize, M: super::Simplices<D>> MeshView<'a, D, M> {
     /// Creates a view of the cells of this rank for measurements cell by cell. `first_cell` is the
     /// global number of the first cell; `global_counts` are the numbers of nodes and of cells of
     /// the global mesh.

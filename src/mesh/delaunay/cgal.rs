@@ -76,8 +76,8 @@ pub fn triangulate(points: &[[f64; 3]]) -> Result<Vec<[u32; 4]>> {
     call(PLACE, points, ffi::cgal_triangulate).map(to_arrays)
 }
 
-/// Returns the Delaunay tetrahedra of `points` after CGAL's sliver exudation, as
-/// [`exude`](super::exude::exude) does it. A face of `faces` with an edge that no other of them
+/// Returns the Delaunay tetrahedra of `points` after CGAL's sliver exudation, which keeps the hull and
+/// `faces` and removes as many tetrahedra with angles below `angle` degrees as it can. A face of `faces` with an edge that no other of them
 /// shares may vanish.
 ///
 /// # Errors

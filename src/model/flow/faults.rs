@@ -34,7 +34,7 @@ pub struct FaultOptions {
     /// Factor of some surfaces: their number or name as `atomesh surface MESH` prints it
     /// (fault3:0.01), the two regions that they separate (1/11:0), or a pattern with * and ?
     /// ('interface_*_11:0'). May be repeated, and the last match applies; or a CSV file of lines
-    /// surface,factor[,thickness]
+    /// surface,factor or surface,factor,thickness
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "WHICH:FACTOR", allow_hyphen_values = true)

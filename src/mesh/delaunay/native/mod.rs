@@ -3,7 +3,7 @@
 //!
 //! - [`triangulation`]: weighted Delaunay triangulations to which points are added one by one
 //! - [`predicates`]: signs of determinants without rounding errors, and the rule for ties
-//! - [`insertion_order`]: the order in which points are inserted
+//! - [`mod@insertion_order`]: the order in which points are inserted
 //! - `wide`: integers of 384 bits
 //!
 //! A triangulation is unique, because ties are broken by the points' numbers: it depends neither on

@@ -13,7 +13,7 @@
 //!
 //! Each cell has its sphere as `f32` numbers with an error bound; for nearly all points this is
 //! enough to tell on which side of the sphere they are, and it takes a fifth of the time of a
-//! determinant. The rest is decided by [`predicates`](super::predicates), without errors.
+//! determinant. The rest is decided by [`predicates`], without errors.
 
 use super::predicates::{self, Grid, WeightedPoint, in_sphere, orientation};
 use crate::geometry::{cross, dot, sub};

@@ -79,7 +79,9 @@ pub fn evolve<const D: usize>(
             break StopReason::MaxIterations;
         }
         let generation = history.len() as u64;
-        let round_key = hash_key(hash_key(options.seed, round as u64), generation);
+        let round_key = [options.seed, round as u64, generation]
+            .into_iter()
+            .fold(0, hash_key);
         let reproduction = |n: usize| Reproduction {
             bounds,
             scale: &scale,

@@ -374,7 +374,7 @@ class FlowOptions(TypedDict, total=False):
     #: Factor of some surfaces: their number or name as `atomesh surface MESH` prints it
     #: (fault3:0.01), the two regions that they separate (1/11:0), or a pattern with * and ?
     #: ('interface_*_11:0'). May be repeated, and the last match applies; or a CSV file of lines
-    #: surface,factor[,thickness]
+    #: surface,factor or surface,factor,thickness
     fault_multiplier: _Values | None
     #: Surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names,
     #: pairs of regions and patterns as in --fault-multiplier. All others are open [default:
@@ -547,7 +547,7 @@ class ExportOptions(TypedDict, total=False):
     #: Factor of some surfaces: their number or name as `atomesh surface MESH` prints it
     #: (fault3:0.01), the two regions that they separate (1/11:0), or a pattern with * and ?
     #: ('interface_*_11:0'). May be repeated, and the last match applies; or a CSV file of lines
-    #: surface,factor[,thickness]
+    #: surface,factor or surface,factor,thickness
     fault_multiplier: _Values | None
     #: Surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names,
     #: pairs of regions and patterns as in --fault-multiplier. All others are open [default:

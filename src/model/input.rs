@@ -95,7 +95,7 @@ pub(crate) fn read_mesh_image<const D: usize>(
 pub(crate) fn time_warning<const D: usize>(geometry: &Geometry<D>) -> Option<String> {
     let axis = geometry.time_coordinate()?;
     Some(format!(
-        "WARNING: {} is time ({}), not depth: dips, volumes and fluxes are not true; give a velocity (m/s, or a file of velocities)",
+        "WARNING: {} is time ({}), not depth: dips, volumes and fluxes are not true; give --velocity V (m/s, or a file of velocities)",
         ["x", "y", "z"][axis],
         geometry.units[axis]
     ))

@@ -528,10 +528,7 @@ mod tests {
                 points.iter().filter(is_near).copied().collect();
             assert!(nearby_points.len() < points.len());
             let some_planes = FeaturePlanes::new(&nearby_points, extent, radius, reach);
-            assert!(
-                some_planes.fine_bits.len() < all_planes.fine_bits.len()
-                    && some_planes.fine_bits.len() < all_planes.fine_bits.len()
-            );
+            assert!(some_planes.fine_bits.len() < all_planes.fine_bits.len());
             for _ in 0..4000 {
                 let mut random_point = || {
                     let [_, y, z] = extent.map(|e| random.range(0.0, e));

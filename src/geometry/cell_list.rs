@@ -117,24 +117,22 @@ impl<const D: usize> CellList<D> {
             begin[k] = low[k].saturating_sub(self.first[k]);
             last[k] = (high[k] - self.first[k]).min(self.dims[k] - 1);
         }
+        // There are at most three axes; the last one is the slowest.
+        let along = |k: usize| if k < D { begin[k]..=last[k] } else { 0..=0 };
+        let dim = |k: usize| if k < D { self.dims[k] } else { 1 };
         let mut row = begin;
-        loop {
-            let mut offset = 0;
-            for k in (1..D).rev() {
-                offset = (offset + row[k]) * self.dims[k - 1];
+        for z in along(2) {
+            for y in along(1) {
+                let offset = (z * dim(1) + y) * dim(0);
+                for (k, index) in [(1, y), (2, z)] {
+                    if k < D {
+                        row[k] = index;
+                    }
+                }
+                let start = self.starts[offset + begin[0]] as usize;
+                let end = self.starts[offset + last[0] + 1] as usize;
+                visit(row, start..end);
             }
-            let [start, end] = [begin[0], last[0] + 1].map(|x| self.starts[offset + x] as usize);
-            visit(row, start..end);
-            // The next row; the last axis is the slowest.
-            let mut k = 1;
-            while k < D && row[k] == last[k] {
-                row[k] = begin[k];
-                k += 1;
-            }
-            if k >= D {
-                return;
-            }
-            row[k] += 1;
         }
     }
 

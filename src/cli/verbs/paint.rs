@@ -11,7 +11,7 @@ use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::export::SurfaceFile;
-use crate::export::surfaces::extract::SURFACE_EXTENSIONS;
+use crate::export::surfaces::outcome::SURFACE_EXTENSIONS;
 use crate::image::ScalarField;
 use crate::image::formats::InputOptions;
 use crate::mesh::Mesh;

@@ -12,7 +12,7 @@ use crate::cli::console::Console;
 use crate::cli::parse;
 use crate::error::cause;
 use crate::export::SurfaceFile;
-use crate::export::surfaces::extract::SURFACE_EXTENSIONS as SURFACES;
+use crate::export::surfaces::outcome::SURFACE_EXTENSIONS as SURFACES;
 use crate::files::vtk::DataArray;
 use crate::image::formats::InputOptions;
 use crate::image::{Geometry, Image};

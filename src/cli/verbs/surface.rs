@@ -10,7 +10,7 @@ use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::surfaces::extract::{GRID_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
+use crate::export::surfaces::outcome::{GRID_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
 use crate::model::MeshInput;
 use crate::model::surface::SurfaceSpec;
 use crate::progress::Stage;

@@ -1,7 +1,15 @@
-//! Labelled surfaces with their names, values and units, as all surface formats write them.
+//! Labelled surfaces with their names, values and units, as all surface formats write them, and the
+//! choice of the format.
 
+use std::path::Path;
+
+use super::tsurf::write_tsurf;
+use super::vtp::write_vtp;
+use crate::Result;
+use crate::export::write_obj;
 use crate::files::vtk::DataArray;
 use crate::geometry::{sorted_distinct, to_3d};
+use crate::image::Geometry;
 use crate::store::FieldValue;
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
@@ -57,6 +65,38 @@ impl<const D: usize> SurfaceFile<D> {
             .flat_map(|(s, n)| std::iter::repeat_n(s, n))
             .collect()
     }
+
+    /// Returns the surfaces with the units of a geometry. `z_up` is `true` if z grows upwards.
+    pub(crate) fn with_space(self, geometry: &Geometry<D>, z_up: bool) -> Self {
+        Self {
+            units: geometry.to_3d().units,
+            z_up,
+            ..self
+        }
+    }
+
+    /// Writes the surfaces in the format of the file's ending: `.obj`, GOCAD's `.ts` and `.pl`, or VTK's
+    /// `.vtp` for all others.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        if has_extension(path, &["obj"]) {
+            write_obj(path, self)
+        } else if has_extension(path, &["ts", "pl"]) {
+            write_tsurf(path, self)
+        } else {
+            write_vtp(path, self)
+        }
+    }
+}
+
+/// Returns `true` if the file's ending is one of `endings`, in upper or lower case.
+pub(super) fn has_extension(path: &Path, endings: &[&str]) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    endings
+        .iter()
+        .any(|known| ending.eq_ignore_ascii_case(known))
 }
 
 #[cfg(test)]

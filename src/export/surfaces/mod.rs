@@ -1,7 +1,8 @@
 //! Writes and reads labelled surfaces.
 //!
-//! - `file`: the surfaces and their values, independent of the format
-//! - `extract`: extracts the surfaces of a mesh, from options to files
+//! - `file`: the surfaces and their values; the choice of the format
+//! - `extract`: extracts the surfaces of a mesh
+//! - `outcome`: the extracted surfaces with their measures, as table, JSON and file
 //! - `table`: tables of the measures of surfaces
 //! - `vtp`: VTK poly data
 //! - `heights`: a surface as a grid of heights
@@ -13,10 +14,12 @@
 pub(crate) mod extract;
 pub(crate) mod file;
 pub mod heights;
+pub(crate) mod outcome;
 pub mod sticks;
 mod table;
 pub(crate) mod tsurf;
 pub mod vtp;
 
-pub use extract::{AnySurfaces, InterfaceMeasure, SurfaceOutcome, SurfaceReport, surfaces};
+pub use extract::surfaces;
 pub use file::SurfaceFile;
+pub use outcome::{AnySurfaces, InterfaceMeasure, SurfaceOutcome, SurfaceReport};

@@ -1,6 +1,6 @@
 //! Tables of the measures of surfaces.
 
-use super::extract::InterfaceMeasure;
+use super::outcome::InterfaceMeasure;
 use crate::model::surface::SurfaceMeasure;
 
 /// Returns the name of what faces measure: area, in the plane length.

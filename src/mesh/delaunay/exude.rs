@@ -17,7 +17,7 @@ use super::native::predicates::orientation;
 use super::native::triangulation::{GHOST, Triangulation};
 use super::{check_points, native};
 use crate::error::Result;
-use crate::geometry::{cross, distance2, dot, sub};
+use crate::geometry::{cross, distance2, dot, sorted, sub};
 use crate::mesh::quality;
 
 /// Largest weight of a point, as a share of the squared distance to the nearest point.
@@ -159,7 +159,7 @@ impl Exuder {
         for &slot in &cells {
             let cell = self.triangulation.cell(slot);
             for k in (0..4).filter(|&k| cell.vertices[k] == vertex) {
-                let face = face_opposite(cell.vertices, k);
+                let face = cell.face(k);
                 faces.push((cell.neighbors[k] >> 2, face, self.join_angle(vertex, face)));
             }
             for v in cell.vertices.into_iter().filter(|&v| v != vertex) {
@@ -197,10 +197,7 @@ impl Exuder {
             let cell = *self.triangulation.cell(slot);
             let (inner, outer): (Vec<usize>, Vec<usize>) =
                 (0..4).partition(|&k| cells.contains(&(cell.neighbors[k] >> 2)));
-            let is_kept = |k: &usize| {
-                self.kept_faces
-                    .contains(&sorted(face_opposite(cell.vertices, *k)))
-            };
+            let is_kept = |k: &usize| self.kept_faces.contains(&sorted(cell.face(*k)));
             // A cell with only its apex outside keeps it on the boundary; one that is surrounded on
             // all sides but one hides a vertex.
             if inner.iter().any(is_kept) || inner.len() > 2 {
@@ -208,7 +205,7 @@ impl Exuder {
             }
             faces.retain(|face| face.0 != slot);
             for k in outer {
-                let face = face_opposite(cell.vertices, k);
+                let face = cell.face(k);
                 faces.push((cell.neighbors[k] >> 2, face, self.join_angle(vertex, face)));
             }
             cells.push(slot);
@@ -274,22 +271,6 @@ impl Exuder {
 /// Returns a key with the order of angles, which are not negative.
 fn ordered(angle: f64) -> u64 {
     angle.max(0.0).to_bits()
-}
-
-fn sorted(mut face: [u32; 3]) -> [u32; 3] {
-    face.sort_unstable();
-    face
-}
-
-/// Returns the face opposite corner `k` such that another point on the side of the corner makes a
-/// positive tetrahedron if it is put first.
-fn face_opposite([a, b, c, d]: [u32; 4], k: usize) -> [u32; 3] {
-    match k {
-        0 => [b, c, d],
-        1 => [a, d, c],
-        2 => [d, a, b],
-        _ => [c, b, a],
-    }
 }
 
 #[cfg(test)]

@@ -57,10 +57,9 @@ const MIN_SLAB_POINTS: usize = 20_000;
 
 /// Computes Delaunay triangulations in space.
 pub trait Kernel: Sync {
-    /// Returns the tetrahedra of `points`, of which at least four are not in one plane and
-    /// all are finite, in no particular
-    /// order, and the neighbours of each if they are requested. A point that coincides with another
-    /// may be left out.
+    /// Returns the tetrahedra of `points` in no particular order, and the neighbours of each if they
+    /// are requested. All coordinates are finite, and the points do not lie in one plane. A point
+    /// that coincides with another may be left out.
     ///
     /// # Errors
     /// Returns [`Error::Delaunay`](crate::Error::Delaunay) for points in one plane, or if memory
@@ -99,6 +98,7 @@ impl DelaunayKernel {
     }
 
     /// Returns the kernel for a number of points. Without TetGen it is always our own.
+    #[cfg_attr(not(feature = "tetgen"), allow(unused_variables))]
     pub fn kernel(self, point_count: usize) -> &'static dyn Kernel {
         #[cfg(feature = "tetgen")]
         {
@@ -107,7 +107,6 @@ impl DelaunayKernel {
                 return &tetgen::Tetgen;
             }
         }
-        let _ = point_count;
         &native::Native
     }
 }

@@ -68,11 +68,12 @@ pub fn triangulate_in_slabs(
 
 /// Returns the tetrahedra whose first point is in one of the `intervals` between `cuts` along an
 /// axis, with neighbours among them and in no particular order. They come from the output of
-/// `kernel` for parts of these intervals, at most `worker_count` at the same time. Returns `None` if this
-/// does not work, or if the kernel leaves out a point.
+/// `kernel` for parts of these intervals, at most `worker_count` at the same time. Returns `None` if
+/// this does not work, or if the kernel leaves out a point.
 ///
-/// A part has at least `min_points`, but is at most one interval. `global` describes all points; `points` needs to have only those in the intervals, or
-/// no farther from them than [`GlobalPoints::max_halo`].
+/// A part has at least `min_points`, but is at most one interval. `global` describes all points;
+/// `points` needs to have only those in the intervals, or no farther from them than
+/// [`GlobalPoints::max_halo`].
 ///
 /// # Errors
 /// Returns the errors of `kernel`.

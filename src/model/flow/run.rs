@@ -39,7 +39,6 @@ pub struct FlowOutcome {
 /// use atomesh::progress::NoProgress;
 /// use atomesh::{FlowSpec, MeshSpec};
 ///
-/// # if !cfg!(feature = "tetgen") { return Ok(()); }
 /// let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
 /// let image = synth::make(SyntheticKind::Sphere, &options)?.image;
 /// let spec = MeshSpec { distance: "6".parse()?, ..MeshSpec::default() };

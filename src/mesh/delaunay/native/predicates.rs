@@ -6,8 +6,8 @@
 //! 1. with `f64`, and an error bound from the largest differences of coordinates (Devillers & Pion
 //!    2003, "Efficient exact geometric predicates for Delaunay triangulations");
 //! 2. with integers of 64 to 384 bits, if the coordinates are multiples of a common power of two
-//!    and less than 2^60 times it. This is so for most points that are not
-//!    extremely unevenly distributed, and for every lattice;
+//!    and less than 2^60 times it. This is so for every lattice, and for most points whose density
+//!    does not vary extremely;
 //! 3. with integers of any length.
 
 use num_bigint::BigInt;
@@ -58,7 +58,7 @@ impl Grid {
         }
     }
 
-    /// Makes this no grid unless `point` is on it.
+    /// Adds a point. If it is not on the grid, there is no grid any more.
     pub fn include(&mut self, point: [f64; 3]) {
         let is_on_grid = |x: f64| {
             let x = x * self.scale;
@@ -121,9 +121,6 @@ fn exact_orientation(points: [[f64; 3]; 4]) -> i32 {
 /// Never returns 0: if `e` lies on the sphere, the answer is that for weights that differ by
 /// infinitely small amounts ("simulation of simplicity"). `numbers` decides: the weight of the
 /// point with the lowest number is changed most. TetGen does the same (`insphere_s`).
-///
-/// # Panics
-/// Never. If all five points lie in one plane, which no caller passes, the answer is 1.
 #[inline]
 pub fn in_sphere(tet: [WeightedPoint; 4], e: WeightedPoint, numbers: [u32; 5], grid: Grid) -> i32 {
     let rows = tet.map(|p| sub(p.x, e.x));

@@ -11,12 +11,12 @@
 //! the vertex [`GHOST`]. Its sphere is the half-space beyond the face, so that a point outside
 //! the hull is inserted like any other.
 //!
-//! Each cell has its sphere as `f32` numbers with an error bound; for nearly all points this is
-//! enough to tell on which side of the sphere they are, and it takes a fifth of the time of a
-//! determinant. The rest is decided by [`predicates`], without errors.
+//! The spheres of cells are stored as rounded numbers (see [`sphere`](super::sphere)). Where these do
+//! not decide, [`predicates`] do, without errors.
 
 use super::predicates::{self, Grid, WeightedPoint, in_sphere, orientation};
-use crate::geometry::{cross, dot, sub};
+use super::sphere::{LinkVertex, Sphere};
+use crate::geometry::{sorted, sub};
 
 /// The vertex at infinity. Points have the vertices 1, 2, ...
 pub const GHOST: u32 = 0;
@@ -57,47 +57,13 @@ impl Cell {
     pub fn is_finite(&self) -> bool {
         !self.is_ghost()
     }
-}
 
-/// The sphere of a cell: its centre relative to [`Triangulation::origin`] and its squared radius,
-/// rounded. For a ghost cell the outward unit normal of its face, and the largest product of it
-/// with a point behind the face. The last bit of the last number is 1 for ghost cells.
-///
-/// With weights, the radius is that of the sphere that is orthogonal to the spheres around the
-/// corners.
-#[derive(Debug, Clone, Copy)]
-struct Sphere([f32; 4]);
-
-impl Sphere {
-    /// Marks a cell of the cavity; a NaN.
-    const CAVITY_BITS: u32 = 0x7fc0_0002;
-    const IN_CAVITY: Self = Self([0.0, 0.0, 0.0, f32::from_bits(Self::CAVITY_BITS)]);
-    /// A sphere that decides nothing.
-    const UNKNOWN: Self = Self([0.0, 0.0, 0.0, f32::from_bits(0x7fc0_0004)]);
-    /// A half-space that decides nothing.
-    const UNKNOWN_GHOST: Self = Self([0.0, 0.0, 0.0, f32::from_bits(0x7fc0_0005)]);
-    /// Bound of the relative error of all four numbers: half a unit in the last place by rounding,
-    /// one by the mark of ghosts, and the rounding of what was rounded.
-    const ERROR: f64 = 2e-7;
-
-    fn new(centre: [f64; 3], radius2: f64) -> Self {
-        let [x, y, z] = centre.map(|x| x as f32);
-        Self([x, y, z, f32::from_bits((radius2 as f32).to_bits() & !1)])
-    }
-
-    fn half_space(normal: [f64; 3], offset: f64) -> Self {
-        let [x, y, z] = normal.map(|x| x as f32);
-        Self([x, y, z, f32::from_bits((offset as f32).to_bits() | 1)])
-    }
-
+    /// Returns the face opposite a corner, in the order in which it forms a positive cell with a
+    /// point before it that lies on the side of the corner.
     #[inline(always)]
-    fn is_in_cavity(self) -> bool {
-        self.0[3].to_bits() == Self::CAVITY_BITS
-    }
-
-    #[inline(always)]
-    fn is_ghost(self) -> bool {
-        self.0[3].to_bits() & 1 == 1
+    pub fn face(&self, corner: usize) -> [u32; 3] {
+        let [_, a, b, c] = ROTATIONS[corner];
+        [self.vertices[a], self.vertices[b], self.vertices[c]]
     }
 }
 
@@ -120,16 +86,6 @@ struct NewCell {
     locals: [u32; 3],
 }
 
-/// A vertex of the cavity's boundary, relative to the new point.
-#[derive(Debug, Clone, Copy, Default)]
-struct LinkVertex {
-    difference: [f64; 3],
-    /// Square of its distance minus its weight plus that of the new point.
-    lift: f64,
-    /// The larger of the square of its distance and the absolute value of `lift`.
-    size2: f64,
-}
-
 /// A weighted Delaunay triangulation to which points can be added.
 pub struct Triangulation<const WEIGHTED: bool> {
     /// Positions by vertex. The first one is not used.
@@ -142,7 +98,7 @@ pub struct Triangulation<const WEIGHTED: bool> {
     grid: Grid,
     /// Centre of the points' box.
     origin: [f64; 3],
-    /// Largest coordinate relative to the origin, and at least what rounding makes of it.
+    /// Upper bound of the coordinates relative to the origin, with what rounding adds to them.
     extent: f64,
     cells: Vec<Cell>,
     spheres: Vec<Sphere>,
@@ -159,8 +115,9 @@ pub struct Triangulation<const WEIGHTED: bool> {
 }
 
 impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
-    /// Returns the triangulation of four points that are not in one plane. Space for `capacity`
-    /// points is reserved. Coordinates are between 1e-30 and 1e30, or smaller than what matters.
+    /// Returns the triangulation of four points that are not in one plane. `low` and `high` are the
+    /// corners of the box of all points, which are on `grid`; space for `capacity` points is
+    /// reserved. Coordinates are between 1e-15 and 1e15, or smaller than what matters.
     pub fn new(
         first: [WeightedPoint; 4],
         numbers: [u32; 4],
@@ -205,39 +162,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         if orientation(first.map(|p| p.x)) < 0 {
             vertices.swap(2, 3);
         }
-        // The cell beyond the face opposite corner k is cell k + 1. Two corners are exchanged, so
-        // that it is oriented as the first cell seen from outside.
-        let [a, b, c, d] = vertices;
-        let ghosts = [
-            [b, GHOST, c, d],
-            [a, GHOST, d, c],
-            [a, GHOST, b, d],
-            [a, GHOST, c, b],
-        ];
-        new.cells.push(Cell {
-            vertices,
-            neighbors: [0; 4],
-        });
-        new.cells.extend(ghosts.map(|vertices| Cell {
-            vertices,
-            neighbors: [0; 4],
-        }));
-        for t in 0..5 {
-            for k in 0..4 {
-                let face = |t: usize, k: usize| {
-                    let mut face = [1, 2, 3].map(|j| new.cells[t].vertices[(k + j) % 4]);
-                    face.sort_unstable();
-                    face
-                };
-                let others = (0..20).filter(|i| i / 4 != t);
-                if let Some(other) = others
-                    .into_iter()
-                    .find(|i| face(i / 4, i % 4) == face(t, k))
-                {
-                    new.cells[t].neighbors[k] = other as u32;
-                }
-            }
-        }
+        new.cells.extend(first_cells(vertices));
         new.spheres.push(Sphere::UNKNOWN);
         new.spheres.extend([Sphere::UNKNOWN_GHOST; 4]);
         new
@@ -295,14 +220,9 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
 
     #[inline]
     fn weighted_point(&self, vertex: u32) -> WeightedPoint {
-        let weight = if WEIGHTED {
-            self.weights[vertex as usize]
-        } else {
-            0.0
-        };
         WeightedPoint {
-            x: self.points[vertex as usize],
-            weight,
+            x: self.point(vertex),
+            weight: self.weight(vertex),
         }
     }
 
@@ -317,17 +237,16 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         let cell = self.cells[start as usize];
         if !cell.is_ghost() {
             let same = cell.vertices.iter().find(|v| self.point(**v) == point.x);
-            match same {
-                Some(&vertex) if !WEIGHTED => {
-                    self.recent = start;
-                    return Inserted::Duplicate(vertex);
-                }
-                _ => {}
+            if let Some(&vertex) = same
+                && !WEIGHTED
+            {
+                self.recent = start;
+                return Inserted::Duplicate(vertex);
             }
         }
         self.grid.include(point.x);
         let vertex = self.push_vertex(point, number);
-        if WEIGHTED && !cell.is_ghost() && !self.is_in_conflict_exactly(start, vertex) {
+        if WEIGHTED && !cell.is_ghost() && !self.is_in_conflict(start, vertex) {
             self.points.pop();
             self.weights.pop();
             self.numbers.pop();
@@ -387,43 +306,20 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         }
     }
 
-    /// Returns `true` if the `sphere` of a cell contains a vertex, whose position is `x` relative to
-    /// the origin.
+    /// Returns the weight of a vertex.
     #[inline(always)]
-    fn is_in_conflict(&self, cell: u32, sphere: Sphere, vertex: u32, x: [f64; 3]) -> bool {
-        let [a, b, c, last] = sphere.0;
-        let [a, b, c, last] = [f64::from(a), f64::from(b), f64::from(c), f64::from(last)];
-        if sphere.is_ghost() {
-            let height = a * x[0] + b * x[1] + c * x[2] - last;
-            if height.abs() > 4.0 * Sphere::ERROR * self.extent {
-                return height > 0.0;
-            }
+    fn weight(&self, vertex: u32) -> f64 {
+        if WEIGHTED {
+            self.weights[vertex as usize]
         } else {
-            let [dx, dy, dz] = sub(x, [a, b, c]);
-            let distance2 = dx * dx + dy * dy + dz * dz;
-            let weight = if WEIGHTED {
-                self.weights[vertex as usize]
-            } else {
-                0.0
-            };
-            let power = distance2 - weight - last;
-            // The error of the distance is that of the centre, whose coordinates are at most the
-            // distance larger than those of x.
-            let size4 = self.extent * self.extent * distance2
-                + distance2 * distance2
-                + last * last
-                + weight * weight;
-            if power * power > const { 8.0 * Sphere::ERROR * Sphere::ERROR } * size4 {
-                return power < 0.0;
-            }
+            0.0
         }
-        self.is_in_conflict_exactly(cell, vertex)
     }
 
-    /// Returns `true` if the sphere of a cell contains a vertex.
+    /// Returns `true` if the sphere of a cell contains a vertex, without rounding errors.
     #[cold]
     #[inline(never)]
-    fn is_in_conflict_exactly(&self, cell: u32, vertex: u32) -> bool {
+    fn is_in_conflict(&self, cell: u32, vertex: u32) -> bool {
         let vertices = self.cells[cell as usize].vertices;
         if vertices.contains(&GHOST) {
             return self.is_beyond_hull(cell, vertex);
@@ -445,8 +341,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
             0 => {
                 // The neighbour is in the cavity already, or its sphere is known.
                 let inner = cell.neighbors[corner] >> 2;
-                self.spheres[inner as usize].is_in_cavity()
-                    || self.is_in_conflict_exactly(inner, vertex)
+                self.spheres[inner as usize].is_in_cavity() || self.is_in_conflict(inner, vertex)
             }
             side => side > 0,
         }
@@ -455,7 +350,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
     /// Replaces the cells in conflict with `vertex`, of which `start` is one, by cells that join the
     /// faces of the cavity with the vertex.
     fn fill_cavity(&mut self, start: u32, vertex: u32) {
-        let centre = self.point(vertex);
+        let (centre, weight) = (self.point(vertex), self.weight(vertex));
         let x = sub(centre, self.origin);
         self.extent = x.iter().fold(self.extent, |m, x| m.max(x.abs()));
         self.cavity.clear();
@@ -478,19 +373,19 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
                 if spheres[k].is_in_cavity() {
                     continue;
                 }
-                if self.is_in_conflict(neighbor, spheres[k], vertex, x) {
+                let is_in_conflict = spheres[k].contains(x, weight, self.extent);
+                if is_in_conflict.unwrap_or_else(|| self.is_in_conflict(neighbor, vertex)) {
                     self.spheres[neighbor as usize] = Sphere::IN_CAVITY;
                     self.cavity.push(neighbor);
                     continue;
                 }
-                let [_, a, b, c] = ROTATIONS[k];
-                let [a, b, c] = [cell.vertices[a], cell.vertices[b], cell.vertices[c]];
+                let [a, b, c] = cell.face(k);
                 let locals = [
                     self.link_index(a, vertex, centre),
                     self.link_index(b, vertex, centre),
                     self.link_index(c, vertex, centre),
                 ];
-                let sphere = self.sphere([a, b, c], locals, x, vertex);
+                let sphere = self.sphere([a, b, c], locals, x, weight);
                 let cell = Cell {
                     vertices: [vertex, a, b, c],
                     neighbors: [outer, 0, 0, 0],
@@ -534,7 +429,6 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         self.new_cells.clear();
         // The two faces at each edge that is opposite the vertex, as 4 times the cell plus corner.
         let mut edges: Vec<([u32; 2], u32)> = Vec::new();
-        let sorted = |a: u32, b: u32| [a.min(b), a.max(b)];
         let mut faces = Vec::new();
         for &cell in removed {
             let cell = self.cells[cell as usize];
@@ -543,11 +437,11 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
                 if removed.contains(&(outer >> 2)) {
                     continue;
                 }
-                let others = [1, 2, 3].map(|j| cell.vertices[ROTATIONS[k][j]]);
+                let others = cell.face(k);
                 if others.contains(&vertex) {
                     let mut edge = others.into_iter().filter(|v| *v != vertex);
                     if let (Some(a), Some(b)) = (edge.next(), edge.next()) {
-                        edges.push((sorted(a, b), outer));
+                        edges.push((sorted([a, b]), outer));
                     }
                 } else {
                     faces.push((others, outer));
@@ -569,9 +463,9 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
                 slot,
                 locals: [0; 3],
             });
-            edges.push((sorted(b, c), 4 * slot + 1));
-            edges.push((sorted(c, a), 4 * slot + 2));
-            edges.push((sorted(a, b), 4 * slot + 3));
+            edges.push((sorted([b, c]), 4 * slot + 1));
+            edges.push((sorted([c, a]), 4 * slot + 2));
+            edges.push((sorted([a, b]), 4 * slot + 3));
         }
         edges.sort_unstable();
         for pair in edges.chunks_exact(2) {
@@ -607,21 +501,12 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
             return *local;
         }
         *local = self.link.len() as u32;
+        let index = *local;
         let difference = sub(self.points[v as usize], centre);
-        let [x, y, z] = difference;
-        let mut lift = x * x + y * y + z * z;
-        let mut size2 = lift;
-        if WEIGHTED {
-            lift -= self.weights[v as usize] - self.weights[vertex as usize];
-            size2 = size2.max(lift.abs());
-        }
+        let weight = self.weight(v) - self.weight(vertex);
         self.link.push(v);
-        self.link_vertices.push(LinkVertex {
-            difference,
-            lift,
-            size2,
-        });
-        *local
+        self.link_vertices.push(LinkVertex::new(difference, weight));
+        index
     }
 
     /// Connects the new cells with each other if they have too many vertices for the table.
@@ -640,62 +525,51 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         }
     }
 
-    /// Returns the sphere of a new cell, whose first corner is the new `vertex` at `x` relative to
-    /// the origin.
+    /// Returns the sphere of a new cell, whose first corner is the new vertex at `x` relative to the
+    /// origin, with this weight.
     #[inline(always)]
-    fn sphere(&self, vertices: [u32; 3], locals: [u32; 3], x: [f64; 3], vertex: u32) -> Sphere {
-        if vertices.contains(&GHOST) {
-            return self.half_space(vertices, locals, x);
-        }
+    fn sphere(&self, vertices: [u32; 3], locals: [u32; 3], x: [f64; 3], weight: f64) -> Sphere {
         let [b, c, d] = locals;
         let link_vertex = |local: u32| self.link_vertices[local as usize];
         let [b, c, d] = [link_vertex(b), link_vertex(c), link_vertex(d)];
-        let normals = [
-            cross(c.difference, d.difference),
-            cross(d.difference, b.difference),
-            cross(b.difference, c.difference),
-        ];
-        let volume = dot(b.difference, normals[0]);
-        let size2 = b.size2.max(c.size2).max(d.size2);
-        // With L the largest square and u the unit roundoff, the error of the volume is 16 u
-        // L^(3/2), that of the numerator below 40 u L^2. Both are negligible unless the cell is
-        // extremely flat.
-        if volume * volume < 1e-11 * size2 * size2 * size2 {
-            return Sphere::UNKNOWN;
+        if !vertices.contains(&GHOST) {
+            return Sphere::through(x, weight, [b, c, d]);
         }
-        let factor = 0.5 / volume;
-        let centre: [f64; 3] = std::array::from_fn(|k| {
-            (b.lift * normals[0][k] + c.lift * normals[1][k] + d.lift * normals[2][k]) * factor
-        });
-        let weight = if WEIGHTED {
-            self.weights[vertex as usize]
-        } else {
-            0.0
-        };
-        let absolute = std::array::from_fn(|k| x[k] + centre[k]);
-        Sphere::new(absolute, dot(centre, centre) - weight)
+        // The volume of the cell with a point instead of the ghost is that of the two others and the
+        // point.
+        match vertices.map(|v| v == GHOST) {
+            [true, ..] => Sphere::half_space(x, c, d),
+            [_, true, _] => Sphere::half_space(x, d, b),
+            _ => Sphere::half_space(x, b, c),
+        }
     }
+}
 
-    /// Returns the half-space of a new ghost cell, whose first corner is at `x` relative to the
-    /// origin.
-    fn half_space(&self, vertices: [u32; 3], locals: [u32; 3], x: [f64; 3]) -> Sphere {
-        let difference = |k: usize| self.link_vertices[locals[k] as usize].difference;
-        // The outward normal, such that the volume with x instead of the ghost is normal . x.
-        let (u, v) = if vertices[0] == GHOST {
-            (difference(1), difference(2))
-        } else if vertices[1] == GHOST {
-            (difference(2), difference(0))
-        } else {
-            (difference(0), difference(1))
-        };
-        let normal = cross(u, v);
-        let length2 = dot(normal, normal);
-        if !(length2 > 1e-14 * dot(u, u) * dot(v, v) && length2.is_normal()) {
-            return Sphere::UNKNOWN_GHOST;
+/// Returns a positive tetrahedron and the four ghost cells around it.
+fn first_cells(vertices: [u32; 4]) -> [Cell; 5] {
+    // The cell beyond the face opposite corner k is cell k + 1. Two corners are exchanged, so that
+    // it is oriented as the first cell seen from outside.
+    let [a, b, c, d] = vertices;
+    let mut cells = [
+        vertices,
+        [b, GHOST, c, d],
+        [a, GHOST, d, c],
+        [a, GHOST, b, d],
+        [a, GHOST, c, b],
+    ]
+    .map(|vertices| Cell {
+        vertices,
+        neighbors: [0; 4],
+    });
+    let faces: [[u32; 3]; 20] =
+        std::array::from_fn(|i| sorted([1, 2, 3].map(|j| cells[i / 4].vertices[(i + j) % 4])));
+    for (i, face) in faces.iter().enumerate() {
+        let other = (0..20).find(|&j| j / 4 != i / 4 && faces[j] == *face);
+        if let Some(other) = other {
+            cells[i / 4].neighbors[i % 4] = other as u32;
         }
-        let normal = normal.map(|n| n / length2.sqrt());
-        Sphere::half_space(normal, dot(normal, x))
     }
+    cells
 }
 
 /// Returns the place of an edge in the table. Edges of vertices beyond the table overwrite others;

@@ -166,7 +166,7 @@ fn note_checks(
     } else if prepared.unit != "m" {
         let unit = &prepared.unit;
         progress.note(&format!(
-            "coordinates are in {unit}, as in the image; the length unit {unit} writes metres"
+            "coordinates are in {unit}, as in the image; --length-unit {unit} writes metres"
         ));
     }
     Ok(())

@@ -150,11 +150,12 @@ impl Extraction<'_> {
         let facets =
             facet_selection::valley_facets(&stored.lattice, b, sigma, depth, MIN_NORMAL_COSINE);
         if facets.is_empty() {
-            return Err(Error::Mesh(cause(
+            let cause = cause(
                 self.name,
                 format!("has no face on a feature of {}", path.display()),
                 "give the image that was meshed, or a smaller depth of valleys",
-            )));
+            );
+            return Err(Error::Mesh(cause.with_parameter("depth")));
         }
         Ok(facets)
     }
@@ -239,7 +240,7 @@ fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, is_tim
         "axes of different units ({}): {missing}; area, off plane and rim mix them{}",
         units.iter().map(unit_name).collect::<Vec<_>>().join(", "),
         if is_time {
-            "; a velocity converts time to depth"
+            "; --velocity converts time to depth"
         } else {
             ""
         }

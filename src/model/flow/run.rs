@@ -179,17 +179,19 @@ impl FlowRun<'_> {
                 let (barriers, idle) = barriers(stored, &marks, &laws)?;
                 if idle {
                     self.progress.note(&format!(
-                        "{name} has surfaces, but no faults, so that nothing resists flow; the option barriers says which surfaces resist"
+                        "{name} has surfaces, but no faults, so that nothing resists flow; --barriers says which surfaces resist"
                     ));
                 }
                 Ok(barriers)
             }
             None if options.faults.is_some() || !laws.overrides.is_empty() => {
-                Err(Error::Flow(cause(
+                let remedy = "give a mesh that atomesh mesh wrote, or open faults";
+                let cause = cause(
                     name,
                     "does not say which of its faces lie on features",
-                    "give a mesh that atomesh mesh wrote, or open faults",
-                )))
+                    remedy,
+                );
+                Err(Error::Flow(cause.with_parameter("faults")))
             }
             None => {
                 self.progress.note(&format!(

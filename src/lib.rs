@@ -79,8 +79,9 @@ pub mod store;
 pub use error::{Error, ErrorKind, Result};
 pub use export::surfaces::surfaces;
 pub use export::{ExportSpec, export};
-pub use job::{MeshSpec, mesh};
+pub use job::{FeatureSpec, MeshSpec, features, mesh};
 pub use model::flow::{FlowSpec, flow};
+pub use model::slice::{SliceSpec, slice};
 pub use model::surface::SurfaceSpec;
 
 /// Makes rustdoc test the examples of the README.

@@ -63,6 +63,8 @@ pub enum Stage {
     GroupingFaults,
     /// In a flow computation: pressure is computed.
     Pressure,
+    /// A picture is drawn.
+    Drawing,
     /// In an export: the properties of cells are set.
     FillingCells,
     /// In an export: the model is checked.
@@ -101,6 +103,7 @@ impl fmt::Display for Stage {
             Self::GroupingFaces => "grouping faces",
             Self::GroupingFaults => "grouping faces into faults",
             Self::Pressure => "computing pressure",
+            Self::Drawing => "drawing",
             Self::FillingCells => "filling cells",
             Self::Checking => "checking",
         })

@@ -8,8 +8,10 @@ use atomesh::cli::args::{CommandLine, Verb};
 use atomesh::cli::common::global::{CommonOptions, parse_bytes};
 use atomesh::cli::common::options::Typed;
 use atomesh::cli::verbs::export::ExportArgs;
+use atomesh::cli::verbs::feature::FeatureArgs;
 use atomesh::cli::verbs::flow::FlowArgs;
 use atomesh::cli::verbs::mesh::MeshArgs;
+use atomesh::cli::verbs::slice::SliceArgs;
 use atomesh::cli::verbs::surface::SurfaceArgs;
 use atomesh::error::cause;
 use clap::{Arg, ArgAction, Command, CommandFactory, Parser};
@@ -33,7 +35,10 @@ pub fn command_line(
     options: &Bound<'_, PyDict>,
 ) -> PyResult<CommandLine> {
     let mut options = Options(pythonize::depythonize(options)?);
-    if !matches!(verb, "mesh" | "flow" | "surface" | "export") {
+    if !matches!(
+        verb,
+        "mesh" | "feature" | "flow" | "slice" | "surface" | "export"
+    ) {
         let words = options.words(verb, arguments);
         return CommandLine::try_parse_from(words).map_err(|e| errors::usage_error(py, &e));
     }
@@ -65,9 +70,19 @@ impl Options {
                     },
                 }))
             }
+            "feature" => Verb::Feature(FeatureArgs {
+                image: first(),
+                output: self.take_output(),
+                spec: self.spec()?,
+            }),
             "flow" => Verb::Flow(FlowArgs {
                 mesh: first(),
-                output: self.take_path("output").unwrap_or_default(),
+                output: self.take_output(),
+                spec: self.spec()?,
+            }),
+            "slice" => Verb::Slice(SliceArgs {
+                files: arguments.to_vec(),
+                output: self.take_output(),
                 spec: self.spec()?,
             }),
             "surface" => {
@@ -77,7 +92,7 @@ impl Options {
                 }
                 Verb::Surface(SurfaceArgs {
                     mesh: first(),
-                    output: self.take_path("output").unwrap_or_default(),
+                    output: self.take_output(),
                     spec: self.spec()?,
                 })
             }
@@ -87,7 +102,7 @@ impl Options {
                     .take("to")
                     .map(|to| plain_text(&to))
                     .unwrap_or_default(),
-                output: self.take_path("output").unwrap_or_default(),
+                output: self.take_output(),
                 spec: self.spec()?,
             })),
         };
@@ -137,6 +152,10 @@ impl Options {
 
     fn take_path(&mut self, name: &str) -> Option<PathBuf> {
         self.take(name).map(|path| plain_text(&path).into())
+    }
+
+    fn take_output(&mut self) -> PathBuf {
+        self.take_path("output").unwrap_or_default()
     }
 
     /// Returns the options as one value. Options of a group, such as those for reading the image,

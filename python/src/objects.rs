@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use atomesh::cli::host::MemoryOutput;
 use atomesh::export::SurfaceFile;
 use atomesh::files::vtk::{DataArray, Values};
-use atomesh::image::formats::{AnyImage, ImageFormat, LoadedImage};
+use atomesh::image::formats::{AnyImage, LoadedImage};
 use atomesh::image::{ExactLabels, Geometry, Image as Samples};
 use atomesh::mesh::Mesh as _;
 use atomesh::model::surface::facet_selection::marked_facets;
@@ -435,12 +435,8 @@ impl Image {
             image.missing = Some(missing).filter(|flags| fits(flags, rows))?;
             image.dead = Some(dead).filter(|flags| fits(flags, count))?;
             Some(LoadedImage {
-                image,
-                format: ImageFormat::Npy,
                 encoding,
-                notes: Vec::new(),
-                survey: None,
-                line_numbers: None,
+                ..image.into()
             })
         }
         let image =
@@ -653,23 +649,13 @@ impl Surfaces {
 
 /// Converts a result in memory to a Python object.
 pub fn to_python<'py>(py: Python<'py>, output: MemoryOutput) -> PyResult<Bound<'py, PyAny>> {
-    fn to_loaded<const D: usize>(image: Samples<D>) -> LoadedImage<D> {
-        LoadedImage {
-            image,
-            format: ImageFormat::Npy,
-            encoding: "float32".into(),
-            notes: Vec::new(),
-            survey: None,
-            line_numbers: None,
-        }
-    }
     Ok(match output {
         MemoryOutput::Mesh(mesh) => Bound::new(py, Mesh::from(*mesh))?.into_any(),
         MemoryOutput::Plane(image) => {
-            Bound::new(py, Image(Arc::new(AnyImage::Plane(to_loaded(image)))))?.into_any()
+            Bound::new(py, Image(Arc::new(AnyImage::Plane(image.into()))))?.into_any()
         }
         MemoryOutput::Space(image) => {
-            Bound::new(py, Image(Arc::new(AnyImage::Space(to_loaded(image)))))?.into_any()
+            Bound::new(py, Image(Arc::new(AnyImage::Space(image.into()))))?.into_any()
         }
         MemoryOutput::Curves(file) => Bound::new(py, Surfaces::from(&file))?.into_any(),
         MemoryOutput::Surfaces(file) => Bound::new(py, Surfaces::from(&file))?.into_any(),

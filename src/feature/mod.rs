@@ -99,6 +99,7 @@ pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
 pub use doubt::Doubt;
 pub use label_map::{LabelMap, LabelOptions};
+pub(crate) use lines::lines_with_cancel;
 pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
 pub use outcome::{KindOutcome, MIN_FAULT_DIP, MissingData};
 pub use partition::PointCounts;

@@ -20,6 +20,7 @@
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
+//! - `features`: detects features alone
 //! - `well_file`: trajectories of wells in CSV files
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
@@ -32,6 +33,7 @@ pub(crate) mod depth;
 mod distributed;
 mod equalise;
 mod estimate;
+mod features;
 mod frame;
 pub(crate) mod horizons;
 mod join;
@@ -53,6 +55,7 @@ use crate::progress::Progress;
 
 pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
+pub use features::{FeatureOutcome, FeatureSpec, features};
 pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
 pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
 pub use measure::{BOX_TOLERANCE, scaled_mesh};

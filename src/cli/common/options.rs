@@ -121,8 +121,10 @@ mod tests {
 
     use super::*;
     use crate::export::ExportSpec;
+    use crate::job::FeatureSpec;
     use crate::job::spec::NominalDistance;
     use crate::model::flow::FlowSpec;
+    use crate::model::slice::SliceSpec;
     use crate::model::surface::SurfaceSpec;
 
     fn typed(words: &[&str]) -> Typed<MeshSpec> {
@@ -170,5 +172,7 @@ mod tests {
         check_defaults::<FlowSpec>();
         check_defaults::<SurfaceSpec>();
         check_defaults::<ExportSpec>();
+        check_defaults::<FeatureSpec>();
+        check_defaults::<SliceSpec>();
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cli::console::Console;
 use crate::error::cause;
@@ -90,6 +90,15 @@ pub fn report_written_image(console: &mut Console, path: &Path, dims: &[usize]) 
         format_args!("wrote {}: {} samples", path.display(), format_dims(dims)),
         &json!({ "file": path_text(path), "dims": dims.to_vec() }),
     );
+}
+
+/// Returns the report on a file that was written, with these fields.
+pub fn file_report(path: &Path, fields: Value) -> Value {
+    let mut report = json!({ "file": path_text(path) });
+    if let (Some(report), Value::Object(fields)) = (report.as_object_mut(), fields) {
+        report.extend(fields);
+    }
+    report
 }
 
 /// Returns a path as text for JSON, which cannot hold names that are not UTF-8.

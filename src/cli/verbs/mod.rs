@@ -1,6 +1,5 @@
 //! The verbs of the command line: one file per verb, with its arguments and its code.
 
-mod captions;
 pub mod columns;
 pub mod convert;
 pub mod edit;

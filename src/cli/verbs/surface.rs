@@ -3,11 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
 
 use crate::Result;
 use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::{check_output, path_text};
+use crate::cli::common::output::{check_output, file_report};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::export::surfaces::outcome::{GRID_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
@@ -54,12 +53,7 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     console.begin_stage(Stage::Writing);
     let mut text = outcome.table(spec.meets);
     text += &format!("\nwrote {}: {} surfaces", output.display(), outcome.len());
-    let mut report = json!({ "file": path_text(output) });
-    if let (Some(report), serde_json::Value::Object(measures)) =
-        (report.as_object_mut(), outcome.to_json())
-    {
-        report.extend(measures);
-    }
+    let report = file_report(output, outcome.to_json());
     console.write_outcome_surfaces(output, outcome, spec)?;
     console.result(text, &report);
     Ok(())

@@ -156,6 +156,20 @@ pub enum AnyImage {
     Space(LoadedImage<3>),
 }
 
+impl<const D: usize> From<Image<D>> for LoadedImage<D> {
+    /// Returns an image that was made in memory, as if it were an array of NumPy.
+    fn from(image: Image<D>) -> Self {
+        Self {
+            image,
+            format: ImageFormat::Npy,
+            encoding: "float32".into(),
+            notes: Vec::new(),
+            survey: None,
+            line_numbers: None,
+        }
+    }
+}
+
 impl AnyImage {
     /// Returns the image if it has `D` axes.
     pub fn into_image<const D: usize>(self) -> Option<Image<D>> {

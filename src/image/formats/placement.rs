@@ -305,7 +305,7 @@ fn expand_to_axes<T: Clone, const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::formats::{ImageFormat, InputOptions, LoadedImage, read_any};
+    use crate::image::formats::{InputOptions, LoadedImage, read_any};
     use crate::image::{ExactLabels, Image};
 
     /// Writes a small array and reads it with these options.
@@ -369,14 +369,7 @@ mod tests {
         let labels = ExactLabels::from_integers(labels);
         let mut image = Image::new([4, 1], vec![16_777_216.0; 4], Geometry::default());
         image.labels = Some(labels.clone());
-        let loaded = LoadedImage {
-            image: image.with_dead(vec![false, true, false, false]),
-            format: ImageFormat::Npy,
-            encoding: String::new(),
-            notes: Vec::new(),
-            survey: None,
-            line_numbers: None,
-        };
+        let loaded = LoadedImage::from(image.with_dead(vec![false, true, false, false]));
         let placement = ImagePlacement {
             spacing: Some(vec![2.0]),
             ..ImagePlacement::default()

@@ -539,20 +539,13 @@ impl MeshSpec {
     /// [`Error::Job`] for a point that has not `D` coordinates.
     pub fn path_seeds<const D: usize>(&self) -> Result<PathSeeds<D>> {
         let points = |name: &str, points: &[PointValue]| {
-            let point = |point: &PointValue| {
-                <[f64; D]>::try_from(point.0.as_slice()).map_err(|_| {
-                    Error::Job(cause(
-                        format!("{name} {point}"),
-                        format!("has {} values, not {D}", point.0.len()),
-                        if D == 2 {
-                            "give a point X,Y"
-                        } else {
-                            "give a point X,Y,Z"
-                        },
-                    ))
-                })
+            let remedy = if D == 2 {
+                "give a point X,Y"
+            } else {
+                "give a point X,Y,Z"
             };
-            points.iter().map(point).collect::<Result<Vec<_>>>()
+            let coordinates = points.iter().map(|point| point.coordinates(name, remedy));
+            coordinates.collect::<Result<Vec<_>>>()
         };
         Ok(PathSeeds {
             object: points("object", &self.object)?,

@@ -227,13 +227,30 @@ impl Display for FeatureWeights {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointValue(pub Vec<f64>);
 
+impl PointValue {
+    /// Returns the `D` coordinates. `option` is the name of the option in messages.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`](crate::Error::Job) with this remedy for another number of coordinates.
+    pub(crate) fn coordinates<const D: usize>(
+        &self,
+        option: &str,
+        remedy: &str,
+    ) -> crate::Result<[f64; D]> {
+        <[f64; D]>::try_from(self.0.as_slice()).map_err(|_| {
+            let problem = format!("has {} values, not {D}", self.0.len());
+            crate::Error::Job(cause(format!("{option} {self}"), problem, remedy))
+        })
+    }
+}
+
 impl FromStr for PointValue {
     type Err = InvalidValue;
 
     fn from_str(text: &str) -> Result<Self, InvalidValue> {
         match finite_numbers(text) {
             Some(point) if matches!(point.len(), 2 | 3) => Ok(Self(point)),
-            _ => Err(InvalidValue::new("is not a point", "give a point X,Y")),
+            _ => Err(InvalidValue::new("is not a point", "give X,Y or X,Y,Z")),
         }
     }
 }

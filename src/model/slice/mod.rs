@@ -2,6 +2,9 @@
 //! in 3-D its sections with three orthogonal planes of samples, or a solid view with a part cut
 //! away.
 //!
+//! - `spec`: all options, as one value
+//! - `drawing`: draws what the options ask for
+//! - `captions`: the texts above a picture
 //! - `skeleton`: the faces of any mesh, each once, and their sections with a plane
 //! - `faces`: the faces of any mesh, with the cells on either side
 //! - `frame`: the position of a mesh, and the projection of its box
@@ -22,10 +25,12 @@
 
 mod axes;
 mod canvas;
+mod captions;
 mod clipping;
 mod color_key;
 mod color_map;
 mod decorations;
+mod drawing;
 pub(crate) mod faces;
 pub(crate) mod frame;
 mod paint;
@@ -34,16 +39,19 @@ mod raster;
 mod shape;
 mod skeleton;
 mod solid;
+mod spec;
 
 pub use canvas::Canvas;
 pub(crate) use color_map::ColorMap;
 pub use decorations::Caption;
+pub use drawing::{InputNames, SliceInput, slice};
 pub(crate) use faces::DrawableFaces;
 pub(crate) use frame::BoxFrame;
 pub use paint::Paint;
 pub use shape::OverlayShape;
 pub use skeleton::Skeleton;
-pub use solid::{CutMode, SolidMesh, SolidView};
+pub use solid::{SolidMesh, SolidView};
+pub use spec::{CutMode, SliceSpec, View};
 
 use std::path::Path;
 
@@ -51,6 +59,7 @@ use crate::error::{cause, io_error};
 use crate::geometry::norm;
 use crate::image::formats::stream::SlabSource;
 use crate::image::{Geometry, Image};
+use crate::job::spec::SignedAxis;
 use crate::store::{Storable, StoredMesh};
 use crate::{Error, Result};
 use canvas::LETTER_SIZE;
@@ -65,15 +74,6 @@ const MAX_PIXELS_PER_SAMPLE: f32 = 8.0;
 /// Space between panels, in pixels.
 const PANEL_GAP: f32 = 106.0;
 
-/// The upward direction of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct UpDirection {
-    /// The physical coordinate that is drawn vertically.
-    pub coordinate: usize,
-    /// `true` if the coordinate increases downwards.
-    pub points_down: bool,
-}
-
 /// Objects that are drawn over an image.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overlay<const D: usize> {
@@ -85,7 +85,7 @@ pub struct Overlay<const D: usize> {
     /// sections of their surfaces.
     pub shapes: Vec<OverlayShape>,
     /// The upward direction; `None` takes that of the image.
-    pub up_direction: Option<UpDirection>,
+    pub up_direction: Option<SignedAxis>,
 }
 
 /// Cells, and the paint that gives them colours.
@@ -118,7 +118,7 @@ pub fn draw_plane(image: &Image<2>, overlay: &Overlay<2>, caption: &Caption) -> 
     let dims = image.dims();
     let geometry = &image.geometry;
     let up = overlay.up_direction.unwrap_or_else(|| default_up(geometry));
-    let vertical = axis_along(geometry, up.coordinate);
+    let vertical = axis_along(geometry, up.axis);
     let horizontal = 1 - vertical;
     let spacing = sample_spacing(geometry, dims);
     let scale = pixels_per_unit(
@@ -204,7 +204,7 @@ pub fn draw_sections(
 ) -> Result<Canvas> {
     let Sections { dims, point, .. } = *image;
     let up = overlay.up_direction.unwrap_or_else(|| default_up(geometry));
-    let up_axis = axis_along(geometry, up.coordinate);
+    let up_axis = axis_along(geometry, up.axis);
     // Of the two other axes, the faster one runs across the page.
     let [across, depth_axis] = match up_axis {
         0 => [1, 2],
@@ -398,10 +398,10 @@ fn check_inside(dims: [usize; 3], point: [f64; 3]) -> Result<()> {
 }
 
 /// Returns the upward direction of an image: its last physical coordinate.
-fn default_up<const D: usize>(geometry: &Geometry<D>) -> UpDirection {
-    UpDirection {
-        coordinate: D - 1,
-        points_down: geometry.points_down(),
+fn default_up<const D: usize>(geometry: &Geometry<D>) -> SignedAxis {
+    SignedAxis {
+        axis: D - 1,
+        is_positive: !geometry.points_down(),
     }
 }
 
@@ -421,8 +421,8 @@ fn axis_along<const D: usize>(geometry: &Geometry<D>, coordinate: usize) -> usiz
 }
 
 /// Returns `true` if the last sample of an axis is at the top.
-fn is_flipped<const D: usize>(geometry: &Geometry<D>, axis: usize, up: UpDirection) -> bool {
-    (geometry.axes[axis][up.coordinate] >= 0.0) != up.points_down
+fn is_flipped<const D: usize>(geometry: &Geometry<D>, axis: usize, up: SignedAxis) -> bool {
+    (geometry.axes[axis][up.axis] >= 0.0) == up.is_positive
 }
 
 /// Returns the distance between samples along each axis, in a common unit for display.

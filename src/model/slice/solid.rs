@@ -12,10 +12,11 @@ use super::frame::BoxFrame;
 use super::paint::Paint;
 use super::raster::{Raster, ValuedPoint};
 use super::shape::{self, OverlayShape};
-use super::{UpDirection, axis_along, blank_canvas, check_inside};
+use super::{CutMode, axis_along, blank_canvas, check_inside};
 use crate::Result;
 use crate::geometry::{bounding_box, sub};
 use crate::image::{Geometry, Image};
+use crate::job::spec::SignedAxis;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
 use crate::model::surface::SurfaceKind;
@@ -33,17 +34,6 @@ const MAX_BODY_SIZE: [f64; 2] = [1050.0, 850.0];
 const DEFAULT_COLOR: [u8; 3] = [222, 228, 235];
 /// Half the width, in pixels, of lines on a plane and of lines in space.
 const LINE_HALF_WIDTHS: [f64; 2] = [1.9, 1.4];
-
-/// The part of a body that is cut away.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum CutMode {
-    /// The corner nearest to the viewer. Of a mesh, whole cells are cut away, so that feature
-    /// surfaces inside are visible.
-    #[default]
-    Corner,
-    /// Everything in front of a plane perpendicular to this physical coordinate.
-    Plane(usize),
-}
 
 /// A 3-D mesh, ready to be drawn.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,7 +102,7 @@ pub struct SolidView<'a> {
     /// Surfaces and lines in the box, in physical coordinates.
     pub shapes: Vec<OverlayShape>,
     /// The upward direction; `None` takes that of the image and the mesh.
-    pub up_direction: Option<UpDirection>,
+    pub up_direction: Option<SignedAxis>,
     /// The part that is cut away.
     pub cut: CutMode,
     /// Point of the cut, in samples; `None` takes the middle of the box.
@@ -152,17 +142,15 @@ impl SolidView<'_> {
     pub fn draw(&self, caption: &Caption) -> Result<Canvas> {
         let mut frame = BoxFrame::new(&self.space, self.image.map(|image| &image.geometry));
         if let Some(up) = self.up_direction {
-            (frame.up_coordinate, frame.down) = (up.coordinate, up.points_down);
+            (frame.up_coordinate, frame.down) = (up.axis, !up.is_positive);
         }
         for (ruler, custom) in frame.rulers.iter_mut().zip(&caption.rulers) {
             if let Some(custom) = custom {
                 ruler.clone_from(custom);
             }
         }
-        let cut_axis = match self.cut {
-            CutMode::Corner => None,
-            CutMode::Plane(coordinate) => Some(axis_along(&self.space.geometry, coordinate)),
-        };
+        let cut_axis = self.cut.coordinate();
+        let cut_axis = cut_axis.map(|c| axis_along(&self.space.geometry, c));
         let [azimuth, elevation] = match cut_axis {
             None => CORNER_VIEW_ANGLES,
             Some(axis) => PLANE_VIEW_ANGLES[frame.display_direction(axis)],

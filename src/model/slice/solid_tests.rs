@@ -79,7 +79,7 @@ fn a_plane_across_x_shows_what_is_behind_it() {
         if !mesh {
             half.mesh = None;
         }
-        half.cut = CutMode::Plane(0);
+        half.cut = CutMode::X;
         half.cut_point = Some([4.0, 4.5, 4.5]);
         let half = draw(&half);
         let (dark, bright) = (count_pixels(&half, IS_DARK), count_pixels(&half, IS_BRIGHT));
@@ -92,7 +92,7 @@ fn nodes_and_cells_are_painted_from_blue_to_red() {
     // Values by x: nodes of the cube with even numbers are on the left.
     let by_x: Vec<f64> = (0..8).map(|i| f64::from(i & 1)).collect();
     let mut painted = test_solid(None, Some(("nodes", DataArray::scalars("pressure", by_x))));
-    for cut in [CutMode::Corner, CutMode::Plane(1), CutMode::Plane(2)] {
+    for cut in [CutMode::Corner, CutMode::Y, CutMode::Z] {
         painted.cut = cut;
         let canvas = draw(&painted);
         let (red, blue) = (
@@ -119,7 +119,7 @@ fn nodes_and_cells_are_painted_from_blue_to_red() {
 fn features_are_dark_lines_where_a_plane_cuts_them() {
     let flat = DataArray::scalars("pressure", vec![0.0, 1.0, 0.5, 0.5, 0.5, 0.5]);
     let mut painted = test_solid(None, Some(("cells", flat)));
-    painted.cut = CutMode::Plane(2);
+    painted.cut = CutMode::Z;
     let black: fn([u8; 3]) -> bool = |[r, g, b]| r < 30 && g < 30 && b < 30;
     let with_features = count_pixels(&draw(&painted), black);
     for kind in &mut painted.mesh.as_mut().unwrap().faces.surfaces {
@@ -176,9 +176,9 @@ fn near_shapes_hide_far_ones_and_stand_upright() {
         image: None,
         mesh: None,
         paint: None,
-        up_direction: Some(UpDirection {
-            coordinate: 2,
-            points_down: false,
+        up_direction: Some(SignedAxis {
+            axis: 2,
+            is_positive: true,
         }),
         shapes,
         cut: CutMode::Corner,
@@ -207,9 +207,9 @@ fn near_shapes_hide_far_ones_and_stand_upright() {
         2 * pixels.iter().sum::<u32>() / pixels.len() as u32 > height
     };
     assert!(!line_is_below(&canvas));
-    view.up_direction = Some(UpDirection {
-        coordinate: 2,
-        points_down: true,
+    view.up_direction = Some(SignedAxis {
+        axis: 2,
+        is_positive: false,
     });
     assert!(line_is_below(&draw(&view)));
 }

@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use crate::cli::common::output::path_text;
+use super::Caption;
 use crate::image::formats::stream::ImageHeader;
 use crate::image::geometry::AxisScale;
 use crate::mesh::Mesh;
-use crate::model::slice::Caption;
 use crate::store::{FieldValue, MeshFile};
 
 /// Returns the title of a picture: the names of its files, and of the image over which they are
@@ -14,7 +13,7 @@ use crate::store::{FieldValue, MeshFile};
 pub(super) fn title(foreground: &[&Path], image: Option<&Path>) -> String {
     let name = |path: &Path| match path.file_name() {
         Some(name) => name.to_string_lossy().into_owned(),
-        None => path_text(path),
+        None => path.display().to_string(),
     };
     let foreground: Vec<String> = foreground.iter().map(|path| name(path)).collect();
     match (foreground.join(", "), image.map(name)) {

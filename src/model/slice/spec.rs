@@ -1,0 +1,184 @@
+//! The options of `atomesh slice`, as one value.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::cause;
+use crate::image::formats::InputOptions;
+use crate::job::spec::{PointValue, SignedAxis};
+use crate::{Error, Result};
+
+/// Options of `atomesh slice`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct SliceSpec {
+    /// The view: sections with three planes, or a view in space of which a part is cut away
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "VIEW", default_value = "sections")
+    )]
+    pub view: View,
+    /// Array of the mesh, of cells or of nodes, that colours the cells, such as pressure or region
+    /// [default: the image]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "ARRAY"))]
+    pub color: Option<String>,
+    /// The point where the planes meet, in physical coordinates [default: the middle]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)
+    )]
+    pub at: Option<PointValue>,
+    /// The part that is cut away in --view 3d: the corner beyond that point, or all in front of the
+    /// plane through it across x, y or z [default: corner]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE"))]
+    pub cut: Option<CutMode>,
+    /// The direction that is up: x, y, z or -x, -y, -z in physical coordinates [default: as the
+    /// image has it; z if unknown]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "AXIS", allow_hyphen_values = true)
+    )]
+    pub up: Option<SignedAxis>,
+    /// Options for reading the image.
+    #[cfg_attr(
+        feature = "cli",
+        command(flatten, next_help_heading = "Reading the image")
+    )]
+    pub input: InputOptions,
+}
+
+/// The view that a picture shows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum View {
+    /// The whole mesh in 2-D, or its sections with three planes in 3-D
+    #[default]
+    Sections,
+    /// The objects in space, seen from outside (3-D)
+    #[cfg_attr(feature = "cli", value(name = "3d"))]
+    #[serde(rename = "3d")]
+    Solid,
+}
+
+/// The part of a body that is cut away.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum CutMode {
+    /// A corner; of a mesh, whole cells are removed
+    #[default]
+    Corner,
+    /// One half, across x
+    X,
+    /// One half, across y
+    Y,
+    /// One half, across z
+    Z,
+}
+
+impl CutMode {
+    /// Returns the physical coordinate that is constant on the plane of the cut; `None` for a corner.
+    pub(super) fn coordinate(self) -> Option<usize> {
+        match self {
+            Self::Corner => None,
+            Self::X => Some(0),
+            Self::Y => Some(1),
+            Self::Z => Some(2),
+        }
+    }
+}
+
+impl SliceSpec {
+    /// Checks that every option has an effect with the others, and with the presence of an image and
+    /// of a mesh.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
+    /// effect.
+    pub fn validate(&self, has_image: bool, has_mesh: bool) -> Result<()> {
+        let refuse = |place: &str, problem: &str, remedy: &str| {
+            Err(Error::Job(cause(place, problem, remedy)))
+        };
+        self.crossing_point()?;
+        if !has_image {
+            self.input.refuse_unused("no image is given")?;
+        }
+        if self.view == View::Sections {
+            if !has_image {
+                let problem = "needs an image, but none is given";
+                return refuse("view sections", problem, "give the image, or --view 3d");
+            }
+            if self.cut.is_some() {
+                let problem = "applies to --view 3d only";
+                return refuse("cut", problem, "give --view 3d, or omit it");
+            }
+        }
+        if self.color.is_some() && !has_mesh {
+            let problem = "colours the cells of a mesh, but none is given";
+            return refuse("color", problem, "give the mesh, or omit it");
+        }
+        let given = [("at", self.at.is_some()), ("cut", self.cut.is_some())];
+        if let Some((option, _)) = given.iter().find(|(_, given)| *given)
+            && !(has_image || has_mesh)
+        {
+            let problem = "cuts an image or a mesh, but none is given";
+            return refuse(option, problem, "omit it");
+        }
+        Ok(())
+    }
+
+    /// Returns the point where the planes meet, if it is given.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for a point in the plane.
+    pub(super) fn crossing_point(&self) -> Result<Option<[f64; 3]>> {
+        let point =
+            |point: &PointValue| point.coordinates("at", "give a point such as 1500,2000,300");
+        self.at.as_ref().map(point).transpose()
+    }
+
+    /// Returns the direction that is up, if it is given.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for an axis that an image of `D` dimensions does not have.
+    pub(super) fn up_direction<const D: usize>(&self) -> Result<Option<SignedAxis>> {
+        if let Some(up) = self.up {
+            up.check::<D>("up")?;
+        }
+        Ok(self.up)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_without_effect_are_refused_by_name() {
+        let spec = |json: &str| serde_json::from_str::<SliceSpec>(json).unwrap();
+        for (json, has_image, has_mesh, expected) in [
+            ("{}", false, true, "view sections: needs an image"),
+            (r#"{"cut": "x"}"#, true, true, "cut: applies to"),
+            (r#"{"color": "p"}"#, true, false, "color: colours the cells"),
+            (
+                r#"{"at": [1, 2]}"#,
+                true,
+                true,
+                "at 1,2: has 2 values, not 3",
+            ),
+            (
+                r#"{"view": "3d", "at": [1, 2, 3]}"#,
+                false,
+                false,
+                "at: cuts an image or a mesh",
+            ),
+        ] {
+            let error = spec(json).validate(has_image, has_mesh).unwrap_err();
+            assert!(error.to_string().starts_with(expected), "{error}");
+        }
+        let solid = spec(r#"{"view": "3d", "up": "-y", "cut": "z"}"#);
+        solid.validate(false, true).unwrap();
+        assert_eq!(solid.cut.and_then(CutMode::coordinate), Some(2));
+    }
+}

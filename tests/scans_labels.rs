@@ -231,7 +231,6 @@ fn a_shell_of_three_samples_has_its_volume_and_no_holes_and_rarely_spikes() {
         [20.0, 20.0, 20.0],
         [19.5, 19.5, 19.5],
     ];
-    let mut with_spikes = Vec::new();
     for centre in centres {
         write_npy(
             &folder.join("shell.npy"),
@@ -248,14 +247,8 @@ fn a_shell_of_three_samples_has_its_volume_and_no_holes_and_rarely_spikes() {
             assert!(error.abs() < 1.0, "{region}");
         }
         let (worst, holes) = deviation_and_holes(&folder.join("m.vtu"), centre, 14.0);
-        assert_eq!(holes, 0, "{centre:?}");
-        if worst > 1.2 {
-            with_spikes.push((centre, worst));
-        }
+        assert!(worst < 1.2 && holes == 0, "{centre:?}: {worst} {holes}");
     }
-    // Edges that pass from the inner surface through the outer one are not recognised, and two of
-    // these shells have spikes.
-    assert!(with_spikes.len() <= 2, "{with_spikes:?}");
 }
 
 #[test]

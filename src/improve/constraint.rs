@@ -51,6 +51,10 @@ impl SurfaceProximity {
 /// Largest distance, in samples, of a point of one plane from another plane of the same surface.
 const SAME_SURFACE_OFFSET: f32 = 1.0;
 
+/// Largest ratio of such a distance to that between the points, where it is more than
+/// [`SAME_SURFACE_OFFSET`].
+const SAME_SURFACE_SLOPE: f64 = 0.25;
+
 /// Directions in which a node may move.
 #[derive(Debug, Clone, Copy)]
 pub struct Freedom {
@@ -173,6 +177,21 @@ impl NodeConstraint {
             .any(|n| dot(n, normal).abs() > SAME_SURFACE_COSINE)
     }
 
+    /// Returns `true` if a surface that holds the node passes through the point at `displacement`
+    /// from the node, where its normal is `normal`. Of two parallel surfaces, such as the sides of a
+    /// thin layer, a node lies on one only.
+    pub fn shares_surface(&self, normal: [f64; 3], displacement: [f64; 3]) -> bool {
+        // The mean of two normals of a curved surface is perpendicular to the chord, but for terms
+        // of third order. Between parallel surfaces, it measures their distance.
+        let max_offset =
+            f64::from(SAME_SURFACE_OFFSET).max(SAME_SURFACE_SLOPE * norm(displacement));
+        self.normals().any(|own| {
+            let cosine = dot(own, normal);
+            let sum = add_scaled(own, cosine.signum(), normal);
+            cosine.abs() > SAME_SURFACE_COSINE && 0.5 * dot(sum, displacement).abs() < max_offset
+        })
+    }
+
     /// Adds a surface, unless one with this normal is there already or two surfaces hold the node.
     pub fn add_surface(&mut self, normal: [f64; 3]) {
         if usize::from(self.surface_count) < self.normals.len() && !self.is_on_surface(normal) {
@@ -224,10 +243,11 @@ impl NodeConstraint {
         basis
     }
 
-    /// Returns `true` if every constraint of this node holds for `other`, too, so that this node
-    /// may be merged into the other.
-    pub fn is_subset_of(&self, other: &NodeConstraint) -> bool {
-        self.fixed_axes & !other.fixed_axes == 0 && self.normals().all(|n| other.is_on_surface(n))
+    /// Returns `true` if every constraint of this node holds for `other`, too, which is at
+    /// `displacement` from it, so that this node may be merged into the other.
+    pub fn is_subset_of(&self, other: &NodeConstraint, displacement: [f64; 3]) -> bool {
+        self.fixed_axes & !other.fixed_axes == 0
+            && (self.normals()).all(|n| other.shares_surface(n, displacement))
     }
 
     /// Returns `x` moved back onto the surfaces that hold the node, by a few Newton steps within
@@ -343,6 +363,7 @@ impl NodeConstraint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::sub;
 
     #[test]
     fn same_side_is_sure_only_where_no_surface_lies_between() {
@@ -421,6 +442,33 @@ mod tests {
             (3.0, SurfaceProximity::Multiple),
             [true, false]
         ));
+    }
+
+    #[test]
+    fn a_node_shares_its_curved_surface_but_not_a_parallel_one() {
+        let on_sphere = |radius: f64, angle: f64| {
+            let normal = [angle.cos(), angle.sin(), 0.0];
+            (normal.map(|c| radius * c), normal)
+        };
+        let (x, normal) = on_sphere(11.0, 0.0);
+        let mut constraint = NodeConstraint::default();
+        constraint.add_surface(normal);
+        for degrees in [0.0, 5.0, 15.0, 25.0, 30.0f64] {
+            for (radius, sign, is_shared) in
+                [(11.0, 1.0, true), (11.0, -1.0, true), (14.0, 1.0, false)]
+            {
+                let (y, other_normal) = on_sphere(radius, degrees.to_radians());
+                let displacement = sub(y, x);
+                for displacement in [displacement, displacement.map(|c| -c)] {
+                    assert_eq!(
+                        constraint.shares_surface(other_normal.map(|c| sign * c), displacement),
+                        is_shared,
+                        "{degrees} {radius} {sign}"
+                    );
+                }
+            }
+        }
+        assert!(!constraint.shares_surface([0.0, 1.0, 0.0], [0.0; 3]));
     }
 
     #[test]

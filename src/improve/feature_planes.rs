@@ -235,7 +235,7 @@ impl FeaturePlanes {
     pub fn may_intersect(&self, p: [f64; 3], q: [f64; 3], is_isolated: [bool; 2]) -> bool {
         let edge = sub(q, p);
         let length = norm(edge);
-        let [begin, end] = uncertain_range(length, is_isolated);
+        let [begin, end] = uncertain_range(length, self.radius, is_isolated);
         let steps = ((end - begin) * length / 0.6).ceil().max(1.0);
         let start = add_scaled(p, begin, edge);
         let stride = (end - begin) / steps;
@@ -378,15 +378,16 @@ impl FeaturePlanes {
     /// Returns where the inside of the edge (p, q) passes through a surface that holds neither end,
     /// and the plane there; `None` if it passes through no surface.
     ///
-    /// `is_on_surface` is called with the index of an end and a normal, and returns `true` if that
-    /// end is known to lie on a surface with this normal. `is_isolated` is `true` for each end that
+    /// `is_on_surface` is called with the index of an end, a normal, and the displacement from that
+    /// end to where the edge meets the surface. It returns `true` if the end is known to lie on that
+    /// surface. `is_isolated` is `true` for each end that
     /// lies on a surface and has no other surface near.
     pub fn intersection(
         &self,
         p: [f64; 3],
         q: [f64; 3],
         is_isolated: [bool; 2],
-        is_on_surface: impl Fn(usize, [f64; 3]) -> bool,
+        is_on_surface: impl Fn(usize, [f64; 3], [f64; 3]) -> bool,
     ) -> Option<([f64; 3], LocalPlane)> {
         if self.points.is_empty() || (self.is_far(p) && self.is_far(q)) {
             return None;
@@ -400,7 +401,7 @@ impl FeaturePlanes {
         // Distance along the edge over which planes fitted at one position detect a crossing.
         let view_distance = 0.75 * step_length + 0.25;
         let steps = (length / step_length).ceil().max(2.0) as usize;
-        let [begin, end] = uncertain_range(length, is_isolated);
+        let [begin, end] = uncertain_range(length, self.radius, is_isolated);
         let seen = |i: usize, side: f64| (i as f64 / steps as f64) + side * view_distance / length;
         let mut last = f64::NEG_INFINITY;
         for i in 1..steps {
@@ -421,7 +422,11 @@ impl FeaturePlanes {
                     continue;
                 }
                 last = crossing;
-                if is_on_surface(0, plane.normal) || is_on_surface(1, plane.normal) {
+                if [crossing, crossing - 1.0]
+                    .into_iter()
+                    .enumerate()
+                    .any(|(end, share)| is_on_surface(end, plane.normal, edge.map(|c| share * c)))
+                {
                     continue;
                 }
                 // An end this close to the surface touches it and does not pass it.
@@ -445,12 +450,13 @@ impl FeaturePlanes {
 }
 
 /// Returns the part of an edge of this length where a surface may pass, as fractions of the edge.
-/// Near an end that is isolated on a surface there is only that surface.
+/// Near an end that is isolated on a surface there is only that surface, as far as planes are
+/// fitted.
 #[inline]
-fn uncertain_range(length: f64, is_isolated: [bool; 2]) -> [f64; 2] {
+fn uncertain_range(length: f64, radius: f64, is_isolated: [bool; 2]) -> [f64; 2] {
     // Some part must remain to be tested between two such ends.
     let max_share = if is_isolated == [true; 2] { 0.4 } else { 0.55 };
-    let clear_share = (3.0 / length).min(max_share);
+    let clear_share = (radius.min(3.0) / length).min(max_share);
     let [p, q] = is_isolated.map(|isolated| if isolated { clear_share } else { 0.0 });
     [p, 1.0 - q]
 }
@@ -546,7 +552,7 @@ mod tests {
                     let may_intersect = planes.may_intersect(p, q, is_isolated);
                     (
                         may_intersect,
-                        planes.intersection(p, q, is_isolated, |_, _| false),
+                        planes.intersection(p, q, is_isolated, |_, _, _| false),
                     )
                 });
                 assert_eq!(results[0], results[1]);

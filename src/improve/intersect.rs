@@ -2,7 +2,7 @@
 
 use super::constraint::NodeConstraint;
 use super::feature_planes::{FeaturePlanes, LocalPlane, SAME_SURFACE_COSINE};
-use crate::geometry::dot;
+use crate::geometry::{dot, sub};
 
 /// Largest distance, in samples, between the middle of an edge and the feature surface that holds
 /// both its ends.
@@ -19,7 +19,7 @@ pub fn find_intersection(
         return None;
     }
     // A chord of a curved surface must stay close to it.
-    if let Some(normal) = p.normals().find(|&n| q.is_on_surface(n)) {
+    if let Some(normal) = p.normals().find(|&n| q.shares_surface(n, sub(y, x))) {
         let middle = std::array::from_fn(|k| 0.5 * (x[k] + y[k]));
         let nearby = planes.planes_near(middle);
         if let Some(plane) = nearby.iter().find(|s| {
@@ -33,11 +33,8 @@ pub fn find_intersection(
             return None;
         }
     }
-    planes.intersection(x, y, [p.is_isolated, q.is_isolated], |end, normal| {
-        if end == 0 {
-            p.is_on_surface(normal)
-        } else {
-            q.is_on_surface(normal)
-        }
+    let is_isolated = [p.is_isolated, q.is_isolated];
+    planes.intersection(x, y, is_isolated, |end, normal, displacement| {
+        [p, q][end].shares_surface(normal, displacement)
     })
 }

@@ -1,7 +1,7 @@
 //! Edge collapse: removes one of two nodes that are too close to each other.
 
 use super::TetImprover;
-use crate::geometry::sorted_distinct;
+use crate::geometry::{sorted_distinct, sub};
 use crate::mesh::quality::min_sine;
 
 impl TetImprover<'_> {
@@ -24,14 +24,14 @@ impl TetImprover<'_> {
             self.constraints[removed as usize],
             self.constraints[kept as usize],
         );
-        if g.fixed_axes == 7 || !g.is_subset_of(&k) {
-            return false;
-        }
-        // A node in a side of the box may move within that side only.
         let (from, to) = (
             self.complex.nodes[removed as usize],
             self.complex.nodes[kept as usize],
         );
+        if g.fixed_axes == 7 || !g.is_subset_of(&k, sub(to, from)) {
+            return false;
+        }
+        // A node in a side of the box may move within that side only.
         if !g.allows_move(from, to) {
             return false;
         }

@@ -240,10 +240,12 @@ impl TetImprover<'_> {
     /// given, and joins it with the tetrahedra around.
     fn insert_centre(&mut self, t: u32, nodes: &[u32]) -> bool {
         // In a face on a side of the box or on a feature, the node would need constraints.
+        let position = |n: u32| self.complex.nodes[n as usize];
         let is_shared = |normal| {
-            nodes
-                .iter()
-                .all(|&n| self.constraints[n as usize].is_on_surface(normal))
+            nodes.iter().all(|&n| {
+                let displacement = sub(position(n), position(nodes[0]));
+                self.constraints[n as usize].shares_surface(normal, displacement)
+            })
         };
         let first = self.constraints[nodes[0] as usize];
         let mut normals = first.normals();
@@ -384,7 +386,7 @@ impl TetImprover<'_> {
             fixed_axes: self.common_sides(&[a, b]),
             ..NodeConstraint::default()
         };
-        for normal in ha.normals().filter(|&n| hb.is_on_surface(n)) {
+        for normal in (ha.normals()).filter(|&n| hb.shares_surface(n, sub(q, p))) {
             constraint.add_surface(normal);
         }
         let middle = std::array::from_fn(|k| 0.5 * (p[k] + q[k]));

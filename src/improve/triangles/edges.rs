@@ -1,7 +1,7 @@
 //! Topological changes of the triangulation: flips, splits and collapses of edges.
 
 use super::{MAX_COTANGENT, TriImprover};
-use crate::geometry::to_3d;
+use crate::geometry::{sub, to_3d};
 use crate::improve::constraint::NodeConstraint;
 use crate::lattice::AtomKind;
 use crate::mesh::complex::NONE;
@@ -201,7 +201,8 @@ impl TriImprover<'_> {
         let (p, q) = (self.constraints[a as usize], self.constraints[b as usize]);
         // A node with all axes fixed is a fixed node or a corner of the box. Another such node has
         // the same constraints but cannot take its place.
-        if p.fixed_axes == 7 || !p.is_subset_of(&q) {
+        let displacement = to_3d(sub(self.nodes[b as usize], self.nodes[a as usize]));
+        if p.fixed_axes == 7 || !p.is_subset_of(&q, displacement) {
             return false;
         }
         self.gather_star(a);

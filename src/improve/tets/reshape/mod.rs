@@ -348,7 +348,7 @@ impl TetImprover<'_> {
         for &n in around {
             let to = self.complex.nodes[n as usize];
             let is_allowed = constraint.allows_move(from, to)
-                && constraint.is_subset_of(&self.constraints[n as usize]);
+                && constraint.is_subset_of(&self.constraints[n as usize], sub(to, from));
             if !is_allowed {
                 continue;
             }

@@ -270,9 +270,8 @@ fn a_wall_of_one_sample_is_kept_with_the_options_that_the_verdict_suggests() {
         let report = report(folder, &options);
         let regions = report["regions"]["regions"].as_array().unwrap();
         let error = regions[1]["volume_error_percent"].as_f64().unwrap();
-        if error.abs() < 15.0 {
-            let (_, holes) = deviation_and_holes(&folder.join("m.vtu"), [0.0; 3], 1.0);
-            assert_eq!(holes, 0, "{options}");
+        let (_, holes) = deviation_and_holes(&folder.join("m.vtu"), [0.0; 3], 1.0);
+        if error.abs() < 10.0 && holes == 0 {
             return;
         }
         let verdict = &report["verdict"];

@@ -20,6 +20,7 @@ use std::thread;
 use crate::parallel::prelude::*;
 
 use super::global_points::{GlobalPoints, INITIAL_HALO, MAX_HALO_TRIES};
+use super::native::predicates::orientation;
 use super::{DelaunayTets, Kernel, OUTSIDE};
 use crate::comm::Comm;
 use crate::error::{Error, Result};
@@ -27,6 +28,9 @@ use crate::geometry::{cross, dot, sub};
 
 /// Stands for a neighbour that another slab keeps.
 const IN_OTHER_SLAB: u32 = OUTSIDE - 1;
+/// Largest number of faces of the hull at a slab's points that are not on sides of the box of all
+/// points, such as those that cut off a corner of the box.
+const MAX_HULL_TESTS: usize = 16;
 /// Rounding error of a circumcentre, in mean distances, if the radius is one mean distance; it
 /// grows with the square of the radius. It is 2e-16 times the amplification by a flat tetrahedron,
 /// with a margin.
@@ -34,8 +38,8 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 
 /// Returns the triangulation of all points, with neighbours and in no particular order, from the
 /// output of `kernel` for `count` slabs, at most `worker_count` at the same time on each rank; the
-/// ranks of `comm` share the parts. Returns `None` if this does not work: for points that do not
-/// fill a box, or are too unevenly distributed.
+/// ranks of `comm` share the parts. Returns `None` if this does not work: for points whose hull is
+/// not nearly a box, or which are too unevenly distributed.
 ///
 /// # Errors
 /// Returns the errors of `kernel`, on whichever rank.
@@ -46,7 +50,7 @@ pub fn triangulate_in_slabs(
     comm: &dyn Comm,
     kernel: &dyn Kernel,
 ) -> Result<Option<DelaunayTets>> {
-    let Some(slabs) = PointSlabs::new(points, count) else {
+    let Some(slabs) = PointSlabs::new(points, count).filter(PointSlabs::has_flat_sides) else {
         return Ok(None);
     };
     let mut parts: Vec<Option<DelaunayTets>> = Vec::with_capacity(count);
@@ -219,6 +223,18 @@ impl<'a> PointSlabs<'a> {
         are_distinct.then_some(Self { cuts, ..uncut })
     }
 
+    /// Returns `true` if each side of the box of all points has several points, as it must if most
+    /// faces of the hull are to lie on sides.
+    fn has_flat_sides(&self) -> bool {
+        (0..3).all(|k| {
+            let [low, high] = [self.global.low[k], self.global.high[k]];
+            [low, high].into_iter().all(|side| {
+                let on_side = self.points.iter().filter(|p| p[k] == side);
+                on_side.take(3).count() == 3
+            })
+        })
+    }
+
     /// Triangulates a range of slabs, at most `worker_count` at the same time, and returns the
     /// results in their order. After the first failure no further slab is started.
     fn triangulate_slabs(
@@ -304,7 +320,7 @@ impl<'a> PointSlabs<'a> {
         };
         let mut new_index = vec![IN_OTHER_SLAB; output.tets.len()];
         let mut used = vec![false; members.len()];
-        let mut count = 0;
+        let (mut count, mut other_faces) = (0, 0);
         for ((tet, neighbors), new_index) in output
             .tets
             .iter()
@@ -322,6 +338,7 @@ impl<'a> PointSlabs<'a> {
                 neighbors[k] != OUTSIDE
                     || !face.iter().any(|&j| is_own[j])
                     || self.is_on_side(face.map(|j| corners[j]))
+                    || self.is_on_hull(corners, k, &mut other_faces)
             });
             if !(hull_is_real && self.is_certified(corners, bounds)) {
                 return None;
@@ -359,6 +376,20 @@ impl<'a> PointSlabs<'a> {
                 .iter()
                 .any(|&side| face.iter().all(|p| p[k] == side))
         })
+    }
+
+    /// Returns `true` if no point is beyond the face opposite corner `k` of a tetrahedron or in its
+    /// plane, but for its own corners. Returns `false` if not all points are known, or after too many
+    /// `tests`, which are counted: each takes time for all points.
+    fn is_on_hull(&self, corners: [[f64; 3]; 4], k: usize, tests: &mut usize) -> bool {
+        *tests += 1;
+        *tests <= MAX_HULL_TESTS
+            && self.points.len() == self.global.count
+            && self.points.iter().all(|x| {
+                let mut with_x = corners;
+                with_x[k] = *x;
+                orientation(with_x) > 0 || (0..4).any(|j| j != k && corners[j] == *x)
+            })
     }
 
     /// Returns `true` if the part of the circumsphere that can contain points lies inside `bounds`.
@@ -432,6 +463,14 @@ mod tests {
             lattice([30, 14, 12], 0.9, |x| x),
             lattice([30, 10, 9], 0.0, |x| x),
             lattice([12, 11, 34], 0.5, |x| x + 0.02 * x * x),
+            // The corners of its box are cut off, so that some faces of the hull lie in no side.
+            lattice([24, 12, 13], 0.5, |x| x)
+                .into_iter()
+                .filter(|p| {
+                    let dims = [23.0, 11.0, 12.0];
+                    (0..3).any(|k| p[k] != 0.0 && p[k] != dims[k])
+                })
+                .collect(),
         ];
         for (scene, points) in scenes.iter().enumerate() {
             let single = triangulate_whole(points);

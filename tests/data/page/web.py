@@ -18,6 +18,7 @@ from browser import Browser, find_browser
 CASES = {
     "picture.png": ("faults --dims 200,200", {"distance": "6"}, ["msh"]),
     "cells.nii": ("faults --dims 32,32,32", {"distance": "6", "cells": "voronoi"}, []),
+    "amplitude.npy": ("amplitude --dims 128,128,128 --count 3", {"feature": "faults+horizons", "distance": "6"}, []),
     "faults.nii": ("faults --dims 64,64,64", {"feature": "ridges", "distance": "5"}, ["msh", "inp"]),
 }
 OVERFLOW = "document.documentElement.scrollWidth > innerWidth + 1"

@@ -81,6 +81,8 @@ pub use export::surfaces::surfaces;
 pub use export::{ExportSpec, export};
 pub use job::{FeatureSpec, MeshSpec, features, mesh};
 pub use model::flow::{FlowSpec, flow};
+pub use model::paint::{PaintSpec, paint};
+pub use model::segment::{SegmentSpec, segment};
 pub use model::slice::{SliceSpec, slice};
 pub use model::surface::SurfaceSpec;
 

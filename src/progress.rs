@@ -63,6 +63,14 @@ pub enum Stage {
     GroupingFaults,
     /// In a flow computation: pressure is computed.
     Pressure,
+    /// Regions grow from seeds.
+    Painting,
+    /// In a segmentation: the image is averaged over cells.
+    Averaging,
+    /// In a segmentation: object and background are separated.
+    Separating,
+    /// In a segmentation: the image's samples are separated.
+    SeparatingSamples,
     /// A picture is drawn.
     Drawing,
     /// In an export: the properties of cells are set.
@@ -103,6 +111,10 @@ impl fmt::Display for Stage {
             Self::GroupingFaces => "grouping faces",
             Self::GroupingFaults => "grouping faces into faults",
             Self::Pressure => "computing pressure",
+            Self::Painting => "painting",
+            Self::Averaging => "averaging",
+            Self::Separating => "cutting",
+            Self::SeparatingSamples => "cutting samples",
             Self::Drawing => "drawing",
             Self::FillingCells => "filling cells",
             Self::Checking => "checking",

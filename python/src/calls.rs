@@ -11,6 +11,8 @@ use atomesh::cli::verbs::export::ExportArgs;
 use atomesh::cli::verbs::feature::FeatureArgs;
 use atomesh::cli::verbs::flow::FlowArgs;
 use atomesh::cli::verbs::mesh::MeshArgs;
+use atomesh::cli::verbs::paint::PaintArgs;
+use atomesh::cli::verbs::segment::SegmentArgs;
 use atomesh::cli::verbs::slice::SliceArgs;
 use atomesh::cli::verbs::surface::SurfaceArgs;
 use atomesh::error::cause;
@@ -35,16 +37,18 @@ pub fn command_line(
     options: &Bound<'_, PyDict>,
 ) -> PyResult<CommandLine> {
     let mut options = Options(pythonize::depythonize(options)?);
-    if !matches!(
-        verb,
-        "mesh" | "feature" | "flow" | "slice" | "surface" | "export"
-    ) {
+    if !VERBS_WITH_SPEC.contains(&verb) {
         let words = options.words(verb, arguments);
         return CommandLine::try_parse_from(words).map_err(|e| errors::usage_error(py, &e));
     }
     let line = options.line(verb, arguments);
     line.map_err(|error| errors::library_error(py, &error))
 }
+
+/// The verbs whose options are one type.
+const VERBS_WITH_SPEC: [&str; 8] = [
+    "mesh", "feature", "flow", "paint", "segment", "slice", "surface", "export",
+];
 
 /// Options that no field has taken yet, by their names on the command line.
 struct Options(Map<String, Value>);
@@ -77,6 +81,17 @@ impl Options {
             }),
             "flow" => Verb::Flow(FlowArgs {
                 mesh: first(),
+                output: self.take_output(),
+                spec: self.spec()?,
+            }),
+            "paint" => Verb::Paint(PaintArgs {
+                mesh: first(),
+                output: self.take_output(),
+                spec: self.spec()?,
+            }),
+            "segment" => Verb::Segment(SegmentArgs {
+                image: first(),
+                mesh: arguments.get(1).cloned().unwrap_or_default(),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),

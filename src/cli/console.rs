@@ -263,6 +263,17 @@ impl Console {
         self.write_survey(path, image, None)
     }
 
+    /// Writes an image of any dimension.
+    ///
+    /// # Errors
+    /// Returns the errors of [`formats::write`].
+    pub fn write_any_image(&mut self, path: &Path, image: AnyImage) -> Result<()> {
+        match image {
+            AnyImage::Plane(loaded) => self.write_image(path, loaded.image),
+            AnyImage::Space(loaded) => self.write_image(path, loaded.image),
+        }
+    }
+
     /// Writes an image with the numbers of its inlines and crosslines, if it has any.
     ///
     /// # Errors
@@ -290,6 +301,17 @@ impl Console {
         self.write(path, file, |file| file.write(path))
     }
 
+    /// Writes surfaces or curves in the format of the file's ending.
+    ///
+    /// # Errors
+    /// Returns the errors of [`SurfaceFile::write`].
+    pub fn write_any_surfaces(&mut self, path: &Path, surfaces: AnySurfaces) -> Result<()> {
+        match surfaces {
+            AnySurfaces::Curves(file) => self.write_surfaces(path, file),
+            AnySurfaces::Surfaces(file) => self.write_surfaces(path, file),
+        }
+    }
+
     /// Writes the surfaces of a mesh, also as sticks or grids.
     ///
     /// # Errors
@@ -303,12 +325,7 @@ impl Console {
         if !self.host.keeps_in_memory(path) {
             return outcome.write(path, spec);
         }
-        let output = match outcome.surfaces {
-            AnySurfaces::Curves(file) => MemoryOutput::Curves(file),
-            AnySurfaces::Surfaces(file) => MemoryOutput::Surfaces(file),
-        };
-        self.host.keep_in_memory(path, output);
-        Ok(())
+        self.write_any_surfaces(path, outcome.surfaces)
     }
 
     /// Keeps a result in memory, or writes it with the function `write`.

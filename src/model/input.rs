@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::error::cause;
-use crate::image::formats::{InputOptions, ReadImage, read_with_options};
+use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::{Geometry, Image};
 use crate::job::depth::read_velocities;
 use crate::job::spec::NumberOrFile;
@@ -38,6 +38,50 @@ impl std::fmt::Debug for MeshInput<'_> {
         f.debug_struct("MeshInput")
             .field("name", &self.name)
             .finish_non_exhaustive()
+    }
+}
+
+/// An image, and its name.
+#[derive(Debug, Clone)]
+pub struct ImageInput<'a> {
+    /// The image.
+    pub image: AnyImage,
+    /// The name of the image in messages, such as the path of its file.
+    pub name: &'a str,
+}
+
+impl From<AnyImage> for ImageInput<'_> {
+    fn from(image: AnyImage) -> Self {
+        Self {
+            image,
+            name: "image",
+        }
+    }
+}
+
+impl ImageInput<'_> {
+    /// Returns the image of a mesh of `D` dimensions.
+    ///
+    /// # Errors
+    /// Returns [`Error::Image`] if it has other dimensions or cannot be used.
+    pub(crate) fn checked<const D: usize>(self) -> Result<Image<D>> {
+        let image = self.image.into_image().ok_or_else(|| {
+            let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
+            Error::Image(cause(self.name, problem, "give the image that was meshed"))
+        })?;
+        image.check(self.name)?;
+        Ok(image)
+    }
+
+    /// Returns the image of the mesh, whose box it fills.
+    ///
+    /// # Errors
+    /// Returns [`Error::Image`] if it cannot be used or does not fill the box.
+    pub(crate) fn fitting<const D: usize>(self, space: &LatticeSpace<D>) -> Result<Image<D>> {
+        let name = self.name;
+        let image = self.checked()?;
+        space.check_image(&image.geometry, image.dims(), name)?;
+        Ok(image)
     }
 }
 
@@ -81,14 +125,11 @@ pub(crate) fn read_mesh_image<const D: usize>(
     space: &LatticeSpace<D>,
     read_image: ReadImage<'_>,
 ) -> Result<Image<D>> {
-    let place = path.display().to_string();
-    let image = read_image(path, input)?.into_image().ok_or_else(|| {
-        let problem = format!("is not a {D}-D image, but the mesh is {D}-D");
-        Error::Image(cause(&place, problem, "give the image that was meshed"))
-    })?;
-    image.check(&place)?;
-    space.check_image(&image.geometry, image.dims(), &place)?;
-    Ok(image)
+    let image = ImageInput {
+        image: read_image(path, input)?,
+        name: &path.display().to_string(),
+    };
+    image.fitting(space)
 }
 
 /// Returns a warning if a coordinate is time.

@@ -22,4 +22,4 @@ pub mod segment;
 pub mod slice;
 pub mod surface;
 
-pub use input::MeshInput;
+pub use input::{ImageInput, MeshInput};

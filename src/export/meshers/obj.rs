@@ -6,8 +6,8 @@ use std::path::Path;
 
 use crate::error::Result;
 use crate::export::containers::text::write_items;
-use crate::export::surfaces::file::SurfaceFile;
 use crate::files::Batch;
+use crate::model::surface::SurfaceFile;
 
 /// Writes surfaces. Coordinates have all digits.
 ///

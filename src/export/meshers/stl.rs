@@ -9,10 +9,10 @@ use super::obj::add_obj;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
-use crate::export::surfaces::file::SurfaceFile;
 use crate::files::Batch;
 use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
+use crate::model::surface::SurfaceFile;
 
 /// Entry of STL in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use super::SurfaceFile;
-use super::outcome::{AnySurfaces, InterfaceMeasure, SurfaceOutcome, SurfaceReport};
+use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
+use super::{AnySurfaces, SurfaceFile};
 use crate::error::cause;
 use crate::feature::{self, DetectionOptions};
 use crate::files::vtk::DataArray;

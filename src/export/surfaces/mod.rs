@@ -1,6 +1,6 @@
 //! Writes and reads labelled surfaces.
 //!
-//! - `file`: the surfaces and their values; the choice of the format
+//! - `file`: the choice of the format
 //! - `extract`: extracts the surfaces of a mesh
 //! - `outcome`: the extracted surfaces with their measures, as table, JSON and file
 //! - `table`: tables of the measures of surfaces
@@ -20,6 +20,6 @@ mod table;
 pub(crate) mod tsurf;
 pub mod vtp;
 
+pub use crate::model::surface::{AnySurfaces, SurfaceFile};
 pub use extract::surfaces;
-pub use file::SurfaceFile;
-pub use outcome::{AnySurfaces, InterfaceMeasure, SurfaceOutcome, SurfaceReport};
+pub use outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};

@@ -8,7 +8,7 @@ use super::file::has_extension;
 use super::heights::height_grid;
 use super::sticks::{FaultSticks, write_sticks};
 use super::table::{interface_table, surface_table};
-use super::{SurfaceFile, table};
+use super::{AnySurfaces, table};
 use crate::error::cause;
 use crate::image::formats;
 use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
@@ -23,15 +23,6 @@ pub(crate) const STICK_EXTENSIONS: [&str; 1] = ["csv"];
 
 /// File endings of grids of heights.
 pub(crate) const GRID_EXTENSIONS: [&str; 3] = ["irap", "zmap", "cps3"];
-
-/// Surfaces of a mesh in the plane or in space.
-#[derive(Debug, Clone, PartialEq)]
-pub enum AnySurfaces {
-    /// Curves in the plane.
-    Curves(SurfaceFile<2>),
-    /// Surfaces in space.
-    Surfaces(SurfaceFile<3>),
-}
 
 /// The surfaces of a mesh, and their measures.
 #[derive(Debug, Clone)]

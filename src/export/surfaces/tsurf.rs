@@ -9,10 +9,10 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use crate::error::{Error, Result, cause, io_error};
-use crate::export::surfaces::file::SurfaceFile;
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::sorted_distinct;
+use crate::model::surface::SurfaceFile;
 
 /// Writes surfaces. Coordinates have all digits and the units that are known.
 ///

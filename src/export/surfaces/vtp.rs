@@ -4,11 +4,11 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::export::surfaces::file::SurfaceFile;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{ArraySource, Document, VtkFile};
 use crate::model::slice::OverlayShape;
+use crate::model::surface::SurfaceFile;
 use crate::model::surface::SurfaceKind;
 use crate::store::vtu::{self, FieldValue, check_lengths, read_cell_integers, read_nodes};
 use crate::{Error, Result};

@@ -8,6 +8,9 @@
 //! minimum cut. Here costs of cells are weighted by volume and costs of faces by area, in samples,
 //! so that the sum approximates the same integral on any mesh and on the samples themselves.
 //!
+//! - `spec`: all options, as one value
+//! - `run`: the whole computation, from a mesh, an image and the options
+//! - `places`: the cells and samples that the user assigned
 //! - `costs`: histograms, and the capacities that follow from them
 //! - `maxflow`: the minimum cut
 //! - `superpixels`: mean values of cells
@@ -17,8 +20,14 @@
 pub mod boundary;
 pub(crate) mod costs;
 pub(crate) mod maxflow;
+mod places;
 pub mod raster;
+mod run;
+mod spec;
 pub mod superpixels;
+
+pub use run::{CutResult, SegmentOutcome, segment};
+pub use spec::{PlaceValue, SegmentSpec};
 
 use crate::Result;
 use crate::image::Image;

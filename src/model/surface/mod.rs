@@ -33,6 +33,7 @@
 //! - `spec`: all options of `atomesh surface`, as one value
 //! - `names`: names of surfaces, and selectors
 //! - `stored_surfaces`: the surfaces of a mesh from a file
+//! - `surface_file`: surfaces with their names, values and units
 //! - `measure`: area, orientation, extent, rim
 //! - `region_interfaces`: the interfaces between every two regions
 //! - `adjacency`: cells and the faces between them
@@ -50,6 +51,7 @@ pub mod names;
 pub mod region_interfaces;
 pub(crate) mod spec;
 pub mod stored_surfaces;
+mod surface_file;
 
 use crate::geometry::{norm, sorted_distinct};
 use crate::mesh::complex::NONE;
@@ -59,6 +61,7 @@ use fault_separation::FaultSeparation;
 pub use kind::SurfaceKind;
 pub use measure::{SurfaceMeasure, measure};
 pub use spec::{GroupBy, GroupingOptions, SurfaceSpec};
+pub use surface_file::{AnySurfaces, SurfaceFile};
 
 /// Options of the grouping of facets into surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]

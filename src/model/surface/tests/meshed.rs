@@ -194,7 +194,7 @@ fn painted_units_have_their_volume_and_do_not_leak() {
             cell: cell_at(image_mesh, seed),
             label: expected,
         };
-        let painted = paint(&geodesics, &block, None, &[source], f64::INFINITY).label;
+        let painted = grow(&geodesics, &block, None, &[source], f64::INFINITY).label;
         let (mut painted_volume, mut leaked_volume) = (0.0, 0.0);
         for t in 0..cells.len() {
             if painted[t].is_some() {

@@ -21,7 +21,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::voronoi::voronoi_plane;
 use crate::mesh::{TetMesh, TriMesh};
 use crate::model::geodesics::{GeodesicSource, Geodesics};
-use crate::model::paint::{blocks, clearance, contrast_factors, paint};
+use crate::model::paint::{blocks, clearance, contrast_factors, grow};
 
 /// Returns a pseudo-random number in [0, 1).
 fn random(seed: &mut u64) -> f64 {

@@ -81,7 +81,7 @@ fn check_paint_fills_layer<const D: usize, F: Mesh<D>>(mesh: &F, thickness: f64)
     assert_eq!(count, 3, "{D}-D, {} cells", cells.len());
     assert_eq!(blocks(&cells, 0.0, 10).1, 2, "any opening joins");
     let seeds = [seed([2.0, 3.0, 9.0], 7), seed([2.0, 3.0, 1.0], 5)];
-    let arrivals = paint(&geodesics, &block, None, &seeds, f64::INFINITY);
+    let arrivals = grow(&geodesics, &block, None, &seeds, f64::INFINITY);
     let (labels, costs) = (arrivals.label, arrivals.cost);
     // The two layers on either side of the crack may be separated a step before or behind it.
     for c in 0..cells.len() {
@@ -98,7 +98,7 @@ fn check_paint_fills_layer<const D: usize, F: Mesh<D>>(mesh: &F, thickness: f64)
 
     // Two seeds in one layer share it: each side is nearer to its own seed.
     let seed_pair = [seed([1.5, 6.2, 1.4], 1), seed([10.5, 6.2, 1.4], 2)];
-    let labels = paint(&geodesics, &block, None, &seed_pair, f64::INFINITY).label;
+    let labels = grow(&geodesics, &block, None, &seed_pair, f64::INFINITY).label;
     let labelled_volume = |u| {
         let label_cells = (0..cells.len()).filter(|&c| labels[c] == Some(u));
         label_cells.map(|c| cells.volumes[c]).sum::<f64>()
@@ -112,7 +112,7 @@ fn check_paint_fills_layer<const D: usize, F: Mesh<D>>(mesh: &F, thickness: f64)
     );
 
     // Paint stops at its level.
-    let arrivals = paint(&geodesics, &block, None, &seed_pair[..1], 3.0);
+    let arrivals = grow(&geodesics, &block, None, &seed_pair[..1], 3.0);
     let (labels, costs) = (arrivals.label, arrivals.cost);
     assert!(costs.iter().filter(|a| a.is_finite()).all(|&a| a <= 3.0));
     assert!(
@@ -175,7 +175,7 @@ fn contrast_slows_down_paint() {
     };
     let seeds = [seed(1.1, 1), seed(9.1, 2)];
     let first_extent = |factors| {
-        let labels = paint(
+        let labels = grow(
             &geodesics,
             &vec![0; cells.len()],
             factors,

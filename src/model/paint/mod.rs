@@ -7,6 +7,15 @@
 //! the smaller compartment, and two blocks if the opening is a crack. This is a watershed of the
 //! clearance: neighbouring basins are merged if the saddle between them is at least `neck` times
 //! the lower peak. Paint then flows within the block of its seed.
+//!
+//! - `spec`: all options of `atomesh paint`, as one value
+//! - `run`: the whole computation, from a mesh and its options
+
+mod run;
+mod spec;
+
+pub use run::{PaintOutcome, PaintedRegion, paint};
+pub use spec::{PaintSeed, PaintSpec};
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
@@ -161,7 +170,7 @@ fn sort_by_volume<const D: usize>(
 /// Paints from seeds: each cell gets the label of the seed from which paint arrives first. Paint
 /// flows along the shortest path, at most as far as `level`, and stays in the block (see
 /// [`blocks`]) of its seed. `factors` (see [`contrast_factors`]) multiply the lengths of links.
-pub fn paint<const D: usize>(
+pub fn grow<const D: usize>(
     geodesics: &Geodesics<'_, D>,
     block: &[u32],
     factors: Option<&[f64]>,

@@ -1,0 +1,258 @@
+//! Paints a mesh as `atomesh paint` does.
+
+use serde::Serialize;
+
+use super::spec::{PaintSpec, Seeds};
+use super::{blocks, contrast_factors, grow};
+use crate::error::cause;
+use crate::image::ScalarField;
+use crate::image::formats::ReadImage;
+use crate::mesh::Mesh;
+use crate::model::geodesics::{GeodesicSource, Geodesics};
+use crate::model::input::{MeshInput, read_mesh_image};
+use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
+use crate::model::surface::stored_surfaces::{group_facets, tagged_facets};
+use crate::model::surface::{AnySurfaces, SurfaceFile};
+use crate::progress::{Progress, Stage};
+use crate::store::{AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
+use crate::{Error, Result};
+
+/// Smallest number of cells of a compartment; smaller ones are fragments between surfaces.
+const MIN_COMPARTMENT_CELLS: usize = 24;
+
+/// A painted mesh.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct PaintOutcome {
+    /// The mesh, with the painted regions as cell data `region` (0: not painted).
+    pub mesh: AnyMesh,
+    /// The regions that have cells.
+    pub regions: Vec<PaintedRegion>,
+    /// The number of blocks between surfaces.
+    pub blocks: usize,
+    /// The surfaces around the painted regions, if the options ask for them.
+    pub surfaces: Option<AnySurfaces>,
+}
+
+/// One painted region.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PaintedRegion {
+    /// The number of the region, from 1.
+    pub region: u32,
+    /// The number of its cells.
+    pub cells: usize,
+    /// Their volume, in the plane their area.
+    pub volume: f64,
+    /// The fraction of the volume of the mesh.
+    pub share: f64,
+}
+
+impl PaintOutcome {
+    /// Returns the regions as a table.
+    pub fn table(&self) -> String {
+        let volume = match self.mesh {
+            AnyMesh::Triangles(_) | AnyMesh::Polygons(_) => "area",
+            AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_) => "volume",
+        };
+        let (region, cells, share) = ("region", "cells", "share");
+        let mut lines = vec![format!("{region:>6} {cells:>9} {volume:>13} {share:>7}")];
+        lines.extend(self.regions.iter().map(|r| {
+            let share = 100.0 * r.share;
+            format!(
+                "{:>6} {:>9} {:>13.6e} {share:>6.2}%",
+                r.region, r.cells, r.volume
+            )
+        }));
+        lines.join("\n")
+    }
+}
+
+/// Paints cells from seeds, within layers but not across surfaces, as `atomesh paint` does.
+///
+/// ```
+/// use atomesh::image::synth::{self, SyntheticKind};
+/// use atomesh::progress::NoProgress;
+/// use atomesh::{MeshSpec, PaintSpec};
+///
+/// let options = synth::Options { dims: [40, 36, 32], ..Default::default() };
+/// let image = synth::make(SyntheticKind::Sphere, &options)?.image;
+/// let spec = MeshSpec { distance: "6".parse()?, ..MeshSpec::default() };
+/// let mesh = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
+/// let outcome = atomesh::paint(mesh, &PaintSpec::default(), &mut NoProgress)?;
+/// let painted: f64 = outcome.regions.iter().map(|region| region.share).sum();
+/// assert!((painted - 1.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of [`PaintSpec::validate`], those of reading the image, and [`Error::Job`] for
+/// a seed outside the mesh.
+pub fn paint<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    spec: &PaintSpec,
+    progress: &mut dyn Progress,
+) -> Result<PaintOutcome> {
+    spec.validate()?;
+    let MeshInput {
+        mesh,
+        name,
+        read_image,
+    } = mesh.into();
+    let run = PaintRun {
+        spec,
+        name,
+        read_image,
+        progress,
+    };
+    match mesh {
+        AnyMesh::Triangles(file) => run.paint(file, AnyMesh::Triangles, AnySurfaces::Curves),
+        AnyMesh::Tetrahedra(file) => run.paint(file, AnyMesh::Tetrahedra, AnySurfaces::Surfaces),
+        AnyMesh::Polygons(file) => run.paint(file, AnyMesh::Polygons, AnySurfaces::Curves),
+        AnyMesh::Polyhedra(file) => run.paint(file, AnyMesh::Polyhedra, AnySurfaces::Surfaces),
+    }
+}
+
+/// The options and the progress of a computation.
+struct PaintRun<'a> {
+    spec: &'a PaintSpec,
+    /// The name of the mesh in messages.
+    name: &'a str,
+    read_image: ReadImage<'a>,
+    progress: &'a mut dyn Progress,
+}
+
+impl PaintRun<'_> {
+    fn paint<const D: usize, M: Storable<D>>(
+        self,
+        file: MeshFile<M>,
+        any_mesh: fn(MeshFile<M>) -> AnyMesh,
+        any_surfaces: fn(SurfaceFile<D>) -> AnySurfaces,
+    ) -> Result<PaintOutcome> {
+        let spec = self.spec;
+        let seeds = spec.seeds::<D>()?;
+        let options = spec.grouping.options(Some(0.0))?;
+        let (_, z_up) = spec.grouping.up_direction::<D>()?;
+        let stored = StoredMesh::new(file, self.name)?;
+        let tagged = tagged_facets(&stored, self.name)?;
+        let mut closed = group_facets(&stored, tagged, &options).facets;
+        closed.iter_mut().for_each(|facet| facet.sort_unstable());
+        closed.sort_unstable();
+
+        self.progress.stage(Stage::Painting);
+        let face_cells = stored.lattice.cells_of_faces()?;
+        let cells = CellAdjacency::new(&stored.lattice, &face_cells, &closed);
+        let (block, block_count) = blocks(&cells, spec.neck, MIN_COMPARTMENT_CELLS);
+        let space = stored.space.clone();
+        let regions: Vec<u32> = match seeds {
+            None => block.iter().map(|b| b + 1).collect(),
+            Some(seeds) => {
+                let sources = self.sources(&seeds, &stored, &face_cells)?;
+                let contrast = self.contrast(&space, &cells)?;
+                let geodesics = Geodesics::new(&stored.lattice, &face_cells, &cells);
+                let level = spec.level.unwrap_or(f64::INFINITY);
+                let painted = grow(&geodesics, &block, contrast.as_deref(), &sources, level);
+                let label = |label: Option<u32>| label.unwrap_or(0);
+                painted.label.into_iter().map(label).collect()
+            }
+        };
+        let mut file = stored.into_file();
+        M::set_regions(&mut file, regions.iter().map(|&r| r as i32).collect());
+        let painted = totals(&file.mesh, &regions);
+        let surfaces = match &spec.surface_out {
+            Some(_) => Some(enclosing_surfaces(&file.mesh, &regions, &painted)?),
+            None => None,
+        };
+        Ok(PaintOutcome {
+            mesh: any_mesh(file),
+            regions: painted,
+            blocks: block_count,
+            surfaces: surfaces.map(|s| any_surfaces(s.with_space(&space.geometry, z_up))),
+        })
+    }
+
+    /// Returns the seeds as sources in cells of the mesh.
+    fn sources<const D: usize, M: Storable<D>>(
+        &self,
+        seeds: &Seeds<D>,
+        stored: &StoredMesh<D, M>,
+        face_cells: &[[u32; 2]],
+    ) -> Result<Vec<GeodesicSource<D>>> {
+        (seeds.iter().zip(&self.spec.seed))
+            .map(|(&(p, label), seed)| {
+                let position = stored.space.to_lattice(p);
+                let located = position.and_then(|position| {
+                    Some((position, find_cell(&stored.lattice, face_cells, position)?))
+                });
+                let (position, cell) = located.ok_or_else(|| {
+                    let remedy = "give physical coordinates; atomesh info shows their range";
+                    let place = format!("seed {seed}");
+                    Error::Job(cause(place, "lies outside the mesh", remedy))
+                })?;
+                Ok(GeodesicSource {
+                    position,
+                    cell,
+                    label,
+                })
+            })
+            .collect()
+    }
+
+    /// Returns for each link the factor by which the image slows paint, if an image is given.
+    fn contrast<const D: usize>(
+        &self,
+        space: &LatticeSpace<D>,
+        cells: &CellAdjacency<D>,
+    ) -> Result<Option<Vec<f64>>> {
+        let Some(path) = &self.spec.image else {
+            return Ok(None);
+        };
+        let image = read_mesh_image(path, &self.spec.input, space, self.read_image)?;
+        let field = ScalarField {
+            dims: image.dims(),
+            step: space.step,
+            samples: image.as_slice().to_vec(),
+        };
+        let values: Vec<f64> = cells.centres.iter().map(|&x| field.value(x)).collect();
+        Ok(Some(contrast_factors(cells, &values)))
+    }
+}
+
+/// Returns the surfaces around the painted regions of a mesh in physical coordinates.
+fn enclosing_surfaces<const D: usize, M: Mesh<D>>(
+    mesh: &M,
+    regions: &[u32],
+    painted: &[PaintedRegion],
+) -> Result<SurfaceFile<D>> {
+    // If the geometry mirrors the lattice, faces have other numbers in physical coordinates.
+    let face_cells = mesh.cells_of_faces()?;
+    let (mut facets, mut start) = (Vec::new(), vec![0]);
+    for painted in painted {
+        facets.extend(enclosing_facets(mesh, &face_cells, regions, painted.region));
+        start.push(facets.len());
+    }
+    let mut surfaces = SurfaceFile::new(mesh.nodes(), &facets, &start, "region");
+    surfaces.names = (painted.iter().map(|r| format!("region{}", r.region))).collect();
+    Ok(surfaces)
+}
+
+/// Returns the number of cells, the volume and the fraction of the total volume of each region that
+/// has cells, except for region 0, which is unpainted.
+fn totals<const D: usize, M: Mesh<D>>(mesh: &M, regions: &[u32]) -> Vec<PaintedRegion> {
+    let max_region = regions.iter().copied().max().unwrap_or(0) as usize;
+    let mut sums = vec![(0, 0.0); max_region + 1];
+    let mut total = 0.0;
+    for (volume, &region) in mesh.volumes().iter().zip(regions) {
+        sums[region as usize].0 += 1;
+        sums[region as usize].1 += volume;
+        total += volume;
+    }
+    let numbered = (0..).zip(sums).skip(1).filter(|(_, sum)| sum.0 > 0);
+    numbered
+        .map(|(region, (cells, volume))| PaintedRegion {
+            region,
+            cells,
+            volume,
+            share: volume / total,
+        })
+        .collect()
+}

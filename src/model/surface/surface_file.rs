@@ -1,0 +1,79 @@
+//! Labelled surfaces with their names, values and units, as all surface formats write them.
+
+use crate::files::vtk::DataArray;
+use crate::geometry::{sorted_distinct, to_3d};
+use crate::image::Geometry;
+use crate::store::FieldValue;
+
+/// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SurfaceFile<const D: usize> {
+    /// Node positions.
+    pub nodes: Vec<[f64; 3]>,
+    /// Nodes of each facet, surface by surface.
+    pub facets: Vec<[u32; D]>,
+    /// Index of the first facet of each surface, and the number of facets at the end.
+    pub surface_starts: Vec<usize>,
+    /// Names of the surfaces, without spaces or line ends.
+    pub names: Vec<String>,
+    /// Arrays with one tuple per facet.
+    pub cell_data: Vec<DataArray>,
+    /// Values that belong to the whole file.
+    pub field_data: Vec<(String, FieldValue)>,
+    /// Units of the coordinates. Empty if unknown.
+    pub units: [String; 3],
+    /// `true` if z grows upwards.
+    pub z_up: bool,
+}
+
+impl<const D: usize> SurfaceFile<D> {
+    /// Creates surfaces with the names `name`1, `name`2 ... and only those nodes that they use.
+    pub fn new(nodes: &[[f64; D]], facets: &[[u32; D]], start: &[usize], name: &str) -> Self {
+        let used = sorted_distinct(facets.as_flattened().iter().copied());
+        let new_index = |n: u32| used.partition_point(|&m| m < n) as u32;
+        let version = FieldValue::Text(env!("CARGO_PKG_VERSION").to_string());
+        let position = |&n: &u32| to_3d(nodes[n as usize]);
+        Self {
+            nodes: used.iter().map(position).collect(),
+            facets: facets.iter().map(|f| f.map(new_index)).collect(),
+            surface_starts: start.to_vec(),
+            names: (1..start.len()).map(|s| format!("{name}{s}")).collect(),
+            cell_data: Vec::new(),
+            field_data: vec![("atomesh_version".into(), version)],
+            units: Default::default(),
+            z_up: true,
+        }
+    }
+
+    /// Returns the facets of a surface.
+    pub fn surface_facets(&self, surface: usize) -> &[[u32; D]] {
+        &self.facets[self.surface_starts[surface]..self.surface_starts[surface + 1]]
+    }
+
+    /// Returns the surface number of each facet, from 1, as in the names.
+    pub fn labels(&self) -> Vec<i32> {
+        let sizes = self.surface_starts.windows(2).map(|w| w[1] - w[0]);
+        let labels = (1..).zip(sizes);
+        labels
+            .flat_map(|(s, n)| std::iter::repeat_n(s, n))
+            .collect()
+    }
+
+    /// Returns the surfaces with the units of a geometry. `z_up` is `true` if z grows upwards.
+    pub(crate) fn with_space(self, geometry: &Geometry<D>, z_up: bool) -> Self {
+        Self {
+            units: geometry.to_3d().units,
+            z_up,
+            ..self
+        }
+    }
+}
+
+/// Surfaces of a mesh in the plane or in space.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AnySurfaces {
+    /// Curves in the plane.
+    Curves(SurfaceFile<2>),
+    /// Surfaces in space.
+    Surfaces(SurfaceFile<3>),
+}

@@ -80,6 +80,7 @@ pub use error::{Error, ErrorKind, Result};
 pub use export::surfaces::surfaces;
 pub use export::{ExportSpec, export};
 pub use job::{FeatureSpec, MeshSpec, features, mesh};
+pub use model::columns::{ColumnsSpec, columns};
 pub use model::flow::{FlowSpec, flow};
 pub use model::paint::{PaintSpec, paint};
 pub use model::segment::{SegmentSpec, segment};

@@ -63,6 +63,8 @@ pub enum Stage {
     GroupingFaults,
     /// In a flow computation: pressure is computed.
     Pressure,
+    /// The cells of a map are extended through layers.
+    BuildingColumns,
     /// Regions grow from seeds.
     Painting,
     /// In a segmentation: the image is averaged over cells.
@@ -111,6 +113,7 @@ impl fmt::Display for Stage {
             Self::GroupingFaces => "grouping faces",
             Self::GroupingFaults => "grouping faces into faults",
             Self::Pressure => "computing pressure",
+            Self::BuildingColumns => "building columns",
             Self::Painting => "painting",
             Self::Averaging => "averaging",
             Self::Separating => "cutting",

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use atomesh::cli::args::{CommandLine, Verb};
 use atomesh::cli::common::global::{CommonOptions, parse_bytes};
 use atomesh::cli::common::options::Typed;
+use atomesh::cli::verbs::columns::ColumnsArgs;
 use atomesh::cli::verbs::export::ExportArgs;
 use atomesh::cli::verbs::feature::FeatureArgs;
 use atomesh::cli::verbs::flow::FlowArgs;
@@ -46,8 +47,8 @@ pub fn command_line(
 }
 
 /// The verbs whose options are one type.
-const VERBS_WITH_SPEC: [&str; 8] = [
-    "mesh", "feature", "flow", "paint", "segment", "slice", "surface", "export",
+const VERBS_WITH_SPEC: [&str; 9] = [
+    "mesh", "feature", "columns", "flow", "paint", "segment", "slice", "surface", "export",
 ];
 
 /// Options that no field has taken yet, by their names on the command line.
@@ -77,6 +78,12 @@ impl Options {
             "feature" => Verb::Feature(FeatureArgs {
                 image: first(),
                 output: self.take_output(),
+                spec: self.spec()?,
+            }),
+            "columns" => Verb::Columns(ColumnsArgs {
+                map: first(),
+                output: self.take_output(),
+                horizon: self.take_texts("horizon"),
                 spec: self.spec()?,
             }),
             "flow" => Verb::Flow(FlowArgs {
@@ -167,6 +174,13 @@ impl Options {
 
     fn take_path(&mut self, name: &str) -> Option<PathBuf> {
         self.take(name).map(|path| plain_text(&path).into())
+    }
+
+    fn take_texts(&mut self, name: &str) -> Vec<String> {
+        match self.take(name) {
+            Some(Value::Array(values)) => values.iter().map(plain_text).collect(),
+            value => value.iter().map(plain_text).collect(),
+        }
     }
 
     fn take_output(&mut self) -> PathBuf {

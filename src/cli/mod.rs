@@ -190,7 +190,7 @@ fn run_verb(
         Verb::Convert(args) => verbs::convert::convert(args, console)?,
         Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
         Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
-        Verb::Columns(args) => verbs::columns::run(args, console)?,
+        Verb::Columns(args) => verbs::columns::columns(args, interrupts, console)?,
         Verb::Export(args) => verbs::export::export(args, interrupts, console)?,
         Verb::Paint(args) => verbs::paint::paint(args, interrupts, console)?,
         Verb::Segment(args) => verbs::segment::segment(args, interrupts, console)?,

@@ -123,6 +123,7 @@ mod tests {
     use crate::export::ExportSpec;
     use crate::job::FeatureSpec;
     use crate::job::spec::NominalDistance;
+    use crate::model::columns::ColumnsSpec;
     use crate::model::flow::FlowSpec;
     use crate::model::slice::SliceSpec;
     use crate::model::surface::SurfaceSpec;
@@ -174,5 +175,6 @@ mod tests {
         check_defaults::<ExportSpec>();
         check_defaults::<FeatureSpec>();
         check_defaults::<SliceSpec>();
+        check_defaults::<ColumnsSpec>();
     }
 }

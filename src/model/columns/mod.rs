@@ -16,9 +16,16 @@
 //!
 //! - `horizon`: horizons, sampled at the nodes of a map
 //! - `file`: columns as a mesh file
+//! - `spec`: all options, as one value
+//! - `run`: the whole computation, from a map, horizons and the options
 
 pub mod file;
 pub mod horizon;
+mod run;
+mod spec;
+
+pub use run::{ColumnsInput, ColumnsOutcome, columns};
+pub use spec::{ColumnsSpec, LayerCounts};
 
 use crate::error::cause;
 use crate::mesh::complex::NONE;
@@ -70,7 +77,7 @@ pub struct Columns {
 /// # Errors
 /// Returns [`Error::Mesh`] if there are fewer than two horizons, if they cross or have nothing
 /// between them, or if the division does not fit them.
-pub fn columns(
+pub fn extend(
     map: &PolyMesh<2>,
     z: &[Vec<f64>],
     names: &[String],
@@ -417,7 +424,7 @@ mod tests {
             let sign = if is_z_up { -1.0 } else { 1.0 };
             let z = [100.0, 104.0, 110.0].map(|d: f64| vec![sign * d; map.nodes.len()]);
             let division = LayerDivision::Counts(vec![2, 3]);
-            let result = columns(&map, &z, &horizon_names(3), &division, 0.0).unwrap();
+            let result = extend(&map, &z, &horizon_names(3), &division, 0.0).unwrap();
             assert_eq!((result.is_z_up, result.mesh.sites.len()), (is_z_up, 5 * 42));
             let (low, high) = if is_z_up {
                 (-110.0, -100.0)
@@ -463,7 +470,7 @@ mod tests {
             }),
             sample_nodes(&map, |x, y| 66.0 + 0.2 * x + 0.02 * x * y),
         ];
-        let result = columns(
+        let result = extend(
             &map,
             &z,
             &horizon_names(3),
@@ -510,7 +517,7 @@ mod tests {
             vec![12.0; map.nodes.len()],
         ];
         let division = LayerDivision::Counts(vec![1, 2, 1]);
-        let result = columns(&map, &z, &horizon_names(4), &division, 0.0).unwrap();
+        let result = extend(&map, &z, &horizon_names(4), &division, 0.0).unwrap();
         assert!(
             result.missing_counts[0] == 0
                 && result.missing_counts[1] == result.missing_counts[2]
@@ -532,8 +539,8 @@ mod tests {
             result.missing_counts[1]
         );
         // All layers vanish if they are thinner than the minimum thickness.
-        assert!(columns(&map, &z, &horizon_names(4), &division, 100.0).is_err());
-        let with_min_thickness = columns(&map, &z, &horizon_names(4), &division, 2.9).unwrap();
+        assert!(extend(&map, &z, &horizon_names(4), &division, 100.0).is_err());
+        let with_min_thickness = extend(&map, &z, &horizon_names(4), &division, 2.9).unwrap();
         assert_eq!(
             (
                 with_min_thickness.missing_counts[0],
@@ -573,7 +580,7 @@ mod tests {
                 "not positive",
             ),
         ] {
-            let message = columns(&map, &z, &horizon_names(z.len()), division, 0.0)
+            let message = extend(&map, &z, &horizon_names(z.len()), division, 0.0)
                 .unwrap_err()
                 .to_string();
             assert!(message.contains(expected), "{message}");
@@ -584,7 +591,7 @@ mod tests {
             sample_nodes(&map, |x, _| 9.0 + 0.2 * x),
             flat(10.0),
         ];
-        let result = columns(&map, &z, &horizon_names(3), &single, 3.3).unwrap();
+        let result = extend(&map, &z, &horizon_names(3), &single, 3.3).unwrap();
         assert_eq!(result.missing_counts, [0, 42]);
         let [low, high] = bounding_box(&result.mesh.nodes);
         assert!(check(&result.mesh, low, high, 1e-12).passed());

@@ -1,0 +1,187 @@
+//! Makes columns as `atomesh columns` does.
+
+use serde_json::{Value, json};
+
+use super::file::columns_to_file;
+use super::horizon::Horizon;
+use super::spec::ColumnsSpec;
+use super::{Columns, extend};
+use crate::error::cause;
+use crate::image::Geometry;
+use crate::mesh::poly::PolyMesh;
+use crate::progress::{Progress, Stage};
+use crate::store::output::Provenance;
+use crate::store::{AnyMesh, LatticeSpace, MeshFile, StoredMesh};
+use crate::{Error, Result};
+
+/// A map, and the horizons between which its cells are extended.
+#[derive(Debug, Clone)]
+pub struct ColumnsInput<'a> {
+    /// The map: Voronoi cells of a 2-D image.
+    pub map: AnyMesh,
+    /// The name of the map in messages.
+    pub name: &'a str,
+    /// The SHA-256 of the map's file, which the mesh records; empty if there is no file.
+    pub sha256: String,
+    /// The horizons from the top down, with their names in messages. An image that has no position
+    /// of its own, and as many samples as the meshed image, has the position of the map.
+    pub horizons: Vec<(String, Horizon)>,
+}
+
+/// A mesh of columns.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ColumnsOutcome {
+    /// The mesh, with the cell arrays `column` and `layer`.
+    pub mesh: MeshFile<PolyMesh<3>>,
+    /// Number of columns, which is the number of the map's cells.
+    pub columns: usize,
+    /// Number of layers in each interval.
+    pub layer_counts: Vec<usize>,
+    /// For each layer, the number of columns in which it is missing.
+    pub missing_counts: Vec<usize>,
+    /// `true` if z increases upwards, from the last horizon to the first.
+    pub is_z_up: bool,
+}
+
+/// Extends the Voronoi cells of a map down through layers between horizons, as `atomesh columns`
+/// does.
+///
+/// ```
+/// use atomesh::image::{Geometry, Image};
+/// use atomesh::model::columns::horizon::Horizon;
+/// use atomesh::model::columns::{ColumnsInput, ColumnsSpec};
+/// use atomesh::progress::NoProgress;
+/// use atomesh::MeshSpec;
+///
+/// let disc = |i: usize| f32::from(u8::from((i % 40).abs_diff(20) < 11 && (i / 40).abs_diff(18) < 9));
+/// let image = Image::new([40, 36], (0..40 * 36).map(disc).collect(), Geometry::default());
+/// let spec: MeshSpec = toml::from_str("cells = 'voronoi'\ndistance = 5")?;
+/// let map = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
+/// let horizons = [("top", 100.0), ("base", 130.0)];
+/// let input = ColumnsInput {
+///     map,
+///     name: "map",
+///     sha256: String::new(),
+///     horizons: horizons.map(|(name, z)| (name.to_string(), Horizon::Flat(z))).to_vec(),
+/// };
+/// let spec = ColumnsSpec { layers: Some("3".parse()?), ..ColumnsSpec::default() };
+/// let outcome = atomesh::columns(input, &spec, &mut NoProgress)?;
+/// assert_eq!(outcome.mesh.mesh.sites.len(), 3 * outcome.columns);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of [`ColumnsSpec::validate`], and [`Error::Mesh`] for a map that is not made
+/// of Voronoi cells, or for horizons between which there are no columns.
+pub fn columns(
+    input: ColumnsInput<'_>,
+    spec: &ColumnsSpec,
+    progress: &mut dyn Progress,
+) -> Result<ColumnsOutcome> {
+    spec.validate()?;
+    let (map, space) = prepare_map(input.map, input.name)?;
+    let (mut names, mut z) = (Vec::new(), Vec::new());
+    for (name, horizon) in input.horizons {
+        let (values, missing) = placed(horizon, &space).z_at_nodes(&map, &name)?;
+        if missing > 0 {
+            progress.note(&format!(
+                "{name} is not known at {missing} of the map's {} nodes: extrapolated smoothly there",
+                values.len()
+            ));
+        }
+        names.push(name);
+        z.push(values);
+    }
+    progress.stage(Stage::BuildingColumns);
+    let built = extend(&map, &z, &names, &spec.division(), spec.least_thickness)?;
+    let provenance = Provenance {
+        parameters: format!("columns = {names:?}"),
+        input_sha256: input.sha256,
+    };
+    let z_unit = spec.z_unit.as_ref().unwrap_or(&space.geometry.units[0]);
+    let Columns {
+        layer_counts,
+        missing_counts,
+        is_z_up,
+        ..
+    } = built.clone();
+    Ok(ColumnsOutcome {
+        columns: map.sites.len(),
+        layer_counts,
+        missing_counts,
+        is_z_up,
+        mesh: columns_to_file(built, &map.region, &space, z_unit, &provenance),
+    })
+}
+
+/// Returns the cells of a map and its lattice space.
+fn prepare_map(map: AnyMesh, name: &str) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
+    let problem = match map {
+        AnyMesh::Polygons(file) => {
+            let stored = StoredMesh::new(file, name)?;
+            let space = stored.space.clone();
+            return Ok((stored.into_file().mesh, space));
+        }
+        AnyMesh::Triangles(_) => "has triangles, which make poor columns for flow",
+        AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_) => "is not a map but a 3-D mesh",
+    };
+    let remedy = "mesh a 2-D image of the map with --cells voronoi";
+    Err(Error::Mesh(cause(name, problem, remedy)))
+}
+
+/// Returns the horizon; an image without a position gets the position of the map.
+fn placed(mut horizon: Horizon, space: &LatticeSpace<2>) -> Horizon {
+    if let Horizon::Grid(image) = &mut horizon {
+        let unplaced = Geometry::<2>::default();
+        let is_placed =
+            (image.geometry.origin, image.geometry.axes) != (unplaced.origin, unplaced.axes);
+        if !is_placed && space.fits_dims(image.dims()) {
+            image.geometry = space.geometry.clone();
+        }
+    }
+    horizon
+}
+
+impl ColumnsOutcome {
+    /// Returns the number of cells, columns and layers as a table.
+    pub fn table(&self) -> String {
+        let layers: Vec<String> = self.layer_counts.iter().map(usize::to_string).collect();
+        let direction = if self.is_z_up {
+            "upwards"
+        } else {
+            "downwards: export it with --down z"
+        };
+        let mut lines = vec![
+            format!(
+                "cells          {} in {} columns",
+                self.mesh.mesh.sites.len(),
+                self.columns
+            ),
+            format!(
+                "layers         {} in the intervals, from the top",
+                layers.join(", ")
+            ),
+            format!("z              grows {direction}"),
+        ];
+        let missing = self.missing_counts.iter().enumerate().filter(|m| *m.1 > 0);
+        let missing: Vec<String> = missing
+            .map(|(layer, count)| format!("layer {layer} in {count} columns"))
+            .collect();
+        if !missing.is_empty() {
+            lines.push(format!("pinched out    {}", missing.join(", ")));
+        }
+        lines.join("\n")
+    }
+
+    /// Returns these numbers as JSON.
+    pub fn to_json(&self) -> Value {
+        json!({
+            "cells": self.mesh.mesh.sites.len(),
+            "columns": self.columns,
+            "layers": self.layer_counts,
+            "missing": self.missing_counts,
+            "z_grows": if self.is_z_up { "upwards" } else { "downwards" },
+        })
+    }
+}

@@ -81,6 +81,7 @@ pub use export::surfaces::surfaces;
 pub use export::{ExportSpec, export};
 pub use job::{FeatureSpec, MeshSpec, features, mesh};
 pub use model::columns::{ColumnsSpec, columns};
+pub use model::edit::{EditSpec, edit};
 pub use model::flow::{FlowSpec, flow};
 pub use model::paint::{PaintSpec, paint};
 pub use model::segment::{SegmentSpec, segment};

@@ -8,6 +8,7 @@ use atomesh::cli::args::{CommandLine, Verb};
 use atomesh::cli::common::global::{CommonOptions, parse_bytes};
 use atomesh::cli::common::options::Typed;
 use atomesh::cli::verbs::columns::ColumnsArgs;
+use atomesh::cli::verbs::edit::EditArgs;
 use atomesh::cli::verbs::export::ExportArgs;
 use atomesh::cli::verbs::feature::FeatureArgs;
 use atomesh::cli::verbs::flow::FlowArgs;
@@ -47,8 +48,8 @@ pub fn command_line(
 }
 
 /// The verbs whose options are one type.
-const VERBS_WITH_SPEC: [&str; 9] = [
-    "mesh", "feature", "columns", "flow", "paint", "segment", "slice", "surface", "export",
+const VERBS_WITH_SPEC: [&str; 10] = [
+    "mesh", "feature", "columns", "edit", "flow", "paint", "segment", "slice", "surface", "export",
 ];
 
 /// Options that no field has taken yet, by their names on the command line.
@@ -84,6 +85,12 @@ impl Options {
                 map: first(),
                 output: self.take_output(),
                 horizon: self.take_texts("horizon"),
+                spec: self.spec()?,
+            }),
+            "edit" => Verb::Edit(EditArgs {
+                mesh: first(),
+                image: arguments.get(1).cloned().unwrap_or_default(),
+                output: self.take_output(),
                 spec: self.spec()?,
             }),
             "flow" => Verb::Flow(FlowArgs {

@@ -118,10 +118,6 @@ impl Host for MemoryHost {
         self.images.get(name).map(|image| (**image).clone())
     }
 
-    fn has_image(&self, name: &Path) -> bool {
-        self.images.contains_key(name)
-    }
-
     fn hash(&self, name: &Path) -> Option<String> {
         match self.images.get(name) {
             Some(image) => Some(objects::hash(image)),

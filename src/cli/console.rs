@@ -161,11 +161,6 @@ impl Console {
         |path, input| self.read_image(path, input)
     }
 
-    /// Returns `true` if there is an image of this name, in memory or in a file.
-    pub fn image_exists(&self, path: &Path) -> bool {
-        self.host.has_image(path) || path.exists()
-    }
-
     /// Opens an image that an argument names. Its samples stay in the file, as they may exceed the
     /// memory.
     ///

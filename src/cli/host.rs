@@ -46,11 +46,6 @@ pub trait Host: Send {
         None
     }
 
-    /// Returns `true` if there is an [image](Self::image) of this name.
-    fn has_image(&self, _name: &Path) -> bool {
-        false
-    }
-
     /// Returns the hash of the mesh or image of this name; `None` if it is a file.
     fn hash(&self, _name: &Path) -> Option<String> {
         None

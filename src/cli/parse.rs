@@ -65,39 +65,6 @@ pub fn dims(option: &str, text: &str) -> Result<Vec<usize>> {
     }
 }
 
-/// Parses a point `X,Y,Z`, or `X,Y` in the plane.
-pub fn point<const D: usize>(option: &str, text: &str, remedy: &str) -> Result<[f64; D]> {
-    let words: Vec<&str> = text.split(',').map(str::trim).collect();
-    let Ok(words) = <[&str; D]>::try_from(words.as_slice()) else {
-        let problem = format!("has {} values, not {D}", words.len());
-        return Err(option_error(option, text, &problem, remedy));
-    };
-    let mut point = [0.0; D];
-    for (x, word) in point.iter_mut().zip(words) {
-        *x = number(option, word, remedy)?;
-    }
-    Ok(point)
-}
-
-/// Parses an axis: x, y, z or -x, -y, -z; in the plane without z. Returns the number of the
-/// coordinate, and `true` if it is positive.
-pub fn axis<const D: usize>(option: &str, text: &str) -> Result<(usize, bool)> {
-    let axes = &["x", "y", "z"][..D];
-    let name = text.strip_prefix('-').unwrap_or(text);
-    match axes.iter().position(|&axis| axis == name) {
-        Some(axis) => Ok((axis, name.len() == text.len())),
-        None => {
-            let remedy = format!("give {}, or -{}", axes.join(", "), axes.join(", -"));
-            Err(option_error(
-                option,
-                text,
-                "is not an axis of the mesh",
-                &remedy,
-            ))
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

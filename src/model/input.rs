@@ -48,6 +48,8 @@ pub struct ImageInput<'a> {
     pub image: AnyImage,
     /// The name of the image in messages, such as the path of its file.
     pub name: &'a str,
+    /// The SHA-256 of its file, if it is known.
+    pub sha256: Option<String>,
 }
 
 impl From<AnyImage> for ImageInput<'_> {
@@ -55,6 +57,7 @@ impl From<AnyImage> for ImageInput<'_> {
         Self {
             image,
             name: "image",
+            sha256: None,
         }
     }
 }
@@ -128,6 +131,7 @@ pub(crate) fn read_mesh_image<const D: usize>(
     let image = ImageInput {
         image: read_image(path, input)?,
         name: &path.display().to_string(),
+        sha256: None,
     };
     image.fitting(space)
 }

@@ -124,6 +124,7 @@ mod tests {
     use crate::job::FeatureSpec;
     use crate::job::spec::NominalDistance;
     use crate::model::columns::ColumnsSpec;
+    use crate::model::edit::EditSpec;
     use crate::model::flow::FlowSpec;
     use crate::model::slice::SliceSpec;
     use crate::model::surface::SurfaceSpec;
@@ -176,5 +177,6 @@ mod tests {
         check_defaults::<FeatureSpec>();
         check_defaults::<SliceSpec>();
         check_defaults::<ColumnsSpec>();
+        check_defaults::<EditSpec>();
     }
 }

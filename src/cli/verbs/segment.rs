@@ -70,6 +70,7 @@ pub fn segment(args: &SegmentArgs, interrupts: &Interrupts, console: &mut Consol
         let image = ImageInput {
             image,
             name: &image_name,
+            sha256: None,
         };
         crate::segment(mesh, image, spec, progress).map_err(with_option_name::<SegmentSpec>)
     })?;

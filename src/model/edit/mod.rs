@@ -13,6 +13,8 @@
 //! - `spacing`: the nominal distance d(x) around an edit, from the nodes of the mesh
 //! - `neighbourhood`: the atoms and cells around an edit, and how they change
 //! - `editable_mesh`: a mesh of simplices whose nodes and cells can be replaced
+//! - `spec`: all options, as one value
+//! - `run`: the whole edit, from a mesh, its image and the options
 //! - `cells`: local edits of Voronoi cells
 
 pub mod cells;
@@ -20,8 +22,13 @@ pub mod editable_mesh;
 pub(crate) mod local_fields;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;
+mod run;
 pub(crate) mod spacing;
+mod spec;
 pub(crate) mod window;
+
+pub use run::{EditOutcome, EditReport, edit, input_options};
+pub use spec::{AtomMove, AtomNumber, EditSpec};
 
 use serde::Serialize;
 
@@ -108,7 +115,7 @@ pub struct EditedMesh<M> {
 /// exist or cannot be removed; [`Error::Seeding`] if a position is outside the box or at the place
 /// of another atom; [`Error::Image`] if the image has other dimensions than the mesh;
 /// [`Error::Interrupted`] if `progress` cancels the edit.
-pub fn edit<const D: usize, M: Simplices<D>>(
+pub fn edit_simplices<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
     place: &str,
     image: &Image<D>,

@@ -65,7 +65,7 @@ where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
     let edits = named_edits(changes);
-    edit(
+    edit_simplices(
         file.clone(),
         "mesh",
         image,
@@ -495,7 +495,7 @@ fn impossible_edits_are_refused() {
     );
     let other = super::tests::image([61, 50]);
     let edits = named_edits(&[AtomChange::Add(well)]);
-    let error = edit(
+    let error = edit_simplices(
         file,
         "mesh",
         &other,

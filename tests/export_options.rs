@@ -70,12 +70,24 @@ fn outputs(folder: &Path, words: &[String]) -> Result<Vec<(PathBuf, Vec<u8>)>, S
 }
 
 /// Options of rock and case. The last one of a line is tried; it needs those before it.
-const OPTIONS: [&[(&str, &str)]; 24] = [
+const OPTIONS: [&[(&str, &str)]; 33] = [
     &[("--porosity", "0.3")],
     &[("--permeability", "50")],
     &[("--property", "amplitude=sheet.npy")],
     &[("--region", "sheet.npy")],
     &[("--faults", "0.01")],
+    &[("--faults", "3")],
+    &[("--throw", "1:5"), ("--clay", "0.3")],
+    &[("--clay", "0.3"), ("--throw", "1:5")],
+    &[("--net-to-gross", "0.5")],
+    &[
+        ("--property", "amplitude=sheet.npy"),
+        ("--cutoff", "amplitude=0.5"),
+    ],
+    &[("--satnum", "2")],
+    &[("--pvtnum", "2")],
+    &[("--eqlnum", "2")],
+    &[("--fipnum", "2")],
     &[("--faults", "closed"), ("--fault-thickness", "2")],
     &[("--fault-thickness", "2")],
     &[("--fault-multiplier", "1:0.01")],

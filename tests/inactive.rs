@@ -154,7 +154,10 @@ fn rock_without_pores_or_permeability_is_inactive() {
     }
     let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --porosity 0 --permeability 1";
     let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
-    assert!(error.contains("is zero in every cell"), "{error}");
+    assert!(
+        error.contains("is zero or below a cut-off in every cell"),
+        "{error}"
+    );
     let line = "export cells.vtu --to opm -o A.DATA --down z --permeability-unit mD --depth-at-top 900 --region half.npy --porosity phi.csv --permeability 1 --producer 10,10,3:90";
     let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
     assert!(error.contains("lies in inactive rock only"), "{error}");

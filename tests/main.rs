@@ -27,6 +27,7 @@ mod fault_exports;
 mod flow;
 mod foreign;
 mod gaps;
+mod history_matching;
 mod images_formats;
 mod inactive;
 mod interrupt;

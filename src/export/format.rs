@@ -24,6 +24,10 @@ pub enum ExportContent {
     Regions,
     /// Other properties of each cell.
     Properties,
+    /// Net-to-gross ratio of each cell.
+    NetToGross,
+    /// Numbers of the tables and reports of a deck.
+    DeckRegions,
     /// Fault multipliers, which change transmissibilities.
     Faults,
     /// Closed faults, which nothing flows across.
@@ -34,6 +38,8 @@ pub enum ExportContent {
     Wells,
     /// Fluids in the pores.
     Fluid,
+    /// Contacts between three fluids, schedules and aquifers.
+    Study,
     /// Initial pressure.
     InitialPressure,
     /// Simulation without gravity.
@@ -53,8 +59,11 @@ pub enum ExportContent {
 impl ExportContent {
     /// Returns `true` if this content belongs to a simulation, not to the rock.
     pub fn is_simulation_input(self) -> bool {
-        use ExportContent::{Duration, Fluid, Gravity, InitialPressure, Wells};
-        matches!(self, Wells | Fluid | InitialPressure | Gravity | Duration)
+        use ExportContent::{Duration, Fluid, Gravity, InitialPressure, Study, Wells};
+        matches!(
+            self,
+            Wells | Fluid | Study | InitialPressure | Gravity | Duration
+        )
     }
 }
 
@@ -65,11 +74,14 @@ impl std::fmt::Display for ExportContent {
             Self::Permeability => "permeability",
             Self::Regions => "regions of cells",
             Self::Properties => "properties of cells",
+            Self::NetToGross => "net-to-gross ratio",
+            Self::DeckRegions => "numbers of tables",
             Self::Faults => "fault multipliers",
             Self::ClosedFaults => "closed faults",
             Self::FaultsWithoutRock => "faults without permeability",
             Self::Wells => "wells",
             Self::Fluid => "fluids",
+            Self::Study => "contacts of fluids, schedules of wells or aquifers",
             Self::InitialPressure => "pressure",
             Self::Gravity => "simulations without gravity",
             Self::Duration => "simulation time",

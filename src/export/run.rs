@@ -84,7 +84,8 @@ pub fn export<'a>(
     };
     let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
         || spec.split.is_some()
-        || spec.fault_options.given_option().is_some();
+        || spec.fault_options.given_option().is_some()
+        || spec.gouge.given_option().is_some();
     let mut prepared = if needs_surfaces {
         PreparedModel::new(mesh, name, &placement)?
     } else {
@@ -102,17 +103,31 @@ pub fn export<'a>(
     let rock = spec.rock.fill(&mut prepared, read_image, progress)?;
     let laws = spec.fault_options.laws(FaultResistance::Open)?;
     prepared.model.set_faults(&laws)?;
-    let inactive = prepared.model.find_inactive(rock.as_ref())?;
+    if let Some(clay) = &spec.gouge.clay {
+        let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
+        let throws = spec.gouge.throws()?;
+        let fault_rocks = prepared.model.set_fault_rock(&clay, &throws)?;
+        fault_rocks
+            .iter()
+            .for_each(|rock| progress.note(&rock.note()));
+    }
+    let cut_off = spec.rock.cut_off(&prepared.model, rock.as_ref())?;
+    let inactive = prepared.model.find_inactive(rock.as_ref(), &cut_off)?;
     if inactive > 0 {
         progress.note(&format!(
-            "{inactive} of {} cells are inactive: their porosity or permeability is 0",
-            prepared.model.len()
+            "{inactive} of {} cells are inactive: their porosity or permeability is 0{}",
+            prepared.model.len(),
+            if cut_off.contains(&true) {
+                " or below a cut-off"
+            } else {
+                ""
+            }
         ));
     }
     if let Some(rock) = rock {
         prepared.model.set_permeability(rock)?;
     }
-    if !(spec.case.injector.is_empty() && spec.case.producer.is_empty()) || format.uses_depth {
+    if spec.case.has_wells() || format.uses_depth {
         prepared.model.case = spec.case.case(&prepared, progress)?;
         let mut notes = prepared.model.idle_producers();
         notes.extend(prepared.model.notes_on_wells());

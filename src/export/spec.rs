@@ -10,7 +10,7 @@ use crate::error::cause;
 use crate::job::spec::InvalidValue;
 use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::flow::{FaultOptions, FaultResistance};
-use crate::model::reservoir::{CaseOptions, RockOptions, SpaceOptions, WellPlace};
+use crate::model::reservoir::{CaseOptions, GougeOptions, RockOptions, SpaceOptions, WellPlace};
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};
 
@@ -25,6 +25,9 @@ pub struct ExportSpec {
     /// Options that say how faults resist flow; they are open by default.
     #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Faults"))]
     pub fault_options: FaultOptions,
+    /// Options for fault rock that is computed from clay.
+    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Faults"))]
+    pub gouge: GougeOptions,
     /// Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
     /// as fine as the cells]
     #[cfg_attr(
@@ -94,6 +97,7 @@ impl ExportSpec {
             let problem = "is for meshes that are not split along surfaces";
             return Err(no_effect_error("quadratic", problem));
         }
+        self.gouge.validate()?;
         self.check_effect(format, &laws)?;
         self.case.validate()
     }
@@ -109,10 +113,30 @@ impl ExportSpec {
             ("region", rock.region.is_some(), Content::Regions),
             ("permeability", has_permeability, Content::Permeability),
             ("property", !rock.property.is_empty(), Content::Properties),
+            (
+                "net-to-gross",
+                rock.net_to_gross.is_some(),
+                Content::NetToGross,
+            ),
+            ("satnum", rock.satnum.is_some(), Content::DeckRegions),
+            ("pvtnum", rock.pvtnum.is_some(), Content::DeckRegions),
+            ("eqlnum", rock.eqlnum.is_some(), Content::DeckRegions),
+            ("fipnum", rock.fipnum.is_some(), Content::DeckRegions),
             ("injector", !case.injector.is_empty(), Content::Wells),
             ("producer", !case.producer.is_empty(), Content::Wells),
             ("well-radius", case.well_radius.is_some(), Content::Wells),
             ("fluid", case.fluid.is_some(), Content::Fluid),
+            ("well", !case.well.is_empty(), Content::Study),
+            ("schedule", case.schedule.is_some(), Content::Study),
+            ("start", case.start.is_some(), Content::Study),
+            ("contact", !case.contact.is_empty(), Content::Study),
+            ("datum", !case.datum.is_empty(), Content::Study),
+            (
+                "capillary-pressure",
+                !case.capillary_pressure.is_empty(),
+                Content::Study,
+            ),
+            ("aquifer", !case.aquifer.is_empty(), Content::Study),
             (
                 "pressure-at-top",
                 case.pressure_at_top.is_some(),
@@ -153,6 +177,14 @@ impl ExportSpec {
             let cause = cause(*option, problem, remedy).with_parameter(parameter);
             return Err(Error::Job(cause));
         }
+        if let Some(option) = self.gouge.given_option() {
+            format.check_content(Content::Faults, option)?;
+            if !has_permeability {
+                let problem =
+                    "gives the permeability of fault rock, but that of the rock is not known";
+                return Err(no_effect_error(option, problem));
+            }
+        }
         if !has_permeability {
             if rock.permeability_unit.is_some() {
                 return Err(no_effect_error(
@@ -170,10 +202,9 @@ impl ExportSpec {
                 return Err(no_effect_error(option, problem));
             }
         }
-        let mut wells = case.injector.iter().chain(&case.producer);
-        if case.well_radius.is_some()
-            && !wells.any(|well| matches!(well.place, WellPlace::Point(_)))
-        {
+        let wells = case.injector.iter().chain(&case.producer);
+        let mut places = (wells.map(|well| &well.place)).chain(case.well.iter().map(|w| &w.place));
+        if case.well_radius.is_some() && !places.any(|place| matches!(place, WellPlace::Point(_))) {
             let problem = "is the radius of wells that are given by a point, but there are none";
             return Err(no_effect_error("well-radius", problem));
         }

@@ -84,6 +84,41 @@ pub fn text_rows<T>(
     Ok(rows)
 }
 
+/// A row of a table: its line number, and its words.
+pub type TableRow = (usize, Vec<String>);
+
+/// Reads a table whose first row has the names of the columns, in any order and all of them in
+/// `known`. Returns the names, and the rows.
+///
+/// # Errors
+/// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`] for a name that is not known
+/// or is given twice.
+pub fn named_rows(path: &Path, known: &[&str]) -> Result<(Vec<String>, Vec<TableRow>)> {
+    let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
+    let texts = |line: &CsvLine| line.fields.iter().map(String::from).collect::<Vec<_>>();
+    let lines = lines(&text, path)?;
+    let Some((head, rows)) = lines.split_first() else {
+        let remedy = format!("write a row of names: {}", known.join(","));
+        return Err(Error::Job(cause(path.display(), "is empty", remedy)));
+    };
+    let names = texts(head);
+    let is_wrong = |(at, name): (usize, &String)| {
+        !known.contains(&name.as_str()) || names[..at].contains(name)
+    };
+    if let Some(at) = (0..names.len()).find(|&at| is_wrong((at, &names[at]))) {
+        return Err(Error::Job(cause(
+            format!("{}:{}", path.display(), head.number),
+            format!("'{}' is no name of a column, or is there twice", names[at]),
+            format!(
+                "write names of these in the first row: {}",
+                known.join(", ")
+            ),
+        )));
+    }
+    let rows = rows.iter().map(|line| (line.number, texts(line)));
+    Ok((names, rows.collect()))
+}
+
 /// A line of a CSV file: its number from 1, its text, and its columns.
 struct CsvLine<'a> {
     number: usize,

@@ -127,6 +127,29 @@ impl<'a> CellWalker<'a> {
         direction: [f64; 3],
         start_cell: u32,
     ) -> Vec<LineSegment> {
+        self.trace(origin, direction, start_cell, f64::INFINITY)
+    }
+
+    /// Returns the segments of [`trace_line`](Self::trace_line) that lie between `origin` and the end
+    /// of `direction`, at least in part.
+    pub fn trace_between(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        start_cell: u32,
+    ) -> Vec<LineSegment> {
+        self.trace(origin, direction, start_cell, 1.0)
+    }
+
+    /// Traces a line from its middle to both sides, up to the cell that holds the fraction `limit`
+    /// of its direction to either side.
+    fn trace(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        start_cell: u32,
+        limit: f64,
+    ) -> Vec<LineSegment> {
         let middle = std::array::from_fn(|k| origin[k] + 0.5 * direction[k]);
         let first = self.cell_at(middle, start_cell);
         // Traces the line from a cell in one direction.
@@ -150,8 +173,8 @@ impl<'a> CellWalker<'a> {
                     });
                 }
                 match exit.and_then(|(_, side)| side.neighbour) {
-                    Some(next) => cell = next,
-                    None => break,
+                    Some(next) if reached < limit => cell = next,
+                    _ => break,
                 }
             }
             segments
@@ -201,6 +224,11 @@ mod tests {
                 is_close(b.start, 1.75 / 4.0) && is_close(b.end, 0.75),
                 "{b:?}"
             );
+            let short = walker.trace_between([0.1, 0.5, 0.25], [0.2, 0.0, 0.0], start_cell);
+            assert_eq!(short.iter().map(|p| p.cell).collect::<Vec<_>>(), [0]);
+            let across = walker.trace_between([0.1, 0.5, 0.25], [1.0, 0.0, 0.0], start_cell);
+            assert_eq!(across.iter().map(|p| p.cell).collect::<Vec<_>>(), [0, 1]);
+            assert!(is_close(across[0].end, 0.65), "{across:?}");
             let reversed = walker.trace_line([3.0, 0.5, 0.25], [-4.0, 0.0, 0.25], start_cell);
             assert_eq!(reversed.iter().map(|p| p.cell).collect::<Vec<_>>(), [1, 0]);
             assert_eq!(reversed[0].exit_connection, Some(0));

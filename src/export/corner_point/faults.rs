@@ -206,7 +206,7 @@ impl FaultResistances {
             }
         }
         self.edits
-            .retain(|(_, factor)| *factor < 1.0 - FACTOR_TOLERANCE);
+            .retain(|(_, factor)| (factor - 1.0).abs() > FACTOR_TOLERANCE);
     }
 
     /// Chooses the faces of a group of connections: their lower faces or their upper faces. Where
@@ -271,7 +271,7 @@ impl FaultResistances {
             let FaultCellFace {
                 surface, factor, ..
             } = faces[0];
-            if factor < 1.0 - FACTOR_TOLERANCE && !varies(surface) {
+            if (factor - 1.0).abs() > FACTOR_TOLERANCE && !varies(surface) {
                 multipliers.push((&names[surface as usize], factor));
             }
         }
@@ -452,7 +452,7 @@ fn find_connections(
             let p = grid.point(cell, [0.5; 3]);
             start_cell = walker.cell_at(p, start_cell);
             let crosses = |other: [usize; 3]| {
-                let line = walker.trace_line(p, sub(grid.point(other, [0.5; 3]), p), start_cell);
+                let line = walker.trace_between(p, sub(grid.point(other, [0.5; 3]), p), start_cell);
                 let crossings = line
                     .iter()
                     .filter(|segment| (0.0..1.0).contains(&segment.end));

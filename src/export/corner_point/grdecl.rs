@@ -25,9 +25,11 @@ use crate::export::containers::text::{
 };
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
-use crate::export::simulators::deck::{self, CONNATE_WATER_SATURATION, WellConnection};
+use crate::export::simulators::deck::{
+    self, AquiferConnection, CONNATE_WATER_SATURATION, WellConnection,
+};
 use crate::files::Batch;
-use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
+use crate::model::reservoir::{Aquifer, BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
 
 /// Entry of this format in the list of formats.
@@ -43,11 +45,14 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Regions,
         ExportContent::Porosity,
         ExportContent::Permeability,
+        ExportContent::NetToGross,
+        ExportContent::DeckRegions,
         ExportContent::Faults,
         ExportContent::ClosedFaults,
         ExportContent::Grid,
         ExportContent::Wells,
         ExportContent::Fluid,
+        ExportContent::Study,
         ExportContent::InitialPressure,
         ExportContent::Duration,
     ],
@@ -89,7 +94,9 @@ struct CellSum {
     porosity: f64,
     /// Weighted sums of the logarithms of the permeability along i, j and z.
     permeability: [f64; 3],
-    regions: Vec<(i32, f64)>,
+    net_to_gross: f64,
+    /// Weights of the regions, and of the numbers of [`DeckRegions::keywords`].
+    regions: [Vec<(i32, f64)>; 5],
 }
 
 /// Writes the grid. Its numbers of columns and layers are the [`grid`](Model::grid) of the model.
@@ -103,7 +110,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let [n, m, layers] = model.grid.unwrap_or_else(|| default_dims(model, &outline));
     let cells = [n, m, layers].iter().map(|&n| n as f64).product::<f64>();
     let description = format!("a grid of {cells} cells");
-    memory::ensure_available("grid", 250.0 * cells, description, "ask for fewer cells")?;
+    memory::ensure_available("grid", 350.0 * cells, description, "ask for fewer cells")?;
     let pillars = Pillars::new(&outline, [n, m], graph);
     let walker = CellWalker::new(&model.mesh, graph);
     let layers = GridLayers::new(model, &walker, &pillars, layers);
@@ -147,10 +154,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         return Ok(());
     };
     deck::check(model, porosity)?;
-    let rock = |at: [usize; 3]| filled.cell(filled.grid.cell_index(at)).mean_permeability();
+    let rock = |at: [usize; 3]| {
+        let cell = filled.cell(filled.grid.cell_index(at));
+        let [i, j, k] = cell.mean_permeability()?;
+        let net = match model.net_to_gross {
+            Some(_) => cell.mean_net_to_gross(),
+            None => 1.0,
+        };
+        Some([i * net, j * net, k])
+    };
     let connections: Vec<Vec<WellConnection>> = (model.case.wells.iter())
         .map(|well| wells::well_connections(well, &filled.grid, rock))
         .collect::<Result<_>>()?;
+    deck::check_skin(&model.case, &connections)?;
     let includes = [path, &regions, &edits].map(|p| p.file_name().unwrap_or_default());
     batch.write(&deck_path(path), |out| {
         filled.write_deck(out, includes, &connections)
@@ -218,10 +234,15 @@ impl FilledGrid<'_> {
         })?;
         if model.porosity.is_some() {
             writeln!(out, "PORO")?;
-            write_numbers(out, cells, |at| match self.cell(at).weight {
+            write_numbers(out, cells, |at| match self.cell(at).net_to_gross {
                 0.0 => 0.0,
-                weight => self.cell(at).porosity / weight,
+                net => self.cell(at).porosity / net,
             })?;
+            writeln!(out, "/\n")?;
+        }
+        if model.net_to_gross.is_some() {
+            writeln!(out, "NTG")?;
+            write_numbers(out, cells, |at| self.cell(at).mean_net_to_gross())?;
             writeln!(out, "/\n")?;
         }
         if model.permeability.is_some() {
@@ -237,19 +258,25 @@ impl FilledGrid<'_> {
         self.resistances.write(out, model, &self.grid)
     }
 
-    /// Writes the region of each cell.
+    /// Writes the region of each cell, and the numbers of tables if they are given.
     fn write_regions(&self, out: FileWriter) -> WriteResult {
-        let (cells, shift) = (
-            self.columns.len() * self.grid.layers.count,
-            region_shift(self.model),
-        );
-        writeln!(out, "FIPNUM")?;
-        write_ints(out, cells, |at| {
-            // The region with the largest part of the cell counts.
-            let regions = self.cell(at).regions.iter();
-            let largest = regions.max_by(|a, b| a.1.total_cmp(&b.1));
-            largest.map_or(1, |(region, _)| i64::from(*region) + shift)
-        })
+        let cells = self.columns.len() * self.grid.layers.count;
+        let keywords = self.model.deck_regions.keywords();
+        for (kind, (keyword, numbers)) in (1..).zip(keywords) {
+            let (kind, shift) = match (numbers, keyword) {
+                (Some(_), _) => (kind, 0),
+                (None, "FIPNUM") => (0, region_shift(self.model)),
+                _ => continue,
+            };
+            writeln!(out, "{keyword}")?;
+            write_ints(out, cells, |at| {
+                // The region with the largest part of the cell counts.
+                let regions = self.cell(at).regions[kind].iter();
+                let largest = regions.max_by(|a, b| a.1.total_cmp(&b.1));
+                largest.map_or(1, |(region, _)| i64::from(*region) + shift)
+            })?;
+        }
+        Ok(())
     }
 
     /// Writes a deck that includes the grid, the regions, and edits of connections if there are any.
@@ -262,7 +289,17 @@ impl FilledGrid<'_> {
         let (model, grid) = (self.model, &self.grid);
         let (cells, top) = (grid.dims().iter().product(), model.top_depth());
         let title = DECK_TITLE_SUFFIX;
-        deck::write_runspec(out, &model.case, title, grid.dims(), connections)?;
+        let aquifers = model.case.aquifers.iter();
+        let aquifers: Vec<Vec<AquiferConnection>> = aquifers
+            .map(|aquifer| self.aquifer_connections(aquifer))
+            .collect();
+        let size = |connections: &Vec<AquiferConnection>| {
+            let cells = connections.iter().map(|c| c.cells.map(|[a, b]| b + 1 - a));
+            cells.map(|[i, j, k]| i * j * k).sum::<usize>()
+        };
+        let aquifer_cells = aquifers.iter().map(size).max().unwrap_or_default();
+        let dims = grid.dims();
+        deck::write_runspec(out, model, title, dims, connections, aquifer_cells)?;
         let include = |out: FileWriter, name: &OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
@@ -272,18 +309,79 @@ impl FilledGrid<'_> {
             writeln!(out, "EDIT\n")?;
             include(out, edits)?;
         }
-        deck::write_props(out, &model.case)?;
+        deck::write_props(out, model)?;
         writeln!(out, "REGIONS\n")?;
         include(out, regions)?;
         writeln!(out, "SOLUTION\n")?;
-        deck::write_array(out, "PRESSURE", cells, |at| {
-            let middle = grid.point(index_at(grid.dims(), at), [0.5; 3]);
-            model.initial_pressure(-middle[2], top) / BAR
-        })?;
-        if model.case.fluid == Fluid::OilWater {
-            writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
+        if !deck::write_equilibrium(out, &model.case)? {
+            deck::write_array(out, "PRESSURE", cells, |at| {
+                let middle = grid.point(index_at(grid.dims(), at), [0.5; 3]);
+                model.initial_pressure(-middle[2], top) / BAR
+            })?;
+            if model.case.fluid == Fluid::OilWater {
+                writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
+            }
         }
-        deck::write_schedule(out, &model.case, connections)
+        deck::write_aquifers(out, &model.case, &aquifers)?;
+        deck::write_schedule(out, model, connections)
+    }
+
+    /// Returns the cells of the grid to which an aquifer is connected: the active ones on its side,
+    /// in runs along k.
+    fn aquifer_connections(&self, aquifer: &Aquifer) -> Vec<AquiferConnection> {
+        let [n, m, layers] = self.grid.dims();
+        let [x, y, z] = aquifer.normal;
+        let [i, j] = self.grid.pillars.axes.map(|axis| axis[0] * x + axis[1] * y);
+        let is_deep = |cell: [usize; 3]| {
+            let depth = -self.grid.point(cell, [0.5; 3])[2];
+            aquifer.option.below.is_none_or(|below| depth > below)
+        };
+        let is_connected = |cell: [usize; 3]| {
+            self.cell(self.grid.cell_index(cell)).active_weight > 0.0 && is_deep(cell)
+        };
+        let mut connections = Vec::new();
+        let mut add = |column: [usize; 2], [k, end]: [usize; 2], face| {
+            let [i, j] = column.map(|c| c + 1);
+            connections.push(AquiferConnection {
+                cells: [[i; 2], [j; 2], [k + 1, end]],
+                face,
+                area: None,
+            });
+        };
+        let columns = (0..m).flat_map(|j| (0..n).map(move |i| [i, j]));
+        if z.abs() > i.abs().max(j.abs()) {
+            for column in columns {
+                // The outermost active cell of the column.
+                let mut all: Vec<usize> = (0..layers).collect();
+                let face = if z > 0.0 { "K-" } else { "K+" };
+                if z <= 0.0 {
+                    all.reverse();
+                }
+                let is_first = |k: &&usize| is_connected([column[0], column[1], **k]);
+                if let Some(&k) = all.iter().find(is_first) {
+                    add(column, [k, k + 1], face);
+                }
+            }
+            return connections;
+        }
+        let axis = usize::from(j.abs() > i.abs());
+        let is_upper = [i, j][axis] > 0.0;
+        let face = [["I-", "I+"], ["J-", "J+"]][axis][usize::from(is_upper)];
+        let edge = if is_upper { [n, m][axis] - 1 } else { 0 };
+        for column in columns.filter(|column| column[axis] == edge) {
+            let mut k = 0;
+            while k < layers {
+                let start = k;
+                while k < layers && is_connected([column[0], column[1], k]) {
+                    k += 1;
+                }
+                if k > start {
+                    add(column, [start, k], face);
+                }
+                k += 1;
+            }
+        }
+        connections
     }
 }
 
@@ -399,25 +497,40 @@ impl CellSum {
         (self.active_weight > 0.0).then(mean)
     }
 
+    fn mean_net_to_gross(&self) -> f64 {
+        match self.weight {
+            0.0 => 0.0,
+            weight => self.net_to_gross / weight,
+        }
+    }
+
     fn add(&mut self, model: &Model, pillars: &Pillars, cell: u32, weight: f64) {
         let at = cell as usize;
         self.weight += weight;
+        // The porosity is that of the reservoir rock, so that pore volumes are those of the lines.
+        let net = model.net_to_gross.as_ref().map_or(1.0, |ratios| ratios[at]);
+        self.net_to_gross += weight * net;
         if let Some(porosity) = &model.porosity {
-            self.porosity += weight * porosity[at];
+            self.porosity += weight * net * porosity[at];
         }
         let is_active = model.is_active(at);
         self.active_weight += if is_active { weight } else { 0.0 };
         if let Some(permeability) = model.permeability.as_ref().filter(|_| is_active) {
             let k = permeability.rock.mobility(at);
             let [i, j] = pillars.axes.map(|[x, y]| k.normal_component([x, y, 0.0]));
-            for (sum, k) in self.permeability.iter_mut().zip([i, j, k.0[2]]) {
+            for (sum, k) in self.permeability.iter_mut().zip([i / net, j / net, k.0[2]]) {
                 *sum += weight * k.ln();
             }
         }
-        let region = model.graph.region[at];
-        match self.regions.iter_mut().find(|known| known.0 == region) {
-            Some(known) => known.1 += weight,
-            None => self.regions.push((region, weight)),
+        let keywords = model.deck_regions.keywords();
+        let numbers = keywords.map(|(_, numbers)| numbers.map(|numbers| numbers[at] as i32));
+        let numbers = std::iter::once(Some(model.graph.region[at])).chain(numbers);
+        for (regions, number) in self.regions.iter_mut().zip(numbers) {
+            let Some(number) = number else { continue };
+            match regions.iter_mut().find(|known| known.0 == number) {
+                Some(known) => known.1 += weight,
+                None => regions.push((number, weight)),
+            }
         }
     }
 }

@@ -33,7 +33,7 @@ pub fn well_connections(
         let Some(k) = permeability(cell) else {
             continue;
         };
-        let index = well_index(grid.cell_lengths(cell), k, path, well.radius).ok_or_else(|| {
+        let [index, strength] = well_index(grid.cell_lengths(cell), k, path, well.radius).ok_or_else(|| {
             let [i, j, k] = cell.map(|n| n + 1);
             refuse(
                 format!(
@@ -46,6 +46,7 @@ pub fn well_connections(
         openings.push(WellConnection {
             cell: cell.map(|n| n + 1),
             index,
+            strength,
         });
     }
     if openings.is_empty() {
@@ -92,10 +93,10 @@ fn well_path_cells(well: &Well, grid: &CornerPointGrid) -> Vec<([usize; 3], [f64
     paths
 }
 
-/// Returns the well index of a cell with these lengths and permeabilities, or `None` if the radius
-/// is too large.
-fn well_index(lengths: [f64; 3], k: [f64; 3], path: [f64; 3], radius: f64) -> Option<f64> {
-    let mut squares = 0.0;
+/// Returns the well index of a cell with these lengths and permeabilities, and the strength (see
+/// [`WellConnection`]), or `None` if the radius is too large.
+fn well_index(lengths: [f64; 3], k: [f64; 3], path: [f64; 3], radius: f64) -> Option<[f64; 2]> {
+    let mut squares = [0.0; 2];
     for axis in 0..3 {
         let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
         let ratio = (k[b] / k[a]).sqrt();
@@ -106,10 +107,12 @@ fn well_index(lengths: [f64; 3], k: [f64; 3], path: [f64; 3], radius: f64) -> Op
             if log_ratio.is_nan() || log_ratio <= 0.0 {
                 return None;
             }
-            squares += (TAU * (k[a] * k[b]).sqrt() * path[axis] / log_ratio).powi(2);
+            let strength = TAU * (k[a] * k[b]).sqrt() * path[axis];
+            squares[0] += (strength / log_ratio).powi(2);
+            squares[1] += strength.powi(2);
         }
     }
-    Some(squares.sqrt())
+    Some(squares.map(f64::sqrt))
 }
 
 #[cfg(test)]
@@ -118,11 +121,13 @@ mod tests {
 
     #[test]
     fn an_upright_well_in_a_square_has_peacemans_index() {
-        let index = well_index([10.0, 10.0, 2.0], [3.0; 3], [0.0, 0.0, 2.0], 0.1).unwrap();
+        let [index, strength] =
+            well_index([10.0, 10.0, 2.0], [3.0; 3], [0.0, 0.0, 2.0], 0.1).unwrap();
+        assert!((strength / (TAU * 6.0) - 1.0).abs() < 1e-12);
         let expected = TAU * 3.0 * 2.0 / (0.14f64 * 200.0f64.sqrt() / 0.1).ln();
         assert!((index / expected - 1.0).abs() < 1e-12, "{index} {expected}");
         // Wells of the same length along another axis of a cube, and along none.
-        let cube = |path| well_index([10.0; 3], [3.0; 3], path, 0.1).unwrap();
+        let cube = |path| well_index([10.0; 3], [3.0; 3], path, 0.1).unwrap()[0];
         let along = cube([0.0, 10.0, 0.0]);
         assert!((cube([6.0, 8.0, 0.0]) / along - 1.0).abs() < 1e-12);
         assert_eq!(well_index([1.0; 3], [1.0; 3], [1.0, 0.0, 0.0], 0.3), None);

@@ -213,6 +213,8 @@ impl WellCells {
                 match well.control {
                     Control::Inject(rate) => wells.rates.push((id, rate * index / total_index)),
                     Control::Produce(rate) => wells.rates.push((id, -rate * index / total_index)),
+                    // Formats without schedules have no such wells.
+                    Control::Scheduled => {}
                     Control::Pressure(pressure) => {
                         // The pressure is given at the first cell of the well. Below that cell, the
                         // pressure is hydrostatic.
@@ -394,7 +396,7 @@ impl DisvGrid {
                         .normal_component(c.normal)
                 });
                 let factor = t / c.area * (c.distance[0] / k[0] + c.distance[1] / k[1]);
-                if factor < 1.0 - FACTOR_TOLERANCE {
+                if (factor - 1.0).abs() > FACTOR_TOLERANCE {
                     barriers.push((c.cells, factor.max(CLOSED_FACTOR)));
                 }
             }

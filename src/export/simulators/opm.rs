@@ -10,8 +10,8 @@ use std::path::Path;
 
 pub use super::deck::TRANSMISSIBILITY_UNIT;
 use super::deck::{
-    CONNATE_WATER_SATURATION, WellConnection, check, write_array, write_props, write_runspec,
-    write_schedule,
+    AquiferConnection, CONNATE_WATER_SATURATION, WellConnection, check, check_skin, write_aquifers,
+    write_array, write_equilibrium, write_props, write_runspec, write_schedule,
 };
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, WriteResult, write_items};
@@ -36,10 +36,13 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Porosity,
         ExportContent::Permeability,
         ExportContent::Properties,
+        ExportContent::NetToGross,
+        ExportContent::DeckRegions,
         ExportContent::Faults,
         ExportContent::ClosedFaults,
         ExportContent::Wells,
         ExportContent::Fluid,
+        ExportContent::Study,
         ExportContent::InitialPressure,
         ExportContent::Gravity,
         ExportContent::Duration,
@@ -82,19 +85,39 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
     };
     let pressure = |cell: usize| model.initial_pressure(depth(cell), top) / BAR;
-    let connection = |&(cell, index): &(u32, f64)| WellConnection {
+    let connection = |(&(cell, index), &strength): (&(u32, f64), &f64)| WellConnection {
         cell: [cell as usize + 1, 1, 1],
         index,
+        strength,
     };
     let wells = case.wells.iter();
     let well_connections: Vec<Vec<WellConnection>> = wells
-        .map(|well| well.cells.iter().map(connection).collect())
+        .map(|well| {
+            well.cells
+                .iter()
+                .zip(&well.strengths)
+                .map(connection)
+                .collect()
+        })
         .collect();
+    check_skin(case, &well_connections)?;
+    // The boxes have no neighbours along j.
+    let aquifer_connection = |&(cell, area): &(u32, f64)| AquiferConnection {
+        cells: [[cell as usize + 1; 2], [1; 2], [1; 2]],
+        face: "J-",
+        area: Some(area),
+    };
+    let aquifer_connections: Vec<Vec<AquiferConnection>> = (case.aquifers.iter())
+        .map(|aquifer| aquifer.cells.iter().map(aquifer_connection).collect())
+        .collect();
+    let aquifer_cells = case.aquifers.iter().map(|aquifer| aquifer.cells.len());
+    let aquifer_cells = aquifer_cells.max().unwrap_or_default();
 
     batch.write(path, |out| {
         let comment = "cell i of the mesh is box (i + 1, 1, 1)\n\
             -- faults that are nearly closed: flow --linear-solver=cpr needs a tenth of the iterations";
-        write_runspec(out, case, comment, [cells, 1, 1], &well_connections)?;
+        let dims = [cells, 1, 1];
+        write_runspec(out, model, comment, dims, &well_connections, aquifer_cells)?;
         writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
         for keyword in ["DX", "DY", "DZ"] {
             writeln!(out, "{keyword}\n {cells}*{side:.9} /")?;
@@ -106,8 +129,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         numbers(out, "PORO", &|c| porosity[c])?;
         for (k, name) in ["PERMX", "PERMY", "PERMZ"].into_iter().enumerate() {
             numbers(out, name, &|c| {
-                permeability.rock.mobility(c).0[k] / MILLIDARCY
+                model.net_permeability(permeability, c)[k] / MILLIDARCY
             })?;
+        }
+        if let Some(net_to_gross) = &model.net_to_gross {
+            numbers(out, "NTG", &|c| net_to_gross[c])?;
         }
         if !model.inactive.is_empty() {
             writeln!(out, "ACTNUM")?;
@@ -118,21 +144,32 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         write_connections(out, graph, &permeability.transmissibility)?;
         writeln!(out, "EDIT\n")?;
-        numbers(out, "PORV", &|c| porosity[c] * graph.volume[c])?;
+        numbers(out, "PORV", &|c| model.pore_volume(c).unwrap_or_default())?;
         writeln!(out, "TRANX\n {cells}*0 /\n")?;
-        write_props(out, case)?;
+        write_props(out, model)?;
         writeln!(out, "REGIONS\n")?;
         let shift = region_shift(model);
-        writeln!(out, "FIPNUM")?;
-        write_items(out, cells, |text, c| {
-            text.spaced_int(i64::from(graph.region[c]) + shift).end_line();
-        })?;
-        writeln!(out, "/\n\nSOLUTION\n")?;
-        numbers(out, "PRESSURE", &pressure)?;
-        if case.fluid == Fluid::OilWater {
-            writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
+        for (keyword, numbers) in model.deck_regions.keywords() {
+            if numbers.is_none() && keyword != "FIPNUM" {
+                continue;
+            }
+            writeln!(out, "{keyword}")?;
+            write_items(out, cells, |text, c| {
+                let region = || i64::from(graph.region[c]) + shift;
+                let number = numbers.map_or_else(region, |numbers| i64::from(numbers[c]));
+                text.spaced_int(number).end_line();
+            })?;
+            writeln!(out, "/\n")?;
         }
-        write_schedule(out, case, &well_connections)
+        writeln!(out, "SOLUTION\n")?;
+        if !write_equilibrium(out, case)? {
+            numbers(out, "PRESSURE", &pressure)?;
+            if case.fluid == Fluid::OilWater {
+                writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
+            }
+        }
+        write_aquifers(out, case, &aquifer_connections)?;
+        write_schedule(out, model, &well_connections)
     })
 }
 

@@ -52,6 +52,19 @@ impl Barriers {
         Self { names, ..self }
     }
 
+    /// Gives some faces laws of their own, in place of those of their labels.
+    #[must_use]
+    pub fn with_face_laws(
+        mut self,
+        face_laws: impl IntoIterator<Item = (usize, FaultLaw)>,
+    ) -> Self {
+        for (face, law) in face_laws {
+            self.laws.push(law);
+            self.label[face] = self.laws.len() as u32;
+        }
+        self
+    }
+
     /// Returns the name of the barriers with a label. Labels without a name are called `scraps`.
     pub fn name(&self, label: u32) -> String {
         let name = self.names.get(label as usize - 1).cloned();

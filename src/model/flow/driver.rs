@@ -2,6 +2,7 @@
 //! and barriers on surfaces, and returns the results as arrays of a mesh file.
 
 use crate::Result;
+use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::to_3d;
 use crate::job::{MeshSpace, Meshing};
@@ -99,6 +100,23 @@ impl FaultLaws {
         let laws = self.overrides.iter().map(|entry| entry.1);
         laws.chain([self.law])
             .any(|law| law.multiplier() > 0.0 && !law.is_open())
+    }
+
+    /// Checks that no fault conducts better than the rock, which only transmissibilities from cell
+    /// to cell can represent.
+    ///
+    /// # Errors
+    /// Returns [`Error::Flow`](crate::Error::Flow) if a multiplier is above 1.
+    pub fn check_resistance(&self) -> Result<()> {
+        let laws = self.overrides.iter().map(|entry| entry.1);
+        match laws.chain([self.law]).find(FaultLaw::is_conduit) {
+            None => Ok(()),
+            Some(law) => Err(crate::Error::Flow(cause(
+                format!("fault multiplier {}", law.multiplier()),
+                "is not from 0 to 1",
+                "0 is closed, 1 is open; only an export can have faults that conduct better than the rock",
+            ))),
+        }
     }
 
     /// Returns `true` if a selector matches this name.

@@ -78,6 +78,13 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
                 size * barriers.law(face.label).conductance(distance, mobility)
             })
             .collect::<Vec<f64>>();
+        if transmissibility.iter().any(|t| *t < 0.0) {
+            return Err(Error::Flow(cause(
+                "fault multiplier",
+                "is above 1, but elements represent faults that resist flow only",
+                "give multipliers from 0 to 1",
+            )));
+        }
         let (matrix, volume) = assemble(&split, &transmissibility, &rock);
         Ok(Self {
             split_mesh: split,

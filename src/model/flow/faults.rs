@@ -20,8 +20,9 @@ use crate::{Error, Result};
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FaultOptions {
-    /// Resistance of faults to flow: closed, open, or a factor from 0 to 1 by which the
-    /// permeability is multiplied there [default: closed for flow, open for export]
+    /// Resistance of faults to flow: closed, open, or a factor by which the permeability is
+    /// multiplied there, from 0 to 1, in an export also above 1 [default: closed for flow, open for
+    /// export]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "HOW", allow_hyphen_values = true)
@@ -54,7 +55,7 @@ pub enum FaultResistance {
     Closed,
     /// Faults do not resist.
     Open,
-    /// The permeability in faults is multiplied by this factor, from 0 to 1.
+    /// The permeability in faults is multiplied by this factor.
     Factor(f64),
 }
 
@@ -65,10 +66,7 @@ impl FromStr for FaultResistance {
         Ok(match text {
             "closed" => Self::Closed,
             "open" => Self::Open,
-            factor => Self::Factor(parse_number(
-                factor,
-                "give open, closed, or a multiplier from 0 to 1",
-            )?),
+            factor => Self::Factor(parse_number(factor, "give open, closed, or a multiplier")?),
         })
     }
 }
@@ -161,7 +159,7 @@ serde_as_text!(
 
 /// Parses what selects surfaces: a number from 1, or a name or pattern. Returns `None` for other
 /// numbers.
-fn parse_selector(text: &str) -> Option<Selector> {
+pub(crate) fn parse_selector(text: &str) -> Option<Selector> {
     let number = text.trim().parse::<f64>();
     match Selector::parse(text)? {
         Selector::Number(0) => None,

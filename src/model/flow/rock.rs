@@ -168,11 +168,14 @@ impl Rock {
 }
 
 /// The resistance of faults to flow across them. A fault is a thin layer of rock, whose
-/// permeability is `multiplier` times that of the rock that it replaces.
+/// permeability is `multiplier` times that of the rock that it replaces. Or the layer has a
+/// permeability of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaultLaw {
     multiplier: f64,
     thickness: Option<f64>,
+    /// Mobility of the layer. If it is known, `multiplier` has no effect.
+    layer_mobility: Option<f64>,
 }
 
 impl FaultLaw {
@@ -180,28 +183,31 @@ impl FaultLaw {
     pub const OPEN: Self = Self {
         multiplier: 1.0,
         thickness: None,
+        layer_mobility: None,
     };
     /// The law of faults that no fluid crosses.
     pub const CLOSED: Self = Self {
         multiplier: 0.0,
         thickness: None,
+        layer_mobility: None,
     };
 
-    /// Makes a law. Without `thickness` the layer is as thick as the distance between the centres
+    /// Makes a law. A multiplier above 1 makes a fault conduct better than the rock, as a zone of
+    /// damaged rock does. Without `thickness` the layer is as thick as the distance between the centres
     /// of the two cells, measured normal to the face. Then `multiplier` means the same as in
     /// reservoir simulators: a factor of the transmissibility from cell to cell (which depends on
     /// the mesh).
     ///
     /// # Errors
-    /// Returns [`Error::Flow`] if the multiplier is outside [0, 1] or the thickness is not
-    /// positive.
+    /// Returns [`Error::Flow`] if the multiplier is negative or not finite, or if the thickness is
+    /// not positive.
     pub fn new(multiplier: f64, thickness: Option<f64>) -> Result<Self> {
         let refuse = |place: String, problem: &str, remedy: &str| {
             Err(Error::Flow(cause(place, problem, remedy)))
         };
-        if !(0.0..=1.0).contains(&multiplier) {
+        if !(multiplier >= 0.0 && multiplier.is_finite()) {
             let place = format!("fault multiplier {multiplier}");
-            return refuse(place, "is not from 0 to 1", "0 is closed, 1 is open");
+            return refuse(place, "is not 0 or more", "0 is closed, 1 is open");
         }
         match thickness {
             Some(w) if !(w > 0.0 && w.is_finite()) => {
@@ -215,7 +221,18 @@ impl FaultLaw {
             _ => Ok(Self {
                 multiplier,
                 thickness,
+                layer_mobility: None,
             }),
+        }
+    }
+
+    /// Makes the law of a layer with this mobility (permeability over viscosity) and thickness,
+    /// which replaces rock of both cells alike.
+    pub fn layer(mobility: f64, thickness: f64) -> Self {
+        Self {
+            multiplier: 1.0,
+            thickness: Some(thickness),
+            layer_mobility: Some(mobility),
         }
     }
 
@@ -226,17 +243,26 @@ impl FaultLaw {
 
     /// Returns `true` if faults with this law have no resistance.
     pub fn is_open(&self) -> bool {
-        self.multiplier == 1.0
+        self.multiplier == 1.0 && self.layer_mobility.is_none()
+    }
+
+    /// Returns `true` if faults with this law conduct better than the rock that they replace.
+    pub fn is_conduit(&self) -> bool {
+        self.multiplier > 1.0
     }
 
     /// Returns the rate across a fault per area and per pressure jump. `distance` holds the
     /// distances from the centres of the two cells to the face, and `mobility` their mobilities.
     /// The result c is 0 for a closed fault and infinite for an open one. Only the resistance of
     /// the layer beyond that of the rock that it replaces counts: `1 / c = (1 / multiplier - 1)
-    /// (d_1 / k_1 + d_2 / k_2)`.
+    /// (d_1 / k_1 + d_2 / k_2)`. The result is negative for a layer that conducts better than the
+    /// rock.
     pub fn conductance(&self, distance: [f64; 2], mobility: [f64; 2]) -> f64 {
         let [d, e] = self.thickness.map_or(distance, |w| [0.5 * w; 2]);
         let resistance = d / mobility[0] + e / mobility[1];
+        if let Some(layer_mobility) = self.layer_mobility {
+            return 1.0 / ((d + e) / layer_mobility - resistance);
+        }
         self.multiplier / ((1.0 - self.multiplier) * resistance)
     }
 }

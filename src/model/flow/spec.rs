@@ -232,7 +232,8 @@ impl FlowSpec {
                 return Err(Error::Job(cause(place, "is given twice", "give it once")));
             }
         }
-        self.fault_options.laws(FaultResistance::Closed)?;
+        let laws = self.fault_options.laws(FaultResistance::Closed)?;
+        laws.check_resistance()?;
         if !(self.viscosity > 0.0 && self.viscosity.is_finite()) {
             return Err(Error::Job(cause(
                 format!("viscosity {}", self.viscosity),

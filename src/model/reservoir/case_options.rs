@@ -7,10 +7,12 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::equilibrium::equilibria;
 use super::frame::metres_per_unit;
 use super::{
-    BAR, Completion, Control, DAY, DepthAxis, Fluid, GRAVITY, MeshPlacement, Model, PreparedModel,
-    SimulationCase, Trajectory, Well, WellTracer,
+    Aquifer, AquiferOption, BAR, CapillaryOption, Completion, ContactOption, Control, DAY, Date,
+    DatumOption, DepthAxis, Fluid, GRAVITY, MeshPlacement, Model, OIL_DENSITY, PreparedModel,
+    SURFACE_PRESSURE, Schedule, SimulationCase, Trajectory, WATER_DENSITY, Well, WellTracer,
 };
 use crate::error::cause;
 use crate::job::spec::{InvalidValue, SignedAxis, joined, parse_number};
@@ -89,6 +91,8 @@ pub enum FluidChoice {
     Water,
     /// Oil, into which water is injected
     OilWater,
+    /// Gas above oil above water (needs contacts)
+    OilWaterGas,
 }
 
 /// Options for the wells, fluids and duration of a simulation.
@@ -114,6 +118,40 @@ pub struct CaseOptions {
         arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)
     )]
     pub producer: Vec<WellOption>,
+    /// A well whose rates and pressures are in --schedule, at X,Y,Z or along the trajectory in a CSV
+    /// file; may be repeated
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "[NAME=]X,Y,Z", allow_hyphen_values = true)
+    )]
+    pub well: Vec<ScheduledWell>,
+    /// A CSV table of what wells and groups do, with a row of names at the top: date, well, group,
+    /// type, status, mode, control, oil, water, gas, liquid, reservoir, bhp, skin
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
+    pub schedule: Option<PathBuf>,
+    /// First day of the simulation, year-month-day [default: the first date of the schedule, or
+    /// 2000-01-01]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DATE"))]
+    pub start: Option<Date>,
+    /// Depth (m) of a contact between fluids, which are in equilibrium at the start:
+    /// oil-water=DEPTH or gas-oil=DEPTH, perhaps with the capillary pressure there (bar), and before it the
+    /// number of an equilibration region: 2/oil-water=2450:0.1; may be repeated
+    #[cfg_attr(feature = "cli", arg(long, value_name = "[REGION/]FLUIDS=DEPTH[:BAR]"))]
+    pub contact: Vec<ContactOption>,
+    /// Initial pressure (bar) at a depth (m) where there are contacts; may be repeated [default: that of a
+    /// column of water at the contact with oil]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "[REGION/]DEPTH:BAR"))]
+    pub datum: Vec<DatumOption>,
+    /// Capillary pressure between oil and water after Brooks and Corey: entry pressure (bar) and exponent,
+    /// for all or one of the tables of --satnum; may be repeated [default: none; exponent 2]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "[TABLE/]BAR[:EXPONENT]"))]
+    pub capillary_pressure: Vec<CapillaryOption>,
+    /// An aquifer beyond a side of the mesh (xmin ... zmax): Carter-Tracy with permeability (mD), porosity,
+    /// thickness (m), radius (m) and angle (degrees), or Fetkovich with volume (m^3) and productivity
+    /// (m^3/day/bar); both with compressibility (1/bar), below (depth), datum and pressure; may be
+    /// repeated
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE:NAME=VALUE,..."))]
+    pub aquifer: Vec<AquiferOption>,
     /// Radius (m) of wells that are given by a point [default: 0.1]
     #[cfg_attr(feature = "cli", arg(long, value_name = "R"))]
     pub well_radius: Option<f64>,
@@ -139,6 +177,15 @@ pub struct WellOption {
     pub value: f64,
 }
 
+/// A well without a control of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScheduledWell {
+    /// The name. By default it is that in the file, or W with the number of the well.
+    pub name: Option<String>,
+    /// The place of the well.
+    pub place: WellPlace,
+}
+
 /// The place of a well.
 #[derive(Debug, Clone, PartialEq)]
 pub enum WellPlace {
@@ -153,10 +200,7 @@ impl FromStr for WellOption {
 
     fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
         let remedy = "give X,Y,Z:VALUE or FILE.csv:VALUE, with NAME= before it or not";
-        let (name, rest) = match text.split_once('=') {
-            Some((name, rest)) => (Some(name.to_string()), rest),
-            None => (None, text),
-        };
+        let (name, rest) = split_name(text);
         let (place, value) = rest
             .rsplit_once(':')
             .ok_or_else(|| InvalidValue::new("has no ':'", remedy))?;
@@ -165,18 +209,59 @@ impl FromStr for WellOption {
             let problem = format!("has the value {value}, which is not a positive number");
             return Err(InvalidValue::new(problem, "give one above 0"));
         }
-        let place = if is_well_file(place) {
-            WellPlace::File(place.into())
-        } else {
-            let numbers = place.split(',').map(|word| parse_number(word, remedy));
-            let numbers: Vec<f64> = numbers.collect::<std::result::Result<_, _>>()?;
-            let count = numbers.len();
-            let point = <[f64; 3]>::try_from(numbers).map_err(|_| {
-                InvalidValue::new(format!("has {count} coordinates, not 3"), remedy)
-            })?;
-            WellPlace::Point(point)
-        };
+        let place = WellPlace::parse(place, remedy)?;
         Ok(Self { name, place, value })
+    }
+}
+
+/// Splits `NAME=` from the start of a value.
+fn split_name(text: &str) -> (Option<String>, &str) {
+    match text.split_once('=') {
+        Some((name, rest)) => (Some(name.to_string()), rest),
+        None => (None, text),
+    }
+}
+
+impl WellPlace {
+    fn parse(text: &str, remedy: &str) -> std::result::Result<Self, InvalidValue> {
+        if is_well_file(text) {
+            return Ok(Self::File(text.into()));
+        }
+        let numbers = text.split(',').map(|word| parse_number(word, remedy));
+        let numbers: Vec<f64> = numbers.collect::<std::result::Result<_, _>>()?;
+        let count = numbers.len();
+        let point = <[f64; 3]>::try_from(numbers)
+            .map_err(|_| InvalidValue::new(format!("has {count} coordinates, not 3"), remedy))?;
+        Ok(Self::Point(point))
+    }
+}
+
+impl Display for WellPlace {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Point(point) => f.write_str(&joined(point)),
+            Self::File(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+impl FromStr for ScheduledWell {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
+        let remedy = "give X,Y,Z or FILE.csv, with NAME= before it or not";
+        let (name, place) = split_name(text);
+        let place = WellPlace::parse(place, remedy)?;
+        Ok(Self { name, place })
+    }
+}
+
+impl Display for ScheduledWell {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        if let Some(name) = &self.name {
+            write!(f, "{name}=")?;
+        }
+        self.place.fmt(f)
     }
 }
 
@@ -185,15 +270,11 @@ impl Display for WellOption {
         if let Some(name) = &self.name {
             write!(f, "{name}=")?;
         }
-        match &self.place {
-            WellPlace::Point(point) => f.write_str(&joined(point))?,
-            WellPlace::File(path) => write!(f, "{}", path.display())?,
-        }
-        write!(f, ":{}", self.value)
+        write!(f, "{}:{}", self.place, self.value)
     }
 }
 
-serde_as_text!(WellOption: [",", ":"]);
+serde_as_text!(WellOption: [",", ":"], ScheduledWell: [","; 2]);
 
 impl SpaceOptions {
     /// Returns the placement of the mesh that the options describe.
@@ -253,8 +334,78 @@ impl CaseOptions {
                 check_positive(option, number)?;
             }
         }
+        let has_contacts = !self.contact.is_empty();
+        let is_two_phase = self.fluid.is_some_and(|fluid| fluid != FluidChoice::Water);
+        let refuse = |option: &str, problem: &str, remedy: &str| {
+            Err(Error::Job(cause(option, problem, remedy)))
+        };
+        if has_contacts && !is_two_phase {
+            let remedy = "give the fluids oil-water or oil-water-gas, or omit it";
+            return refuse(
+                "contact",
+                "is between fluids, but there is only water",
+                remedy,
+            );
+        }
+        if has_contacts && self.no_gravity {
+            let remedy = "omit one of them";
+            return refuse(
+                "contact",
+                "has no effect without gravity (no-gravity)",
+                remedy,
+            );
+        }
+        if !has_contacts && self.fluid == Some(FluidChoice::OilWaterGas) {
+            let remedy = "give contacts, such as oil-water=2450 and gas-oil=2400";
+            return refuse(
+                "fluid oil-water-gas",
+                "needs the contacts of the fluids",
+                remedy,
+            );
+        }
+        if !has_contacts && !self.datum.is_empty() {
+            let remedy = "give contacts, or the pressure at the top (pressure-at-top)";
+            return refuse("datum", "has no effect without contacts", remedy);
+        }
+        if !self.datum.is_empty() && self.pressure_at_top.is_some() {
+            let remedy = "omit one of them";
+            return refuse(
+                "datum",
+                "and the pressure at the top exclude one another",
+                remedy,
+            );
+        }
+        if !is_two_phase && !self.capillary_pressure.is_empty() {
+            let remedy = "give the fluids oil-water or oil-water-gas, or omit it";
+            return refuse(
+                "capillary-pressure",
+                "is between oil and water, but there is only water",
+                remedy,
+            );
+        }
+        if self.has_gas_contact() && self.fluid != Some(FluidChoice::OilWaterGas) {
+            let remedy = "give the fluids oil-water-gas, or omit it";
+            return refuse("contact gas-oil", "is of gas, but there is none", remedy);
+        }
+        if self.schedule.is_none() {
+            if let Some(well) = self.well.first() {
+                let remedy = "give a schedule, or an injector or producer in its place";
+                return refuse(
+                    &format!("well {well}"),
+                    "has its rates in a schedule, but there is none",
+                    remedy,
+                );
+            }
+            if self.start.is_some() && !self.has_wells() {
+                let remedy = "give wells, or omit it";
+                return refuse("start", "has no effect without wells", remedy);
+            }
+        } else if !self.has_wells() {
+            let remedy = "give their places as wells, injectors or producers";
+            return refuse("schedule", "is for wells, but there are none", remedy);
+        }
         match self.days {
-            Some(days) if self.injector.is_empty() && self.producer.is_empty() => {
+            Some(days) if !self.has_wells() => {
                 let remedy = "give an injector or a producer, or omit it";
                 let place = format!("days {days}");
                 Err(Error::Job(cause(
@@ -265,6 +416,16 @@ impl CaseOptions {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Returns `true` if there are wells.
+    pub(crate) fn has_wells(&self) -> bool {
+        !(self.injector.is_empty() && self.producer.is_empty() && self.well.is_empty())
+    }
+
+    fn has_gas_contact(&self) -> bool {
+        let mut contacts = self.contact.iter();
+        contacts.any(|contact| contact.kind == super::equilibrium::ContactKind::GasOil)
     }
 
     /// Returns the simulation case, with its wells in cells of the model.
@@ -280,74 +441,142 @@ impl CaseOptions {
         let model = &prepared.model;
         let mut wells: Vec<Well> = Vec::new();
         let (tracer, locator) = (OnceCell::new(), OnceCell::new());
-        let given = [
-            ("injector", &self.injector, 'I'),
-            ("producer", &self.producer, 'P'),
-        ];
-        for (option, options, letter) in given {
-            for well in options {
-                let label = format!("{option} {well}");
-                let refuse = |problem: &str, remedy: &str| {
-                    Err(Error::Job(cause(
-                        format!("{option} {well}"),
-                        problem,
-                        remedy,
-                    )))
-                };
-                let tracer = tracer.get_or_init(|| WellTracer::new(model));
-                let (default_name, radius, points, completions) = match &well.place {
-                    WellPlace::File(path) => {
-                        let (name, trajectory, completions) =
-                            well_from_file(path, label, tracer, prepared, progress)?;
-                        (name, trajectory.radii[0], trajectory.points, completions)
-                    }
-                    WellPlace::Point(point) => {
-                        let point = prepared.frame.to_model(*point);
-                        let locator = locator.get_or_init(|| Locator::new(&model.graph));
-                        let Some(cell) = locator.cell_at(point) else {
-                            let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
-                            return refuse("lies outside the mesh", remedy);
-                        };
-                        let default_name = format!("{letter}{}", wells.len() + 1);
-                        (
-                            default_name,
-                            point_radius,
-                            vec![point],
-                            tracer.complete_cell(&label, cell, point_radius)?,
-                        )
-                    }
-                };
-                let name = well.name.clone().unwrap_or(default_name);
-                if wells.iter().any(|known| known.name == name) {
-                    let problem = "has the same name as another well";
-                    return refuse(problem, "give it another name with NAME= before it");
+        let injectors = self.injector.iter().map(|well| {
+            let control = Control::Inject(well.value / DAY);
+            (
+                format!("injector {well}"),
+                &well.name,
+                &well.place,
+                'I',
+                control,
+            )
+        });
+        let producers = self.producer.iter().map(|well| {
+            let control = Control::Pressure(well.value * BAR);
+            (
+                format!("producer {well}"),
+                &well.name,
+                &well.place,
+                'P',
+                control,
+            )
+        });
+        let scheduled = self.well.iter().map(|well| {
+            let label = format!("well {well}");
+            (label, &well.name, &well.place, 'W', Control::Scheduled)
+        });
+        for (label, name, place, letter, control) in injectors.chain(producers).chain(scheduled) {
+            let refuse = |problem: &str, remedy: &str| {
+                Err(Error::Job(cause(label.clone(), problem, remedy)))
+            };
+            let tracer = tracer.get_or_init(|| WellTracer::new(model));
+            let (default_name, radius, points, completions) = match place {
+                WellPlace::File(path) => {
+                    let (name, trajectory, completions) =
+                        well_from_file(path, label.clone(), tracer, prepared, progress)?;
+                    (name, trajectory.radii[0], trajectory.points, completions)
                 }
-                wells.push(Well {
-                    name,
-                    cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
-                    lengths: completions.iter().map(|c| c.length).collect(),
-                    radius,
-                    path: points,
-                    control: match letter {
-                        'I' => Control::Inject(well.value / DAY),
-                        _ => Control::Pressure(well.value * BAR),
-                    },
-                });
+                WellPlace::Point(point) => {
+                    let point = prepared.frame.to_model(*point);
+                    let locator = locator.get_or_init(|| Locator::new(&model.graph));
+                    let Some(cell) = locator.cell_at(point) else {
+                        let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
+                        return refuse("lies outside the mesh", remedy);
+                    };
+                    let default_name = format!("{letter}{}", wells.len() + 1);
+                    (
+                        default_name,
+                        point_radius,
+                        vec![point],
+                        tracer.complete_cell(&label, cell, point_radius)?,
+                    )
+                }
+            };
+            let name = name.clone().unwrap_or(default_name);
+            if wells.iter().any(|known| known.name == name) {
+                let problem = "has the same name as another well";
+                return refuse(problem, "give it another name with NAME= before it");
             }
+            wells.push(Well {
+                name,
+                cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
+                strengths: completions.iter().map(|c| c.strength).collect(),
+                lengths: completions.iter().map(|c| c.length).collect(),
+                radius,
+                path: points,
+                control,
+            });
         }
         let top = (0..model.len()).map(|cell| model.depth(cell));
         let top = top.fold(f64::INFINITY, f64::min);
-        let hydrostatic = 1.013_25 * BAR + 1000.0 * GRAVITY * top;
+        let fluid = match self.fluid.unwrap_or(FluidChoice::Water) {
+            FluidChoice::Water => Fluid::Water,
+            FluidChoice::OilWater => Fluid::OilWater,
+            FluidChoice::OilWaterGas => Fluid::OilWaterGas,
+        };
+        let hydrostatic = SURFACE_PRESSURE + WATER_DENSITY * GRAVITY * top;
+        let mut top_pressure = self.pressure_at_top.map_or(hydrostatic, |bar| bar * BAR);
+        let mut equilibria = if self.contact.is_empty() {
+            Vec::new()
+        } else {
+            let [_, _, count, _] = model.deck_regions.counts();
+            equilibria(&self.contact, &self.datum, count)?
+        };
+        for equilibrium in &mut equilibria {
+            if self.pressure_at_top.is_some() {
+                (equilibrium.datum, equilibrium.pressure) = (top, top_pressure);
+            }
+        }
+        if let Some(first) = equilibria.first() {
+            top_pressure = first.pressure - OIL_DENSITY * GRAVITY * (first.datum - top);
+        }
+        let aquifers = self
+            .aquifer
+            .iter()
+            .map(|option| Aquifer::new(*option, model));
+        let schedule = (self.schedule.as_ref())
+            .map(|path| Schedule::read(path, &wells, fluid, self.start))
+            .transpose()?;
+        if let Some(schedule) = &schedule {
+            for (index, well) in wells.iter().enumerate() {
+                if well.control == Control::Scheduled && schedule.first_change(index).is_none() {
+                    progress.note(&format!(
+                        "well {}: is not in the schedule, and stays shut",
+                        well.name
+                    ));
+                }
+            }
+        }
+        let start = schedule.as_ref().map(|schedule| schedule.start);
+        let start = start.or(self.start).unwrap_or_default();
+        let mut days = self.days.unwrap_or(DEFAULT_DAYS);
+        if let Some(last) = schedule.as_ref().and_then(|schedule| schedule.steps.last()) {
+            let last_day = (last.date.0 - start.0) as f64;
+            let ends_there = last.wells.is_empty() && last.groups.is_empty();
+            match self.days {
+                Some(days) if last_day > days => {
+                    let problem =
+                        format!("end before {}, the last date of the schedule", last.date);
+                    let remedy = "give more days, or omit it";
+                    return Err(Error::Job(cause(format!("days {days}"), problem, remedy)));
+                }
+                None if ends_there => days = last_day,
+                None => days += last_day,
+                Some(_) => {}
+            }
+        }
         Ok(SimulationCase {
             title: "atomesh".into(),
-            fluid: match self.fluid.unwrap_or(FluidChoice::Water) {
-                FluidChoice::Water => Fluid::Water,
-                FluidChoice::OilWater => Fluid::OilWater,
-            },
+            fluid,
             has_gravity: !self.no_gravity,
-            top_pressure: self.pressure_at_top.map_or(hydrostatic, |bar| bar * BAR),
+            top_pressure,
+            equilibria,
+            capillary_pressures: self.capillary_pressure.clone(),
+            aquifers: aquifers.collect::<Result<_>>()?,
             wells,
-            duration: self.days.unwrap_or(DEFAULT_DAYS) * DAY,
+            start,
+            schedule,
+            duration: days * DAY,
         })
     }
 }

@@ -69,10 +69,7 @@ impl ModelChecks {
             feature_connections: graph.connections.iter().filter(|c| c.on_feature).count(),
             volume,
             volume_error: (volume / box_volume - 1.0).abs(),
-            pore_volume: model.porosity.as_ref().map(|porosity| {
-                let pores = porosity.iter().zip(&graph.volume);
-                pores.map(|(p, v)| p * v).sum()
-            }),
+            pore_volume: (0..cells).map(|cell| model.pore_volume(cell)).sum(),
             depth: range(&mut (0..cells).map(|cell| model.depth(cell))),
             transmissibility: transmissibility
                 .filter(|t| !t.is_empty())

@@ -127,7 +127,8 @@ impl Model {
         let label = self.barriers.label(connection)?;
         let is_closed = self.barriers.law(label).multiplier() == 0.0;
         let names = self.surfaces.all_names().names;
-        let name = names.get(label as usize - 1).cloned();
+        let surface = self.surfaces.connection_surfaces[connection] as usize;
+        let name = names.get(surface.checked_sub(1)?).cloned();
         is_closed.then(|| name.unwrap_or_else(|| "fault".into()))
     }
 

@@ -48,6 +48,9 @@ pub struct Completion {
     /// The well index in m^3: rate times viscosity over the difference between the pressures of cell
     /// and well.
     pub index: f64,
+    /// Permeability times length times the angle in which fluid flows to the well, in m^3: with the
+    /// skin factor S, the index is 1 / (1 / `index` + S / `strength`).
+    pub strength: f64,
     /// The equivalent radius in metres (in the rescaled space if the rock is anisotropic).
     pub equivalent_radius: f64,
 }
@@ -234,6 +237,7 @@ impl WellTracer<'_> {
                     cell: w.cell as u32,
                     length: w.length,
                     index: TAU * w.open_angle_share * w.strength / log_ratio,
+                    strength: TAU * w.open_angle_share * w.strength,
                     equivalent_radius: log_radius.exp(),
                 })
             })

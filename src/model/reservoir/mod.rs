@@ -6,21 +6,29 @@
 //! - `rock_options`: options for the rock in the cells
 //! - `case_options`: options for the position of a model, its wells and fluids
 //! - `frame`: from a mesh's coordinates to metres and depth
+//! - `aquifer`: aquifers beyond a side
 //! - `averaging`: averages of an image over cells
 //! - `check`: checks of a model before it is written
+//! - `equilibrium`: contacts and pressures at the start
+//! - `schedule`: rates and limits of wells by date
 //! - `closed_faults`: notes on wells at closed faults
 //! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
+//! - `gouge`: fault rock from clay and throw
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
+pub(crate) mod aquifer;
 pub(crate) mod averaging;
 pub(crate) mod case_options;
 pub(crate) mod check;
 pub(crate) mod closed_faults;
 pub(crate) mod completion;
+pub(crate) mod equilibrium;
 pub(crate) mod frame;
+pub(crate) mod gouge;
 pub(crate) mod prepared_model;
 pub(crate) mod rock_options;
+pub(crate) mod schedule;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
@@ -35,19 +43,27 @@ use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
 use crate::model::flow::driver::FaultLaws;
-use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh};
+use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
 use crate::model::surface::stored_surfaces::region_label;
 use crate::store::LabelledRegion;
 use crate::{Error, Result};
 
+pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
 pub use averaging::{MeanKind, SamplePositions};
-pub use case_options::{CaseOptions, FluidChoice, SpaceOptions, WellOption, WellPlace};
+pub use case_options::{
+    CaseOptions, FluidChoice, ScheduledWell, SpaceOptions, WellOption, WellPlace,
+};
 pub use check::ModelChecks;
 pub use completion::Completion;
+pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
 pub use frame::{DepthAxis, ModelFrame};
-pub use rock_options::{CellPermeability, CellProperty, CellValue, PermeabilityUnit, RockOptions};
+pub use gouge::{FaultRock, FaultThrow, GougeOptions};
+pub use rock_options::{
+    CellPermeability, CellProperty, CellValue, CutOff, PermeabilityUnit, RockOptions,
+};
+pub use schedule::{Date, Schedule};
 pub use trajectory::{Trajectory, WellTracer};
 
 /// One millidarcy in m^2.
@@ -56,10 +72,14 @@ pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
 pub const BAR: f64 = 1e5;
 /// One day in seconds.
 pub const DAY: f64 = 86_400.0;
+/// Pressure of the air in Pa, which is that at depth 0.
+pub const SURFACE_PRESSURE: f64 = 1.013_25 * BAR;
 /// Density of water in kg/m^3.
 pub const WATER_DENSITY: f64 = 1000.0;
 /// Density of oil in kg/m^3.
 pub const OIL_DENSITY: f64 = 850.0;
+/// Density of gas at the surface in kg/m^3.
+pub const GAS_DENSITY: f64 = 0.8;
 /// Acceleration of gravity in m/s^2.
 pub const GRAVITY: f64 = 9.806_65;
 
@@ -92,8 +112,13 @@ pub struct Model {
     pub inactive: Vec<bool>,
     /// Porosity: the pore fraction of each cell's volume.
     pub porosity: Option<Vec<f64>>,
+    /// Net-to-gross ratio: the part of each cell's height that is reservoir rock. The porosity is
+    /// that of this part; `permeability` is that of the whole cell.
+    pub net_to_gross: Option<Vec<f64>>,
     /// Permeability in m^2, and the transmissibilities.
     pub permeability: Option<Permeability>,
+    /// Numbers of the tables and reports of a deck that apply to each cell.
+    pub deck_regions: DeckRegions,
     /// Other properties of the cells.
     pub properties: Vec<DataArray>,
     /// Fluids, wells and duration of the simulation.
@@ -101,6 +126,40 @@ pub struct Model {
     /// Size of the grid on which the model is resampled: columns along two axes, and layers. If
     /// `None`, it is as fine as the cells.
     pub grid: Option<[usize; 3]>,
+}
+
+/// Numbers, from 1, of the tables and reports of a deck that apply to each cell, as far as they are
+/// given.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct DeckRegions {
+    /// Tables of relative permeability and capillary pressure (SATNUM).
+    pub saturation: Option<Vec<u32>>,
+    /// Tables of pressure and volume (PVTNUM).
+    pub pressure_volume: Option<Vec<u32>>,
+    /// Regions in which fluids are in equilibrium at the start (EQLNUM).
+    pub equilibration: Option<Vec<u32>>,
+    /// Regions for which fluids in place are reported (FIPNUM).
+    pub fluid_in_place: Option<Vec<u32>>,
+}
+
+impl DeckRegions {
+    /// Returns the keyword of each kind of numbers, and the numbers.
+    pub fn keywords(&self) -> [(&'static str, Option<&[u32]>); 4] {
+        [
+            ("SATNUM", self.saturation.as_deref()),
+            ("PVTNUM", self.pressure_volume.as_deref()),
+            ("EQLNUM", self.equilibration.as_deref()),
+            ("FIPNUM", self.fluid_in_place.as_deref()),
+        ]
+    }
+
+    /// Returns the largest number of each kind, in the order of [`keywords`](Self::keywords): 1 if
+    /// there are none.
+    pub fn counts(&self) -> [usize; 4] {
+        let largest = |numbers: Option<&[u32]>| numbers.and_then(|n| n.iter().max().copied());
+        self.keywords()
+            .map(|(_, numbers)| largest(numbers).unwrap_or(1) as usize)
+    }
 }
 
 /// The surfaces of a mesh, and the surface on which each connection lies.
@@ -187,6 +246,8 @@ pub enum Fluid {
     Water,
     /// Oil, and water that wells inject.
     OilWater,
+    /// Gas above oil above water.
+    OilWaterGas,
 }
 
 impl Fluid {
@@ -194,7 +255,7 @@ impl Fluid {
     pub fn density(self) -> f64 {
         match self {
             Self::Water => WATER_DENSITY,
-            Self::OilWater => OIL_DENSITY,
+            Self::OilWater | Self::OilWaterGas => OIL_DENSITY,
         }
     }
 }
@@ -210,8 +271,18 @@ pub struct SimulationCase {
     pub has_gravity: bool,
     /// Initial pressure in Pa at the top of the model.
     pub top_pressure: f64,
+    /// The equilibrium of fluids in each region; empty if one fluid fills the pores at the start.
+    pub equilibria: Vec<Equilibrium>,
+    /// Curves of capillary pressure.
+    pub capillary_pressures: Vec<CapillaryOption>,
+    /// Aquifers.
+    pub aquifers: Vec<Aquifer>,
     /// Wells.
     pub wells: Vec<Well>,
+    /// The first day of the simulation.
+    pub start: Date,
+    /// Rates and limits of wells by date.
+    pub schedule: Option<Schedule>,
     /// Duration of the simulation in seconds.
     pub duration: f64,
 }
@@ -223,7 +294,12 @@ impl Default for SimulationCase {
             fluid: Fluid::Water,
             has_gravity: true,
             top_pressure: 100.0 * BAR,
+            equilibria: Vec::new(),
+            capillary_pressures: Vec::new(),
+            aquifers: Vec::new(),
             wells: Vec::new(),
+            start: Date::default(),
+            schedule: None,
             duration: 3650.0 * DAY,
         }
     }
@@ -237,6 +313,9 @@ pub struct Well {
     /// The cells, with the well index of each in m^3: rate times viscosity over the difference
     /// between the pressures of cell and well.
     pub cells: Vec<(u32, f64)>,
+    /// Permeability times length times the angle in which fluid flows to the well, in m^3 for each
+    /// of these cells.
+    pub strengths: Vec<f64>,
     /// Length of the well in each of these cells, in metres.
     pub lengths: Vec<f64>,
     /// Radius in metres.
@@ -257,6 +336,8 @@ pub enum Control {
     Produce(f64),
     /// Produces at this pressure in the well, in Pa.
     Pressure(f64),
+    /// Does what the schedule says.
+    Scheduled,
 }
 
 impl Model {
@@ -288,23 +369,27 @@ impl Model {
         !self.inactive.get(cell).copied().unwrap_or(false)
     }
 
-    /// Finds the inactive cells, whose porosity or permeability is zero, and returns their number.
-    /// Call this before [`set_permeability`](Self::set_permeability).
+    /// Finds the inactive cells, whose porosity, net-to-gross ratio or permeability is zero, or
+    /// which `is_cut_off`, and returns their number. Call this before
+    /// [`set_permeability`](Self::set_permeability).
     ///
     /// # Errors
     /// Returns [`Error::Export`] if all cells are inactive.
-    pub fn find_inactive(&mut self, rock: Option<&Rock>) -> Result<usize> {
-        let is_zero = |cell: usize| {
-            let porosity = self.porosity.as_ref().map(|porosity| porosity[cell]);
+    pub fn find_inactive(&mut self, rock: Option<&Rock>, is_cut_off: &[bool]) -> Result<usize> {
+        let is_inactive = |cell: usize| {
+            let value = |values: &Option<Vec<f64>>| values.as_ref().map(|values| values[cell]);
             let conducts = rock.is_none_or(|rock| rock.mobility(cell).0 != [0.0; 6]);
-            porosity == Some(0.0) || !conducts
+            value(&self.porosity) == Some(0.0)
+                || value(&self.net_to_gross) == Some(0.0)
+                || !conducts
+                || is_cut_off.get(cell).copied().unwrap_or(false)
         };
-        let inactive: Vec<bool> = (0..self.len()).map(is_zero).collect();
+        let inactive: Vec<bool> = (0..self.len()).map(is_inactive).collect();
         let count = inactive.iter().filter(|inactive| **inactive).count();
         if count == inactive.len() {
             return Err(Error::Export(cause(
                 "porosity or permeability",
-                "is zero in every cell, so that nothing is left to simulate",
+                "is zero or below a cut-off in every cell, so that nothing is left to simulate",
                 "give values above 0 where fluid is to flow",
             )));
         }
@@ -403,13 +488,27 @@ impl Model {
         cells.iter().all(|&cell| self.is_active(cell as usize))
     }
 
-    /// Sets the permeability, in m^2, and computes all transmissibilities: as [`CellFlow`] does,
-    /// for a viscosity of 1.
+    /// Sets the permeability of the reservoir rock, in m^2, and computes all transmissibilities: as
+    /// [`CellFlow`] does, for a viscosity of 1. The net-to-gross ratio reduces the permeability
+    /// along the layers, as in reservoir simulators.
     ///
     /// # Errors
     /// Returns [`Error::Flow`] with the cells of a connection that would have a negative
     /// transmissibility.
-    pub fn set_permeability(&mut self, rock: Rock) -> Result<()> {
+    pub fn set_permeability(&mut self, mut rock: Rock) -> Result<()> {
+        if let Some(net_to_gross) = &self.net_to_gross {
+            let net = |(cell, ratio): (usize, &f64)| {
+                // Rock that conducts nothing is inactive; its value only has to be valid.
+                let root = if *ratio > 0.0 { ratio.sqrt() } else { 1.0 };
+                let [xx, yy, zz, xy, yz, xz] = rock.mobility(cell).0;
+                let [xy, yz, xz] = [xy * root * root, yz * root, xz * root];
+                Tensor([xx * root * root, yy * root * root, zz, xy, yz, xz])
+            };
+            rock = Rock {
+                mobilities: net_to_gross.iter().enumerate().map(net).collect(),
+                cell_mobility: (0..net_to_gross.len() as u32).collect(),
+            };
+        }
         let flow = CellFlow::with_barriers(&self.graph, &rock, &self.barriers)?;
         let mut transmissibility = flow.transmissibility;
         for (connection, t) in transmissibility.iter_mut().enumerate() {
@@ -462,6 +561,26 @@ impl Model {
             })
         };
         self.case.wells.iter().filter_map(note).collect()
+    }
+
+    /// Returns the permeability of the reservoir rock along x, y and z in m^2: that of the whole
+    /// cell without the effect of the net-to-gross ratio.
+    pub fn net_permeability(&self, permeability: &Permeability, cell: usize) -> [f64; 3] {
+        let [x, y, z, ..] = permeability.rock.mobility(cell).0;
+        match self.net_to_gross.as_ref().map(|ratios| ratios[cell]) {
+            Some(ratio) if ratio > 0.0 => [x / ratio, y / ratio, z],
+            _ => [x, y, z],
+        }
+    }
+
+    /// Returns the pore volume of a cell in m^3, if the porosity is known.
+    pub fn pore_volume(&self, cell: usize) -> Option<f64> {
+        let net = self
+            .net_to_gross
+            .as_ref()
+            .map_or(1.0, |ratios| ratios[cell]);
+        let porosity = self.porosity.as_ref()?[cell];
+        Some(porosity * net * self.graph.volume[cell])
     }
 
     /// Returns the porosity.
@@ -532,7 +651,7 @@ impl Model {
 mod tests {
     use super::*;
     use crate::mesh::poly::samples::two_cells;
-    use crate::model::flow::{FaultLaw, Tensor};
+    use crate::model::flow::FaultLaw;
 
     fn model() -> Model {
         let mut model = Model::new(two_cells::<3>(0.75), None);
@@ -547,6 +666,32 @@ mod tests {
         let permeability = model.need_permeability("x").unwrap();
         assert_eq!(permeability.transmissibility, [2.0]);
         assert!(model.two_point_angles()[0] < 1e-12);
+    }
+
+    #[test]
+    fn net_to_gross_reduces_pores_and_flow_along_layers() {
+        let mut model = Model::new(two_cells::<3>(0.75), None);
+        model.porosity = Some(vec![0.2; 2]);
+        model.net_to_gross = Some(vec![0.5; 2]);
+        let rock = Rock::uniform(Tensor::from_numbers(&[2.0, 8.0, 1.0]).unwrap(), 1.0);
+        model.set_permeability(rock).unwrap();
+        let permeability = model.permeability.as_ref().unwrap();
+        assert!((permeability.transmissibility[0] - 1.0).abs() < 1e-12);
+        assert_eq!(permeability.rock.mobility(1).0[2], 1.0);
+        let net = model.net_permeability(permeability, 0);
+        assert!((net[1] - 8.0).abs() < 1e-12 && net[2] == 1.0);
+        assert!((model.pore_volume(0).unwrap() - 0.1 * model.graph.volume[0]).abs() < 1e-15);
+    }
+
+    #[test]
+    fn cells_below_a_cut_off_are_inactive() {
+        let mut model = Model::new(two_cells::<3>(0.75), None);
+        assert_eq!(model.find_inactive(None, &[false, true]).unwrap(), 1);
+        assert!(model.is_active(0) && !model.is_active(1));
+        assert!(model.find_inactive(None, &[true, true]).is_err());
+        model.net_to_gross = Some(vec![0.0, 0.4]);
+        assert_eq!(model.find_inactive(None, &[]).unwrap(), 1);
+        assert!(!model.is_active(0));
     }
 
     #[test]

@@ -7,13 +7,13 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use super::{MILLIDARCY, MeanKind, PreparedModel};
+use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
 use crate::files::csv::values_by_region;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
-use crate::job::spec::{InvalidValue, names_image};
+use crate::job::spec::{InvalidValue, names_image, parse_number};
 use crate::model::flow::{Rock, Tensor};
 use crate::option_text::{deserialize_optional, serde_as_text};
 use crate::progress::Progress;
@@ -42,6 +42,32 @@ pub struct RockOptions {
     /// Unit of the permeability: mD or m2
     #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
     pub permeability_unit: Option<PermeabilityUnit>,
+    /// Net-to-gross ratio, given like a porosity: the part of a cell's height that is reservoir rock.
+    /// It reduces pore volumes and the permeability along x and y
+    #[cfg_attr(feature = "cli", arg(long, value_name = "RATIO"))]
+    pub net_to_gross: Option<CellValue>,
+    /// A lower limit below which cells are inactive: of porosity, permeability (the largest along an
+    /// axis, in its unit), net-to-gross, or a --property; may be repeated
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "NAME=LIMIT", allow_hyphen_values = true)
+    )]
+    pub cutoff: Vec<CutOff>,
+    /// Numbers of the cells' tables of relative permeability and capillary pressure: a CSV file of
+    /// lines region,number, a cell array of the mesh, an image, or a number
+    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    pub satnum: Option<CellValue>,
+    /// Numbers of the cells' tables of fluid volumes, given like --satnum
+    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    pub pvtnum: Option<CellValue>,
+    /// Numbers of the cells' equilibration regions, which have contacts of their own, given like
+    /// --satnum
+    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    pub eqlnum: Option<CellValue>,
+    /// Numbers of the regions for which fluids in place are reported, given like --satnum [default:
+    /// the regions]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    pub fipnum: Option<CellValue>,
     /// Another property of the cells, such as a seismic attribute, given like a porosity; may be
     /// repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "NAME=VALUE"))]
@@ -107,6 +133,36 @@ impl Display for CellPermeability {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let texts: Vec<String> = self.0.iter().map(CellValue::to_string).collect();
         f.write_str(&texts.join(","))
+    }
+}
+
+/// A lower limit of a property, below which cells are inactive.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CutOff {
+    /// `porosity`, `permeability`, `net-to-gross`, or the name of another property.
+    pub name: String,
+    /// The limit.
+    pub limit: f64,
+}
+
+impl FromStr for CutOff {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
+        let remedy = "give NAME=LIMIT, such as porosity=0.05";
+        let (name, limit) = text
+            .split_once('=')
+            .ok_or_else(|| InvalidValue::new("has no '='", remedy))?;
+        Ok(Self {
+            name: name.into(),
+            limit: parse_number(limit, remedy)?,
+        })
+    }
+}
+
+impl Display for CutOff {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.name, self.limit)
     }
 }
 
@@ -183,6 +239,7 @@ serde_as_text!(
     CellPermeability: [","; 2],
     PermeabilityUnit: [","; 2],
     CellProperty: ["="; 2],
+    CutOff: ["="; 2],
 );
 
 /// Returns an error about an option.
@@ -221,6 +278,21 @@ impl RockOptions {
             let values = filling.values("porosity", value, mean, prepared)?;
             prepared.model.porosity = Some(values);
         }
+        if let Some(value) = &self.net_to_gross {
+            let values = filling.values("net-to-gross", value, mean, prepared)?;
+            if let Some(cell) = values.iter().position(|v| !(0.0..=1.0).contains(v)) {
+                let problem = format!("is {} in cell {cell}", values[cell]);
+                let remedy = "give ratios from 0 to 1";
+                return Err(option_error("net-to-gross", value, &problem, remedy));
+            }
+            prepared.model.net_to_gross = Some(values);
+        }
+        prepared.model.deck_regions = DeckRegions {
+            saturation: filling.numbers("satnum", self.satnum.as_ref(), prepared)?,
+            pressure_volume: filling.numbers("pvtnum", self.pvtnum.as_ref(), prepared)?,
+            equilibration: filling.numbers("eqlnum", self.eqlnum.as_ref(), prepared)?,
+            fluid_in_place: filling.numbers("fipnum", self.fipnum.as_ref(), prepared)?,
+        };
         for property in &self.property {
             let CellProperty { name, value } = property;
             let arrays = &prepared.model.properties;
@@ -239,6 +311,68 @@ impl RockOptions {
                 filling.rock(permeability, unit, prepared).map(Some)
             }
         }
+    }
+
+    /// Returns which cells are below a cut-off. `rock` is the permeability in m^2.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for a cut-off of a property that is not given.
+    pub(crate) fn cut_off(&self, model: &Model, rock: Option<&Rock>) -> Result<Vec<bool>> {
+        let mut is_cut_off = Vec::new();
+        for cutoff in &self.cutoff {
+            let property = || {
+                let mut arrays = model.properties.iter();
+                let array = arrays.find(|array| array.name == cutoff.name)?;
+                Some(array.values.to_f64())
+            };
+            let permeability = || {
+                let unit = self.unit(self.permeability.as_ref()?).ok()?;
+                let largest = |cell: usize| {
+                    let [x, y, z, ..] = rock?.mobility(cell).0;
+                    Some(x.max(y).max(z) / unit)
+                };
+                (0..model.len()).map(largest).collect()
+            };
+            let values = match cutoff.name.as_str() {
+                "porosity" => model.porosity.clone(),
+                "net-to-gross" => model.net_to_gross.clone(),
+                "permeability" => permeability(),
+                _ => property(),
+            };
+            let Some(values) = values else {
+                let problem = "is a limit of a property that is not given";
+                let remedy = "give that property, or omit the limit";
+                return Err(option_error("cutoff", cutoff, problem, remedy));
+            };
+            is_cut_off.resize(values.len(), false);
+            for (is_cut_off, value) in is_cut_off.iter_mut().zip(values) {
+                // The unit of permeability rounds the value, which may be the limit itself.
+                *is_cut_off |= value < cutoff.limit * (1.0 - 1e-12);
+            }
+        }
+        Ok(is_cut_off)
+    }
+
+    /// Returns a value for each cell: the arithmetic mean of an image, or what else `value` gives.
+    /// `option` names it in errors.
+    ///
+    /// # Errors
+    /// Returns the errors of [`fill`](Self::fill).
+    pub(crate) fn cell_values(
+        &self,
+        option: &str,
+        value: &CellValue,
+        prepared: &PreparedModel,
+        read_image: ReadImage<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Vec<f64>> {
+        let input = &self.input;
+        let mut filling = Filling {
+            input,
+            read_image,
+            progress,
+        };
+        filling.values(option, value, MeanKind::Arithmetic, prepared)
     }
 
     /// Returns the unit of permeability in m^2.
@@ -322,6 +456,24 @@ impl Filling<'_> {
             mobilities: (0..cells).map(cell_tensor).collect::<Result<_>>()?,
             cell_mobility: (0..cells as u32).collect(),
         })
+    }
+
+    /// Returns a whole number from 1 for each cell, if the option is given.
+    fn numbers(
+        &mut self,
+        option: &str,
+        value: Option<&CellValue>,
+        prepared: &PreparedModel,
+    ) -> Result<Option<Vec<u32>>> {
+        let Some(value) = value else { return Ok(None) };
+        let values = self.values(option, value, MeanKind::Nearest, prepared)?;
+        let is_number = |v: &f64| v.fract() == 0.0 && (1.0..=9999.0).contains(v);
+        if let Some(cell) = values.iter().position(|v| !is_number(v)) {
+            let problem = format!("is {} in cell {cell}", values[cell]);
+            let remedy = "give whole numbers from 1 to 9999";
+            return Err(option_error(option, value, &problem, remedy));
+        }
+        Ok(Some(values.iter().map(|v| *v as u32).collect()))
     }
 
     /// Returns a value for each cell.

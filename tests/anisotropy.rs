@@ -50,6 +50,11 @@ fn the_metric_that_the_note_proposes_corrects_the_flow() {
     let (note, rate) = flow(folder, "shaped.vtu", k);
     assert_eq!(note, None);
     assert!((rate / exact - 1.0).abs() < 0.01, "{}", rate / exact);
+    // The metric of the permeability is the same, and needs no mesh to find.
+    run(folder, &format!("{mesh} rock.vtu --metric k:{k}"));
+    let (note, rate) = flow(folder, "rock.vtu", k);
+    assert_eq!(note, None);
+    assert!((rate / exact - 1.0).abs() < 0.01, "{}", rate / exact);
     // The cells of the first mesh suit isotropic rock, so there is no note.
     assert_eq!(flow(folder, "cells.vtu", "1e-13").0, None);
 
@@ -66,4 +71,35 @@ fn the_metric_that_the_note_proposes_corrects_the_flow() {
         "export shaped.vtu --to mrst -o a.mat --down z --permeability 100,100,10 --permeability-unit mD",
     );
     assert!(!stdout.contains("--metric"), "{stdout}");
+}
+
+#[test]
+fn a_constant_image_is_a_box_of_well_shaped_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_npy(&folder.join("flat.npy"), DIMS, |_| 2.0);
+    let words = ["mesh", "flat.npy", "--distance", "6", "-o", "a.vtu"];
+    let error = crate::common::expect_refusal(folder, &words);
+    assert!(error.contains("the feature none"), "{error}");
+    for cells in ["tets", "voronoi"] {
+        let line = format!(
+            "mesh flat.npy --feature none --distance 6 --cells {cells} --spacing 10,10,4 --unit m \
+             --metric k:100,100,10 -o box.vtu --json --quiet"
+        );
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let output = atomesh(folder).args(words).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{stderr}");
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let verdict = report["verdict"].to_string();
+        assert!(!verdict.contains("invalid"), "{verdict}");
+        run(folder, "validate box.vtu");
+        // A box of uniform rock has the exact flow along each axis.
+        if cells == "voronoi" {
+            let (note, rate) = flow(folder, "box.vtu", "1e-13,1e-13,1e-14");
+            let exact = 1e-14 / 1e-3 * 1e5 * 310.0 * 230.0 / 92.0;
+            assert_eq!(note, None);
+            assert!((rate / exact - 1.0).abs() < 1e-3, "{}", rate / exact);
+        }
+    }
 }

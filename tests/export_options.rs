@@ -82,7 +82,7 @@ const OPTIONS: [&[(&str, &str)]; 33] = [
     &[("--net-to-gross", "0.5")],
     &[
         ("--property", "amplitude=sheet.npy"),
-        ("--cutoff", "amplitude=0.5"),
+        ("--cutoff", "amplitude=0.02"),
     ],
     &[("--satnum", "2")],
     &[("--pvtnum", "2")],

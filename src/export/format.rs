@@ -28,6 +28,8 @@ pub enum ExportContent {
     NetToGross,
     /// Numbers of the tables and reports of a deck.
     DeckRegions,
+    /// Cells that take no part because a value is below a cut-off.
+    CutOffs,
     /// Fault multipliers, which change transmissibilities.
     Faults,
     /// Closed faults, which nothing flows across.
@@ -76,6 +78,7 @@ impl std::fmt::Display for ExportContent {
             Self::Properties => "properties of cells",
             Self::NetToGross => "net-to-gross ratio",
             Self::DeckRegions => "numbers of tables",
+            Self::CutOffs => "cells that are cut off",
             Self::Faults => "fault multipliers",
             Self::ClosedFaults => "closed faults",
             Self::FaultsWithoutRock => "faults without permeability",

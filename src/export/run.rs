@@ -11,8 +11,8 @@ use crate::Result;
 use crate::model::MeshInput;
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::case_options::check_depth;
-use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel, Well};
-use crate::progress::{Progress, Stage};
+use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel, SealCheck, Well};
+use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
 
 /// A model that was written.
@@ -31,6 +31,8 @@ pub struct ExportOutcome {
     pub unit: String,
     /// The wells.
     pub wells: Vec<Well>,
+    /// The check of closed faults, if it was requested.
+    pub seals: Option<SealCheck>,
 }
 
 /// Writes a mesh for a reservoir simulator or another mesher, as `atomesh export` does. All files
@@ -141,6 +143,9 @@ pub fn export<'a>(
     progress.stage(Stage::Checking);
     let checks = ModelChecks::new(&prepared.model, prepared.box_volume);
     note_checks(&prepared, &checks, format, progress)?;
+    let seals = (spec.check_seals)
+        .then(|| SealCheck::new(&prepared.model, &CancelToken::never()))
+        .transpose()?;
     progress.stage(Stage::Writing);
     let deck = format.deck_path(path);
     let model = prepared.model;
@@ -161,6 +166,7 @@ pub fn export<'a>(
         checks,
         unit: prepared.unit,
         wells: model.case.wells,
+        seals,
     })
 }
 
@@ -191,6 +197,9 @@ impl ExportOutcome {
     /// Returns the checks, the wells and the written files as a table.
     pub fn table(&self) -> String {
         let mut table = self.checks.table(&self.unit, self.format.is_flow_format());
+        if let Some(seals) = &self.seals {
+            table += &format!("\n{}", seals.table());
+        }
         for well in &self.wells {
             let index: f64 = well.cells.iter().map(|c| c.1).sum();
             let place = match well.cells[..] {
@@ -221,6 +230,7 @@ impl ExportOutcome {
             "file": path_text(&self.path),
             "twin": self.companion.as_deref().map(path_text),
             "checks": self.checks,
+            "seals": self.seals,
             "wells": self.wells.iter().map(|well| {
                 json!({ "name": well.name, "cells": well.cells, "lengths": well.lengths })
             }).collect::<Vec<_>>(),

@@ -45,6 +45,9 @@ pub struct ExportSpec {
         arg(long, help_heading = None, conflicts_with = "split")
     )]
     pub quadratic: bool,
+    /// Report which share of the flow passes each closed fault, and the wells in each compartment
+    #[cfg_attr(feature = "cli", arg(long, help_heading = "Faults"))]
+    pub check_seals: bool,
     /// Options that convert coordinates to metres and depth.
     #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Space"))]
     pub space: SpaceOptions,
@@ -98,6 +101,15 @@ impl ExportSpec {
             return Err(no_effect_error("quadratic", problem));
         }
         self.gouge.validate()?;
+        let has_closed_fault = laws.law.multiplier() == 0.0
+            || laws
+                .overrides
+                .iter()
+                .any(|entry| entry.1.multiplier() == 0.0);
+        if self.check_seals && !has_closed_fault {
+            let problem = "is for closed faults, but none is closed";
+            return Err(no_effect_error("check-seals", problem));
+        }
         self.check_effect(format, &laws)?;
         self.case.validate()
     }
@@ -118,6 +130,7 @@ impl ExportSpec {
                 rock.net_to_gross.is_some(),
                 Content::NetToGross,
             ),
+            ("cutoff", !rock.cutoff.is_empty(), Content::CutOffs),
             ("satnum", rock.satnum.is_some(), Content::DeckRegions),
             ("pvtnum", rock.pvtnum.is_some(), Content::DeckRegions),
             ("eqlnum", rock.eqlnum.is_some(), Content::DeckRegions),

@@ -210,7 +210,7 @@ pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()
         return Err(Error::Image(cause(
             "image",
             "is constant, so it has no features",
-            "check that the right file and data type were read",
+            "check that the right file and data type were read, or give the feature none for a plain box",
         )));
     }
     Ok(())

@@ -210,7 +210,12 @@ pub fn detect<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
 ) -> Result<Features<D>> {
-    detect_in_memory(image, options, &SelfComm, &CancelToken::never())
+    detect_with_cancel(
+        ImageSource::InMemory(image),
+        options,
+        &SelfComm,
+        &CancelToken::never(),
+    )
 }
 
 /// Finds features as [`detect`] does, in an image that may be read layer by layer, until `cancel`
@@ -225,6 +230,10 @@ pub(crate) fn detect_with_cancel<const D: usize>(
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
+    if options.kind == FeatureKind::NoFeatures {
+        detection::validate_options(options)?;
+        return Ok(Features::empty(source.dims(), options));
+    }
     let layers = match source {
         ImageSource::InMemory(image) => return detect_in_memory(image, options, comm, cancel),
         ImageSource::Layered(layers) => layers,
@@ -320,7 +329,7 @@ pub(crate) fn detect_part<const D: usize>(
 ) -> Result<Features<D>> {
     let prepared = detection::prepare_image(part, options)?;
     let part = &*prepared.image;
-    if detection::is_constant(part) {
+    if options.kind == FeatureKind::NoFeatures || detection::is_constant(part) {
         return Ok(Features::empty(part.dims(), options));
     }
     let run_kind = |resolved| {

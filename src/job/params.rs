@@ -11,6 +11,7 @@ use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
 use crate::files::csv;
+use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::{Geometry, Image, Modality};
 use crate::lattice::seeding::{self, Seeding};
@@ -109,7 +110,7 @@ impl Metric {
     /// Returns the length of the unit of lattice space, a cube of which holds one sample.
     pub fn unit<const D: usize>(&self, geometry: &Geometry<D>) -> f64 {
         match self {
-            Self::Samples | Self::Shape => 1.0,
+            Self::Samples | Self::Shape | Self::Permeability(_) => 1.0,
             Self::Physical | Self::Scales(_) => geometric_mean(self.lengths(geometry)),
         }
     }
@@ -123,6 +124,18 @@ impl Metric {
             Self::Shape => {
                 let spacing = geometry.spacing();
                 spacing.map(|s| s / geometric_mean(spacing))
+            }
+            Self::Permeability(values) => {
+                let along = |axis: [f64; D]| {
+                    let length = norm(axis);
+                    let squares = axis
+                        .iter()
+                        .zip(values)
+                        .map(|(x, k)| k * (x / length).powi(2));
+                    length / squares.sum::<f64>().sqrt()
+                };
+                let lengths = geometry.axes.map(along);
+                lengths.map(|length| length / geometric_mean(lengths))
             }
             Self::Scales(scales) => array::from_fn(|axis| scales.get(axis).copied().unwrap_or(1.0)),
         }
@@ -215,7 +228,7 @@ impl<const D: usize> Params<D> {
     /// `D` dimensions.
     pub fn new(spec: MeshSpec) -> Result<Self> {
         spec.validate()?;
-        if let Metric::Scales(scales) = &spec.metric
+        if let Metric::Scales(scales) | Metric::Permeability(scales) = &spec.metric
             && scales.len() != D
         {
             return Err(Error::Job(cause(

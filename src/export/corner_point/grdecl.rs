@@ -47,6 +47,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Permeability,
         ExportContent::NetToGross,
         ExportContent::DeckRegions,
+        ExportContent::CutOffs,
         ExportContent::Faults,
         ExportContent::ClosedFaults,
         ExportContent::Grid,

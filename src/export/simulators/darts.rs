@@ -28,6 +28,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Porosity,
         ExportContent::Permeability,
         ExportContent::Properties,
+        ExportContent::CutOffs,
         ExportContent::Faults,
         ExportContent::ClosedFaults,
         ExportContent::Wells,

@@ -26,6 +26,9 @@ const TABLE_STEPS: usize = 12;
 /// Smallest saturation of mobile water over the largest one for which capillary pressure is
 /// computed. It would be infinite at 0.
 const MIN_CAPILLARY_SATURATION: f64 = 0.005;
+/// Ratio of the saturations of mobile water in two rows of a table with capillary pressure: linear
+/// interpolation between them is off by half a percent of the saturation.
+const CAPILLARY_STEP_RATIO: f64 = 1.2;
 /// Pressures in bar in the table of the volume of gas.
 const GAS_PRESSURES: [f64; 8] = [20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0];
 /// Deviation of the volume of gas from that of an ideal gas.
@@ -134,6 +137,8 @@ pub(crate) fn write_runspec(
     let max_connections = connections.iter().map(Vec::len).max().unwrap_or(1);
     let wells = case.wells.len().max(1);
     let groups = case.schedule.as_ref().map_or(1, |s| s.groups().len());
+    // A group holds wells or, as the group of all wells does, other groups.
+    let group_size = wells.max(groups);
     let phases = match case.fluid {
         Fluid::Water => "WATER",
         Fluid::OilWater => "OIL\nWATER",
@@ -144,7 +149,7 @@ pub(crate) fn write_runspec(
         out,
         "-- atomesh {}: {comment}\n\
          RUNSPEC\nTITLE\n {}\n\nDIMENS\n {n} {m} {layers} /\n{phases}\nMETRIC\n\
-         START\n {} /\nWELLDIMS\n {wells} {max_connections} {groups} {wells} /",
+         START\n {} /\nWELLDIMS\n {wells} {max_connections} {groups} {group_size} /",
         env!("CARGO_PKG_VERSION"),
         case.title,
         case.start.deck_text()
@@ -221,15 +226,19 @@ fn write_water_table(out: FileWriter, capillary: Option<CapillaryOption>) -> Wri
         let mobile = ((water - connate) / (1.0 - connate)).max(MIN_CAPILLARY_SATURATION);
         capillary.map_or(0.0, |curve| curve.pressure(mobile))
     };
-    let mut rows: Vec<f64> = (0..=TABLE_STEPS)
-        .map(|step| connate + 0.6 * step as f64 / TABLE_STEPS as f64)
-        .collect();
-    if capillary.is_some() {
-        // Capillary pressure is steep near immobile water.
-        let mobile = [1.0, 2.0, 4.0].map(|n| n * MIN_CAPILLARY_SATURATION);
-        rows.splice(1..1, mobile.map(|s| connate + (1.0 - connate) * s));
-        rows.push(0.9);
-    }
+    let rows: Vec<f64> = if capillary.is_some() {
+        // Steps of equal ratio follow the curve, which is steep near immobile water. Residual oil
+        // has a row of its own.
+        let next = |s: &f64| Some(s * CAPILLARY_STEP_RATIO);
+        let mobile = std::iter::successors(Some(MIN_CAPILLARY_SATURATION), next);
+        let mobile = mobile.take_while(|s| *s < 1.0).chain([0.0, 0.75]);
+        let mut rows: Vec<f64> = mobile.map(|s| connate + (1.0 - connate) * s).collect();
+        rows.sort_by(f64::total_cmp);
+        rows
+    } else {
+        let step = |step| connate + 0.6 * step as f64 / TABLE_STEPS as f64;
+        (0..=TABLE_STEPS).map(step).collect()
+    };
     for water in rows {
         let [water_mobility, oil_mobility] =
             [(water - connate) / 0.8, ((0.8 - water) / 0.6).max(0.0)];
@@ -237,7 +246,7 @@ fn write_water_table(out: FileWriter, capillary: Option<CapillaryOption>) -> Wri
         if capillary.is_some() {
             writeln!(
                 out,
-                " {water:.4} {water_mobility:.6} {oil_mobility:.6} {:.6}",
+                " {water:.6} {water_mobility:.6} {oil_mobility:.6} {:.6}",
                 pressure(water)
             )?;
         } else {

@@ -41,6 +41,7 @@ const CONNECTION_LIST: &[ExportContent] = &[
     ExportContent::Porosity,
     ExportContent::Permeability,
     ExportContent::Properties,
+    ExportContent::CutOffs,
     ExportContent::Faults,
     ExportContent::ClosedFaults,
     ExportContent::FaultsWithoutRock,

@@ -35,6 +35,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Porosity,
         ExportContent::Permeability,
         ExportContent::Properties,
+        ExportContent::CutOffs,
         ExportContent::Faults,
         ExportContent::ClosedFaults,
         ExportContent::Wells,

@@ -38,6 +38,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Properties,
         ExportContent::NetToGross,
         ExportContent::DeckRegions,
+        ExportContent::CutOffs,
         ExportContent::Faults,
         ExportContent::ClosedFaults,
         ExportContent::Wells,

@@ -83,7 +83,7 @@ macro_rules! feature_kinds {
             }
 
             /// Returns the detectors that find features of this kind. [`FeatureKind::Auto`], which
-            /// is a choice, has none.
+            /// is a choice, and [`FeatureKind::NoFeatures`] have none.
             pub(crate) fn detectors<const D: usize>(self) -> &'static [&'static dyn Detector<D>] {
                 match self {
                     $(Self::$kind => &[$(&$detector),*]),+
@@ -125,6 +125,8 @@ feature_kinds! {
     Mask = "mask" [masks::Masks];
     /// The image is b(x) already: -1 on features, 0 elsewhere
     Potential = "potential" [potential::Potential];
+    /// None: a plain box of well-shaped cells, also of a constant image
+    NoFeatures = "none" [];
 }
 
 impl FeatureKind {

@@ -267,7 +267,9 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
     /// Metric of lattice space: samples, physical, shape (physical proportions, with as many
-    /// samples per cell as samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
+    /// samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
+    /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
+    /// (SX,SY in 2-D)
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)

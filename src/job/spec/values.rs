@@ -329,6 +329,10 @@ pub enum Metric {
     /// The image's physical spacing times one factor, such that a unit cube of lattice space holds one
     /// sample.
     Shape,
+    /// The image's physical spacing over the square root of the permeability along each axis, times
+    /// one factor as for [`Metric::Shape`]. The values are the permeabilities along x, y and z; only
+    /// their ratios count. Two-point fluxes between cells with this shape are exact.
+    Permeability(Vec<f64>),
     /// A positive length for each axis, x first.
     Scales(Vec<f64>),
 }
@@ -337,14 +341,18 @@ impl FromStr for Metric {
     type Err = InvalidValue;
 
     fn from_str(text: &str) -> Result<Self, InvalidValue> {
-        let remedy = "give samples, physical, shape, or a positive number per axis such as 1,1,0.2";
+        let remedy = "give samples, physical, shape, k:KX,KY,KZ, or a positive number per axis such as 1,1,0.2";
         match text {
             "samples" => return Ok(Self::Samples),
             "physical" => return Ok(Self::Physical),
             "shape" => return Ok(Self::Shape),
             _ => {}
         }
-        let Some(scales) = finite_numbers(text) else {
+        let (is_permeability, numbers) = match text.strip_prefix("k:") {
+            Some(numbers) => (true, numbers),
+            None => (false, text),
+        };
+        let Some(scales) = finite_numbers(numbers) else {
             return Err(InvalidValue::new("is not made of numbers", remedy));
         };
         if !matches!(scales.len(), 2 | 3) {
@@ -357,7 +365,11 @@ impl FromStr for Metric {
                 remedy,
             ));
         }
-        Ok(Self::Scales(scales))
+        Ok(if is_permeability {
+            Self::Permeability(scales)
+        } else {
+            Self::Scales(scales)
+        })
     }
 }
 
@@ -367,6 +379,7 @@ impl Display for Metric {
             Self::Samples => f.write_str("samples"),
             Self::Physical => f.write_str("physical"),
             Self::Shape => f.write_str("shape"),
+            Self::Permeability(values) => write!(f, "k:{}", joined(values)),
             Self::Scales(scales) => f.write_str(&joined(scales)),
         }
     }

@@ -60,6 +60,8 @@ impl Barriers {
     ) -> Self {
         for (face, law) in face_laws {
             self.laws.push(law);
+            let count = self.label.len().max(face + 1);
+            self.label.resize(count, 0);
             self.label[face] = self.laws.len() as u32;
         }
         self

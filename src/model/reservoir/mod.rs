@@ -15,6 +15,7 @@
 //! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
 //! - `gouge`: fault rock from clay and throw
+//! - `seal_check`: the flow that passes closed faults
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
 pub(crate) mod aquifer;
@@ -29,6 +30,7 @@ pub(crate) mod gouge;
 pub(crate) mod prepared_model;
 pub(crate) mod rock_options;
 pub(crate) mod schedule;
+pub(crate) mod seal_check;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 
@@ -64,6 +66,7 @@ pub use rock_options::{
     CellPermeability, CellProperty, CellValue, CutOff, PermeabilityUnit, RockOptions,
 };
 pub use schedule::{Date, Schedule};
+pub use seal_check::SealCheck;
 pub use trajectory::{Trajectory, WellTracer};
 
 /// One millidarcy in m^2.

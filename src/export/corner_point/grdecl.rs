@@ -358,8 +358,8 @@ impl FilledGrid<'_> {
                 if z <= 0.0 {
                     all.reverse();
                 }
-                let is_first = |k: &&usize| is_connected([column[0], column[1], **k]);
-                if let Some(&k) = all.iter().find(is_first) {
+                let is_outermost = |k: &&usize| is_connected([column[0], column[1], **k]);
+                if let Some(&k) = all.iter().find(is_outermost) {
                     add(column, [k, k + 1], face);
                 }
             }

@@ -493,11 +493,11 @@ fn write_steps(
         let day = (step.date.0 - schedule.start.0) as f64;
         write_time(out, &mut now, day, longest, Some(step.date))?;
         for change in &step.wells {
-            let is_first = schedule.first_change(change.well) == Some(change)
+            let is_specified = schedule.first_change(change.well) == Some(change)
                 && !schedule.steps[..index]
                     .iter()
                     .any(|s| s.wells.iter().any(|c| c.well == change.well));
-            if let Some(group) = change.group.as_deref().filter(|_| !is_first) {
+            if let Some(group) = change.group.as_deref().filter(|_| !is_specified) {
                 writeln!(out, "WELSPECS")?;
                 write_specification(out, case, connections, change.well, group)?;
                 writeln!(out, "/")?;

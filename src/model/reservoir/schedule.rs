@@ -104,7 +104,7 @@ impl Display for Date {
 
 serde_as_text!(Date: ["-"; 2]);
 
-/// What a well does.
+/// The kinds of wells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WellKind {
     /// Produces.
@@ -128,7 +128,7 @@ pub enum ControlKind {
 /// Rates and limits of a well or a group.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Controls {
-    /// What the well or the wells of the group do.
+    /// The kind of the well, or of the wells of the group.
     pub kind: WellKind,
     /// The value that controls. The others are limits.
     pub control: Option<ControlKind>,

@@ -39,7 +39,7 @@ pub struct Compartment {
     pub wells: Vec<String>,
 }
 
-/// Whether the closed faults of a model seal.
+/// The closed faults of a model, and what they separate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SealCheck {
     /// The closed faults.

@@ -11,8 +11,12 @@ use crate::cli::console::Console;
 use crate::error::cause;
 use crate::export::surfaces::vtp::read_surfaces;
 use crate::export::{FaultSticks, Gocad, SurfaceFile, read_gocad, read_sticks, write_sticks};
+use crate::image::formats::segy::{SegyFloat, write_like};
 use crate::image::formats::stream::{ImageStream, OpenedImage};
-use crate::image::formats::{AnyImage, InputOptions, LoadedImage, StreamedImage, can_stream};
+use crate::image::formats::{
+    AnyImage, ImageFormat, InputOptions, LoadedImage, ReadOptions, StreamedImage, can_stream,
+    detect,
+};
 use crate::job::spec::NumberOrFile;
 use crate::{Error, Result};
 
@@ -22,8 +26,8 @@ pub struct ConvertArgs {
     /// The image or grid to read, or surfaces: .vtp, GOCAD's .ts or .pl, or .csv of fault sticks
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
-    /// The file to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png), a
-    /// grid (.irap, .zmap, .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
+    /// The file to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png, with
+    /// --like .sgy), a grid (.irap, .zmap, .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// Convert an image from two-way time to depth in metres, with one velocity in m/s or a file of
@@ -31,10 +35,20 @@ pub struct ConvertArgs {
     /// resampled
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
-    /// Options for reading the image.
+    /// Write SEG-Y (OUT.sgy) with the headers of this survey, which has as many samples: its text,
+    /// lines, coordinates and order of traces
+    #[arg(long, value_name = "SURVEY.sgy")]
+    pub like: Option<PathBuf>,
+    /// The samples of SEG-Y that is written: ibm or ieee floats [default: as in the survey]
+    #[arg(long, value_name = "FORMAT", requires = "like")]
+    pub sample_format: Option<SegyFloat>,
+    /// Options for reading the image, and the survey.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
+
+/// File endings of SEG-Y.
+const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
 
 /// File endings of surfaces that can be read, and of those that can be written.
 const SURFACE_INPUT_EXTENSIONS: [&str; 4] = ["vtp", "ts", "pl", "csv"];
@@ -63,6 +77,17 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
     if let Some(NumberOrFile::File(path)) = &args.velocity {
         inputs.push(path);
     }
+    if let Some(template) = &args.like {
+        inputs.push(template);
+        check_output(&args.output, "OUT", &SEGY_EXTENSIONS, &inputs)?;
+        return convert_like(args, template, console);
+    }
+    if SEGY_EXTENSIONS.contains(&extension(&args.output).as_str()) {
+        let place = format!("OUT {}", args.output.display());
+        let problem = "is SEG-Y, which is written with the headers of a survey";
+        let remedy = "give the survey from which the volume was made: --like survey.sgy";
+        return Err(Error::Job(cause(place, problem, remedy)));
+    }
     check_output(&args.output, "OUT", &IMAGE_EXTENSIONS, &inputs)?;
     let opened = match console.open_image(&args.input_file, &args.input)? {
         OpenedImage::Stream(stream)
@@ -76,6 +101,45 @@ pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
         AnyImage::Plane(loaded) => rewrite(loaded, args, console),
         AnyImage::Space(loaded) => rewrite(loaded, args, console),
     }
+}
+
+/// Converts a volume to SEG-Y with the headers of a survey.
+fn convert_like(args: &ConvertArgs, template: &Path, console: &mut Console) -> Result<()> {
+    if let Some(velocity) = &args.velocity {
+        let place = format!("--velocity {velocity}");
+        let problem = "makes a volume in depth, but the survey's headers are in time";
+        return Err(Error::Job(cause(place, problem, "omit it, or write .vti")));
+    }
+    let bytes = args.input.read_options()?.segy;
+    let input = if detect(&args.input_file, &ReadOptions::default()).ok() == Some(ImageFormat::Segy)
+    {
+        args.input.clone()
+    } else {
+        args.input.without_segy()
+    };
+    let AnyImage::Space(loaded) = console
+        .open_image(&args.input_file, &input)?
+        .load(&args.input_file)?
+    else {
+        let problem = "is not a volume, but 2-D";
+        let remedy = "give a volume that was made from the survey";
+        return Err(Error::Job(cause(
+            args.input_file.display(),
+            problem,
+            remedy,
+        )));
+    };
+    let dims = loaded.image.dims();
+    let notes = write_like(
+        &args.output,
+        &loaded.image,
+        template,
+        &bytes,
+        args.sample_format,
+    )?;
+    notes.iter().for_each(|note| console.note(note));
+    report_written_image(console, &args.output, &dims);
+    Ok(())
 }
 
 fn rewrite<const D: usize>(

@@ -265,15 +265,21 @@ fn survey_rows(survey: &SegyInfo, row: &mut impl FnMut(&str, String)) {
         format!("{} of {} samples", survey.traces, survey.samples),
     );
     match survey.dt_ms {
+        Some(dt) if survey.is_depth => {
+            row("depth", format!("from {}, every {dt}", survey.t0_ms));
+        }
         Some(dt) => row("time", format!("from {} ms, every {dt} ms", survey.t0_ms)),
         None => row("time", "no sample interval in the headers".into()),
     }
-    let [inline, crossline] = survey.line_bytes;
+    let [inline, crossline] = survey.line_bytes.map(|byte| match byte {
+        0 => "from X, Y".to_string(),
+        byte => format!("at byte {byte}"),
+    });
     if let Some(lines) = &survey.inlines {
-        row("inlines", format!("{lines}, at byte {inline}"));
+        row("inlines", format!("{lines}, {inline}"));
     }
     if let Some(lines) = &survey.crosslines {
-        row("crosslines", format!("{lines}, at byte {crossline}"));
+        row("crosslines", format!("{lines}, {crossline}"));
     }
     if let (Some(fit), Some(inlines), Some(crosslines)) =
         (&survey.fit, &survey.inlines, &survey.crosslines)

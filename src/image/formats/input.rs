@@ -23,6 +23,26 @@ pub fn read_with_options(path: &Path, input: &InputOptions) -> Result<AnyImage> 
     super::read_any(path, &input.read_options_for(path)?)
 }
 
+/// The quantity along a trace.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum SampleDomain {
+    /// Two-way time
+    Time,
+    /// Depth
+    Depth,
+}
+
+impl std::fmt::Display for SampleDomain {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Time => "time",
+            Self::Depth => "depth",
+        })
+    }
+}
+
 /// Options for reading an image whose file lacks information.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
@@ -71,6 +91,10 @@ pub struct InputOptions {
     )]
     #[serde(deserialize_with = "deserialize_optional")]
     pub null: Option<String>,
+    /// SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    /// are in thousandths of a metre or foot, and the first sample in metres or feet
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DOMAIN"))]
+    pub domain: Option<SampleDomain>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
     #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
     pub inline_byte: Option<usize>,
@@ -125,6 +149,7 @@ impl InputOptions {
             scalar: self.scalar_byte.unwrap_or(standard.scalar),
             delay: self.delay_byte.unwrap_or(standard.delay),
             dt: self.interval_byte.unwrap_or(standard.dt),
+            is_depth: self.domain == Some(SampleDomain::Depth),
         };
         segy.check()?;
         let raw = |text: &String| -> Result<_> {
@@ -198,6 +223,7 @@ impl InputOptions {
             axes: self.axes.clone().or_else(|| fallback.axes.clone()),
             geometry_from: (self.geometry_from.clone()).or_else(|| fallback.geometry_from.clone()),
             null: self.null.clone().or_else(|| fallback.null.clone()),
+            domain: self.domain.or(fallback.domain),
             inline_byte: self.inline_byte.or(fallback.inline_byte),
             crossline_byte: self.crossline_byte.or(fallback.crossline_byte),
             x_byte: self.x_byte.or(fallback.x_byte),
@@ -208,6 +234,21 @@ impl InputOptions {
         }
     }
 
+    /// Returns these options without those of SEG-Y.
+    pub fn without_segy(&self) -> Self {
+        Self {
+            domain: None,
+            inline_byte: None,
+            crossline_byte: None,
+            x_byte: None,
+            y_byte: None,
+            scalar_byte: None,
+            delay_byte: None,
+            interval_byte: None,
+            ..self.clone()
+        }
+    }
+
     /// Returns the options for reading the file at `path`.
     ///
     /// # Errors
@@ -215,16 +256,20 @@ impl InputOptions {
     /// if SEG-Y header bytes are given for a file in another format.
     pub fn read_options_for(&self, path: &Path) -> Result<ReadOptions> {
         let options = self.read_options()?;
+        let domain = self.domain.map(|domain| domain.to_string());
+        let byte = |byte: Option<usize>| byte.map(|byte| byte.to_string());
         let bytes = [
-            ("inline-byte", self.inline_byte),
-            ("crossline-byte", self.crossline_byte),
-            ("x-byte", self.x_byte),
-            ("y-byte", self.y_byte),
-            ("scalar-byte", self.scalar_byte),
-            ("delay-byte", self.delay_byte),
-            ("interval-byte", self.interval_byte),
+            ("domain", domain),
+            ("inline-byte", byte(self.inline_byte)),
+            ("crossline-byte", byte(self.crossline_byte)),
+            ("x-byte", byte(self.x_byte)),
+            ("y-byte", byte(self.y_byte)),
+            ("scalar-byte", byte(self.scalar_byte)),
+            ("delay-byte", byte(self.delay_byte)),
+            ("interval-byte", byte(self.interval_byte)),
         ];
-        if let Some((name, byte)) = bytes.iter().find_map(|(name, byte)| Some((name, (*byte)?))) {
+        if let Some((name, byte)) = (bytes.into_iter()).find_map(|(name, byte)| Some((name, byte?)))
+        {
             let format = detect(path, &options)?;
             let reference_format = options
                 .placement

@@ -54,7 +54,7 @@ use crate::image::Image;
 use stream::OpenedImage;
 
 pub use describe::{Description, describe};
-pub use input::{InputOptions, ReadImage, read_with_options};
+pub use input::{InputOptions, ReadImage, SampleDomain, read_with_options};
 pub use placement::{AxisSpec, ImagePlacement};
 pub use raw::RawSpec;
 pub use segy::{LineNumbers, SegyBytes, SegyInfo};

@@ -25,6 +25,8 @@ pub struct SegyBytes {
     pub delay: usize,
     /// Sample interval in microseconds, 2 bytes; used where the file header has none; optional.
     pub dt: usize,
+    /// `true` if the samples are in depth: intervals are then in thousandths of a metre or foot.
+    pub is_depth: bool,
 }
 
 impl Default for SegyBytes {
@@ -38,6 +40,7 @@ impl Default for SegyBytes {
             scalar: 71,
             delay: 109,
             dt: 117,
+            is_depth: false,
         }
     }
 }

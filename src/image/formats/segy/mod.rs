@@ -2,26 +2,31 @@
 //!
 //! Image axes are `sample` (x, fastest in memory), `crossline` and `inline`, so the NumPy shape is
 //! (inline, crossline, sample). Physical coordinates are X, Y and minus the two-way time in
-//! milliseconds: negative downwards, so that pictures with z up show the survey upright.
+//! milliseconds, or minus the depth: negative downwards, so that pictures with z up show the survey
+//! upright.
 //!
 //! - `bytes`: the trace header bytes of each field
 //! - `text`, `file_header`: the headers of the file; byte order, sample format, layout
 //! - `trace_headers`: the headers of all traces, as columns
 //! - `grid`: arranges traces in cells by their line numbers
+//! - `infer`: lines of a survey without line numbers, from the coordinates
 //! - `survey_fit`: fits the affine map that places the survey to the coordinates
 //! - `survey`: combines all of these in [`SegySurvey`]; [`scan`] and [`read`] return the result
 //! - `line`: 2-D lines
 //! - `load`: reads the samples as those of an image
+//! - `write`: writes a volume with the headers of another file
 
 pub(crate) mod bytes;
 mod file_header;
 pub(crate) mod grid;
+mod infer;
 mod line;
 mod load;
 mod survey;
 pub(crate) mod survey_fit;
 mod text;
 mod trace_headers;
+mod write;
 
 #[cfg(test)]
 mod tests;
@@ -39,6 +44,7 @@ pub use file_header::{FILE_HEADER_BYTES, looks_like};
 pub use grid::LineNumbers;
 pub use survey::SegySurvey;
 pub use survey_fit::SurveyFit;
+pub use write::{SegyFloat, write_like};
 
 /// Contents of a SEG-Y file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -51,11 +57,14 @@ pub struct SegyInfo {
     pub traces: usize,
     /// Number of samples of each trace.
     pub samples: usize,
+    /// `true` if samples are in depth: the interval and the first sample are then in m or ft.
+    pub is_depth: bool,
     /// Sample interval in ms.
     pub dt_ms: Option<f64>,
     /// Time of the first sample in ms.
     pub t0_ms: f64,
-    /// First bytes of the inline number and the crossline number.
+    /// First bytes of the inline number and the crossline number; 0 if they follow from the
+    /// coordinates.
     pub line_bytes: [usize; 2],
     /// Inline numbers.
     pub inlines: Option<LineNumbers>,

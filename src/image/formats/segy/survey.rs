@@ -6,6 +6,7 @@ use super::SegyInfo;
 use super::bytes::SegyBytes;
 use super::file_header::SegyFile;
 use super::grid::TraceGrid;
+use super::infer;
 use super::line::is_line;
 use super::survey_fit::SurveyFit;
 use super::trace_headers::{HeaderField, TraceHeaders};
@@ -55,6 +56,8 @@ pub struct SegySurvey {
     pub problem: Option<Cause>,
     pub(super) file: SegyFile,
     pub(super) grid: Option<TraceGrid>,
+    /// Inline and crossline number of each trace, if they follow from the coordinates.
+    inferred_lines: Option<[Vec<i32>; 2]>,
     pub(super) geometry: Geometry<3>,
 }
 
@@ -75,6 +78,7 @@ impl SegySurvey {
             revision: format!("{major}.{minor}"),
             traces: layout.trace_count,
             samples: layout.samples_per_trace,
+            is_depth: bytes.is_depth,
             dt_ms: None,
             t0_ms: 0.0,
             line_bytes: [bytes.inline, bytes.crossline],
@@ -93,6 +97,7 @@ impl SegySurvey {
             problem: None,
             file: layout,
             grid: None,
+            inferred_lines: None,
             geometry: Geometry {
                 names: AXIS_NAMES.map(String::from),
                 ..Geometry::default()
@@ -153,7 +158,12 @@ impl SegySurvey {
 
         let grid = match self.find_grid(bytes, headers) {
             Ok(grid) => grid,
-            Err(problem) if !is_line(bytes, headers) => return Err((problem, LINE_BYTES_REMEDY)),
+            Err(problem) if !is_line(bytes, headers) => {
+                match self.infer_grid(&problem, bytes, headers) {
+                    Some(grid) => grid,
+                    None => return Err((problem, LINE_BYTES_REMEDY)),
+                }
+            }
             Err(problem) => {
                 self.notes.push(problem);
                 self.set_line(None, bytes, headers);
@@ -218,7 +228,18 @@ impl SegySurvey {
                     .into(),
             );
         }
-        self.info.dt_ms = dt.map(|us| us / 1000.0);
+        // Intervals in depth are in thousandths of the unit, but some writers give whole units.
+        const MIN_THOUSANDTHS: f64 = 100.0;
+        self.info.dt_ms = dt.map(|interval| {
+            if bytes.is_depth && interval < MIN_THOUSANDTHS {
+                interval
+            } else {
+                interval / 1000.0
+            }
+        });
+        if let (true, Some(dt)) = (bytes.is_depth, self.info.dt_ms) {
+            self.notes.push(format!("samples are in depth, {dt} apart"));
+        }
 
         // Revision 1 added a scalar for times at byte 215: it divides if negative.
         let delay = f64::from(first_trace_value(bytes.delay));
@@ -300,10 +321,47 @@ impl SegySurvey {
         Err(problem)
     }
 
+    /// Returns the grid that the coordinates of traces without line numbers form, if they do. It has
+    /// lines from 1.
+    fn infer_grid(
+        &mut self,
+        problem: &str,
+        bytes: &SegyBytes,
+        headers: &TraceHeaders,
+    ) -> Option<TraceGrid> {
+        let (offsets, standard) = (headers.i32s(37), SegyBytes::default());
+        let is_stacked = offsets.iter().all(|offset| *offset == offsets[0]);
+        if !is_stacked || [bytes.inline, bytes.crossline] != [standard.inline, standard.crossline] {
+            return None;
+        }
+        let mut byte_pairs = vec![[bytes.x, bytes.y]];
+        if byte_pairs[0] == [standard.x, standard.y] {
+            byte_pairs.push([73, 77]);
+        }
+        byte_pairs
+            .into_iter()
+            .filter(|&[x, _]| x > 0)
+            .find_map(|[x, y]| {
+                let (xs, ys) = (headers.i32s(x), headers.i32s(y));
+                let positions = scale_coordinates(&xs, &ys, headers, bytes.scalar);
+                let [inlines, crosslines] = infer::line_numbers(&positions)?;
+                let grid = TraceGrid::from_line_numbers(&inlines, &crosslines, &offsets).ok()?;
+                self.notes.push(format!(
+                "{problem}; {} x {} lines, numbered from 1, follow from X, Y at bytes {x} and {y}",
+                grid.inline.count, grid.crossline.count
+            ));
+                self.info.line_bytes = [0; 2];
+                self.inferred_lines = Some([inlines, crosslines]);
+                Some(grid)
+            })
+    }
+
     /// Places the survey by the best available coordinates, or by line numbers if there are none.
     fn place(&mut self, bytes: &SegyBytes, headers: &TraceHeaders, grid: &TraceGrid) {
-        let inlines = headers.i32s(self.info.line_bytes[0]);
-        let crosslines = headers.i32s(self.info.line_bytes[1]);
+        let [inlines, crosslines] = match self.inferred_lines.take() {
+            Some(lines) => lines,
+            None => self.info.line_bytes.map(|byte| headers.i32s(byte)),
+        };
         let cells: Vec<[usize; 2]> = inlines
             .iter()
             .zip(&crosslines)
@@ -396,8 +454,13 @@ impl SegySurvey {
 impl SegySurvey {
     /// Returns the step and start along the vertical, which points downwards, and its unit.
     pub(super) fn vertical_sampling(&self) -> (f64, f64, &'static str) {
+        let unit = match (self.info.is_depth, self.file.lengths_in_feet) {
+            (false, _) => "ms",
+            (true, Some(true)) => "ft",
+            (true, _) => "m",
+        };
         match self.info.dt_ms {
-            Some(dt) => (dt, 0.0 - self.info.t0_ms, "ms"), // not -t0, which may be -0
+            Some(dt) => (dt, 0.0 - self.info.t0_ms, unit), // not -t0, which may be -0
             // Without an interval the axis counts samples, so that the start time does not apply.
             None => (1.0, 0.0, "sample"),
         }

@@ -444,3 +444,109 @@ fn traces_that_jump_between_lines_are_refused() {
         "{notes:?}"
     );
 }
+
+#[test]
+fn a_survey_without_line_numbers_gets_lines_from_its_coordinates() {
+    for bytes in [[181, 185], [73, 77]] {
+        let mut builder = survey();
+        for trace in &mut builder.traces {
+            trace.fields.retain(|field| !matches!(field.0, 189 | 193));
+            for field in &mut trace.fields {
+                field.0 = match field.0 {
+                    181 => bytes[0],
+                    185 => bytes[1],
+                    other => other,
+                };
+            }
+        }
+        let loaded = builder.read().unwrap();
+        assert!(has_note(
+            &loaded,
+            "4 x 3 lines, numbered from 1, follow from X, Y"
+        ));
+        let [inlines, crosslines] = loaded.line_numbers.unwrap();
+        assert_eq!((inlines.first, inlines.count), (1, 4));
+        assert_eq!((crosslines.first, crosslines.count), (1, 3));
+        // Every sample is at the place of its trace, whichever line is the first.
+        let image = &loaded.image;
+        for i in 0..4 {
+            for c in 0..3 {
+                let [x, y] = trace_position(i, c);
+                let index = image.geometry.to_index([x, y, -48.0]).unwrap();
+                let [k, c_index, i_index] = index.map(|n| n.round() as usize);
+                let value = image.samples[[i_index, c_index, k]];
+                assert_eq!(f64::from(value), sample_value(i, c, 0));
+                assert!((index[1] - c_index as f64).abs() < 1e-2);
+            }
+        }
+    }
+}
+
+#[test]
+fn samples_in_depth_are_in_metres_or_feet() {
+    let bytes = SegyBytes {
+        is_depth: true,
+        ..SegyBytes::default()
+    };
+    for (interval, system, step, unit) in [(5000, 1, 5.0, "m"), (20, 2, 20.0, "ft")] {
+        let builder = SegyBuilder {
+            fields: vec![(3217, 2, interval), (3255, 2, system)],
+            ..survey()
+        };
+        let loaded = builder.read_with(&bytes).unwrap();
+        let geometry = &loaded.image.geometry;
+        assert_eq!(geometry.units[2], unit);
+        assert_eq!((geometry.origin[2], geometry.axes[0][2]), (-48.0, -step));
+        assert!(loaded.survey.unwrap().is_depth);
+    }
+}
+
+#[test]
+fn a_volume_is_written_with_the_headers_of_its_survey() {
+    for (format, little) in [(1, false), (5, true), (6, false), (3, false)] {
+        let mut builder = SegyBuilder {
+            format,
+            is_little_endian: little,
+            extended_text: vec!["((SEG: EndText))"],
+            ..survey()
+        };
+        // Traces in another order, and one missing.
+        builder.traces.reverse();
+        builder.traces.remove(4);
+        let template = builder.to_bytes();
+        for float in [None, Some(SegyFloat::Ibm), Some(SegyFloat::Ieee)] {
+            with_file(&template, |path| {
+                let image = segy::read(path, &SegyBytes::default()).unwrap().image;
+                let values: Vec<f32> = image.as_slice().iter().map(|v| 0.5 - 3.0 * v).collect();
+                let values = Image::new(image.dims(), values, image.geometry.clone());
+                let out = path.with_file_name("out.sgy");
+                let bytes = SegyBytes::default();
+                segy::write_like(&out, &values, path, &bytes, float).unwrap();
+                let loaded = segy::read(&out, &bytes).unwrap();
+                let encoding = match (float, format) {
+                    (Some(SegyFloat::Ibm), _) | (None, 1) => "IBM",
+                    (None, 6) => "64-bit",
+                    _ => "32-bit",
+                };
+                assert!(loaded.encoding.contains(encoding), "{}", loaded.encoding);
+                assert_eq!(loaded.image.geometry, image.geometry);
+                let pairs = loaded.image.as_slice().iter().zip(values.as_slice());
+                for ((a, b), old) in pairs.zip(image.as_slice()) {
+                    // The cell without a trace is not in the file.
+                    assert!(a == b || *old == 0.0 && *a == 0.0, "{a} {b}");
+                }
+                // All other bytes are those of the template.
+                let written = std::fs::read(&out).unwrap();
+                let head = FILE_HEADER_BYTES + 3200;
+                assert_eq!(written[..3224], template[..3224]);
+                assert_eq!(written[3226..head + 240], template[3226..head + 240]);
+                let narrow = Image::new([1, 3, 4], vec![0.0; 12], image.geometry.clone());
+                let error = segy::write_like(&out, &narrow, path, &bytes, float).unwrap_err();
+                assert!(
+                    error.to_string().contains("has [6, 3, 4] samples"),
+                    "{error}"
+                );
+            });
+        }
+    }
+}

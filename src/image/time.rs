@@ -4,6 +4,14 @@ use super::Geometry;
 use crate::error::cause;
 use crate::{Error, Result};
 
+/// Smallest velocity, in m/s, that any rock has. Lower values are velocities in km/s.
+pub(super) const MIN_VELOCITY: f64 = 50.0;
+
+/// Returns the remedy for a velocity in km/s.
+fn remedy_per_second(velocity: f64) -> String {
+    format!("give metres per second: {}", 1000.0 * velocity)
+}
+
 /// Returns the number of seconds in a unit of time, or `None` if it is not a unit of time.
 pub(crate) fn seconds_per_unit(unit: &str) -> Option<f64> {
     match unit {
@@ -106,6 +114,14 @@ impl<const D: usize> Geometry<D> {
             let remedy = "give metres per second, e.g. 2000";
             return Err(Error::Image(cause(place, "is not positive", remedy)));
         }
+        if velocity < MIN_VELOCITY {
+            let problem = "is too slow for rock or water: is it in km/s?";
+            return Err(Error::Image(cause(
+                place,
+                problem,
+                remedy_per_second(velocity),
+            )));
+        }
         let time = self
             .two_way_time()
             .map_err(|reason| reason.to_error(place))?;
@@ -145,6 +161,11 @@ mod tests {
         assert_eq!([found[0], found[1]], [x, y]);
         assert_eq!(depth.units, ["m", "m", "m"]);
         assert!(time.to_depth(0.0).is_err() && time.to_depth(f64::NAN).is_err());
+        let slow = time.to_depth(2.5).unwrap_err().to_string();
+        assert!(
+            slow.contains("km/s?; give metres per second: 2500"),
+            "{slow}"
+        );
         time.units[0] = "line".into();
         assert!(time.to_depth(2000.0).is_err());
     }

@@ -4,6 +4,7 @@
 //! Velocities are interpolated linearly between samples, horizontally and in time. Beyond the grid
 //! they are those of the nearest sample.
 
+use super::time::MIN_VELOCITY;
 use super::time_depth::TimeDepthCurve;
 use crate::error::cause;
 use crate::geometry::grid_index::{for_each_corner, index_at};
@@ -34,9 +35,6 @@ pub struct VelocityCoverage {
     /// Messages for the user.
     pub notes: Vec<String>,
 }
-
-/// Smallest velocity, in m/s, that any rock has. Lower values are velocities in km/s.
-const MIN_VELOCITY: f32 = 50.0;
 
 impl<const D: usize> VelocityModel<D> {
     /// Creates a model from an image of velocities; `name` identifies it in errors.
@@ -222,7 +220,7 @@ fn check_velocities<const D: usize>(image: &Image<D>, name: &str) -> Result<()> 
         return refuse("holds no velocities".into(), "give an image with samples");
     }
     let max = samples.iter().fold(0.0f32, |max, v| max.max(*v));
-    if max < MIN_VELOCITY {
+    if f64::from(max) < MIN_VELOCITY {
         let problem = format!("holds at most {max} m/s, which is too slow for rock or water");
         return refuse(problem, "give velocities in m/s, not in km/s");
     }

@@ -109,14 +109,35 @@ pub(crate) fn lattice_well_paths<const D: usize>(
         let clipped = path.clip_to_box(extent);
         if clipped.is_empty() {
             let problem = "lies outside the image".to_string();
-            return refuse(
-                problem,
-                "give points inside, in the image's physical coordinates",
-            );
+            let turned =
+                (well.points.iter()).any(|&x| is_inside_if_turned(x, geometry, step, extent));
+            return refuse(problem, outside_remedy(turned));
         }
         paths.extend(clipped);
     }
     Ok(paths)
+}
+
+/// Returns `true` if a point would lie in the image with the other sign of its last coordinate:
+/// programs differ in the sign of depths and times.
+fn is_inside_if_turned<const D: usize>(
+    mut point: [f64; D],
+    geometry: &Geometry<D>,
+    step: [f64; D],
+    extent: [f64; D],
+) -> bool {
+    point[D - 1] = -point[D - 1];
+    let index = geometry.to_index(point);
+    index.is_some_and(|index| (0..D).all(|k| (0.0..=extent[k]).contains(&(index[k] * step[k]))))
+}
+
+/// Returns the remedy for positions outside the image, which may be inside if z is `turned`.
+fn outside_remedy(turned: bool) -> &'static str {
+    if turned {
+        "give z with the other sign, as the image has it (`atomesh info` shows it)"
+    } else {
+        "give points inside, in the image's physical coordinates"
+    }
 }
 
 /// Converts physical points to lattice space. All must lie in the box, and no two at the same
@@ -152,10 +173,11 @@ pub(crate) fn lattice_points<const D: usize>(
             let slack = 1e-6 * extent[axis];
             if !(-slack..=extent[axis] + slack).contains(&x) {
                 let index = index.map(|i| (1e3 * i).round() / 1e3);
+                let turned = is_inside_if_turned(point.position, geometry, step, extent);
                 return Err(refuse(
                     k,
                     format!("lies outside the image, at sample {index:?} (x first)"),
-                    "give points inside, in the image's physical coordinates",
+                    outside_remedy(turned),
                 ));
             }
             position[axis] = x.clamp(0.0, extent[axis]);

@@ -25,7 +25,7 @@ impl Report {
             add_cells(&mut line, voronoi);
         }
         if let Some(lattice) = &self.lattice {
-            add_lattice(&mut line, lattice);
+            add_lattice(&mut line, lattice, !self.trace.is_empty());
         }
         add_trace(&mut line, &self.trace);
         for (space, quality) in [
@@ -164,32 +164,34 @@ impl Report {
     }
 }
 
-/// Adds the spacing of the lattice, and its energy.
-fn add_lattice(line: &mut impl FnMut(&str, String), lattice: &LatticeReport) {
+/// Adds the spacing of the lattice; its energy, too, for who traces the lattice.
+fn add_lattice(line: &mut impl FnMut(&str, String), lattice: &LatticeReport, shows_energy: bool) {
     let [low, middle, high] = lattice.spacing;
     line(
         "lattice",
         format!("nearest neighbour over d: {low:.2} (1 %) {middle:.2} (50 %) {high:.2} (99 %)"),
     );
     if let Some(o) = &lattice.optimisation {
-        line(
-            "",
-            format!(
-                "energy per atom, as published: P {:.4}, of atoms A {:.4}, in the image B {:.4}",
-                o.energy, o.energy_lattice, o.energy_image
-            ),
-        );
-        let laplacian = match o.added_by_laplacian {
-            0.0 => String::new(),
-            added => format!(" + {added:.4} Laplacian coordinates"),
-        };
-        line(
-            "",
-            format!(
-                "minimised {:.4} = P + {:.4} stiffening{laplacian}",
-                o.minimised, o.added_by_stiffening
-            ),
-        );
+        if shows_energy {
+            line(
+                "",
+                format!(
+                    "energy per atom, as published: P {:.4}, of atoms A {:.4}, in the image B {:.4}",
+                    o.energy, o.energy_lattice, o.energy_image
+                ),
+            );
+            let laplacian = match o.added_by_laplacian {
+                0.0 => String::new(),
+                added => format!(" + {added:.4} Laplacian coordinates"),
+            };
+            line(
+                "",
+                format!(
+                    "minimised {:.4} = P + {:.4} stiffening{laplacian}",
+                    o.minimised, o.added_by_stiffening
+                ),
+            );
+        }
         line("", format!("{} evaluations, {}", o.evaluations, o.stop));
     }
 }

@@ -50,7 +50,11 @@ pub(super) fn line_ruler<const D: usize>(head: &ImageHeader<D>, k: usize) -> Opt
     };
     let level = geometry.axes[k].iter().position(|&step| step != 0.0)?;
     let unit = &geometry.units[level];
-    let spacing = geometry.spacing()[k] / lines.step as f64;
+    let spacing = geometry.spacing()[k];
+    let name = match lines.step {
+        1 => name.clone(),
+        step => format!("{name}, step {step}"),
+    };
     let label = match &**unit {
         "line" | "trace" => name.clone(),
         unit => {

@@ -214,13 +214,8 @@ impl Drawing<'_> {
                 "give --view 3d",
             )));
         }
-        let at = match self.spec.crossing_point()? {
-            Some(at) => head
-                .geometry
-                .to_index(at)
-                .ok_or_else(|| self.degenerate_axes_error())?,
-            None => head.dims.map(|n| (n / 2) as f64),
-        };
+        let at = self.spec.crossing_index(&head.geometry, Some(&head))?;
+        let at = at.unwrap_or_else(|| head.dims.map(|n| (n / 2) as f64));
         let mut caption = self.caption(file.as_ref(), Some(&head));
         caption.subtitle += &crossing_caption(&head, at, &caption);
         let sections = Sections::new(self.names.image(), head.dims, slabs, at)?;
@@ -249,13 +244,7 @@ impl Drawing<'_> {
             }
             (None, None) => SolidView::bounding_space(&self.shapes),
         };
-        let index = |at| {
-            space
-                .geometry
-                .to_index(at)
-                .ok_or_else(|| self.degenerate_axes_error())
-        };
-        let at = self.spec.crossing_point()?.map(index).transpose()?;
+        let at = self.spec.crossing_index(&space.geometry, head.as_ref())?;
         // For surfaces, and for meshes that do not record the position of their image, z is up.
         let has_orientation =
             loaded.is_some() || stored.as_ref().is_some_and(|s| s.space.is_stored);

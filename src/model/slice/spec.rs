@@ -1,10 +1,16 @@
 //! The options of `atomesh slice`, as one value.
 
+use std::fmt::{self, Display, Formatter};
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
+use crate::image::Geometry;
 use crate::image::formats::InputOptions;
-use crate::job::spec::{PointValue, SignedAxis};
+use crate::image::formats::stream::ImageHeader;
+use crate::job::spec::{InvalidValue, PointValue, SignedAxis};
+use crate::option_text::serde_as_text;
 use crate::{Error, Result};
 
 /// Options of `atomesh slice`.
@@ -22,12 +28,13 @@ pub struct SliceSpec {
     /// [default: the image]
     #[cfg_attr(feature = "cli", arg(long, value_name = "ARRAY"))]
     pub color: Option<String>,
-    /// The point where the planes meet, in physical coordinates [default: the middle]
+    /// The point where the planes meet, in physical coordinates; of a survey, also lines, such as
+    /// inline=2047, or inline=2047,crossline=310,z=-900 [default: the middle]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)
     )]
-    pub at: Option<PointValue>,
+    pub at: Option<SlicePosition>,
     /// The part that is cut away in --view 3d: the corner beyond that point, or all in front of the
     /// plane through it across x, y or z [default: corner]
     #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE"))]
@@ -45,6 +52,97 @@ pub struct SliceSpec {
         command(flatten, next_help_heading = "Reading the image")
     )]
     pub input: InputOptions,
+}
+
+/// Remedy for a point that has not three coordinates.
+const POINT_REMEDY: &str = "give a point such as 1500,2000,300";
+
+/// The point where the planes of sections meet.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SlicePosition {
+    /// A point in physical coordinates.
+    Point(PointValue),
+    /// Numbers of an inline and of a crossline, and z; those that are missing are in the middle.
+    Lines(Vec<(String, f64)>),
+}
+
+impl FromStr for SlicePosition {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
+        if !text.contains('=') {
+            return text.parse().map(Self::Point);
+        }
+        let line = |entry: &str| {
+            let (name, value) = entry.split_once('=')?;
+            let name = name.trim();
+            let value = value.trim().parse::<f64>().ok().filter(|v| v.is_finite())?;
+            ["inline", "crossline", "z"]
+                .contains(&name)
+                .then(|| (name.to_string(), value))
+        };
+        let lines: Option<Vec<_>> = text.split(',').map(line).collect();
+        lines.map(Self::Lines).ok_or_else(|| {
+            InvalidValue::new(
+                "names no lines",
+                "give numbers of inline, crossline and z, such as inline=2047,z=-900",
+            )
+        })
+    }
+}
+
+impl Display for SlicePosition {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Point(point) => point.fmt(f),
+            Self::Lines(lines) => {
+                let lines = lines.iter().map(|(name, value)| format!("{name}={value}"));
+                f.write_str(&lines.collect::<Vec<_>>().join(","))
+            }
+        }
+    }
+}
+
+serde_as_text!(SlicePosition: [","; 2]);
+
+/// Returns the image axis that a line or z is a position along, and the index there.
+fn line_index(head: Option<&ImageHeader<3>>, name: &str, value: f64) -> Result<(usize, f64)> {
+    let refuse = |problem: String, remedy: &str| {
+        Err(Error::Job(cause(
+            format!("at {name}={value}"),
+            problem,
+            remedy,
+        )))
+    };
+    let Some(head) = head else {
+        let problem = "is a line of a survey, but no image is given".to_string();
+        return refuse(problem, "give the image, or a point X,Y,Z");
+    };
+    if name == "z" {
+        let geometry = &head.geometry;
+        return match geometry.axis_along(2) {
+            Some(axis) => Ok((axis, (value - geometry.origin[2]) / geometry.axes[axis][2])),
+            None => refuse("is along no axis of the image".into(), "give a point X,Y,Z"),
+        };
+    }
+    let axis = head.geometry.names.iter().position(|axis| axis == name);
+    let (Some(axis), Some([inlines, crosslines])) = (axis, head.line_numbers) else {
+        let problem = "is a line of a survey, but the image has no line numbers".to_string();
+        return refuse(problem, "give a point X,Y,Z, or the SEG-Y file");
+    };
+    let lines = if name == "inline" {
+        inlines
+    } else {
+        crosslines
+    };
+    let index = (value - lines.first as f64) / lines.step as f64;
+    if !(0.0..=lines.count as f64 - 1.0).contains(&index) {
+        return refuse(
+            format!("lies outside the survey, which has {name}s {lines}"),
+            "give one of these",
+        );
+    }
+    Ok((axis, index))
 }
 
 /// The view that a picture shows.
@@ -100,7 +198,9 @@ impl SliceSpec {
         let refuse = |place: &str, problem: &str, remedy: &str| {
             Err(Error::Job(cause(place, problem, remedy)))
         };
-        self.crossing_point()?;
+        if let Some(SlicePosition::Point(point)) = &self.at {
+            point.coordinates::<3>("at", POINT_REMEDY)?;
+        }
         if !has_image {
             self.input.refuse_unused("no image is given")?;
         }
@@ -128,14 +228,40 @@ impl SliceSpec {
         Ok(())
     }
 
-    /// Returns the point where the planes meet, if it is given.
+    /// Returns the point where the planes meet in sample indices, if it is given. `head` is that of
+    /// the image, if there is one.
     ///
     /// # Errors
-    /// Returns [`Error::Job`] for a point in the plane.
-    pub(super) fn crossing_point(&self) -> Result<Option<[f64; 3]>> {
-        let point =
-            |point: &PointValue| point.coordinates("at", "give a point such as 1500,2000,300");
-        self.at.as_ref().map(point).transpose()
+    /// Returns [`Error::Job`] for a point in the plane, for a line that the image does not have, and
+    /// for axes that do not span space.
+    pub(super) fn crossing_index(
+        &self,
+        geometry: &Geometry<3>,
+        head: Option<&ImageHeader<3>>,
+    ) -> Result<Option<[f64; 3]>> {
+        match &self.at {
+            None => Ok(None),
+            Some(SlicePosition::Point(point)) => {
+                let point = point.coordinates("at", POINT_REMEDY)?;
+                let index = geometry.to_index(point).ok_or_else(|| {
+                    let problem = "cannot be found: the image's axes are linearly dependent";
+                    Error::Job(cause(
+                        format!("at {point:?}"),
+                        problem,
+                        "correct the geometry",
+                    ))
+                })?;
+                Ok(Some(index))
+            }
+            Some(SlicePosition::Lines(lines)) => {
+                let mut at = head.map_or([0.0; 3], |head| head.dims.map(|n| (n / 2) as f64));
+                for (name, value) in lines {
+                    let (axis, index) = line_index(head, name, *value)?;
+                    at[axis] = index;
+                }
+                Ok(Some(at))
+            }
+        }
     }
 
     /// Returns the direction that is up, if it is given.

@@ -12,6 +12,7 @@
 //! files     files that appear complete or not at all; VTK's XML format; values as bytes
 //! comm      processes that share a job (feature `mpi`)
 //! image     samples and their position in the world; formats, synthetic images
+//! surface_file surfaces in files of their own: picks of interpreters, and what programs exchange
 //! mesh      cells, their checks and measures; Delaunay triangulations, Voronoi cells
 //! feature   image -> points on features, and the potential b(x) with valleys on them
 //! lattice   positions of atoms: distance, seeding, energy, optimisation
@@ -75,6 +76,7 @@ pub(crate) mod parallel;
 pub mod progress;
 pub mod report;
 pub mod store;
+pub mod surface_file;
 
 pub use error::{Error, ErrorKind, Result};
 pub use export::surfaces::surfaces;

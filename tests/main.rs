@@ -27,6 +27,7 @@ mod fault_exports;
 mod flow;
 mod foreign;
 mod gaps;
+mod given_surfaces;
 mod history_matching;
 mod images_formats;
 mod inactive;

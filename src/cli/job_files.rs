@@ -34,6 +34,7 @@ pub fn check_files(
     inputs.extend(config);
     inputs.extend(spec.atoms_from.as_deref());
     inputs.extend(spec.input.geometry_from.as_deref());
+    inputs.extend(spec.surface.iter().map(|surface| surface.path.as_path()));
     inputs.extend(spec.well.iter().map(PathBuf::as_path));
     inputs.extend(spec.beta.file());
     if let DistanceSource::File(path) = &spec.distance_from {
@@ -73,6 +74,13 @@ pub fn check_files(
     }
     if is_pvtu(&mesh) && spec.cell_kind() == CellKind::Voronoi {
         return Err(no_partitions_error(&mesh));
+    }
+    if is_pvtu(&mesh) && !spec.surface.is_empty() {
+        return Err(Error::Job(cause(
+            mesh.display(),
+            "does not hold the names of surfaces",
+            "give a name that ends in .vtu",
+        )));
     }
     if let (Some(path), true) = (trace, rank_count > 1) {
         return Err(Error::Job(cause(

@@ -4,6 +4,7 @@ use super::FeatureKind;
 use super::LabelOptions;
 use super::MissingData;
 use super::detectors::comparison::paths::PathSeeds;
+use super::given::SharedPoints;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, LiveMask, MaskedImage, Modality};
@@ -43,6 +44,8 @@ pub struct DetectionOptions<const D: usize> {
     pub keep_nulls: bool,
     /// `true` if each rank gets only a share of the potential.
     pub is_distributed: bool,
+    /// Surfaces that the user gives.
+    pub given: SharedPoints<D>,
 }
 
 impl<const D: usize> Default for DetectionOptions<D> {
@@ -61,6 +64,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             step: [1.0; D],
             keep_nulls: false,
             is_distributed: false,
+            given: None,
         }
     }
 }

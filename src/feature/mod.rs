@@ -10,6 +10,7 @@
 //! - `detection`: options of detection and their checks
 //! - `outcome`: what was found of each kind, and how credible it is
 //! - `doubt`: decisions that the image leaves open
+//! - `given`: surfaces that the user gives, as features
 //! - `resolved`: scales and thresholds of a whole image, to be used again for a part of it
 //!
 //! Detectors:
@@ -55,6 +56,7 @@ pub(crate) mod distance_transform;
 mod doubt;
 pub(crate) mod eigen;
 pub(crate) mod gaussian;
+pub(crate) mod given;
 pub(crate) mod gradient_magnitude;
 pub(crate) mod hessian;
 pub(crate) mod label_map;
@@ -98,6 +100,7 @@ pub use detectors::FeatureKind;
 pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
 pub use doubt::Doubt;
+pub use given::{GivenPoints, GivenSurface, SurfaceName};
 pub use label_map::{LabelMap, LabelOptions};
 pub(crate) use lines::lines_with_cancel;
 pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
@@ -125,6 +128,8 @@ pub struct Features<const D: usize> {
     pub points: Vec<FeaturePoint<D>>,
     /// Number of the feature surface that each point is part of, from 1.
     pub surface: Vec<u32>,
+    /// Names of the surfaces that have one: those that the user gives.
+    pub names: Vec<SurfaceName>,
     /// For each point, `true` if it lies on a horizon, which is no barrier to flow.
     pub on_horizon: Vec<bool>,
     /// The image potential b(x) in [-1, 0]: a valley of depth 1 along every feature, at most
@@ -160,6 +165,7 @@ impl<const D: usize> Features<D> {
         Self {
             points: Vec::new(),
             surface: Vec::new(),
+            names: Vec::new(),
             on_horizon: Vec::new(),
             potential: SparseField::zero(dims, options.step),
             spacing: options.gap_distance_range().map(|_| Vec::new()),
@@ -230,15 +236,14 @@ pub(crate) fn detect_with_cancel<const D: usize>(
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
+    detection::validate_options(options)?;
     if options.kind == FeatureKind::NoFeatures {
-        detection::validate_options(options)?;
-        return Ok(Features::empty(source.dims(), options));
+        return add_given(None, source.dims(), options, comm, cancel);
     }
     let layers = match source {
         ImageSource::InMemory(image) => return detect_in_memory(image, options, comm, cancel),
         ImageSource::Layered(layers) => layers,
     };
-    detection::validate_options(options)?;
     let (dims, tasks) = (layers.dims(), detectors::requested_detectors(options));
     for (detector, _) in tasks.iter().flatten() {
         detection::ensure_sample_count(dims, detector.max_samples())?;
@@ -305,7 +310,8 @@ fn run_detectors<const D: usize>(
         run_detector(&input, detector, [[false; 2]; D])
     };
     let results: Result<Vec<_>> = tasks.into_iter().enumerate().map(run_task).collect();
-    let mut features = detectors::combine_features(results?, source.dims(), options, comm)?;
+    let features = detectors::combine_features(results?, source.dims(), options, comm)?;
+    let mut features = add_given(Some(features), source.dims(), options, comm, cancel)?;
     if let Some(reason) = reason {
         features.notes.insert(0, reason.note);
         features.doubt = reason.doubt;
@@ -330,7 +336,7 @@ pub(crate) fn detect_part<const D: usize>(
     let prepared = detection::prepare_image(part, options)?;
     let part = &*prepared.image;
     if options.kind == FeatureKind::NoFeatures || detection::is_constant(part) {
-        return Ok(Features::empty(part.dims(), options));
+        return add_given(None, part.dims(), options, &SelfComm, cancel);
     }
     let run_kind = |resolved| {
         let input = DetectorInput {
@@ -344,7 +350,30 @@ pub(crate) fn detect_part<const D: usize>(
         )
     };
     let results: Result<Vec<_>> = resolved.iter().map(run_kind).collect();
-    detectors::combine_features(results?, part.dims(), options, &SelfComm)
+    let features = detectors::combine_features(results?, part.dims(), options, &SelfComm)?;
+    add_given(Some(features), part.dims(), options, &SelfComm, cancel)
+}
+
+/// Adds the given surfaces to the features that were found, if there are any.
+fn add_given<const D: usize>(
+    found: Option<Features<D>>,
+    dims: [usize; D],
+    options: &DetectionOptions<D>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
+) -> Result<Features<D>> {
+    let given = options.given.as_ref();
+    let given = given.map(|given| given.features(options, cancel));
+    match (found, given.transpose()?) {
+        (Some(found), Some(mut given)) => {
+            if let (Some(_), None) = (&found.spacing, &given.spacing) {
+                given.spacing = Some(vec![options.d_max() as f32; given.points.len()]);
+            }
+            detectors::faults_and_horizons::combine(found, given, [1.0; 2], comm)
+        }
+        (Some(only), None) | (None, Some(only)) => Ok(only),
+        (None, None) => Ok(Features::empty(dims, options)),
+    }
 }
 
 /// Approximate share of the work that is done when all candidates are found, and when they are
@@ -426,6 +455,7 @@ fn run_detector<const D: usize>(
         }),
         points: surfaces.points,
         surface: surfaces.surface,
+        names: Vec::new(),
         spacing,
         potential,
         sigma: options.d_max() / 4.0,
@@ -451,6 +481,13 @@ fn find_candidates<const D: usize>(
     input.cancel.set_fraction(PROGRESS_FOUND);
     input.cancel.check(Stage::Features)?;
     let mut output = output?;
+    if let Some(given) = &input.options.given {
+        let distance = detector.resolution() * input.options.min_distance();
+        let count = given.drop_parallel(&mut output.candidates, distance);
+        notes.push(format!(
+            "{count} candidates dropped as they lie nearer than {distance:.1} samples to a given surface"
+        ));
+    }
     match (input.live_mask, input.source) {
         (Some(live), _) => output.candidates.retain(|c| {
             let at = Volume::new(input.dims(), &[]).coordinates(c.voxel.index());

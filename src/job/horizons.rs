@@ -1,4 +1,5 @@
-//! The faces on features that lie on horizons: those whose nearest feature points do.
+//! The faces on features that lie on horizons, and on surfaces with names: those whose nearest
+//! feature points do.
 
 use crate::parallel::prelude::*;
 
@@ -45,6 +46,43 @@ pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
     if counts.on_horizon == counts.points {
         return marks.to_vec();
     }
+    let horizon =
+        |[parallel, _]: [Option<usize>; 2]| parallel.is_some_and(|i| features.on_horizon[i]);
+    nearest_points(mesh, marks, features)
+        .into_iter()
+        .map(horizon)
+        .collect()
+}
+
+/// Returns for each face of a mesh in lattice space the index in [`Features::names`] of the surface
+/// that it lies on, if that has a name. `marks` holds `true` for faces on features. The result is
+/// empty if no surface has a name.
+pub(crate) fn name_indices<const D: usize, F: Mesh<D>>(
+    mesh: &F,
+    marks: &[bool],
+    features: &Features<D>,
+) -> Vec<Option<u32>> {
+    if features.names.is_empty() {
+        return Vec::new();
+    }
+    let index = |[parallel, any]: [Option<usize>; 2]| {
+        let number = features.surface[parallel.or(any)?];
+        let index = features.names.iter().position(|name| name.number == number);
+        index.map(|index| index as u32)
+    };
+    nearest_points(mesh, marks, features)
+        .into_iter()
+        .map(index)
+        .collect()
+}
+
+/// Returns for each marked face of a mesh in lattice space the nearest feature point whose normal
+/// is that of the face, and the nearest one whatever its normal.
+fn nearest_points<const D: usize, F: Mesh<D>>(
+    mesh: &F,
+    marks: &[bool],
+    features: &Features<D>,
+) -> Vec<[Option<usize>; 2]> {
     let points: Vec<[f64; D]> = (features.points.iter())
         .map(|p| p.position.map(f64::from))
         .collect();
@@ -53,7 +91,7 @@ pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
     let max_distance = 4.0 * features.sigma;
     let grid = CellList::new(&points, 0.5 * max_distance);
     let nodes = mesh.nodes();
-    let is_horizon = |face: usize| {
+    let nearest_point = |face: usize| {
         let (mut middle, mut area_vector, mut area) = ([0.0; D], [0.0; D], 0.0);
         mesh.facets(face, |facet| {
             let corners = facet.map(|n| nodes[n as usize]);
@@ -69,20 +107,31 @@ pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
             middle.map(|c| c / area),
             MIN_NORMAL_COSINE * norm(area_vector),
         );
-        let mut nearest = (max_distance, false);
+        let mut nearest: [(f64, Option<usize>); 2] = [(max_distance, None); 2];
         grid.visit_within(middle, max_distance, |i| {
             let distance = norm(sub(points[i], middle));
             let parallel =
                 dot(area_vector, features.points[i].normal.map(f64::from)).abs() > min_dot;
-            // Of two points at the same distance, one on a fault wins, whatever their order.
-            let is_nearer =
-                distance < nearest.0 || distance == nearest.0 && !features.on_horizon[i];
-            if parallel && is_nearer {
-                nearest = (distance, features.on_horizon[i]);
+            // Of two points at the same distance, one on a fault wins, then the first.
+            let rank = |i: usize| (features.on_horizon[i], i);
+            for (best, may_count) in nearest.iter_mut().zip([parallel, true]) {
+                let is_nearer = distance < best.0
+                    || distance == best.0 && best.1.is_none_or(|j| rank(i) < rank(j));
+                if may_count && is_nearer {
+                    *best = (distance, Some(i));
+                }
             }
         });
-        nearest.1
+        nearest.map(|best| best.1)
     };
     let faces = (0..marks.len()).into_par_iter();
-    faces.map(|face| marks[face] && is_horizon(face)).collect()
+    faces
+        .map(|face| {
+            if marks[face] {
+                nearest_point(face)
+            } else {
+                [None; 2]
+            }
+        })
+        .collect()
 }

@@ -9,6 +9,7 @@
 //! - `stages`: reports each stage to the clock and the caller
 //! - `estimate`: estimates of the size of a mesh
 //! - `frame`: lattice space, and its relation to the image
+//! - `given_surfaces`: surfaces that the user gives, in the image
 //! - `placement`: atoms at rest, on a lattice that has moved or on Canny's points
 //! - `optimise`: moves the atoms of a lattice
 //! - `canny`: atoms at Canny's points
@@ -35,6 +36,7 @@ mod equalise;
 mod estimate;
 mod features;
 mod frame;
+pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
 mod join;
 mod measure;
@@ -57,6 +59,7 @@ pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
 pub use features::{FeatureOutcome, FeatureSpec, features};
 pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
+pub use given_surfaces::FollowedSurface;
 pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
 pub use measure::{BOX_TOLERANCE, scaled_mesh};
 pub(crate) use optimise::optimize_options;

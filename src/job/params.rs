@@ -6,6 +6,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::given_surfaces::{self, FollowedSurface};
 use super::spec::{DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
 use super::well_file::WellFile;
 use crate::error::cause;
@@ -208,6 +209,8 @@ pub struct Params<const D: usize = 3> {
     pub fixed_atoms: Vec<FixedAtom<D>>,
     /// Wells: fixed atoms along their trajectories.
     pub wells: Vec<WellPath<D>>,
+    /// Surfaces to follow.
+    pub surfaces: Vec<FollowedSurface>,
 }
 
 impl<const D: usize> Default for Params<D> {
@@ -269,6 +272,7 @@ impl<const D: usize> Params<D> {
     /// Returns the errors of [`Params::read`] and of `read_image`.
     pub(crate) fn read_with(spec: &MeshSpec, read_image: ReadImage<'_>) -> Result<Self> {
         let mut params = Self::new(spec.clone())?;
+        params.surfaces = given_surfaces::read(&spec.surface)?;
         if let Some(path) = &spec.atoms_from {
             params.fixed_atoms = read_fixed_atoms(path)?;
         }
@@ -310,6 +314,7 @@ impl<const D: usize> Params<D> {
             beta: Weight::Constant(beta),
             fixed_atoms: Vec::new(),
             wells: Vec::new(),
+            surfaces: Vec::new(),
         }
     }
 

@@ -1,5 +1,7 @@
 //! Runs all stages of a job: image in, mesh out.
 
+use std::sync::Arc;
+
 use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
 use super::placement::{self, PlacedAtoms};
@@ -220,7 +222,10 @@ where
         .with_partitioning(is_partitioned);
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
+    let given = params.surfaces_in_image(geometry, dims)?;
+    options.given = given.as_ref().map(|given| Arc::clone(&given.points));
     options.is_distributed = is_partitioned
+        && given.is_none()
         && run_options.checkpoint.is_none()
         && placement::needs_only_local_potential(params);
     let mut features = stages.load_or_run("1-features", |stages| {
@@ -250,6 +255,9 @@ where
     report.missing = features.missing;
     report.doubt.clone_from(&features.doubt);
     report.notes.extend(features.notes.iter().cloned());
+    report
+        .notes
+        .extend(given.into_iter().flat_map(|given| given.notes));
     let note = placement::distance_note(source, params, &features)?;
     report.notes.extend(note);
     let (costs, interrupted) = stages.finish();

@@ -3,11 +3,14 @@
 use crate::parallel::prelude::*;
 
 use super::labels::labels_field;
-use super::output::{HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, resolved_options_field};
+use super::named_surfaces::NamedSurfaces;
+use super::output::{
+    HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, feature_names, resolved_options_field,
+};
 use super::{FieldValue, MeshFile};
 use crate::files::vtk::DataArray;
 use crate::job::cells::to_world;
-use crate::job::horizons::horizon_flags;
+use crate::job::horizons::{horizon_flags, name_indices};
 use crate::job::{MeshSpace, Meshing, Outcome};
 use crate::mesh::poly::PolyMesh;
 
@@ -47,6 +50,13 @@ where
     if weld > 0.0 {
         field_data.push((WELD_FIELD.into(), FieldValue::F64s(vec![weld])));
     }
+    let names = name_indices(lattice, &mesh.on_feature, &outcome.features);
+    let named = (mesh.face_cells.iter().zip(&names)).filter_map(|(cells, name)| {
+        let [a, b] = *cells;
+        name.map(|name| ([a.min(b), a.max(b)], name))
+    });
+    let named = NamedSurfaces::new(&feature_names(outcome), named.collect());
+    field_data.extend(named.into_fields());
     let horizons = horizon_flags(lattice, &mesh.on_feature, &outcome.features);
     let pairs = mesh.face_cells.iter().zip(&horizons).filter(|f| *f.1);
     let pairs: Vec<i64> = pairs.flat_map(|(cells, _)| cells.map(i64::from)).collect();

@@ -7,6 +7,7 @@ use crate::parallel::prelude::*;
 
 use super::cell_output::cell_mesh_file;
 use super::labels::labels_field;
+use super::named_surfaces::NamedSurfaces;
 use super::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
 use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::comm::{Comm, SelfComm};
@@ -15,8 +16,10 @@ use crate::feature::ResolvedOptions;
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, ImageSource};
 pub use crate::job::Provenance;
-use crate::job::horizons::horizon_bits;
+use crate::job::horizons::{horizon_bits, name_indices};
 use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
+use crate::mesh::complex::NONE;
+use crate::mesh::interface::marks_from_bits;
 #[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
@@ -96,6 +99,19 @@ where
             fields
         },
     };
+    let marks: Vec<bool> = marks_from_bits::<D>(&annotated.feature_faces).collect();
+    let names = name_indices(lattice, &marks, &outcome.features);
+    if !names.is_empty()
+        && let Ok(neighbors) = lattice.neighbors()
+    {
+        let faces = (names.iter().enumerate()).filter_map(|(face, name)| {
+            let (cell, other) = ((face / (D + 1)) as u32, neighbors[face]);
+            name.filter(|_| other != NONE)
+                .map(|name| ([cell.min(other), cell.max(other)], name))
+        });
+        let fields = NamedSurfaces::new(&feature_names(outcome), faces.collect()).into_fields();
+        file.field_data.extend(fields);
+    }
     // The rank without cells also needs the arrays that the other ranks have.
     if outcome.features.point_counts().on_horizon > 0 {
         let bits = face_bits_to_physical::<D>(&horizons, mirrored);
@@ -103,6 +119,15 @@ where
             .push(DataArray::scalars(HORIZON_FACES_ARRAY, bits));
     }
     file
+}
+
+/// Returns the names of the surfaces that have one.
+pub(super) fn feature_names<const D: usize>(outcome: &Outcome<D>) -> Vec<String>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let names = outcome.features.names.iter();
+    names.map(|name| name.name.clone()).collect()
 }
 
 impl<const D: usize> Outcome<D>

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::error::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
-use crate::model::surface::SurfaceFile;
+use crate::surface_file::SurfaceFile;
 
 /// Writes surfaces. Coordinates have all digits.
 ///

@@ -12,7 +12,7 @@ use crate::export::format::{ExportContent, ExportFormat};
 use crate::files::Batch;
 use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
-use crate::model::surface::SurfaceFile;
+use crate::surface_file::SurfaceFile;
 
 /// Entry of STL in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {

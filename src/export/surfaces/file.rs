@@ -6,7 +6,7 @@ use super::tsurf::write_tsurf;
 use super::vtp::write_vtp;
 use crate::Result;
 use crate::export::write_obj;
-use crate::model::surface::SurfaceFile;
+use crate::surface_file::{SurfaceFile, has_extension};
 
 impl<const D: usize> SurfaceFile<D> {
     /// Writes the surfaces in the format of the file's ending: `.obj`, GOCAD's `.ts` and `.pl`, or VTK's
@@ -23,14 +23,6 @@ impl<const D: usize> SurfaceFile<D> {
             write_vtp(path, self)
         }
     }
-}
-
-/// Returns `true` if the file's ending is one of `endings`, in upper or lower case.
-pub(super) fn has_extension(path: &Path, endings: &[&str]) -> bool {
-    let ending = path.extension().unwrap_or_default().to_string_lossy();
-    endings
-        .iter()
-        .any(|known| ending.eq_ignore_ascii_case(known))
 }
 
 #[cfg(test)]

@@ -4,22 +4,19 @@
 //! - `extract`: extracts the surfaces of a mesh
 //! - `outcome`: the extracted surfaces with their measures, as table, JSON and file
 //! - `table`: tables of the measures of surfaces
-//! - `vtp`: VTK poly data
+//! - `vtp`: surfaces as they are drawn
 //! - `heights`: a surface as a grid of heights
-//! - `tsurf`: GOCAD surfaces and lines
-//! - `sticks`: fault sticks
 //!
-//! Wavefront OBJ is in [`meshers`](super::meshers).
+//! The formats are in [`surface_file`](crate::surface_file), and Wavefront OBJ is in
+//! [`meshers`](super::meshers).
 
 pub(crate) mod extract;
 pub(crate) mod file;
 pub mod heights;
 pub(crate) mod outcome;
-pub mod sticks;
 mod table;
-pub(crate) mod tsurf;
 pub mod vtp;
 
-pub use crate::model::surface::{AnySurfaces, SurfaceFile};
+pub use crate::surface_file::{AnySurfaces, SurfaceFile, sticks, tsurf};
 pub use extract::surfaces;
 pub use outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};

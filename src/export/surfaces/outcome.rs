@@ -4,7 +4,6 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::file::has_extension;
 use super::heights::height_grid;
 use super::sticks::{FaultSticks, write_sticks};
 use super::table::{interface_table, surface_table};
@@ -12,6 +11,7 @@ use super::{AnySurfaces, table};
 use crate::error::cause;
 use crate::image::formats;
 use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
+use crate::surface_file::has_extension;
 use crate::{Error, Result};
 
 /// File endings of the surface formats that can be written.

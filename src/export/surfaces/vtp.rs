@@ -1,135 +1,16 @@
-//! Writes and reads surfaces as VTK poly data (`.vtp`): triangles, or line segments of a 2-D mesh.
+//! Surfaces and lines of VTK poly data (`.vtp`) as they are drawn.
 
-use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::files::atomic_write;
-use crate::files::vtk::xml::Element;
-use crate::files::vtk::{ArraySource, Document, VtkFile};
+use crate::Result;
+use crate::files::vtk::VtkFile;
 use crate::model::slice::OverlayShape;
-use crate::model::surface::SurfaceFile;
 use crate::model::surface::SurfaceKind;
-use crate::store::vtu::{self, FieldValue, check_lengths, read_cell_integers, read_nodes};
-use crate::{Error, Result};
-
-/// Writes surfaces. The cell data is the surface number of each facet (`surface`) and the file's
-/// own arrays. The names of the surfaces are one text with a line per surface.
-///
-/// # Errors
-/// Returns [`Error::Io`] if the file cannot be written, and [`Error::Mesh`] if an array does not
-/// have one tuple per facet.
-pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
-    let (points, cells) = (file.nodes.len(), file.facets.len());
-    check_lengths(path, &file.cell_data, cells, "facets")?;
-    let names = file.names.join("\n");
-    let labels = file.labels();
-    let mut document = Document::new("PolyData", &[]);
-    document.open("FieldData", &[]);
-    document.add_array(ArraySource::text("surfaces", &names));
-    for (name, value) in &file.field_data {
-        document.add_array(match value {
-            FieldValue::Text(text) => ArraySource::text(name, text),
-            FieldValue::F64s(numbers) => ArraySource::slice(name, 1, numbers),
-            FieldValue::Ints(numbers) => ArraySource::slice(name, 1, numbers),
-        });
-    }
-    document.close();
-    let shape = if D == 2 { "Lines" } else { "Polys" };
-    let count = |element: &str| if element == shape { cells } else { 0 };
-    let counts = ["Verts", "Lines", "Strips", "Polys"]
-        .map(|element| (format!("NumberOf{element}"), count(element).to_string()));
-    let mut attributes = vec![("NumberOfPoints", points.to_string())];
-    attributes.extend(counts.iter().map(|(name, n)| (name.as_str(), n.clone())));
-    document.open("Piece", &attributes);
-    document.open("CellData", &[("Scalars", "surface".to_string())]);
-    document.add_array(ArraySource::slice("surface", 1, &labels));
-    for array in &file.cell_data {
-        document.add_array(array.values.source(&array.name, array.components));
-    }
-    document.close();
-    document.open("Points", &[]);
-    document.add_array(ArraySource::slice("Points", 3, file.nodes.as_flattened()));
-    document.close();
-    document.open(shape, &[]);
-    let corners = file.facets.as_flattened();
-    document.add_array(ArraySource::computed(
-        "connectivity",
-        1,
-        corners.len(),
-        |i| i64::from(corners[i]),
-    ));
-    document.add_array(ArraySource::computed("offsets", 1, cells, |i| {
-        (D * (i + 1)) as i64
-    }));
-    document.close();
-    atomic_write(path, |out| document.write(out))
-}
-
-/// Reads the triangles of a file of this or another program: all of them, or those of the surface
-/// with the number `label`. Polygons are cut into fans of triangles.
-///
-/// # Errors
-/// Returns [`Error::Io`] if the file cannot be read, is damaged, or has no surface numbers although
-/// `label` is given.
-pub fn read_triangles(path: &Path, label: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
-    let file = VtkFile::read(path, "PolyData")?;
-    let triangles = labelled_triangles(&file, label.is_some())?.into_iter();
-    let selected = triangles.filter(|(found, _)| label.is_none_or(|label| *found == label));
-    Ok(selected.map(|(_, triangle)| triangle).collect())
-}
-
-/// Returns the triangles of a file, each with the number of its surface. The number is 1 if
-/// `is_labelled` is `false`.
-fn labelled_triangles(file: &VtkFile, is_labelled: bool) -> Result<Vec<(i64, [[f64; 3]; 3])>> {
-    let polygons = labelled_rings(file, "Polys", is_labelled)?.into_iter();
-    let fan = |(label, ring): (i64, Vec<[f64; 3]>)| {
-        let triangle = |k: usize| (label, [ring[0], ring[k - 1], ring[k]]);
-        (2..ring.len()).map(triangle).collect::<Vec<_>>()
-    };
-    Ok(polygons.flat_map(fan).collect())
-}
-
-/// Returns the points of each polygon or line of a file, with the number of its surface. The number
-/// is 1 if `is_labelled` is `false`.
-fn labelled_rings(
-    file: &VtkFile,
-    element: &str,
-    is_labelled: bool,
-) -> Result<Vec<(i64, Vec<[f64; 3]>)>> {
-    let piece = file.piece()?;
-    let points = vtu::read_count(file, piece, "NumberOfPoints")?;
-    let nodes: Vec<[f64; 3]> = read_nodes(file, file.child(piece, "Points")?, points)?;
-    let element = file.child(piece, element)?;
-    let corners = read_cell_integers(file, element, "connectivity")?;
-    let ends = read_cell_integers(file, element, "offsets")?;
-    let labels = if is_labelled {
-        read_cell_integers(file, file.child(piece, "CellData")?, "surface")?
-    } else {
-        Vec::new()
-    };
-    let mut rings = Vec::new();
-    let mut start = 0;
-    for (i, &end) in ends.iter().enumerate() {
-        let ring = usize::try_from(end)
-            .ok()
-            .and_then(|end| corners.get(start..end));
-        let node = |&n: &i64| usize::try_from(n).ok().and_then(|n| nodes.get(n)).copied();
-        let ring: Option<Vec<[f64; 3]>> = ring.and_then(|ring| ring.iter().map(node).collect());
-        let Some(ring) = ring else {
-            let problem = format!("its polygon or line {i} is damaged");
-            return Err(file.error(problem, "write it again"));
-        };
-        start = end as usize;
-        let label = if is_labelled {
-            labels.get(i).copied()
-        } else {
-            Some(1)
-        };
-        rings.extend(label.map(|label| (label, ring)));
-    }
-    Ok(rings)
-}
+use crate::surface_file::vtp::{
+    is_numbered, labelled_rings, labelled_triangles, surface_name, surface_names,
+};
+pub use crate::surface_file::vtp::{read_surfaces, read_triangles, write_vtp};
 
 /// Reads the surfaces and lines of a file as they are drawn, with the numbers and names in the
 /// file. A file without surface numbers gives one shape with the name of the file.
@@ -139,7 +20,7 @@ fn labelled_rings(
 pub fn read_shapes(path: &Path) -> Result<Vec<OverlayShape>> {
     let file = VtkFile::read(path, "PolyData")?;
     let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));
-    let has_element = |element: &str| Ok::<_, Error>(file.piece()?.child(element).is_some());
+    let has_element = |element: &str| Ok::<_, crate::Error>(file.piece()?.child(element).is_some());
     let mut shapes: BTreeMap<i64, OverlayShape> = BTreeMap::new();
     if has_element("Polys")? {
         for (label, triangle) in labelled_triangles(&file, is_labelled)? {
@@ -168,70 +49,4 @@ pub fn read_shapes(path: &Path) -> Result<Vec<OverlayShape>> {
         shape.kind = matching_kinds.next();
     }
     Ok(shapes.into_values().collect())
-}
-
-/// Returns `true` if a file has the surface number of each cell.
-fn is_numbered(file: &VtkFile) -> Result<bool> {
-    let data = file.piece()?.child("CellData");
-    let mut arrays = data.iter().flat_map(|data| &data.children);
-    Ok(arrays.any(|array| array.attribute("Name") == Some("surface")))
-}
-
-/// Returns the names of the surfaces of a file. The first name is that of surface 1.
-fn surface_names(file: &VtkFile) -> Vec<String> {
-    let names = file.data_set().child("FieldData").and_then(|fields| {
-        let is_names_array = |array: &&Element| array.attribute("Name") == Some("surfaces");
-        file.text(fields.children.iter().find(is_names_array)?).ok()
-    });
-    let names = names.unwrap_or_default();
-    let lines = names.trim_end_matches('\0').lines();
-    lines.map(String::from).collect()
-}
-
-fn surface_name(label: i64, names: &[String]) -> String {
-    let index = usize::try_from(label - 1).ok();
-    let name = index.and_then(|at| names.get(at).cloned());
-    name.unwrap_or_else(|| format!("surface{label}"))
-}
-
-/// Reads the surfaces of a file of this or another program, with the numbers and names in the file.
-/// A file without surface numbers gives one surface.
-///
-/// # Errors
-/// Returns [`Error::Io`] if the file cannot be read or is damaged.
-pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
-    let file = VtkFile::read(path, "PolyData")?;
-    let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));
-    let mut file_surfaces = SurfaceFile {
-        surface_starts: vec![0],
-        z_up: true,
-        ..SurfaceFile::default()
-    };
-    let mut triangles_by_label: BTreeMap<i64, Vec<[[f64; 3]; 3]>> = BTreeMap::new();
-    for (label, triangle) in labelled_triangles(&file, is_labelled)? {
-        triangles_by_label.entry(label).or_default().push(triangle);
-    }
-    for (label, triangles) in triangles_by_label {
-        let mut nodes: Vec<[f64; 3]> = triangles.as_flattened().to_vec();
-        nodes.sort_unstable_by(compare_points);
-        nodes.dedup();
-        let first = file_surfaces.nodes.len();
-        let node_index =
-            |x: [f64; 3]| (first + nodes.partition_point(|y| compare_points(y, &x).is_lt())) as u32;
-        file_surfaces
-            .facets
-            .extend(triangles.iter().map(|t| t.map(node_index)));
-        file_surfaces.nodes.extend(&nodes);
-        file_surfaces
-            .surface_starts
-            .push(file_surfaces.facets.len());
-        file_surfaces.names.push(surface_name(label, &names));
-    }
-    Ok(file_surfaces)
-}
-
-fn compare_points(a: &[f64; 3], b: &[f64; 3]) -> Ordering {
-    (0..3).fold(Ordering::Equal, |order, k| {
-        order.then(a[k].total_cmp(&b[k]))
-    })
 }

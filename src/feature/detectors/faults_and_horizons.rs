@@ -9,7 +9,7 @@ use super::horizons::Horizons;
 use super::{DetectionOptions, DetectorTask};
 use crate::comm::Comm;
 use crate::error::Result;
-use crate::feature::{Features, PointCounts};
+use crate::feature::{Features, PointCounts, SurfaceName};
 
 /// Returns the two detectors with their options. The requested threshold is an amplitude, so it
 /// applies to horizons; that of faults is chosen from the image.
@@ -47,6 +47,12 @@ pub fn combine<const D: usize>(
     first
         .surface
         .extend(second.surface.iter().map(|s| max_surface + s));
+    first
+        .names
+        .extend(second.names.into_iter().map(|name| SurfaceName {
+            number: max_surface + name.number,
+            ..name
+        }));
     first.spacing = (first.spacing.zip(second.spacing)).map(|(a, b)| [a, b].concat());
     first.outcomes.extend(second.outcomes);
     first.notes.extend(second.notes);

@@ -125,7 +125,8 @@ feature_kinds! {
     Mask = "mask" [masks::Masks];
     /// The image is b(x) already: -1 on features, 0 elsewhere
     Potential = "potential" [potential::Potential];
-    /// None: a plain box of well-shaped cells, also of a constant image
+    /// None: a plain box of well-shaped cells, also of a constant image, or a mesh that follows only
+    /// the surfaces that are given
     NoFeatures = "none" [];
 }
 

@@ -9,11 +9,13 @@
 //!
 //! - `write`: a [`Document`], written array by array
 //! - `read`: a [`VtkFile`], whose arrays are decoded on demand
+//! - `pieces`: points, integers and whole values that meshes and surfaces share
 //! - `unpack`: decompression of blocks
 //! - `legacy`: conversion of legacy files to XML
 //! - `xml`: the XML as a tree
 
 pub(crate) mod legacy;
+pub(crate) mod pieces;
 pub(crate) mod read;
 mod unpack;
 pub(crate) mod write;

@@ -30,7 +30,7 @@ codec_fields! {
     ResolvedOptions as ResolvedOptions { kind, scale, low, high, min_area, mask }
     @(const D: usize) LabelMap<D> as LabelMap { dims, step, labels, names, winner, lead, volumes }
     @(const D: usize) Features<D> as Features {
-        points, surface, on_horizon, potential, spacing, global_counts, sigma, outcomes, missing, notes, resolved, labels, confidence, doubt,
+        points, surface, names, on_horizon, potential, spacing, global_counts, sigma, outcomes, missing, notes, resolved, labels, confidence, doubt,
     }
     @(const D: usize) Atoms<D> as Atoms { positions, kinds }
     energy::EnergyParts as EnergyParts { lattice, image }

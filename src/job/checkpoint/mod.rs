@@ -83,6 +83,11 @@ impl Checkpoint {
         let mut other_params = params.clone();
         // Where results are written does not matter.
         other_params.spec = other_params.spec.reproducible();
+        for surface in std::mem::take(&mut other_params.surfaces) {
+            hasher.update(format!("{} {:?}", surface.option, surface.surface.name));
+            let numbers = surface.surface.shape.points().flatten();
+            numbers.for_each(|c| hasher.update(c.to_le_bytes()));
+        }
         for image in other_params.distance_map.take().iter() {
             add_image(&mut hasher, image);
         }

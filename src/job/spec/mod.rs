@@ -28,7 +28,7 @@ use crate::{Error, Result};
 pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
 pub use values::{
     DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile,
-    PointValue, SignedAxis,
+    PointValue, SignedAxis, SurfaceOption,
 };
 
 /// Headings of the command line's help; options without one come first.
@@ -67,6 +67,17 @@ pub struct MeshSpec {
         arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum)
     )]
     pub feature: FeatureKind,
+    /// Faults and horizons to follow as they are, beside the features that are found (none with
+    /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one, with
+    /// `,fault` or `,horizon` at the end if the file does not say. GOCAD .ts and .pl, .vtp, .obj,
+    /// grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, in the image's physical
+    /// coordinates; may be repeated
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "FILE[:NAME]", help_heading = FEATURES)
+    )]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub surface: Vec<SurfaceOption>,
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
     pub sigma: Option<f64>,
@@ -329,6 +340,7 @@ impl Default for MeshSpec {
             distance: NominalDistance::default(),
             distance_from: DistanceSource::default(),
             feature: FeatureKind::Auto,
+            surface: Vec::new(),
             sigma: None,
             threshold: None,
             feature_weights: FeatureWeights::default(),

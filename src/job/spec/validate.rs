@@ -327,6 +327,18 @@ impl Options<'_> {
             ));
         }
         check_labels(&spec.label)?;
+        if spec.feature == FeatureKind::NoFeatures {
+            let problem = "is about features that are found, but with feature none none is sought";
+            self.refuse(
+                &["sigma", "threshold"],
+                problem,
+                "omit it, or choose a kind",
+            )?;
+        }
+        if !spec.surface.is_empty() && spec.seeding == SeedingKind::Canny {
+            let problem = "is given, but seeding canny puts atoms on the points that it finds";
+            self.refuse(&["surface"], problem, "choose another seeding")?;
+        }
         let kind = spec.clone().resolved().feature;
         let label_with_distance = spec.label.iter().find(|label| label.distance.is_some());
         if let (Some(label), SeedingKind::Canny) = (label_with_distance, spec.seeding) {
@@ -422,6 +434,7 @@ mod tests {
             "velocity = 2400.0",
             "velocity = \"velocities.sgy\"",
             "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
+            "surface = [\"faults.ts\", \"a.vtp:Main,horizon\"]\nfeature = \"none\"",
             "rounds = 5\noptimizer = \"genetic\"",
             "velocity = 2400.0\nmetric = \"samples\"",
             "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
@@ -472,6 +485,8 @@ mod tests {
             ("well-distance = 3", "well-distance"),
             ("evaluator = \"sampled\"\nkappa = 0.7", "kappa"),
             ("distance = 8\ndistance-from = \"image\"", "distance-from"),
+            ("feature = \"none\"\nsigma = 2", "sigma"),
+            ("seeding = \"canny\"\nsurface = [\"a.ts\"]", "surface"),
             ("beta = 1", "beta"),
         ] {
             let error = read(text).unwrap().validate().unwrap_err().to_string();

@@ -212,6 +212,7 @@ mod tests {
             .collect();
         let potential = SparseField::zero(dims, [1.0; 3]);
         Features {
+            names: Vec::new(),
             surface: vec![],
             on_horizon: vec![],
             points,

@@ -127,6 +127,7 @@ pub fn edit_simplices<const D: usize, M: Simplices<D>>(
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
+    refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
     let mut stages = EditStages { clock, progress };
     let resolved = resolved_options(&file);
@@ -178,6 +179,25 @@ where
     clock.end();
     summary.stages = clock.costs().to_vec();
     Ok(EditedMesh { file, summary })
+}
+
+/// Checks that the mesh follows no surfaces that the user gave, because their names are stored by
+/// cells, which an edit changes.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] if it does.
+fn refuse_given_surfaces<const D: usize>(params: &Params<D>, place: &str) -> Result<()> {
+    match params.surfaces.first() {
+        None => Ok(()),
+        Some(given) => Err(Error::Mesh(cause(
+            place,
+            format!(
+                "follows given surfaces ({}), whose names an edit would lose",
+                given.surface.name
+            ),
+            "mesh the image again; fixed atoms can be given in a file",
+        ))),
+    }
 }
 
 /// Runs the stages of an edit; reports each stage to the clock and to `progress`.

@@ -33,7 +33,6 @@
 //! - `spec`: all options of `atomesh surface`, as one value
 //! - `names`: names of surfaces, and selectors
 //! - `stored_surfaces`: the surfaces of a mesh from a file
-//! - `surface_file`: surfaces with their names, values and units
 //! - `measure`: area, orientation, extent, rim
 //! - `region_interfaces`: the interfaces between every two regions
 //! - `adjacency`: cells and the faces between them
@@ -51,17 +50,16 @@ pub mod names;
 pub mod region_interfaces;
 pub(crate) mod spec;
 pub mod stored_surfaces;
-mod surface_file;
 
 use crate::geometry::{norm, sorted_distinct};
 use crate::mesh::complex::NONE;
+pub use crate::surface_file::{AnySurfaces, SurfaceFile};
 use continuation_votes::{SmoothPieces, Vote, crossing_votes, gap_votes, ridge_votes, rim_lengths};
 use facets::FacetComplex;
 use fault_separation::FaultSeparation;
 pub use kind::SurfaceKind;
 pub use measure::{SurfaceMeasure, measure};
 pub use spec::{GroupBy, GroupingOptions, SurfaceSpec};
-pub use surface_file::{AnySurfaces, SurfaceFile};
 
 /// Options of the grouping of facets into surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]

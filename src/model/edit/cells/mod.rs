@@ -56,6 +56,7 @@ pub fn edit_cells<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
+    super::refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
     let mut stages = EditStages { clock, progress };
     let resolved = resolved_options(&file);

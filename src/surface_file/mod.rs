@@ -1,9 +1,21 @@
-//! Labelled surfaces with their names, values and units, as all surface formats write them.
+//! Surfaces of triangles in files of their own: faults and horizons, with names, values and units.
+//!
+//! - `tsurf`: GOCAD surfaces and lines
+//! - `vtp`: VTK poly data
+//! - `sticks`: fault sticks
+//! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
+
+pub mod interpretation;
+pub mod sticks;
+pub mod tsurf;
+pub mod vtp;
+
+use std::path::Path;
 
 use crate::files::vtk::DataArray;
+use crate::files::vtk::pieces::FieldValue;
 use crate::geometry::{sorted_distinct, to_3d};
 use crate::image::Geometry;
-use crate::store::FieldValue;
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -67,6 +79,14 @@ impl<const D: usize> SurfaceFile<D> {
             ..self
         }
     }
+}
+
+/// Returns `true` if the file's ending is one of `endings`, in upper or lower case.
+pub(crate) fn has_extension(path: &Path, endings: &[&str]) -> bool {
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    endings
+        .iter()
+        .any(|known| ending.eq_ignore_ascii_case(known))
 }
 
 /// Surfaces of a mesh in the plane or in space.

@@ -7,8 +7,8 @@
 use std::io::{Read, Write};
 use std::path::Path;
 
+use super::SurfaceFile;
 use crate::error::{Error, Result, cause, io_error};
-use crate::export::SurfaceFile;
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::{dot, hypot, norm, sub};

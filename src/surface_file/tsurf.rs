@@ -8,11 +8,11 @@ use std::collections::HashMap;
 use std::io::{Read, Write};
 use std::path::Path;
 
+use super::SurfaceFile;
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::sorted_distinct;
-use crate::model::surface::SurfaceFile;
 
 /// Writes surfaces. Coordinates have all digits and the units that are known.
 ///

@@ -1,0 +1,309 @@
+//! Surfaces that the user gives: from files to the samples of the image.
+
+use std::sync::Arc;
+
+use super::Params;
+use super::spec::SurfaceOption;
+use crate::error::cause;
+use crate::feature::{GivenPoints, GivenSurface, MIN_FAULT_DIP};
+use crate::geometry::{cross, norm, sub};
+use crate::image::Geometry;
+use crate::image::time::seconds_per_unit;
+use crate::parallel::prelude::*;
+use crate::surface_file::interpretation::{
+    PickedShape, PickedSurface, read_interpretation, triangulate_points,
+};
+use crate::{Error, Result};
+
+/// A surface to follow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FollowedSurface {
+    /// The option that names it, for messages.
+    pub option: String,
+    /// The surface, in physical coordinates.
+    pub surface: PickedSurface,
+}
+
+/// Given surfaces in an image.
+pub(crate) struct SurfacesInImage<const D: usize> {
+    /// Their points.
+    pub points: Arc<GivenPoints<D>>,
+    /// A note on each.
+    pub notes: Vec<String>,
+}
+
+/// Number of times that a triangle is divided to find the part of it that lies in the image.
+const MAX_DIVISIONS: u32 = 5;
+
+/// Velocity (metres per second) that converts two-way time to depth where the dip tells faults from
+/// horizons.
+const DEFAULT_VELOCITY: f64 = 2000.0;
+
+/// Reads the surfaces that the options name.
+///
+/// # Errors
+/// Returns the errors of the files, and [`Error::Job`] for a name that its file does not have, or
+/// that two surfaces have.
+pub(super) fn read(options: &[SurfaceOption]) -> Result<Vec<FollowedSurface>> {
+    let mut surfaces: Vec<FollowedSurface> = Vec::new();
+    for option in options {
+        let place = format!("surface {option}");
+        let mut picked = read_interpretation(&option.path)?;
+        if let Some(name) = &option.name {
+            match picked.iter().position(|surface| surface.name == *name) {
+                Some(index) => picked = vec![picked.swap_remove(index)],
+                None if picked.len() == 1 => picked[0].name.clone_from(name),
+                None => {
+                    let names: Vec<&str> = picked.iter().map(|s| &*s.name).take(20).collect();
+                    let problem = format!("names no surface: the file has {}", names.join(", "));
+                    return Err(Error::Job(cause(place, problem, "give one of these names")));
+                }
+            }
+        }
+        for mut surface in picked {
+            surface.is_horizon = option.is_horizon.or(surface.is_horizon);
+            let same_name = surfaces.iter().find(|s| s.surface.name == surface.name);
+            if let Some(other) = same_name {
+                let problem = format!(
+                    "gives {} a second time, after {}",
+                    surface.name, other.option
+                );
+                let remedy = "name the surfaces: FILE:NAME";
+                return Err(Error::Job(cause(place, problem, remedy)));
+            }
+            surfaces.push(FollowedSurface {
+                option: place.clone(),
+                surface,
+            });
+        }
+    }
+    Ok(surfaces)
+}
+
+impl<const D: usize> Params<D> {
+    /// Returns the given surfaces in an image of `dims` samples; `None` if none are given.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for a surface outside the image, and for an image that is not 3-D.
+    pub(crate) fn surfaces_in_image(
+        &self,
+        geometry: &Geometry<D>,
+        dims: [usize; D],
+    ) -> Result<Option<SurfacesInImage<D>>> {
+        if self.surfaces.is_empty() {
+            return Ok(None);
+        }
+        let (mut given, mut notes) = (Vec::new(), Vec::new());
+        for given_surface in &self.surfaces {
+            let (surface, note) = given_surface.in_image(geometry, dims)?;
+            given.push(surface);
+            notes.push(note);
+        }
+        let points = GivenPoints::new(&given, dims);
+        for (index, note) in notes.iter_mut().enumerate() {
+            let count = points.count(index);
+            if count == 0 {
+                return Err(outside_error(&self.surfaces[index], geometry, dims));
+            }
+            *note = format!("{note}, {count} points");
+        }
+        Ok(Some(SurfacesInImage {
+            points: Arc::new(points),
+            notes,
+        }))
+    }
+}
+
+impl FollowedSurface {
+    /// Returns the surface in sample coordinates, and a note on it.
+    fn in_image<const D: usize>(
+        &self,
+        geometry: &Geometry<D>,
+        dims: [usize; D],
+    ) -> Result<(GivenSurface<D>, String)> {
+        let PickedSurface {
+            name,
+            is_horizon,
+            shape,
+        } = &self.surface;
+        if D != 3 {
+            let problem = format!("is for 3-D images, but the image has {D} axes");
+            return Err(Error::Job(cause(&self.option, problem, "omit it")));
+        }
+        let is_inside = |p: [f64; D]| {
+            geometry.to_index(p).is_some_and(|index| {
+                (0..D).all(|k| (-0.5..=dims[k] as f64 - 0.5).contains(&index[k]))
+            })
+        };
+        let with_sign = |p: [f64; 3], sign: f64| -> [f64; D] {
+            std::array::from_fn(|k| if k == 2 { sign * p[k] } else { p[k] })
+        };
+        // Programs differ in the sign of depths and times.
+        let is_anywhere = |sign| shape.points().any(|p| is_inside(with_sign(p, sign)));
+        let is_flipped = !is_anywhere(1.0) && is_anywhere(-1.0);
+        let sign = if is_flipped { -1.0 } else { 1.0 };
+        let index = |p: [f64; 3]| -> Result<[f64; 3]> {
+            let index = geometry.to_index(with_sign(p, sign)).ok_or_else(|| {
+                let problem = "cannot be placed: the image's axes are linearly dependent";
+                Error::Job(cause(&self.option, problem, "correct the image's geometry"))
+            })?;
+            Ok(std::array::from_fn(|k| {
+                index.get(k).copied().unwrap_or(0.0)
+            }))
+        };
+        let mut note = format!("surface {name}:");
+        let triangles: Vec<[[f64; 3]; 3]> = match shape {
+            PickedShape::Triangles(triangles) => (triangles.iter())
+                .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
+                .collect::<Result<_>>()?,
+            PickedShape::Points(points) => {
+                let points = points
+                    .iter()
+                    .map(|&p| index(p))
+                    .collect::<Result<Vec<_>>>()?;
+                let triangles = triangulate_points(&points).map_err(|error| {
+                    let problem = format!("its {} points span no surface", points.len());
+                    let remedy = "give at least three points that are not on one line";
+                    Error::Job(cause(&self.option, problem, remedy).with_source(error))
+                })?;
+                note += &format!(
+                    " {} points joined in their best-fitting plane,",
+                    points.len()
+                );
+                triangles
+            }
+        };
+        let last = dims.map(|n| n as f64 - 1.0);
+        let last: [f64; 3] = std::array::from_fn(|k| last.get(k).copied().unwrap_or(0.0));
+        let areas: Vec<[f64; 2]> = (triangles.par_iter())
+            .map(|t| [inside_area(t, last, MAX_DIVISIONS), area(t)])
+            .collect();
+        let [inside, total] = areas
+            .iter()
+            .fold([0.0; 2], |sum, a| [sum[0] + a[0], sum[1] + a[1]]);
+        let (is_horizon, origin) = match is_horizon {
+            Some(is_horizon) => (*is_horizon, String::new()),
+            None => {
+                let dip = mean_dip(&triangles, geometry);
+                let text = format!(" as it dips by {dip:.0} degrees on average");
+                (dip < MIN_FAULT_DIP, text)
+            }
+        };
+        note += if is_horizon { " a horizon" } else { " a fault" };
+        note += &origin;
+        if is_flipped {
+            note += ", with the sign of z turned";
+        }
+        let outside = 1.0 - inside / total.max(f64::MIN_POSITIVE);
+        if outside > 5e-4 {
+            note += &format!(", {:.1} % of it outside the image", 100.0 * outside);
+        }
+        let surface = GivenSurface {
+            name: name.clone(),
+            is_horizon,
+            triangles: (triangles.iter())
+                .map(|t| std::array::from_fn(|i| std::array::from_fn(|k| t[i][k])))
+                .collect(),
+        };
+        Ok((surface, note))
+    }
+}
+
+/// Returns the area of a triangle.
+fn area(t: &[[f64; 3]; 3]) -> f64 {
+    0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0])))
+}
+
+/// Returns the area of the part of a triangle that lies in the box `[0, last]`. A triangle on the
+/// side of the box is divided up to `divisions` times.
+fn inside_area(t: &[[f64; 3]; 3], last: [f64; 3], divisions: u32) -> f64 {
+    const ROUNDING: f64 = 1e-6;
+    let is_inside = |p: &[f64; 3]| (0..3).all(|k| (-ROUNDING..=last[k] + ROUNDING).contains(&p[k]));
+    if t.iter().all(is_inside) {
+        return area(t);
+    }
+    let is_beyond = |k: usize| t.iter().all(|p| p[k] < 0.0) || t.iter().all(|p| p[k] > last[k]);
+    if (0..3).any(is_beyond) {
+        return 0.0;
+    }
+    let middle =
+        |a: usize, b: usize| -> [f64; 3] { std::array::from_fn(|k| 0.5 * (t[a][k] + t[b][k])) };
+    if divisions == 0 {
+        let centre = std::array::from_fn(|k| (t[0][k] + t[1][k] + t[2][k]) / 3.0);
+        return if is_inside(&centre) { area(t) } else { 0.0 };
+    }
+    let [p, q, r] = [middle(0, 1), middle(1, 2), middle(2, 0)];
+    [[t[0], p, r], [p, t[1], q], [r, q, t[2]], [p, q, r]]
+        .iter()
+        .map(|part| inside_area(part, last, divisions - 1))
+        .sum()
+}
+
+/// Returns the mean dip of triangles in physical space, in degrees. Two-way time counts at 2,000
+/// m/s.
+fn mean_dip<const D: usize>(triangles: &[[[f64; 3]; 3]], geometry: &Geometry<D>) -> f64 {
+    let factors = geometry
+        .units
+        .each_ref()
+        .map(|unit| seconds_per_unit(unit).map_or(1.0, |seconds| 0.5 * DEFAULT_VELOCITY * seconds));
+    let (mut upright, mut total) = (0.0, 0.0);
+    for t in triangles {
+        let world = t.map(|p| {
+            let index = std::array::from_fn(|k| p.get(k).copied().unwrap_or(0.0));
+            let x: [f64; D] = geometry.to_physical(index);
+            std::array::from_fn::<f64, 3, _>(|k| {
+                x.get(k).copied().unwrap_or(0.0) * factors.get(k).copied().unwrap_or(1.0)
+            })
+        });
+        let n = cross(sub(world[1], world[0]), sub(world[2], world[0]));
+        let length = norm(n);
+        if length > 0.0 {
+            total += length;
+            upright += length * (n[2].abs() / length).min(1.0).acos();
+        }
+    }
+    (upright / f64::max(total, f64::MIN_POSITIVE)).to_degrees()
+}
+
+/// Returns the error of a surface outside the image.
+fn outside_error<const D: usize>(
+    given_surface: &FollowedSurface,
+    geometry: &Geometry<D>,
+    dims: [usize; D],
+) -> Error {
+    let corner_ranges = (0..1usize << D).map(|corner| {
+        geometry.to_physical(std::array::from_fn(|k| {
+            if corner >> k & 1 == 1 {
+                dims[k] as f64 - 1.0
+            } else {
+                0.0
+            }
+        }))
+    });
+    let ranges = |points: &mut dyn Iterator<Item = Vec<f64>>| {
+        let points: Vec<Vec<f64>> = points.collect();
+        let range = |(k, name): (usize, &str)| {
+            let values = points.iter().map(|p| p[k]);
+            let low = values.clone().fold(f64::INFINITY, f64::min);
+            let high = values.fold(f64::NEG_INFINITY, f64::max);
+            format!("{name} {low} to {high}")
+        };
+        let names = ["x", "y", "z"];
+        names
+            .into_iter()
+            .enumerate()
+            .map(range)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let surface = ranges(&mut given_surface.surface.shape.points().map(|p| p.to_vec()));
+    let image = ranges(&mut corner_ranges.map(|p| p.to_vec()));
+    Error::Job(cause(
+        &given_surface.option,
+        format!(
+            "{} lies outside the image: it has {surface}, the image {image}",
+            given_surface.surface.name
+        ),
+        "give the image's physical coordinates, which `atomesh info` shows",
+    ))
+}

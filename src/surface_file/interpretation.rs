@@ -1,0 +1,537 @@
+//! Reads surfaces that a user gives: picks of interpreters, and surfaces of other programs.
+//!
+//! | content of the file | surface |
+//! |---|---|
+//! | GOCAD `TSurf`, VTK poly data, Wavefront OBJ | its triangles |
+//! | a grid of heights: IRAP classic, ZMAP+, CPS-3 | two triangles for each cell with four known heights |
+//! | fault sticks: a table with the columns `fault,stick,x,y,z`, or GOCAD `PLine` | triangles between neighbouring sticks |
+//! | points, a line for each | points, which [`triangulate_points`] joins |
+//!
+//! In lines of points, words that are not numbers are skipped. If the first two of at least five
+//! numbers are integers in all lines, they are line numbers, and x, y, z follow; otherwise x, y, z
+//! come first. A line of names (`x`, `y`, `z`) says which columns hold them.
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::Path;
+
+use super::SurfaceFile;
+use super::has_extension;
+use super::sticks::{FaultSticks, read_sticks};
+use super::tsurf::{Gocad, read_gocad};
+use super::vtp::read_surfaces;
+use crate::error::{Error, Result, cause, io_error};
+use crate::files;
+use crate::geometry::{cross, dot, norm, sub, unit};
+use crate::image::Image;
+use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
+use crate::mesh::delaunay::delaunay_plane;
+
+/// A surface that a user gives, in physical coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PickedSurface {
+    /// Name of the surface, without spaces.
+    pub name: String,
+    /// `true` for a horizon and `false` for a fault; `None` if its file does not say.
+    pub is_horizon: Option<bool>,
+    /// The triangles or the points.
+    pub shape: PickedShape,
+}
+
+/// The shape of a surface that a user gives.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PickedShape {
+    /// Triangles.
+    Triangles(Vec<[[f64; 3]; 3]>),
+    /// Points in no order.
+    Points(Vec<[f64; 3]>),
+}
+
+impl PickedShape {
+    /// Returns the points, or the corners of the triangles.
+    pub fn points(&self) -> impl Iterator<Item = [f64; 3]> {
+        let (triangles, points) = match self {
+            Self::Triangles(triangles) => (triangles.as_slice(), &[][..]),
+            Self::Points(points) => (&[][..], points.as_slice()),
+        };
+        triangles.as_flattened().iter().chain(points).copied()
+    }
+}
+
+/// Reads all surfaces of a file. Surfaces of the same name are one.
+///
+/// # Errors
+/// Returns [`Error::Io`] if the file cannot be read, is damaged, or holds no surface.
+pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem = stem.split_whitespace().collect::<Vec<_>>().join("_");
+    let surfaces = if has_extension(path, &["vtp"]) {
+        from_triangles(&read_surfaces(path)?, None)
+    } else if has_extension(path, &["obj"]) {
+        from_triangles(&read_obj(path, &stem)?, None)
+    } else if has_extension(path, &["ts", "pl"]) {
+        match read_gocad(path)? {
+            Gocad::Surfaces(file) => from_triangles(&file, None),
+            Gocad::Lines(file) => from_sticks(&FaultSticks::from_lines(&file)),
+        }
+    } else if let Some(format) = grid_format(path)? {
+        vec![read_grid(path, format, stem)?]
+    } else {
+        let text = read_text(path)?;
+        if is_stick_table(&text) {
+            from_sticks(&read_sticks(path)?)
+        } else {
+            vec![PickedSurface {
+                name: stem,
+                is_horizon: None,
+                shape: PickedShape::Points(parse_points(path, &text)?),
+            }]
+        }
+    };
+    let is_empty = |surface: &PickedSurface| match &surface.shape {
+        PickedShape::Triangles(triangles) => triangles.is_empty(),
+        PickedShape::Points(points) => points.is_empty(),
+    };
+    if surfaces.iter().all(is_empty) {
+        let remedy = "give surfaces, grids of heights, at least two fault sticks, or points x,y,z";
+        return Err(Error::Io(cause(path.display(), "holds no surface", remedy)));
+    }
+    Ok(surfaces)
+}
+
+/// Returns the surfaces of a file, those of the same name as one.
+fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<PickedSurface> {
+    let mut by_name: BTreeMap<usize, Vec<[[f64; 3]; 3]>> = BTreeMap::new();
+    for (s, name) in file.names.iter().enumerate() {
+        let first = file.names.iter().position(|other| other == name);
+        let facets = file.surface_facets(s).iter();
+        let triangles = facets.map(|facet| facet.map(|n| file.nodes[n as usize]));
+        by_name
+            .entry(first.unwrap_or(s))
+            .or_default()
+            .extend(triangles);
+    }
+    let surface = |(s, triangles): (usize, _)| {
+        let name = file.names[s].clone();
+        let has_kind = |kind: &str| name.to_lowercase().starts_with(kind);
+        PickedSurface {
+            is_horizon: is_horizon.or(match (has_kind("horizon"), has_kind("fault")) {
+                (true, _) => Some(true),
+                (_, true) => Some(false),
+                _ => None,
+            }),
+            name,
+            shape: PickedShape::Triangles(triangles),
+        }
+    };
+    by_name.into_iter().map(surface).collect()
+}
+
+fn from_sticks(faults: &[FaultSticks]) -> Vec<PickedSurface> {
+    let mut file = FaultSticks::to_surfaces(faults);
+    for name in &mut file.names {
+        *name = name.split_whitespace().collect::<Vec<_>>().join("_");
+    }
+    from_triangles(&file, Some(false))
+}
+
+/// Returns the format of a file if it is a grid of heights.
+fn grid_format(path: &Path) -> Result<Option<ImageFormat>> {
+    use ImageFormat::{Cps3, Irap, Zmap};
+    files::open(path, "give a file of surfaces")?;
+    let format = formats::detect(path, &ReadOptions::default()).ok();
+    Ok(format.filter(|format| matches!(format, Irap | Zmap | Cps3)))
+}
+
+fn read_grid(path: &Path, format: ImageFormat, name: String) -> Result<PickedSurface> {
+    let AnyImage::Plane(grid) = formats::read_any(path, &ReadOptions::default())? else {
+        let problem = format!("is not a grid of heights, but {format}");
+        let remedy = "give a grid z(x, y)";
+        return Err(Error::Io(cause(path.display(), problem, remedy)));
+    };
+    Ok(PickedSurface {
+        name,
+        is_horizon: Some(true),
+        shape: PickedShape::Triangles(grid_triangles(&grid.image)),
+    })
+}
+
+/// Returns two triangles for each cell of a grid whose four heights are known.
+fn grid_triangles(grid: &Image<2>) -> Vec<[[f64; 3]; 3]> {
+    let [nx, ny] = grid.dims();
+    let node = |i: usize, j: usize| {
+        let [x, y] = grid.geometry.to_physical([i as f64, j as f64]);
+        [x, y, f64::from(grid.as_slice()[i + nx * j])]
+    };
+    let mut triangles = Vec::new();
+    for j in 1..ny {
+        for i in 1..nx {
+            let [a, b, c, d] = [
+                node(i - 1, j - 1),
+                node(i, j - 1),
+                node(i, j),
+                node(i - 1, j),
+            ];
+            if [a, b, c, d].iter().all(|p| p[2].is_finite()) {
+                triangles.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+    }
+    triangles
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    let mut bytes = Vec::new();
+    let mut file = files::open(path, "give a file of surfaces")?;
+    file.read_to_end(&mut bytes)
+        .map_err(|e| io_error(path, "read", e))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// Returns `true` if the first line of a table names the columns of fault sticks.
+fn is_stick_table(text: &str) -> bool {
+    let is_data = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
+    let header = text.lines().find(is_data).unwrap_or("").to_lowercase();
+    let has_column = |name: &str| header.split(',').any(|column| column.trim() == name);
+    has_column("fault") && has_column("stick")
+}
+
+/// Reads the surfaces of an OBJ file: those of each group or object. Polygons are cut into fans.
+fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
+    let text = read_text(path)?;
+    let mut file = SurfaceFile::<3> {
+        surface_starts: vec![0],
+        z_up: true,
+        ..SurfaceFile::default()
+    };
+    for (number, line) in (1..).zip(text.lines()) {
+        let refuse = |problem: &str| {
+            let place = format!("{}:{number}", path.display());
+            Error::Io(cause(place, problem, "export the file again"))
+        };
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => {
+                let position: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
+                let position = position.first_chunk::<3>().copied();
+                let position = position.filter(|p| p.iter().all(|c| c.is_finite()));
+                file.nodes
+                    .push(position.ok_or_else(|| refuse("is not a vertex (x, y, z)"))?);
+            }
+            Some("g" | "o") => {
+                let name = words.collect::<Vec<_>>().join("_");
+                file.names.push(if name.is_empty() {
+                    stem.to_string()
+                } else {
+                    name
+                });
+                file.surface_starts.push(file.facets.len());
+            }
+            Some("f") => {
+                let count = file.nodes.len() as i64;
+                let index = |word: &str| {
+                    let number: i64 = word.split('/').next()?.parse().ok()?;
+                    let index = if number < 0 {
+                        count + number
+                    } else {
+                        number - 1
+                    };
+                    (0..count).contains(&index).then_some(index as u32)
+                };
+                let ring: Option<Vec<u32>> = words.map(index).collect();
+                let ring = ring.ok_or_else(|| refuse("names a vertex that does not exist"))?;
+                if file.names.is_empty() {
+                    file.names.push(stem.to_string());
+                    file.surface_starts.push(0);
+                }
+                file.facets
+                    .extend((2..ring.len()).map(|k| [ring[0], ring[k - 1], ring[k]]));
+                if let Some(end) = file.surface_starts.last_mut() {
+                    *end = file.facets.len();
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(file)
+}
+
+/// Reads points from lines of numbers, as the head of this module says.
+fn parse_points(path: &Path, text: &str) -> Result<Vec<[f64; 3]>> {
+    let separators = |c: char| c.is_whitespace() || matches!(c, ',' | ';');
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    let mut named_columns: Option<[usize; 3]> = None;
+    for (number, line) in (1..).zip(text.lines()) {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with(['#', '!', '@']) {
+            continue;
+        }
+        let words = line.split(separators).filter(|word| !word.is_empty());
+        let words: Vec<&str> = words.collect();
+        let numbers: Vec<f64> = words.iter().filter_map(|word| word.parse().ok()).collect();
+        if numbers.len() < 3 && rows.is_empty() {
+            let column = |name: &str| {
+                words
+                    .iter()
+                    .position(|word| word.eq_ignore_ascii_case(name))
+            };
+            if let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(column) {
+                named_columns = Some([x, y, z]);
+            }
+            continue;
+        }
+        if numbers.len() < 3 {
+            let place = format!("{}:{number}", path.display());
+            let problem = format!("has {} numbers", numbers.len());
+            let remedy = "give x, y and z in each line, or a file of surfaces (.ts, .vtp, .obj)";
+            return Err(Error::Io(cause(place, problem, remedy)));
+        }
+        rows.push(numbers);
+    }
+    let are_line_numbers =
+        |row: &Vec<f64>| row.len() >= 5 && row[..2].iter().all(|n| n.fract() == 0.0);
+    let starts_with_lines = !rows.is_empty() && rows.iter().all(are_line_numbers);
+    let columns = named_columns.unwrap_or(if starts_with_lines {
+        [2, 3, 4]
+    } else {
+        [0, 1, 2]
+    });
+    let point = |row: &Vec<f64>| {
+        let point = columns.map(|k| row.get(k).copied().unwrap_or(f64::NAN));
+        point.iter().all(|c| c.is_finite()).then_some(point)
+    };
+    Ok(rows.iter().filter_map(point).collect())
+}
+
+/// Longest edge of a triangle between points, in units of the median of all triangles' longest
+/// edges. Longer ones close gaps or bays of the outline.
+const MAX_EDGE_RATIO: f64 = 4.0;
+
+/// Smallest height of a triangle, in units of its longest edge, that is not due to rounding.
+const MIN_HEIGHT_RATIO: f64 = 1e-6;
+
+/// Joins points to triangles: the Delaunay triangles of the points' projections onto the plane that
+/// fits them best, without those that have an edge of more than [`MAX_EDGE_RATIO`] times the median
+/// of longest edges. Of points with the same projection, the first counts.
+///
+/// # Errors
+/// Returns an error for points on one line.
+pub fn triangulate_points(points: &[[f64; 3]]) -> Result<Vec<[[f64; 3]; 3]>> {
+    let count = points.len().max(1) as f64;
+    let mean = points.iter().fold([0.0; 3], |sum, p| {
+        std::array::from_fn(|k| sum[k] + p[k] / count)
+    });
+    let mut moments = [[0.0; 3]; 3];
+    for p in points {
+        let r = sub(*p, mean);
+        for k in 0..3 {
+            for l in 0..3 {
+                moments[k][l] += r[k] * r[l];
+            }
+        }
+    }
+    let normal = smallest_direction(moments);
+    // Any two directions that span the plane.
+    let least = (0..3).fold(0, |best, k| {
+        if normal[k].abs() < normal[best].abs() {
+            k
+        } else {
+            best
+        }
+    });
+    let u = unit(cross(
+        normal,
+        std::array::from_fn(|k| f64::from(u8::from(k == least))),
+    ));
+    let v = cross(normal, u);
+    let mut projected: Vec<([f64; 2], usize)> = (points.iter().enumerate())
+        .map(|(i, p)| ([dot(sub(*p, mean), u), dot(sub(*p, mean), v)], i))
+        .collect();
+    projected.sort_by(|a, b| {
+        (a.0[0].total_cmp(&b.0[0]))
+            .then(a.0[1].total_cmp(&b.0[1]))
+            .then(a.1.cmp(&b.1))
+    });
+    projected.dedup_by_key(|(place, _)| *place);
+    let places: Vec<[f64; 2]> = projected.iter().map(|(place, _)| *place).collect();
+    let mesh = delaunay_plane(&places)?;
+    let corners = |t: &[u32; 3]| t.map(|n| points[projected[n as usize].1]);
+    let triangles: Vec<[[f64; 3]; 3]> = mesh.triangles.iter().map(corners).collect();
+    let longest = |t: &[[f64; 3]; 3]| {
+        [(0, 1), (1, 2), (2, 0)]
+            .iter()
+            .fold(0.0, |longest: f64, &(a, b)| {
+                longest.max(norm(sub(t[b], t[a])))
+            })
+    };
+    let height = |t: &[[f64; 3]; 3]| norm(cross(sub(t[1], t[0]), sub(t[2], t[0]))) / longest(t);
+    if !triangles
+        .iter()
+        .any(|t| height(t) > MIN_HEIGHT_RATIO * longest(t))
+    {
+        let problem = "lie on one line";
+        return Err(Error::Delaunay(cause(
+            "points",
+            problem,
+            "give points of a surface",
+        )));
+    }
+    let mut lengths: Vec<f64> = triangles.iter().map(longest).collect();
+    lengths.sort_by(f64::total_cmp);
+    let max = MAX_EDGE_RATIO * lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+    Ok(triangles
+        .into_iter()
+        .filter(|t| longest(t) <= max)
+        .collect())
+}
+
+/// Returns the direction in which points spread least, from their second moments: the eigenvector
+/// of the smallest eigenvalue, by iteration with the adjugate matrix.
+fn smallest_direction(moments: [[f64; 3]; 3]) -> [f64; 3] {
+    let trace = (0..3).map(|k| moments[k][k]).sum::<f64>();
+    // A small shift keeps the matrix regular where the points lie in one plane exactly.
+    let shifted: [[f64; 3]; 3] = std::array::from_fn(|k| {
+        std::array::from_fn(|l| moments[k][l] + if k == l { 1e-9 * trace } else { 0.0 })
+    });
+    let adjugate: [[f64; 3]; 3] =
+        std::array::from_fn(|k| cross(shifted[(k + 1) % 3], shifted[(k + 2) % 3]));
+    let scale = adjugate
+        .as_flattened()
+        .iter()
+        .fold(0.0f64, |a, c| a.max(c.abs()));
+    let mut direction = [0.36, 0.48, 0.8];
+    for _ in 0..60 {
+        let next: [f64; 3] =
+            std::array::from_fn(|k| dot(adjugate[k], direction) / scale.max(f64::MIN_POSITIVE));
+        if norm(next) == 0.0 {
+            return [0.0, 0.0, 1.0];
+        }
+        direction = unit(next);
+    }
+    direction
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(folder: &Path, name: &str, text: &str) -> std::path::PathBuf {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    #[test]
+    fn points_of_programs_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let expected = vec![
+            [500.5, 700.0, -3.25],
+            [510.0, 700.0, -4.0],
+            [500.0, 710.0, -5.0],
+        ];
+        for text in [
+            "500.5 700 -3.25\n510 700 -4\n500 710 -5\n",
+            "# x y z\nX,Y,Z\n500.5,700,-3.25\n510,700,-4\n500,710,-5\n",
+            "z;x;y\n-3.25;500.5;700\n-4;510;700\n-5;500;710\n",
+            "101 7 500.5 700 -3.25\n101 8 510 700 -4\n102 7 500 710 -5\n",
+            "INLINE : 101 XLINE : 7 500.5 700 -3.25\nINLINE : 101 XLINE : 8 510 700 -4\nINLINE : 102 XLINE : 7 500 710 -5\n",
+            "500.5 700 -3.25 1 2\n510 700 -4 1 3\n500 710 -5 2 2\n",
+        ] {
+            let path = write(folder.path(), "top A.xyz", text);
+            let read = read_interpretation(&path).unwrap();
+            assert_eq!(read.len(), 1);
+            assert_eq!((&*read[0].name, read[0].is_horizon), ("top_A", None));
+            assert_eq!(
+                read[0].shape,
+                PickedShape::Points(expected.clone()),
+                "{text}"
+            );
+        }
+        let path = write(folder.path(), "a.xyz", "1 2 3\n1 2\n");
+        let message = read_interpretation(&path).unwrap_err().to_string();
+        assert!(message.contains("a.xyz:2: has 2 numbers; "), "{message}");
+        let path = write(folder.path(), "b.xyz", "nothing\n");
+        assert!(read_interpretation(&path).is_err());
+    }
+
+    #[test]
+    fn surfaces_of_one_name_are_one_and_names_tell_kinds() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\no Fault A\nf 1 2 3\ng top\nf 1/1 3/2 4/3\n\
+                    g Fault A\nf -4 -3 -2 -1\n";
+        let read = read_interpretation(&write(folder.path(), "a.obj", text)).unwrap();
+        let summary: Vec<_> = (read.iter())
+            .map(|s| match &s.shape {
+                PickedShape::Triangles(t) => (&*s.name, s.is_horizon, t.len()),
+                PickedShape::Points(_) => panic!("points"),
+            })
+            .collect();
+        assert_eq!(summary, [("Fault_A", Some(false), 3), ("top", None, 1)]);
+        let path = write(folder.path(), "b.obj", "v 0 0 0\nf 1 2 3\n");
+        let message = read_interpretation(&path).unwrap_err().to_string();
+        assert!(message.contains("b.obj:2: "), "{message}");
+        let path = write(
+            folder.path(),
+            "s.csv",
+            "fault,stick,x,y,z\nA,1,0,0,0\nA,1,0,0,-9\nA,2,9,0,0\nA,2,9,0,-9\n",
+        );
+        let read = read_interpretation(&path).unwrap();
+        assert_eq!((&*read[0].name, read[0].is_horizon), ("A", Some(false)));
+    }
+
+    #[test]
+    fn grids_leave_out_cells_without_heights() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut grid = Image::from_fn(
+            [4, 3],
+            crate::image::Geometry::with_spacing([100.0, 50.0], [10.0, 5.0]),
+            |x| 0.1 * x[0] - 0.2 * x[1],
+        );
+        let path = folder.path().join("top.irap");
+        formats::write(&path, &grid).unwrap();
+        let area = |path: &Path| {
+            let read = read_interpretation(path).unwrap();
+            assert_eq!((&*read[0].name, read[0].is_horizon), ("top", Some(true)));
+            let PickedShape::Triangles(triangles) = &read[0].shape else {
+                panic!("no triangles")
+            };
+            for p in triangles.as_flattened() {
+                assert!((p[2] - 0.1 * p[0] + 0.2 * p[1]).abs() < 1e-4, "{p:?}");
+            }
+            triangles.len()
+        };
+        assert_eq!(area(&path), 12);
+        let mut samples = grid.as_slice().to_vec();
+        samples[0] = f32::NAN;
+        grid = Image::new(grid.dims(), samples, grid.geometry.clone());
+        formats::write(&path, &grid).unwrap();
+        assert_eq!(area(&path), 10);
+    }
+
+    #[test]
+    fn points_are_joined_in_their_plane_and_bays_stay_open() {
+        // An L of a plane that is nearly upright.
+        let mut points = Vec::new();
+        for i in 0..20 {
+            for j in 0..20 {
+                if i < 8 || j < 8 {
+                    let (a, b) = (f64::from(i), f64::from(j));
+                    points.push([3.0 * a + 0.2 * b, 500.0 + a - 0.1 * b, 2.0 * b]);
+                }
+            }
+        }
+        let cell = norm(cross([3.0, 1.0, 0.0], [0.2, -0.1, 2.0]));
+        let area = |triangles: &[[[f64; 3]; 3]]| -> f64 {
+            let area = |t: &[[f64; 3]; 3]| 0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0])));
+            triangles.iter().map(area).sum()
+        };
+        let joined = area(&triangulate_points(&points).unwrap());
+        let exact = cell * (19.0 * 19.0 - 12.0 * 12.0);
+        // The corner of the bay may be cut by triangles of four cells.
+        assert!(
+            joined >= exact - 1e-6 && joined < exact + 12.0 * cell,
+            "{joined} {exact}"
+        );
+        assert!(triangulate_points(&points[..8]).is_err(), "on one line");
+    }
+}

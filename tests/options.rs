@@ -63,6 +63,8 @@ const CASES: &[OptionCase] = &[
         "--feature faults+horizons",
         "--feature-weights 1,0.3",
     ),
+    option_on_image("faulted.mha", "--feature faults", "--min-dip 89"),
+    option_on_image("faulted.mha", "--feature faults", "--min-fault-size 200"),
     option_on_image("rings.mha", "--feature paths", "--object 72,96"),
     option_on_image(
         "rings.mha",

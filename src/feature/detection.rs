@@ -2,10 +2,10 @@
 
 use super::FeatureKind;
 use super::LabelOptions;
-use super::MissingData;
 use super::detectors::comparison::paths::PathSeeds;
 use super::given::SharedPoints;
 use super::volume::Volume;
+use super::{MIN_FAULT_DIP, MissingData};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, LiveMask, MaskedImage, Modality};
 use crate::parallel::prelude::*;
@@ -26,6 +26,12 @@ pub struct DetectionOptions<const D: usize> {
     /// Smallest strength of a feature, or value of an isosurface, in units of the image; chosen from
     /// the image if `None`.
     pub threshold: Option<f32>,
+    /// Smallest dip of a fault in the world, in degrees. Two-way time is converted to depth at 2,000
+    /// m/s.
+    pub min_dip: f64,
+    /// Smallest area of a fault in squares of this many samples (in 2-D its smallest length, in
+    /// samples); the default of [`FeatureKind::Faults`] if `None`.
+    pub min_fault_size: Option<f64>,
     /// Depths, in (0, 1], of the valleys of faults and of horizons if both are followed.
     pub weights: [f64; 2],
     /// Points of the object and of the background, for [`FeatureKind::Paths`].
@@ -56,6 +62,8 @@ impl<const D: usize> Default for DetectionOptions<D> {
             scale: None,
             smoothing: None,
             threshold: None,
+            min_dip: MIN_FAULT_DIP,
+            min_fault_size: None,
             weights: [1.0; 2],
             seeds: PathSeeds::default(),
             d_min: 8.0,
@@ -266,6 +274,21 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
                 "give samples, such as 1.5",
             );
         }
+    }
+    if !(0.0..90.0).contains(&options.min_dip) {
+        return fail(
+            format!("smallest dip {} is not in 0 .. 90", options.min_dip),
+            "give degrees, such as 30",
+        );
+    }
+    if options
+        .min_fault_size
+        .is_some_and(|size| !(size >= 0.0 && size.is_finite()))
+    {
+        return fail(
+            "the smallest size of a fault is not 0 or more".into(),
+            "give samples, such as 20",
+        );
     }
     if !options.weights.iter().all(|w| *w > 0.0 && *w <= 1.0) {
         return fail(

@@ -9,6 +9,7 @@
 //! Options and results:
 //! - `detection`: options of detection and their checks
 //! - `outcome`: what was found of each kind, and how credible it is
+//! - `world_dip`: dips of surfaces in the world
 //! - `doubt`: decisions that the image leaves open
 //! - `given`: surfaces that the user gives, as features
 //! - `resolved`: scales and thresholds of a whole image, to be used again for a part of it
@@ -75,6 +76,7 @@ pub(crate) mod surfaces;
 pub(crate) mod volume;
 pub(crate) mod voxel_index;
 pub(crate) mod windows;
+mod world_dip;
 
 #[cfg(test)]
 pub(crate) mod scenes;
@@ -93,6 +95,7 @@ use std::borrow::Cow;
 use surfaces::{FeatureSurfaces, OpenSides, SurfaceRules};
 use volume::Volume;
 use windows::Samples;
+use world_dip::WorldDip;
 
 pub use detection::DetectionOptions;
 pub(crate) use detection::fills_gaps;
@@ -441,8 +444,8 @@ fn run_detector<const D: usize>(
         dropped: surfaces.dropped,
         signal_to_noise: output.signal_to_noise,
         gently_dipping: if detector.is_fault() {
-            let geometry = input.source.geometry();
-            outcome::gently_dipping_share(&surfaces.points, geometry, options.step, points_comm)?
+            let dips = WorldDip::new(input.source.geometry(), output.vertical_axis);
+            outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm)?
         } else {
             None
         },
@@ -523,7 +526,7 @@ fn surface_rules<const D: usize>(
         min_area: match output.labels {
             // Components that are too small were absorbed before: all others are followed.
             Some(_) => 0.0,
-            None => input.min_area(detector.min_surface_cells()),
+            None => input.min_area(detector),
         },
         min_strong_share: detector.min_strong_share(),
         min_width: detector.min_width(input.options.d_min),

@@ -1,19 +1,14 @@
 //! Outcome of detection for each kind of feature: numbers of points, dropped points, and
 //! credibility.
 
+use super::world_dip::WorldDip;
 use super::{DroppedPoints, FeatureKind, FeaturePoint};
 use crate::comm::Comm;
 use crate::error::Result;
-use crate::geometry::norm;
-use crate::image::Geometry;
-use crate::image::time::seconds_per_unit;
 use serde::Serialize;
 
 /// Smallest dip of a fault, in degrees: faults seldom dip by less, but layers mostly do.
 pub const MIN_FAULT_DIP: f64 = 30.0;
-
-/// Velocity (metres per second) that converts two-way time to depth if none is given.
-const DEFAULT_VELOCITY: f64 = 2000.0;
 
 /// Outcome for one kind of feature in an image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -64,27 +59,13 @@ pub struct MissingData {
 /// Returns the errors of other ranks.
 pub(super) fn gently_dipping_share<const D: usize>(
     points: &[FeaturePoint<D>],
-    geometry: &Geometry<D>,
+    dips: &WorldDip<D>,
     step: [f64; D],
     comm: &dyn Comm,
 ) -> Result<Option<f64>> {
-    let vertical = geometry.time_coordinate().unwrap_or(D - 1);
-    let scale = |c: usize| match seconds_per_unit(&geometry.units[c]) {
-        Some(seconds) => 0.5 * DEFAULT_VELOCITY * seconds,
-        None => 1.0,
-    };
-    // The dot product of a world normal with each axis is the slope along that axis of the image.
-    let slopes = Geometry {
-        axes: std::array::from_fn(|c| std::array::from_fn(|k| geometry.axes[k][c] * scale(c))),
-        ..Geometry::default()
-    };
     let is_gentle = |point: &&FeaturePoint<D>| {
         let slope = std::array::from_fn(|k| f64::from(point.normal[k]) * step[k]);
-        let normal: Option<[f64; D]> = slopes.to_index(slope);
-        normal.is_some_and(|normal| {
-            let length = norm(normal);
-            normal[vertical].abs() > MIN_FAULT_DIP.to_radians().cos() * length
-        })
+        dips.degrees(slope) < MIN_FAULT_DIP
     };
     let local = [points.iter().filter(is_gentle).count(), points.len()];
     let counts = comm.all_gather("points that dip gently", local)?;
@@ -92,46 +73,4 @@ pub(super) fn gently_dipping_share<const D: usize>(
         .iter()
         .fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
     Ok((count > 0).then(|| gentle as f64 / count as f64))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::comm::SelfComm;
-
-    #[test]
-    fn dips_are_in_world_coordinates() {
-        // Inlines along y are 25 m apart, crosslines along x 12.5 m; time in ms increases
-        // downwards: 4 ms are 4 m.
-        let survey = Geometry {
-            axes: [[0.0, 0.0, -4.0], [12.5, 0.0, 0.0], [0.0, 25.0, 0.0]],
-            units: ["m".into(), "m".into(), "ms".into()],
-            ..Geometry::default()
-        };
-        let share = |dip: f64, azimuth: f64| {
-            let (dip, azimuth) = (dip.to_radians(), azimuth.to_radians());
-            let normal = [
-                dip.sin() * azimuth.cos(),
-                dip.sin() * azimuth.sin(),
-                dip.cos(),
-            ];
-            // The normal in samples: its dot products with the axes.
-            let slope = [-4.0 * normal[2], 12.5 * normal[0], 25.0 * normal[1]];
-            let length = slope.iter().map(|c| c * c).sum::<f64>().sqrt();
-            let point = FeaturePoint {
-                position: [0.0; 3],
-                normal: slope.map(|c| (c / length) as f32),
-                strength: 1.0,
-            };
-            gently_dipping_share(&[point], &survey, [1.0; 3], &SelfComm).unwrap()
-        };
-        for azimuth in [0.0, 50.0, 90.0, 200.0] {
-            assert_eq!(share(28.0, azimuth), Some(1.0), "{azimuth}");
-            assert_eq!(share(32.0, azimuth), Some(0.0), "{azimuth}");
-        }
-        assert_eq!(
-            gently_dipping_share(&[], &survey, [1.0; 3], &SelfComm).unwrap(),
-            None
-        );
-    }
 }

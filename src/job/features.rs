@@ -11,7 +11,8 @@ use super::spec::{FeatureWeights, NominalDistance, PointValue};
 use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{
-    FeatureKind, FeatureLine, Features, LineKind, MIN_LENGTH, detect_with_cancel, lines_with_cancel,
+    FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP, MIN_LENGTH, detect_with_cancel,
+    lines_with_cancel,
 };
 use crate::image::formats::{InputOptions, LoadedImage};
 use crate::image::{ImageSource, Modality};
@@ -50,6 +51,16 @@ pub struct FeatureSpec {
         arg(long, value_name = "T", allow_negative_numbers = true)
     )]
     pub threshold: Option<f32>,
+    /// Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "DEGREES", default_value_t = Self::default().min_dip)
+    )]
+    pub min_dip: f64,
+    /// Smallest size of a fault in samples, whatever the distance between atoms: its area is at least
+    /// the square of it, in 2-D its length [default: 20]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES"))]
+    pub min_fault_size: Option<f64>,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t))]
     pub feature_weights: FeatureWeights,
@@ -92,6 +103,8 @@ impl Default for FeatureSpec {
             distance: 8.0,
             sigma: None,
             threshold: None,
+            min_dip: MIN_FAULT_DIP,
+            min_fault_size: None,
             feature_weights: FeatureWeights::default(),
             object: Vec::new(),
             background: Vec::new(),
@@ -133,6 +146,8 @@ impl FeatureSpec {
             feature: self.feature,
             sigma: self.sigma,
             threshold: self.threshold,
+            min_dip: self.min_dip,
+            min_fault_size: self.min_fault_size,
             feature_weights: self.feature_weights,
             object: self.object.clone(),
             background: self.background.clone(),

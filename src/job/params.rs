@@ -395,6 +395,8 @@ impl<const D: usize> Params<D> {
             modality: self.modality,
             scale: spec.sigma,
             threshold: spec.threshold,
+            min_dip: spec.min_dip,
+            min_fault_size: spec.min_fault_size,
             weights: spec.feature_weights.0,
             seeds: self.path_seeds.clone(),
             labels: spec.label.clone(),

@@ -516,8 +516,9 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
     }
 
     /// Returns the smallest area of a surface in square lattice units (in 2-D the smallest length),
-    /// if it must cover `cells` squares of the distance between atoms.
-    pub fn min_area(&self, cells: f64) -> f64 {
+    /// if it must cover `cells` squares of the distance between atoms, or one square of
+    /// [`DetectionOptions::min_fault_size`] samples for a fault.
+    pub fn min_area(&self, detector: &dyn Detector<D>) -> f64 {
         if let Some(resolved) = self.resolved {
             return resolved.min_area;
         }
@@ -526,8 +527,16 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         let section = (0..D)
             .map(|k| (1..D).map(|l| side((k + l) % D)).product())
             .fold(0.0, f64::max);
+        let min_area = if detector.is_fault() {
+            // Lattice units per sample.
+            let unit = options.step.iter().product::<f64>().powf(1.0 / D as f64);
+            let size = options.min_fault_size.unwrap_or(faults::MIN_FAULT_SIZE);
+            (size * unit).powi(D as i32 - 1)
+        } else {
+            detector.min_surface_cells() * options.d_max().powi(D as i32 - 1)
+        };
         // In a small image, smaller surfaces are large.
-        (cells * options.d_max().powi(D as i32 - 1)).min(0.25 * section)
+        min_area.min(0.25 * section)
     }
 }
 
@@ -569,6 +578,8 @@ pub struct DetectorOutput<const D: usize> {
     /// `true` if normals are known to a few degrees, so that they distinguish surfaces that cross
     /// at shallow angles.
     pub has_sharp_normals: bool,
+    /// Axis that is vertical, if no coordinate is time.
+    pub vertical_axis: usize,
     /// Value of the thin mask whose medial surface was sought.
     pub mask_value: Option<f32>,
     /// For labels: the winning labels, and the distance between atoms in each component.
@@ -587,6 +598,7 @@ impl<const D: usize> DetectorOutput<D> {
             thresholds,
             signal_to_noise: None,
             has_sharp_normals: false,
+            vertical_axis: D - 1,
             mask_value: None,
             labels: None,
             confidence: None,

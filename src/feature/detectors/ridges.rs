@@ -107,6 +107,9 @@ pub struct RidgeSearch<'a, const D: usize> {
     /// Strength, as a share of that of strong points, down to which points of oriented filters are
     /// kept if no threshold is given.
     pub min_strength_share: fn(&Thresholds) -> f32,
+    /// Smallest strength of a candidate, as a share of the height of the smoothed image there: where
+    /// an attribute is high all around, as in chaotic parts, a weak ridge is none.
+    pub min_height_share: f32,
     /// Thresholds (low, high) if none are given.
     pub auto_thresholds: fn(&RidgeStatistics) -> (f32, f32),
 }
@@ -122,6 +125,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             max_ambiguous_share: MAX_AMBIGUOUS_SHARE,
             weak_share: WEAK_STRENGTH_SHARE,
             min_strength_share: |_| 0.46,
+            min_height_share: 0.0,
             auto_thresholds: RidgeStatistics::thresholds,
         }
     }
@@ -186,6 +190,11 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             slab.owned_candidates(candidates)
         };
         drop((ambiguity, slab));
+        let candidates = if self.min_height_share > 0.0 {
+            self.drop_flat_ridges(&samples, candidates, &survey.layers)?
+        } else {
+            candidates
+        };
         let slab = CandidateSlab::new(
             dims,
             candidates,
@@ -200,6 +209,30 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             layers,
             ..DetectorOutput::new(candidates, scale, thresholds)
         })
+    }
+
+    /// Returns the candidates that are strong enough for the height of the smoothed samples there.
+    /// The candidates are those of `layers`, in the order of samples.
+    fn drop_flat_ridges(
+        &self,
+        samples: &Samples<'_, D>,
+        candidates: Vec<Candidate<D>>,
+        layers: &Range<usize>,
+    ) -> Result<Vec<Candidate<D>>> {
+        let dims = samples.dims();
+        let volume = Volume::new(dims, &[]);
+        let coordinates = |c: &Candidate<D>| volume.coordinates(c.voxel.index());
+        let mut kept = Vec::with_capacity(candidates.len());
+        let mut keep = |window: &LayerWindow<'_, D>| {
+            let range = &window.interior.layers;
+            let [first, end] = [range.start, range.end]
+                .map(|layer| candidates.partition_point(|c| coordinates(c)[D - 1] < layer));
+            kept.extend(candidates[first..end].iter().filter(|c| {
+                c.strength >= self.min_height_share * window.smoothed.value_at(coordinates(c))
+            }));
+        };
+        samples.for_each_window_in(layers, 0, None, &|_| 1, self.input.cancel, &mut keep)?;
+        Ok(kept)
     }
 
     /// Smooths the samples at the scale of the whole image, at the given scale, or so that noise

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::params::Evaluator;
 use crate::error::cause;
-use crate::feature::{DetectionOptions, FeatureKind, LabelOptions, PathSeeds};
+use crate::feature::{DetectionOptions, FeatureKind, LabelOptions, MIN_FAULT_DIP, PathSeeds};
 use crate::image::formats::InputOptions;
 use crate::improve::triangles::relax::Scheme;
 use crate::improve::{SliverMethod, Target};
@@ -88,6 +88,17 @@ pub struct MeshSpec {
         arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)
     )]
     pub threshold: Option<f32>,
+    /// Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or else
+    /// at 2,000 m/s
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "DEGREES", default_value_t = defaults().min_dip, help_heading = FEATURES)
+    )]
+    pub min_dip: f64,
+    /// Smallest size of a fault in samples, whatever the distance between atoms: its area is at least
+    /// the square of it, in 2-D its length [default: 20]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", help_heading = FEATURES))]
+    pub min_fault_size: Option<f64>,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(
         feature = "cli",
@@ -343,6 +354,8 @@ impl Default for MeshSpec {
             surface: Vec::new(),
             sigma: None,
             threshold: None,
+            min_dip: MIN_FAULT_DIP,
+            min_fault_size: None,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
             object: Vec::new(),
@@ -537,6 +550,8 @@ impl MeshSpec {
             kind: self.feature,
             scale: self.sigma,
             threshold: self.threshold,
+            min_dip: self.min_dip,
+            min_fault_size: self.min_fault_size,
             weights: self.feature_weights.0,
             seeds: self.path_seeds()?,
             labels: self.label.clone(),

@@ -326,6 +326,23 @@ impl Options<'_> {
                 remedy,
             ));
         }
+        if !(0.0..90.0).contains(&spec.min_dip) {
+            let remedy = "give the smallest dip of a fault, such as 30";
+            let problem = "is not in 0 .. 90 degrees";
+            return Err(option_error("min-dip", spec.min_dip, problem, remedy));
+        }
+        if let Some(size) = spec
+            .min_fault_size
+            .filter(|s| !(s.is_finite() && *s >= 0.0))
+        {
+            let remedy = "give samples, such as 20";
+            return Err(option_error(
+                "min-fault-size",
+                size,
+                "is not 0 or more",
+                remedy,
+            ));
+        }
         check_labels(&spec.label)?;
         if spec.feature == FeatureKind::NoFeatures {
             let problem = "is about features that are found, but with feature none none is sought";
@@ -366,6 +383,18 @@ impl Options<'_> {
         if kind != FeatureKind::FaultsAndHorizons {
             let problem = "weighs faults against horizons, but they are not followed together";
             self.refuse(&["feature-weights"], problem, "follow both, or omit it")?;
+        }
+        if !matches!(
+            kind,
+            FeatureKind::Auto | FeatureKind::Faults | FeatureKind::FaultsAndHorizons
+        ) {
+            let problem =
+                format!("applies to faults of seismic amplitude, but {kind} are followed");
+            self.refuse(
+                &["min-dip", "min-fault-size"],
+                &problem,
+                "follow faults, or omit it",
+            )?;
         }
         if kind.threshold_meaning() == ThresholdMeaning::Unused {
             let problem = format!("applies to the strength of features, but {kind} have none");

@@ -5,14 +5,17 @@
 //!    Marfurt et al. 1998). `scan` smooths numerator and denominator of the semblance over steep
 //!    planes through each sample, and takes the plane with the lowest ratio (Hale 2013). One minus
 //!    its square is the fault likelihood.
+//!    Planes that dip less than [`min_dip`](crate::feature::DetectionOptions::min_dip) in the world
+//!    are left out.
 //! 3. Ridges of the likelihood ([`ridges`](super::ridges)) are fault points, except those that run
-//!    along the layers.
+//!    along the layers, that dip too little, or that stand out too little: the likelihood must be
+//!    low on both sides.
 //!
 //! Scale: one sample for derivatives; 12 samples for the tensor's window, so that a throw is not
 //! mistaken for a dip. Planes have weights of 6 samples along strike and 12 along dip. A given
 //! scale applies to amplitudes, never to the ridges of the likelihood. Assumptions: the throw is
-//! about two samples or more (and no multiple of the period of layers); faults dip by 40 degrees or
-//! more against layers that lie across one axis; noise is not correlated along layers.
+//! about two samples or more (and no multiple of the period of layers); faults dip by 25 degrees or
+//! more against layers that lie across one axis, and by 36 degrees or more against the samples; noise is not correlated along layers.
 
 pub(crate) mod scan;
 pub(crate) mod semblance;
@@ -23,6 +26,7 @@ use crate::error::Result;
 use crate::feature::FeatureKind;
 use crate::feature::structure_tensor::NormalField;
 use crate::feature::windows::{self, MAX_WHOLE_SAMPLES};
+use crate::feature::world_dip::WorldDip;
 use crate::geometry::dot;
 use crate::image::ImageSource;
 
@@ -32,14 +36,29 @@ pub struct Faults;
 /// Width (samples) of the structure tensor's window.
 const TENSOR_WINDOW: f64 = 12.0;
 
+/// Number of bisections that find the largest slope of the scan.
+const SLOPE_BISECTIONS: usize = 20;
+
 /// Memory (bytes) per sample of the likelihood.
 const LIKELIHOOD_BYTES_PER_SAMPLE: f64 = 4.0;
 /// Memory (bytes) per sample that is scanned, besides its likelihood.
 const SCAN_BYTES_PER_SAMPLE: f64 = 22.0;
 
+/// Size (samples) of the smallest fault, if none is given: the side of a square of its area, in 2-D its
+/// length.
+pub const MIN_FAULT_SIZE: f64 = 20.0;
+
 /// Largest cosine between the normals of a fault and of the layers; with a larger one, the ridge is
 /// a layer.
-const MAX_LAYER_COSINE: f32 = 0.77;
+const MAX_LAYER_COSINE: f32 = 0.92;
+
+/// Smallest strength of a ridge, as a share of the likelihood there. Where layers are continued on
+/// both sides, the likelihood is low beside a fault, and the ridge is as strong as it is high. In
+/// noise and in chaotic parts the likelihood is high everywhere.
+const MIN_HEIGHT_SHARE: f32 = 0.2;
+
+/// Smallest share of a small surface that must be strong.
+const MIN_STRONG_SHARE: f64 = 0.15;
 
 impl<const D: usize> Detector<D> for Faults {
     fn kind(&self) -> FeatureKind {
@@ -54,12 +73,44 @@ impl<const D: usize> Detector<D> for Faults {
         let window = input.options.smoothing.unwrap_or(TENSOR_WINDOW);
         let samples = input.smoothed_in_layers()?;
         let (layers, rms) = NormalField::new(&samples, window, input.live_mask, input.cancel)?;
+        let vertical = layers.main_axis();
+        let dips = WorldDip::new(input.source.geometry(), vertical);
+        let min_dip = input.options.min_dip;
+        // The steepest slope of the scan at which the fault's dip is still large enough.
+        let max_slope = |fault_normal: [f64; D], crossed_axis: usize| {
+            let is_steep = |slope: f64| {
+                [slope, -slope].into_iter().any(|slope| {
+                    let mut normal = fault_normal;
+                    normal[vertical] = -slope * fault_normal[crossed_axis];
+                    dips.degrees(normal) >= min_dip
+                })
+            };
+            let (mut low, mut high) = (0.0, scan::MAX_DIP_SLOPE);
+            if is_steep(high) {
+                return high;
+            }
+            for _ in 0..SLOPE_BISECTIONS {
+                let middle = 0.5 * (low + high);
+                if is_steep(middle) {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            low
+        };
+        let live = input.live_mask;
         let likelihood =
-            semblance::likelihood(&samples, (&layers, rms), input.live_mask, input.cancel)?;
+            semblance::likelihood(&samples, (&layers, rms), live, max_slope, input.cancel)?;
         drop(samples);
         notes.push(format!(
-            "faults: least semblance along layers over steep planes, at scale {}, normals averaged over \
-             {window}",
+            "faults: least semblance along layers over planes that dip by {min_dip} degrees or more{}, at \
+             scale {}, normals averaged over {window}",
+            if input.source.geometry().time_coordinate().is_some() {
+                " (with a velocity of 2000 m/s)"
+            } else {
+                ""
+            },
             input.scale()
         ));
         let search = RidgeSearch {
@@ -68,8 +119,9 @@ impl<const D: usize> Detector<D> for Faults {
             // Weak ridges of the likelihood are mostly ends of layers.
             weak_share: 1.0,
             // The likelihood varies along a fault much more than the values of a fault image: the
-            // share is 0.18 if there is little noise, and larger if noise raises the threshold.
-            min_strength_share: |thresholds| 0.18 * thresholds.low / semblance::MIN_LIKELIHOODS[0],
+            // share is about 0.1 if there is little noise, and larger if noise raises the threshold.
+            min_strength_share: |thresholds| 3.0 * thresholds.low,
+            min_height_share: MIN_HEIGHT_SHARE,
             ..RidgeSearch::new(input)
         };
         let mut output = search.find(likelihood, notes)?;
@@ -77,6 +129,10 @@ impl<const D: usize> Detector<D> for Faults {
         output
             .candidates
             .retain(|c| layer_cosine(c.position, c.normal) < MAX_LAYER_COSINE);
+        output
+            .candidates
+            .retain(|c| dips.degrees(c.normal.map(f64::from)) >= min_dip);
+        output.vertical_axis = vertical;
         Ok(output)
     }
 
@@ -105,8 +161,8 @@ impl<const D: usize> Detector<D> for Faults {
             + (SCAN_BYTES_PER_SAMPLE * scanned).max(layers_search_bytes(dims))
     }
 
-    fn min_surface_cells(&self) -> f64 {
-        6.0
+    fn min_strong_share(&self) -> f64 {
+        MIN_STRONG_SHARE
     }
 
     /// Returns the reach of normals averaged over 12 samples, amplitudes balanced over 6, and
@@ -306,7 +362,9 @@ mod tests {
                 samples.smooth(1.0, cancel);
                 let (normals, rms) = NormalField::new(&samples, 12.0, None, cancel).unwrap();
                 assert_eq!(normals.main_axis(), vertical);
-                let likelihood = likelihood(&samples, (&normals, rms), None, cancel).unwrap();
+                let max_slope = |_, _| super::scan::MAX_DIP_SLOPE;
+                let likelihood =
+                    likelihood(&samples, (&normals, rms), None, max_slope, cancel).unwrap();
                 let at = normals.normal_at([20.3, 17.7, 155.5]);
                 (likelihood.as_slice().to_vec(), rms, at)
             };

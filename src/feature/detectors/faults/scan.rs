@@ -29,10 +29,11 @@ const CUTOFF_SIGMAS: f64 = 2.5;
 /// the fault crosses that axis.
 const STRIKE_SLOPES: [f64; 7] = [-1.0, -0.67, -0.33, 0.0, 0.33, 0.67, 1.0];
 
-/// Horizontal offset of a fault per vertical sample: from vertical to a dip of 40 degrees.
-const MAX_DIP_SLOPE: f64 = 1.2;
-/// Number of dips to either side of the vertical.
-const DIP_COUNT: i32 = 6;
+/// Largest horizontal offset of a fault per vertical sample: from vertical to a dip of 36 degrees
+/// where samples are as far apart along all axes.
+pub const MAX_DIP_SLOPE: f64 = 1.4;
+/// Largest difference between the slopes of dips that are tried one after the other.
+const DIP_SLOPE_STEP: f64 = 0.2;
 
 /// Distance (samples) along any axis that planes reach from a sample. It covers the vertical reach;
 /// the horizontal one, along strike and then along dip, which is less than 9/8 of the vertical one;
@@ -57,11 +58,14 @@ const ROWS_PER_TASK: usize = 16;
 ///
 /// `parts(fault_normal, stride)` returns numerator and denominator of the semblance, both positive,
 /// between the two sides of faults with this horizontal normal, on every `stride`-th plane along
-/// `vertical`, the axis that layers lie across.
+/// `vertical`, the axis that layers lie across. `max_slope(fault_normal, crossed_axis)` is the largest
+/// horizontal offset per vertical sample, at most [`MAX_DIP_SLOPE`], of such faults along the axis
+/// that they cross.
 pub fn likelihood<const D: usize>(
     dims: [usize; D],
     vertical: usize,
     cancel: &CancelToken<'_>,
+    max_slope: impl Fn([f64; D], usize) -> f64,
     parts: impl Fn([f64; D], usize) -> [Vec<f32>; 2],
 ) -> Vec<f32> {
     let mut thinned_dims = dims;
@@ -76,22 +80,24 @@ pub fn likelihood<const D: usize>(
     } as f64;
     let mut done = 0.0;
     for crossed_axis in (0..D).filter(horizontal) {
-        let dips: Vec<[Vec<LineTap<D>>; 2]> = (-DIP_COUNT..=DIP_COUNT)
-            .map(|dip| {
-                let slope = MAX_DIP_SLOPE * f64::from(dip) / f64::from(DIP_COUNT);
+        let dips = |max_slope: f64| -> Vec<[Vec<LineTap<D>>; 2]> {
+            let count = (max_slope / DIP_SLOPE_STEP - 1e-6).ceil().max(1.0) as i32;
+            let half_lines = |dip: i32| {
+                let slope = max_slope * f64::from(dip) / f64::from(count);
                 let line = taps(vertical, ROW_STRIDE as f64, crossed_axis, slope, DIP_SIGMA);
                 let half_line = |keep: fn(i32) -> bool| {
                     let kept = line.iter().filter(|(offset, _)| keep(offset[vertical]));
                     kept.copied().collect()
                 };
                 [half_line(|v| v >= 0), half_line(|v| v <= 0)]
-            })
-            .collect();
+            };
+            (-count..=count).map(half_lines).collect()
+        };
         let Some(strike_axis) = (0..D).find(|k| horizontal(k) && *k != crossed_axis) else {
             let mut normal = [0.0; D];
             normal[crossed_axis] = 1.0;
             PaddedRows::new(thinned_dims, parts(normal, ROW_STRIDE)).raise_maxima(
-                &dips,
+                &dips(max_slope(normal, crossed_axis)),
                 &mut max_likelihood,
                 cancel,
             );
@@ -106,7 +112,11 @@ pub fn likelihood<const D: usize>(
             let strike = taps(strike_axis, 1.0, crossed_axis, slope, STRIKE_SIGMA);
             PaddedRows::new(thinned_dims, parts(normal, ROW_STRIDE))
                 .smooth(&strike, cancel)
-                .raise_maxima(&dips, &mut max_likelihood, cancel);
+                .raise_maxima(
+                    &dips(max_slope(normal, crossed_axis)),
+                    &mut max_likelihood,
+                    cancel,
+                );
             done += 1.0;
             cancel.set_fraction(PROGRESS_SCANNED * done / strikes);
         }

@@ -67,6 +67,7 @@ pub fn likelihood<'a, const D: usize>(
     amplitude: &Samples<'a, D>,
     (normals, rms): (&NormalField<D>, f32),
     live: Option<&LiveMask<D>>,
+    max_slope: impl Fn([f64; D], usize) -> f64,
     cancel: &CancelToken<'_>,
 ) -> Result<Samples<'a, D>> {
     let vertical = normals.main_axis();
@@ -78,16 +79,22 @@ pub fn likelihood<'a, const D: usize>(
             balanced.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
         }
         let balanced = stack.with_samples(&balanced);
-        scan::likelihood(dims, vertical, cancel, |fault_normal, stride| {
-            let weights = weights.as_deref();
-            side_energies(
-                (balanced, weights),
-                normals,
-                fault_normal,
-                (vertical, stride),
-                cancel,
-            )
-        })
+        scan::likelihood(
+            dims,
+            vertical,
+            cancel,
+            &max_slope,
+            |fault_normal, stride| {
+                let weights = weights.as_deref();
+                side_energies(
+                    (balanced, weights),
+                    normals,
+                    fault_normal,
+                    (vertical, stride),
+                    cancel,
+                )
+            },
+        )
     })
 }
 
@@ -120,7 +127,7 @@ fn balance_amplitudes<const D: usize>(
 
 /// Likelihood down to which a fault is followed, and the one that it must reach somewhere. The
 /// second constant has multiples of the noise that are used if they are larger.
-pub const MIN_LIKELIHOODS: [f32; 2] = [0.06, 0.14];
+pub const MIN_LIKELIHOODS: [f32; 2] = [0.035, 0.07];
 const MIN_NOISE_RATIOS: [f32; 2] = [1.75, 2.5];
 
 /// Returns the thresholds for the ridges of [`likelihood`]. They are the same for all images,

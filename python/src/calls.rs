@@ -57,13 +57,26 @@ struct Options(Map<String, Value>);
 
 impl Options {
     fn line(&mut self, verb: &str, arguments: &[PathBuf]) -> atomesh::Result<CommandLine> {
-        let first = || arguments.first().cloned().unwrap_or_default();
         let max_memory = self.take("max-memory").map(|size| {
             let size = plain_text(&size);
             let refuse = |problem: String| refused("max-memory", &size, &problem);
             parse_bytes(&size).map_err(refuse)
         });
-        let verb = match verb {
+        Ok(CommandLine {
+            verb: self.verb(verb, arguments)?,
+            common: CommonOptions {
+                quiet: false,
+                json: false,
+                threads: None,
+                max_memory: max_memory.transpose()?,
+            },
+        })
+    }
+
+    /// Returns the verb with its arguments; the options that it takes are removed.
+    fn verb(&mut self, verb: &str, arguments: &[PathBuf]) -> atomesh::Result<Verb> {
+        let argument = |k: usize| arguments.get(k).cloned().unwrap_or_default();
+        Ok(match verb {
             "mesh" => {
                 let config = self.take_path("config");
                 Verb::Mesh(Box::new(MeshArgs {
@@ -77,35 +90,35 @@ impl Options {
                 }))
             }
             "feature" => Verb::Feature(FeatureArgs {
-                image: first(),
+                image: argument(0),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
             "columns" => Verb::Columns(ColumnsArgs {
-                map: first(),
+                map: argument(0),
                 output: self.take_output(),
                 horizon: self.take_texts("horizon"),
                 spec: self.spec()?,
             }),
             "edit" => Verb::Edit(EditArgs {
-                mesh: first(),
-                image: arguments.get(1).cloned().unwrap_or_default(),
+                mesh: argument(0),
+                image: argument(1),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
             "flow" => Verb::Flow(FlowArgs {
-                mesh: first(),
+                mesh: argument(0),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
             "paint" => Verb::Paint(PaintArgs {
-                mesh: first(),
+                mesh: argument(0),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
             "segment" => Verb::Segment(SegmentArgs {
-                image: first(),
-                mesh: arguments.get(1).cloned().unwrap_or_default(),
+                image: argument(0),
+                mesh: argument(1),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
@@ -120,13 +133,13 @@ impl Options {
                     self.0.insert("image".into(), image.into());
                 }
                 Verb::Surface(SurfaceArgs {
-                    mesh: first(),
+                    mesh: argument(0),
                     output: self.take_output(),
                     spec: self.spec()?,
                 })
             }
             _ => Verb::Export(Box::new(ExportArgs {
-                mesh: first(),
+                mesh: argument(0),
                 to: self
                     .take("to")
                     .map(|to| plain_text(&to))
@@ -134,15 +147,6 @@ impl Options {
                 output: self.take_output(),
                 spec: self.spec()?,
             })),
-        };
-        Ok(CommandLine {
-            verb,
-            common: CommonOptions {
-                quiet: false,
-                json: false,
-                threads: None,
-                max_memory: max_memory.transpose()?,
-            },
         })
     }
 

@@ -11,7 +11,7 @@ use crate::Result;
 use crate::model::MeshInput;
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::case_options::check_depth;
-use crate::model::reservoir::{MeshPlacement, ModelChecks, PreparedModel, SealCheck, Well};
+use crate::model::reservoir::{MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
 
@@ -70,37 +70,9 @@ pub fn export<'a>(
 ) -> Result<ExportOutcome> {
     spec.validate(format)?;
     format.check_target(path)?;
-    let MeshInput {
-        mesh,
-        name,
-        read_image,
-    } = mesh.into();
-    let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
-    if spec.space.thickness.is_some() && is_3d {
-        let problem = "is for 2-D meshes, but the mesh is 3-D";
-        return Err(no_effect_error("thickness", problem));
-    }
-    let placement = MeshPlacement {
-        keeps_unit: !format.is_flow_format(),
-        ..spec.space.placement()?
-    };
-    let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
-        || spec.split.is_some()
-        || spec.fault_options.given_option().is_some()
-        || spec.gouge.given_option().is_some();
-    let mut prepared = if needs_surfaces {
-        PreparedModel::new(mesh, name, &placement)?
-    } else {
-        PreparedModel::without_surfaces(mesh, name, &placement)?
-    };
-    if format.uses_depth {
-        check_depth(&prepared.model, &spec.space)?;
-    }
-    if !prepared.has_feature_faces {
-        progress.note(&format!(
-            "{name} does not say which faces lie on features: no faults"
-        ));
-    }
+    let input = mesh.into();
+    let read_image = input.read_image;
+    let mut prepared = prepare_model(input, format, spec, progress)?;
     progress.stage(Stage::FillingCells);
     let rock = spec.rock.fill(&mut prepared, read_image, progress)?;
     let laws = spec.fault_options.laws(FaultResistance::Open)?;
@@ -147,9 +119,64 @@ pub fn export<'a>(
         .then(|| SealCheck::new(&prepared.model, &CancelToken::never()))
         .transpose()?;
     progress.stage(Stage::Writing);
+    write_model(&prepared.model, format, path, progress)?;
+    Ok(ExportOutcome {
+        format,
+        path: path.to_path_buf(),
+        companion: format.companion_path(path),
+        checks,
+        unit: prepared.unit,
+        wells: prepared.model.case.wells,
+        seals,
+    })
+}
+
+/// Returns the model of a mesh, with its surfaces if the format or an option needs them.
+fn prepare_model(
+    input: MeshInput<'_>,
+    format: &ExportFormat,
+    spec: &ExportSpec,
+    progress: &mut dyn Progress,
+) -> Result<PreparedModel> {
+    let MeshInput { mesh, name, .. } = input;
+    let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
+    if spec.space.thickness.is_some() && is_3d {
+        let problem = "is for 2-D meshes, but the mesh is 3-D";
+        return Err(no_effect_error("thickness", problem));
+    }
+    let placement = MeshPlacement {
+        keeps_unit: !format.is_flow_format(),
+        ..spec.space.placement()?
+    };
+    let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
+        || spec.split.is_some()
+        || spec.fault_options.given_option().is_some()
+        || spec.gouge.given_option().is_some();
+    let prepared = if needs_surfaces {
+        PreparedModel::new(mesh, name, &placement)?
+    } else {
+        PreparedModel::without_surfaces(mesh, name, &placement)?
+    };
+    if format.uses_depth {
+        check_depth(&prepared.model, &spec.space)?;
+    }
+    if !prepared.has_feature_faces {
+        progress.note(&format!(
+            "{name} does not say which faces lie on features: no faults"
+        ));
+    }
+    Ok(prepared)
+}
+
+/// Writes the model. Notes if a deck is there already, beside which the new one gets another name.
+fn write_model(
+    model: &Model,
+    format: &ExportFormat,
+    path: &Path,
+    progress: &mut dyn Progress,
+) -> Result<()> {
     let deck = format.deck_path(path);
-    let model = prepared.model;
-    format.write(&model, path)?;
+    format.write(model, path)?;
     let default_deck = path.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
     if let Some(deck) = deck.filter(|deck| has_deck && *deck != default_deck) {
@@ -159,15 +186,7 @@ pub fn export<'a>(
             deck.display()
         ));
     }
-    Ok(ExportOutcome {
-        format,
-        path: path.to_path_buf(),
-        companion: format.companion_path(path),
-        checks,
-        unit: prepared.unit,
-        wells: model.case.wells,
-        seals,
-    })
+    Ok(())
 }
 
 /// Reports what the checks of a model found.

@@ -10,12 +10,14 @@
 use super::join::{AnnotatedMesh, MeshScene};
 use super::measure::MeasuredMesh;
 use super::{StageRunner, join};
+use crate::Result;
 use crate::comm::Comm;
-use crate::feature::PointSubset;
+use crate::feature::{FeaturePoint, PointSubset};
 use crate::geometry::bounding_box;
 use crate::image::synth::truth::MAX_DISTANCE;
+use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{self, ImproveContext, KnownAtoms, SlabCuts, SlabResult};
-use crate::improve::{self, SliverMethod, Target};
+use crate::improve::{self, SealReport, SliverMethod, Target};
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
 use crate::mesh::TetMesh;
@@ -23,11 +25,9 @@ use crate::mesh::delaunay::{
     Delaunay, DelaunayKernel, DelaunayTets, GlobalPoints, delaunay_in_intervals,
     distributed_delaunay_with_neighbors,
 };
-use crate::mesh::partition::MeshPartition;
 use crate::mesh::view::MeshView;
 use crate::progress::Stage;
 use crate::report::{Improvement, Report};
-use crate::{Error, Result};
 
 /// Distance around the atoms of its slabs to which a rank knows the nominal distance, in units of
 /// the largest nominal distance.
@@ -70,46 +70,24 @@ pub fn make_partition(
     stages: &mut StageRunner<'_>,
 ) -> Result<Option<PartitionResult<TetMesh, 3>>> {
     let (extent, outline) = (scene.extent, scene.distance);
-    let Some(target) = target else {
+    let has_labels = scene.features.labels.is_some();
+    let Some(target) = target.filter(|t| t.method == SliverMethod::Joe && !has_labels) else {
         return Ok(None);
     };
-    if target.method != SliverMethod::Joe || scene.features.labels.is_some() {
-        return Ok(None);
-    }
     let comm = stages.comm;
     let Some(cuts) = SlabCuts::new(&atoms.atoms.positions, extent, outline, comm)? else {
         return Ok(None);
     };
     let mut atoms = std::mem::take(atoms);
-    let features_near = |positions: &[[f64; 3]]| {
-        let points = scene
-            .features
-            .points_near(positions, feature_range(scene), comm)?;
-        let planes = join::planes_near(&points.points, extent, outline);
-        Ok::<_, Error>((points, planes))
-    };
-    let (_, planes) = features_near(&atoms.atoms.positions)?;
-    improve::snap_distributed(
-        &mut atoms,
-        extent,
-        &planes,
-        join::snap_distance(scene),
-        comm,
-    )?;
+    let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
+    let snap_distance = join::snap_distance(scene);
+    improve::snap_distributed(&mut atoms, extent, &planes, snap_distance, comm)?;
     drop(planes);
     stages.begin(Stage::Triangulating);
     let (atoms, joined) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
     stages.begin(Stage::Improving);
-    let (points, planes) = features_near(&atoms.atoms.positions)?;
-    // All nodes of the final mesh are among these atoms, and no node moves further than `margin`.
-    let margin = HALO_WIDTH * distance.max();
-    let slab_range = atoms.atoms.positions.iter().map(|x| x[cuts.axis]);
-    let slab_range = slab_range.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
-        [low.min(at - margin), high.max(at + margin)]
-    });
-    let local_distance = distance
-        .fetch_between(cuts.axis, slab_range, comm)?
-        .into_owned();
+    let (points, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
+    let local_distance = distance_around(&atoms.atoms.positions, distance, cuts.axis, comm)?;
     let scene = &MeshScene {
         distance: &local_distance,
         ..*scene
@@ -132,20 +110,14 @@ pub fn make_partition(
     let mut improvement = Improvement::from(&improved);
     let view = MeshView::from_partition(&partition, comm);
     let neighbors = partition.neighbors.as_flattened();
-    improvement.sealed = stages.run_cancellable(|cancel| {
-        let (points, marks, d_max) = (&points.points, &mut feature_faces, distance.max());
-        let distance_near = |nodes: &[[f64; 3]]| distance.fetch_near(nodes, 0.0, comm);
-        improve::seal(
-            &view,
-            neighbors,
-            points,
-            extent,
-            d_max,
-            distance_near,
-            marks,
-            cancel,
-        )
-    })?;
+    improvement.sealed = seal_partition(
+        &view,
+        neighbors,
+        (&points.points, extent),
+        distance,
+        &mut feature_faces,
+        stages,
+    )?;
     stages.begin(Stage::Measuring);
     let measured = MeasuredMesh {
         view,
@@ -157,33 +129,79 @@ pub fn make_partition(
     };
     let figures = stages.run_cancellable(|cancel| measured.figures(comm, cancel))?;
     let (mut report, assessment) = figures.into_report(Some(improvement));
-    report
-        .notes
-        .extend(missing_distance_note(&local_distance, comm)?);
-    let MeshPartition {
-        mesh,
-        global_ids,
-        first_cell,
-        global_counts,
-        ..
-    } = partition;
+    let note = missing_distance_note(&local_distance, comm)?;
+    report.notes.extend(note);
     Ok(Some(PartitionResult {
+        share: MeshShare {
+            nodes: partition.global_ids,
+            first_cell: partition.first_cell,
+            global_counts: partition.global_counts,
+        },
         annotated_mesh: AnnotatedMesh {
             regions: Vec::new(),
-            mesh,
+            mesh: partition.mesh,
             node_kinds: kinds,
             feature_faces,
             angle_assessment: assessment,
-        },
-        share: MeshShare {
-            nodes: global_ids,
-            first_cell,
-            global_counts,
         },
         near_points: points,
         distance: local_distance,
         report,
     }))
+}
+
+/// Returns the feature points near these positions, and the planes through them.
+fn features_near(
+    positions: &[[f64; 3]],
+    scene: &MeshScene<'_, 3>,
+    comm: &dyn Comm,
+) -> Result<(PointSubset<3>, FeaturePlanes)> {
+    let features = scene.features;
+    let points = features.points_near(positions, feature_range(scene), comm)?;
+    let planes = join::planes_near(&points.points, scene.extent, scene.distance);
+    Ok((points, planes))
+}
+
+/// Returns the nominal distance around atoms. All nodes of the final mesh are among these atoms, and
+/// no node moves out of this range along `axis`.
+fn distance_around(
+    positions: &[[f64; 3]],
+    distance: &DistributedDistance<3>,
+    axis: usize,
+    comm: &dyn Comm,
+) -> Result<Distance<3>> {
+    let margin = HALO_WIDTH * distance.max();
+    let coordinates = positions.iter().map(|x| x[axis]);
+    let range = coordinates.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+        [low.min(at - margin), high.max(at + margin)]
+    });
+    Ok(distance.fetch_between(axis, range, comm)?.into_owned())
+}
+
+/// Closes the holes in the features of a partition. Faces that close them are added to the marks.
+fn seal_partition(
+    view: &MeshView<'_, 3, TetMesh>,
+    neighbors: &[u32],
+    (points, extent): (&[FeaturePoint<3>], [f64; 3]),
+    distance: &DistributedDistance<3>,
+    marks: &mut [u8],
+    stages: &mut StageRunner<'_>,
+) -> Result<SealReport> {
+    let comm = stages.comm;
+    let distance_near = |nodes: &[[f64; 3]]| distance.fetch_near(nodes, 0.0, comm);
+    stages.run_cancellable(|cancel| {
+        let max_distance = distance.max();
+        improve::seal(
+            view,
+            neighbors,
+            points,
+            extent,
+            max_distance,
+            distance_near,
+            marks,
+            cancel,
+        )
+    })
 }
 
 /// Returns a note if the nominal distance was requested at a point where a rank does not know it,

@@ -5,7 +5,7 @@ use super::join::{JoinedMesh, cell_neighbours, close_holes};
 use super::measure::MeasuredMesh;
 use super::regions;
 use super::{MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
-use crate::Result;
+use crate::comm::Comm;
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::image::{Image, ImageSource, ScalarField};
@@ -13,9 +13,11 @@ use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::lattice::seeding::Atoms;
+use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use crate::progress::{CancelToken, Stage};
 use crate::report::{Baseline, Report};
+use crate::{Error, Result};
 
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn make_simplices<const D: usize>(
@@ -64,59 +66,60 @@ where
         })
     });
     stages.begin(Stage::Measuring);
-    let tagged_faces = improvement.is_some().then_some(&*annotated.feature_faces);
-    let label_image = label_indices
-        .is_some()
+    let label_image = (label_indices.is_some())
         .then(|| source.to_image())
         .transpose()?;
     let measured = MeasuredMesh {
         view: MeshView::from_mesh(&annotated.mesh),
         neighbors: Some(&neighbors),
-        tagged_faces,
+        tagged_faces: improvement.is_some().then_some(&*annotated.feature_faces),
         feature_faces: Some(&annotated.feature_faces),
         scene,
         near_points: &scene.features.points,
     };
-    let report =
-        stages.run_cancellable(|cancel| {
-            let figures = measured.figures(comm, cancel)?;
-            let (mut report, assessment) = figures.into_report(improvement);
-            report.regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
-                |(label_indices, image)| {
-                    let sample_points = SamplePoints::from_simplices(&annotated.mesh);
-                    let contacts =
-                        regions::contacts_of_simplices(&annotated.mesh, &neighbors, label_indices);
-                    let points_and_contacts = (&sample_points, &contacts);
-                    regions::report(
-                        image,
-                        &params.spec.label,
-                        points_and_contacts,
-                        label_indices,
-                        step,
-                        cancel,
-                    )
-                },
-            );
-            if let Some((mesh, faces)) = baseline {
-                let measured_baseline = MeasuredMesh {
-                    view: MeshView::from_mesh(&mesh),
-                    neighbors: None,
-                    tagged_faces: Some(&faces),
-                    feature_faces: None,
-                    ..measured
-                };
-                let baseline_figures = measured_baseline.figures(comm, cancel)?;
-                report.baseline = baseline_figures.quality.map(|quality| Baseline {
-                    method: SliverMethod::Joe,
-                    quality,
-                    fidelity: baseline_figures.fidelity,
-                });
-            }
-            Ok((report, assessment))
-        });
-    let (report, assessment) = report?;
+    let (report, assessment) = stages.run_cancellable(|cancel| {
+        let figures = measured.figures(comm, cancel)?;
+        let (mut report, assessment) = figures.into_report(improvement);
+        if let (Some(indices), Some(image)) = (&label_indices, &label_image) {
+            let mesh = &annotated.mesh;
+            let sample_points = SamplePoints::from_simplices(mesh);
+            let contacts = regions::contacts_of_simplices(mesh, &neighbors, indices);
+            let points_and_contacts = (&sample_points, &contacts);
+            let labels = &params.spec.label;
+            report.regions =
+                regions::report(image, labels, points_and_contacts, indices, step, cancel);
+        }
+        report.baseline = match &baseline {
+            Some((mesh, faces)) => measure_baseline(mesh, faces, &measured, comm, cancel)?,
+            None => None,
+        };
+        Ok::<_, Error>((report, assessment))
+    })?;
     annotated.angle_assessment = assessment;
     Ok((MeshResult::Simplices(annotated), report))
+}
+
+/// Measures the mesh of the baseline method as the mesh with which it is compared.
+fn measure_baseline<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    faces: &[u8],
+    measured: &MeasuredMesh<'_, D, M>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
+) -> Result<Option<Baseline>> {
+    let baseline = MeasuredMesh {
+        view: MeshView::from_mesh(mesh),
+        neighbors: None,
+        tagged_faces: Some(faces),
+        feature_faces: None,
+        ..*measured
+    };
+    let figures = baseline.figures(comm, cancel)?;
+    Ok(figures.quality.map(|quality| Baseline {
+        method: SliverMethod::Joe,
+        quality,
+        fidelity: figures.fidelity,
+    }))
 }
 
 /// Closes the holes in the features of an improved mesh. Also returns the neighbours of cells.

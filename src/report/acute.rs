@@ -305,26 +305,8 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
         }
     }
     drop(ridge_faces);
-    let mut shared = comm.all_to_all("ridges at cuts", outgoing)?.concat();
-    shared.sort_unstable_by_key(|face| (face.ridge, face.nodes));
-    let (mut cut_wedges, mut united_faces) = (Vec::new(), Vec::new());
-    for group in shared.chunk_by(|a, b| a.ridge == b.ridge) {
-        let SharedRidgeFace {
-            ridge,
-            ends,
-            distance,
-            ..
-        } = group[0];
-        let mut apexes = group
-            .iter()
-            .map(|ridge_face| (ridge_face.apex, ridge_face.face));
-        match narrowest_wedge(ridge, ends, distance, &mut apexes, extent) {
-            Some(wedge) => cut_wedges.push(wedge),
-            None => united_faces.extend(group.windows(2).map(|pair| [pair[0].face, pair[1].face])),
-        }
-    }
-    let cut_wedges: Vec<Wedge<D>> = comm.all_gather("wedges at cuts", cut_wedges)?.concat();
-    let united_faces: Vec<[u32; 2]> = comm.all_gather("patches at cuts", united_faces)?.concat();
+    let shared = comm.all_to_all("ridges at cuts", outgoing)?.concat();
+    let (cut_wedges, united_faces) = wedges_at_cuts(shared, extent, comm)?;
     let parts_per_area = parts_per_unit_area(extent);
     let areas = patch_areas::<D, M>(
         surface,
@@ -342,17 +324,58 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
         local.all(|face| area(face) >= wedge.min_patch_area())
     };
     wedges.retain(is_large);
-    let is_small: Vec<bool> = cut_wedges.iter().map(|wedge| !is_large(wedge)).collect();
-    let is_small: Vec<Vec<bool>> = comm.all_gather("small patches", is_small)?;
     let mut wedges: Vec<Wedge<D>> = comm.all_gather("wedges", wedges)?.concat();
-    let is_large_everywhere = |i: usize| !is_small.iter().any(|of_rank| of_rank[i]);
-    let large_cut_wedges = cut_wedges
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| is_large_everywhere(*i));
-    wedges.extend(large_cut_wedges.map(|(_, wedge)| *wedge));
+    wedges.extend(large_everywhere(cut_wedges, is_large, comm)?);
     wedges.sort_by_key(|wedge| wedge.ridge);
     Ok(chain_lines(wedges))
+}
+
+/// Returns the wedges at ridges that several ranks share, on all ranks, and the pairs of faces that
+/// continue each other there. `shared` are the faces at the ridges of this rank. Collective.
+///
+/// # Errors
+/// Returns the communication errors of `comm`.
+fn wedges_at_cuts<const D: usize>(
+    mut shared: Vec<SharedRidgeFace<D>>,
+    extent: [f64; D],
+    comm: &dyn Comm,
+) -> crate::Result<(Vec<Wedge<D>>, Vec<[u32; 2]>)> {
+    shared.sort_unstable_by_key(|face| (face.ridge, face.nodes));
+    let (mut wedges, mut united_faces) = (Vec::new(), Vec::new());
+    for group in shared.chunk_by(|a, b| a.ridge == b.ridge) {
+        let SharedRidgeFace {
+            ridge,
+            ends,
+            distance,
+            ..
+        } = group[0];
+        let mut apexes = group
+            .iter()
+            .map(|ridge_face| (ridge_face.apex, ridge_face.face));
+        match narrowest_wedge(ridge, ends, distance, &mut apexes, extent) {
+            Some(wedge) => wedges.push(wedge),
+            None => united_faces.extend(group.windows(2).map(|pair| [pair[0].face, pair[1].face])),
+        }
+    }
+    let wedges = comm.all_gather("wedges at cuts", wedges)?.concat();
+    let united_faces = comm.all_gather("patches at cuts", united_faces)?.concat();
+    Ok((wedges, united_faces))
+}
+
+/// Returns those of the wedges, which all ranks know, that are large on every rank. Collective.
+///
+/// # Errors
+/// Returns the communication errors of `comm`.
+fn large_everywhere<const D: usize>(
+    wedges: Vec<Wedge<D>>,
+    is_large: impl Fn(&Wedge<D>) -> bool,
+    comm: &dyn Comm,
+) -> crate::Result<Vec<Wedge<D>>> {
+    let is_small: Vec<bool> = wedges.iter().map(|wedge| !is_large(wedge)).collect();
+    let is_small: Vec<Vec<bool>> = comm.all_gather("small patches", is_small)?;
+    let is_large_everywhere = |i: usize| !is_small.iter().any(|of_rank| of_rank[i]);
+    let large = (0..).zip(wedges).filter(|(i, _)| is_large_everywhere(*i));
+    Ok(large.map(|(_, wedge)| wedge).collect())
 }
 
 /// Returns the number of units in which one unit of area is counted: 2^44 per square of the longest

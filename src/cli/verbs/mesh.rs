@@ -271,35 +271,68 @@ impl MeshRun<'_> {
         if comm.is_root() || is_pvtu(&output) {
             console.write_outcome(&output, &outcome, image, comm)?;
         }
-        let physical_quality = if comm.is_root() || outcome.share.is_some() {
-            outcome.quality_in_world(comm)?
-        } else {
-            None
-        };
+        if comm.is_root() || outcome.share.is_some() {
+            outcome.report.quality_physical = outcome.quality_in_world(comm)?;
+        }
         if !comm.is_root() {
             return Ok(status);
         }
-        if let Some(path) = &spec.lines {
-            outcome.write_lines(path)?;
-        }
-        outcome.report.quality_physical = physical_quality;
         let modality = params.modality.or_detect(geometry);
         outcome.report.used_in_physical_space = modality != Modality::Survey;
-        if let Some(path) = &spec.potential_out {
-            let potential = outcome.features.potential.to_dense();
-            console.write_image(path, potential_image(potential, geometry))?;
-        }
-        clock.end();
-
-        let mut report = std::mem::take(&mut outcome.report);
-        report.input = Some(Input {
+        outcome.report.input = Some(Input {
             file: path.display().to_string(),
             dims: dims.to_vec(),
             hash: format!("sha256:{}", outcome.provenance.input_sha256),
         });
+        outcome.report.trace = traced;
+        outcome.report.notes.splice(0..0, notes());
+        let written = WrittenMesh {
+            spec,
+            output: &output,
+            outcome,
+        };
+        written.write_others(image, clock, console)?;
+        Ok(status)
+    }
+}
+
+/// A mesh that was written, with its report.
+struct WrittenMesh<'a, const D: usize>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    spec: &'a MeshSpec,
+    output: &'a Path,
+    outcome: Outcome<D>,
+}
+
+impl<const D: usize, M: Simplices<D>> WrittenMesh<'_, D>
+where
+    MeshSpace<D>: Meshing<D, Mesh = M>,
+{
+    /// Writes the other files of the job, and reports the result.
+    fn write_others(
+        self,
+        image: ImageSource<'_, D>,
+        mut clock: Clock,
+        console: &mut Console,
+    ) -> Result<()> {
+        let Self {
+            spec,
+            output,
+            mut outcome,
+        } = self;
+        if let Some(path) = &spec.lines {
+            outcome.write_lines(path)?;
+        }
+        if let Some(path) = &spec.potential_out {
+            let potential = outcome.features.potential.to_dense();
+            console.write_image(path, potential_image(potential, image.geometry()))?;
+        }
+        clock.end();
+
+        let mut report = std::mem::take(&mut outcome.report);
         report.parameters = serde_json::to_value(spec).unwrap_or_default();
-        report.trace = traced;
-        report.notes.splice(0..0, notes());
         add_own_stages(&mut report, clock.costs());
         let json = report.to_json();
         if let Some(path) = &spec.report {
@@ -307,15 +340,15 @@ impl MeshRun<'_> {
         }
         let mut text = format!("{}\nwrote {}", report.table().trim_end(), output.display());
         if let Some(path) = &spec.page {
-            let written = write_page(path, &output, &*image.to_image()?, &outcome, json.clone())?;
+            let written = write_page(path, output, &*image.to_image()?, &outcome, json.clone())?;
             text = format!("{text}\n{}", super::report::written_message(path, written));
         }
         if let Some(path) = &spec.surfaces {
-            let surfaces = write_surfaces(path, &output, &outcome, console)?;
+            let surfaces = write_surfaces(path, output, &outcome, console)?;
             text = format!("{text}\nwrote {}: {surfaces} surfaces", path.display());
         }
         console.result(text, &json);
-        Ok(status)
+        Ok(())
     }
 }
 

@@ -506,28 +506,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             if cancel.is_cancelled() {
                 break;
             }
-            let visible = widen(&interior.layers, reach, count);
-            match &self.raw {
-                SampleStore::Layered(layers, sign) => raw.slide(visible, layer, |new, out| {
-                    layers.read_rows(new.start, strip.visible_rows.clone(), out)?;
-                    if *sign != 1.0 {
-                        out.par_iter_mut().for_each(|s| *s *= sign);
-                    }
-                    Ok(())
-                })?,
-                SampleStore::InMemory(samples) if !strip.is_entire() => {
-                    raw.slide(visible, layer, |new, out| {
-                        let volume_layer = strip.volume_layer_len();
-                        let parts = strip
-                            .strip_rows(&samples[new.start * volume_layer..new.end * volume_layer]);
-                        let out = out.chunks_exact_mut(layer);
-                        out.zip(parts)
-                            .for_each(|(out, part)| out.copy_from_slice(part));
-                        Ok(())
-                    })?
-                }
-                SampleStore::InMemory(_) | SampleStore::Distributed(_) => (),
-            }
+            self.load_layers(raw, widen(&interior.layers, reach, count), strip)?;
             let raw = |range: Range<usize>| match &self.raw {
                 SampleStore::InMemory(samples) if strip.is_entire() => {
                     &samples[range.start * layer..range.end * layer]
@@ -566,6 +545,38 @@ impl<'a, const D: usize> Samples<'a, D> {
             });
         }
         Ok(())
+    }
+
+    /// Loads the visible layers of a strip that are not in the buffer, unless the strip's samples are
+    /// in memory as they are.
+    fn load_layers(
+        &self,
+        raw: &mut LayerBuffer,
+        visible: Range<usize>,
+        strip: &Strip<D>,
+    ) -> Result<()> {
+        let layer = strip.layer_len();
+        match &self.raw {
+            SampleStore::Layered(layers, sign) => raw.slide(visible, layer, |new, out| {
+                layers.read_rows(new.start, strip.visible_rows.clone(), out)?;
+                if *sign != 1.0 {
+                    out.par_iter_mut().for_each(|s| *s *= sign);
+                }
+                Ok(())
+            }),
+            SampleStore::InMemory(samples) if !strip.is_entire() => {
+                raw.slide(visible, layer, |new, out| {
+                    let volume_layer = strip.volume_layer_len();
+                    let parts = strip
+                        .strip_rows(&samples[new.start * volume_layer..new.end * volume_layer]);
+                    let out = out.chunks_exact_mut(layer);
+                    out.zip(parts)
+                        .for_each(|(out, part)| out.copy_from_slice(part));
+                    Ok(())
+                })
+            }
+            SampleStore::InMemory(_) | SampleStore::Distributed(_) => Ok(()),
+        }
     }
 }
 

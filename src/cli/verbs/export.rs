@@ -1,11 +1,12 @@
 //! The verb `export`: writes a mesh for a reservoir simulator, or for another mesher.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 
 use crate::cli::common::options::with_option_name;
+use crate::cli::common::output::same_file;
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::error::cause;
@@ -48,7 +49,7 @@ pub fn export(args: &ExportArgs, interrupts: &Interrupts, console: &mut Console)
     if [Some(output), companion.as_deref()]
         .into_iter()
         .flatten()
-        .any(|path| is_same_existing_file(path, &args.mesh))
+        .any(|path| same_file(path, &args.mesh))
     {
         return Err(Error::Job(cause(
             output.display(),
@@ -70,9 +71,4 @@ pub fn export(args: &ExportArgs, interrupts: &Interrupts, console: &mut Console)
     })?;
     console.result(outcome.table(), &outcome.to_json());
     Ok(())
-}
-
-/// Returns `true` if two paths name the same existing file.
-fn is_same_existing_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -31,7 +31,7 @@ fn seismic_model(folder: &Path) {
     run(
         folder,
         "mesh amplitude.npy --spacing 12.5,12.5,6 --unit m --feature faults --cells voronoi \
-         --distance 6 --metric 0.658,0.658,1 --quiet -o cells.vtu",
+         --distance 6 --metric k:200,200,20 --quiet -o cells.vtu",
     );
     write_npy(&folder.join("layers.npy"), [48, 40, 36], |[_, _, z]| {
         if z < 14 { 1.0 } else { 2.0 }
@@ -93,7 +93,7 @@ fn ten_years_of_three_fluids_conserve_mass() {
             panic!("{result}")
         };
         assert_eq!(observed, 30.0);
-        assert!(simulated > 20.0, "{simulated}");
+        assert!(is_close(simulated, 30.0, 1e-3), "{simulated}");
         let oil = numbers(&result["oil"]);
         assert!(oil[0] > 1e4 && oil[1] > 1e4, "{oil:?}");
         assert!(number("influx") > 0.0);
@@ -148,7 +148,7 @@ fn schedules_regions_and_net_to_gross_are_in_the_deck() {
     write_schedule(folder);
     let export = "export cells.vtu --to opm -o CASE.DATA --down z --depth-at-top 1000 --quiet";
     let wells = "--fluid oil-water-gas --contact oil-water=1012 --contact gas-oil=1004 \
-        --injector I1=5,5,12:40 --well P1=22,20,8 --schedule history.csv";
+        --injector I1=5,5,12:40 --well P1=22,20,8 --well-radius 0.01 --schedule history.csv";
     run(
         folder,
         &format!("{export} {ROCK} {wells} --net-to-gross 0.5 --satnum 2 --eqlnum 1"),
@@ -238,7 +238,7 @@ fn the_check_of_seals_measures_what_passes_a_closed_fault() {
         run(folder, &format!("mesh {name}.npy {mesh} {name}.vtu"));
         let export = format!(
             "export {name}.vtu --to opm -o CASE.DATA --down z --depth-at-top 1000 {ROCK} --faults closed \
-             --injector I1=4,5,9:10 --producer P1=24,5,9:50"
+             --injector I1=4,5,9:10 --producer P1=24,5,9:50 --well-radius 0.01"
         );
         let report = run(folder, &format!("{export} --check-seals --json --quiet"));
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();

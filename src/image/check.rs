@@ -40,6 +40,27 @@ impl<const D: usize> Image<D> {
     /// Returns an [`Error::Image`] if the image has no samples, no finite samples, or only equal
     /// ones.
     pub fn check(&self, place: &str) -> Result<()> {
+        self.check_samples(place)?;
+        let stats = self.stats();
+        // Exact labels can differ although the rounded samples are equal.
+        let labels = self.labels.as_ref();
+        let differ = labels.is_some_and(|labels| labels.values.len() > 1);
+        if stats.min == stats.max && !differ {
+            return Err(Error::Image(cause(
+                place,
+                format!("all samples equal {}", stats.min),
+                "a constant image has no features; check that the right file or attribute was given, or give the feature none for a plain box",
+            )));
+        }
+        Ok(())
+    }
+
+    /// Checks that the image has finite samples, which may all be equal. `place` names the image in the
+    /// error.
+    ///
+    /// # Errors
+    /// Returns an [`Error::Image`] if the image has no samples or no finite samples.
+    pub fn check_samples(&self, place: &str) -> Result<()> {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Image(cause(place, problem, remedy)));
         if self.samples.is_empty() {
@@ -58,15 +79,6 @@ impl<const D: usize> Image<D> {
                     self.samples.len(),
                 ),
                 "check that the right file or attribute was given",
-            );
-        }
-        // Exact labels can differ although the rounded samples are equal.
-        let labels = self.labels.as_ref();
-        let differ = labels.is_some_and(|labels| labels.values.len() > 1);
-        if stats.min == stats.max && !differ {
-            return refuse(
-                format!("all samples equal {}", stats.min),
-                "a constant image has no features; check that the right file or attribute was given",
             );
         }
         Ok(())

@@ -278,7 +278,8 @@ pub(crate) fn write_equilibrium(out: FileWriter, case: &SimulationCase) -> std::
     if case.equilibria.is_empty() {
         return Ok(false);
     }
-    writeln!(out, "EQUIL")?;
+    // The initial state is in the restart file, too.
+    writeln!(out, "RPTRST\n BASIC=2 /\n\nEQUIL")?;
     for e in &case.equilibria {
         writeln!(
             out,

@@ -52,7 +52,7 @@ print(
             "oil": [float(vector("FOIP")[0]), float(vector("FOPT")[-1])],
             "gas": [float(vector("FGIP")[0]), float(vector("FGPT")[-1])],
             "influx": float(influx[-1]),
-            "observed": [float(vector("WOPRH", "P1").max()), float(vector("WOPR", "P1").max())],
+            "observed": [float(vector("WOPRH", "P1")[0]), float(vector("WOPR", "P1")[0])],
             "depth": [float(v) for v in init["DEPTH"][0]],
             "pressure": [float(v) for v in restart["PRESSURE"][0]],
             "swat": [float(v) for v in restart["SWAT"][0]],

@@ -19,6 +19,7 @@ use crate::cli::interrupts::Interrupts;
 use crate::cli::job_files::{check_files, output_path};
 use crate::comm::Comm;
 use crate::error::{cause, io_error};
+use crate::feature::FeatureKind;
 use crate::image::formats::stream::{ImageStream, OpenedImage};
 use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
 use crate::image::{ImageSource, Modality};
@@ -181,7 +182,12 @@ impl MeshRun<'_> {
             ..
         } = loaded;
         let dims = image.dims();
-        image.check(&self.path.display().to_string())?;
+        let place = self.path.display().to_string();
+        if self.spec.feature == FeatureKind::NoFeatures {
+            image.check_samples(&place)?;
+        } else {
+            image.check(&place)?;
+        }
         let mut params = Params::<D>::read_with(self.spec, &console.reader())
             .map_err(with_option_name::<MeshSpec>)?;
         params.modality = Modality::detect(format, &image.geometry);

@@ -146,7 +146,7 @@ fn schedules_regions_and_net_to_gross_are_in_the_deck() {
         "mesh sheet.npy --cells voronoi --distance 6 --quiet -o cells.vtu",
     );
     write_schedule(folder);
-    let export = "export cells.vtu --to opm -o CASE.DATA --down z --depth-at-top 1000 --quiet";
+    let export = "export cells.vtu --to opm -o CASE.DATA --down z --depth-at-top 1000";
     let wells = "--fluid oil-water-gas --contact oil-water=1012 --contact gas-oil=1004 \
         --injector I1=5,5,12:40 --well P1=22,20,8 --well-radius 0.01 --schedule history.csv";
     run(

@@ -335,7 +335,7 @@ mod tests {
         );
         for (multiplier, thickness) in [
             (-0.1, None),
-            (1.5, None),
+            (f64::INFINITY, None),
             (f64::NAN, None),
             (0.5, Some(0.0)),
             (0.5, Some(f64::NAN)),

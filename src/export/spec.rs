@@ -116,12 +116,37 @@ impl ExportSpec {
 
     /// Checks that no option is given that has no effect with the format or the other options.
     fn check_effect(&self, format: &ExportFormat, laws: &FaultLaws) -> Result<()> {
+        let given = self.given_content();
+        for (option, content) in &given {
+            format.check_content(*content, option)?;
+        }
+        if let Some(option) = self.fault_options.given_option() {
+            let content = if laws.has_partial_law() {
+                ExportContent::Faults
+            } else {
+                ExportContent::ClosedFaults
+            };
+            format.check_content(content, option)?;
+        }
+        let simulation_input = given
+            .iter()
+            .find(|(_, content)| content.is_simulation_input());
+        if let Some((option, _)) = simulation_input {
+            self.check_rock_is_known(format, option)?;
+        }
+        self.check_permeability_is_known(format)?;
+        self.check_well_radius()
+    }
+
+    /// Returns the options that are given, each with the content of a file that it makes or changes.
+    fn given_content(&self) -> Vec<(&'static str, ExportContent)> {
         use ExportContent as Content;
         let (rock, case) = (&self.rock, &self.case);
-        let (has_porosity, has_permeability) =
-            (rock.porosity.is_some(), rock.permeability.is_some());
-        let given = [
-            ("porosity", has_porosity, Content::Porosity),
+        let has_permeability = rock.permeability.is_some();
+        let has_capillary_pressure = !case.capillary_pressure.is_empty();
+        let has_pressure_at_top = case.pressure_at_top.is_some();
+        let options = [
+            ("porosity", rock.porosity.is_some(), Content::Porosity),
             ("region", rock.region.is_some(), Content::Regions),
             ("permeability", has_permeability, Content::Permeability),
             ("property", !rock.property.is_empty(), Content::Properties),
@@ -144,15 +169,11 @@ impl ExportSpec {
             ("start", case.start.is_some(), Content::Study),
             ("contact", !case.contact.is_empty(), Content::Study),
             ("datum", !case.datum.is_empty(), Content::Study),
-            (
-                "capillary-pressure",
-                !case.capillary_pressure.is_empty(),
-                Content::Study,
-            ),
+            ("capillary-pressure", has_capillary_pressure, Content::Study),
             ("aquifer", !case.aquifer.is_empty(), Content::Study),
             (
                 "pressure-at-top",
-                case.pressure_at_top.is_some(),
+                has_pressure_at_top,
                 Content::InitialPressure,
             ),
             ("no-gravity", case.no_gravity, Content::Gravity),
@@ -161,60 +182,66 @@ impl ExportSpec {
             ("split", self.split.is_some(), Content::SplitNodes),
             ("quadratic", self.quadratic, Content::Quadratic),
         ];
-        for (option, _, content) in given.iter().filter(|given| given.1) {
-            format.check_content(*content, option)?;
+        (options.into_iter())
+            .filter_map(|(option, is_given, content)| is_given.then_some((option, content)))
+            .collect()
+    }
+
+    /// Checks that the rock is known, if the format needs it for a simulation deck, to which `option`
+    /// applies.
+    fn check_rock_is_known(&self, format: &ExportFormat, option: &str) -> Result<()> {
+        let has_porosity = self.rock.porosity.is_some();
+        if has_porosity && self.rock.permeability.is_some() || !format.case_needs_rock() {
+            return Ok(());
         }
-        if let Some(option) = self.fault_options.given_option() {
-            let content = if laws.has_partial_law() {
-                Content::Faults
-            } else {
-                Content::ClosedFaults
-            };
-            format.check_content(content, option)?;
-        }
-        if let Some((option, ..)) = given
-            .iter()
-            .find(|given| given.1 && given.2.is_simulation_input())
-            .filter(|_| !(has_permeability && has_porosity) && format.case_needs_rock())
-        {
-            let problem = format!(
-                "applies to a simulation deck, which {} writes only if the rock is known",
-                format.name
-            );
-            let remedy = "give porosity and permeability, or omit it";
-            let parameter = if has_porosity {
-                "permeability"
-            } else {
-                "porosity"
-            };
-            let cause = cause(*option, problem, remedy).with_parameter(parameter);
-            return Err(Error::Job(cause));
-        }
+        let problem = format!(
+            "applies to a simulation deck, which {} writes only if the rock is known",
+            format.name
+        );
+        let remedy = "give porosity and permeability, or omit it";
+        let parameter = if has_porosity {
+            "permeability"
+        } else {
+            "porosity"
+        };
+        let cause = cause(option, problem, remedy).with_parameter(parameter);
+        Err(Error::Job(cause))
+    }
+
+    /// Checks that the permeability is known, if an option needs it.
+    fn check_permeability_is_known(&self, format: &ExportFormat) -> Result<()> {
+        let has_permeability = self.rock.permeability.is_some();
         if let Some(option) = self.gouge.given_option() {
-            format.check_content(Content::Faults, option)?;
+            format.check_content(ExportContent::Faults, option)?;
             if !has_permeability {
                 let problem =
                     "gives the permeability of fault rock, but that of the rock is not known";
                 return Err(no_effect_error(option, problem));
             }
         }
-        if !has_permeability {
-            if rock.permeability_unit.is_some() {
-                return Err(no_effect_error(
-                    "permeability-unit",
-                    "is given without a permeability",
-                ));
-            }
-            if let Some(option) = self.fault_options.given_option()
-                && !format
-                    .supported_content
-                    .contains(&Content::FaultsWithoutRock)
-            {
-                let problem =
-                    "changes the transmissibility of faults, but no permeability is given";
-                return Err(no_effect_error(option, problem));
-            }
+        if has_permeability {
+            return Ok(());
         }
+        if self.rock.permeability_unit.is_some() {
+            return Err(no_effect_error(
+                "permeability-unit",
+                "is given without a permeability",
+            ));
+        }
+        if let Some(option) = self.fault_options.given_option()
+            && !format
+                .supported_content
+                .contains(&ExportContent::FaultsWithoutRock)
+        {
+            let problem = "changes the transmissibility of faults, but no permeability is given";
+            return Err(no_effect_error(option, problem));
+        }
+        Ok(())
+    }
+
+    /// Checks that there is a well that is given by a point, if there is a radius for such wells.
+    fn check_well_radius(&self) -> Result<()> {
+        let case = &self.case;
         let wells = case.injector.iter().chain(&case.producer);
         let mut places = (wells.map(|well| &well.place)).chain(case.well.iter().map(|w| &w.place));
         if case.well_radius.is_some() && !places.any(|place| matches!(place, WellPlace::Point(_))) {

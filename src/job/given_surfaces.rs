@@ -122,65 +122,15 @@ impl FollowedSurface {
         dims: [usize; D],
     ) -> Result<(GivenSurface<D>, String)> {
         let PickedSurface {
-            name,
-            is_horizon,
-            shape,
+            name, is_horizon, ..
         } = &self.surface;
         if D != 3 {
             let problem = format!("is for 3-D images, but the image has {D} axes");
             return Err(Error::Job(cause(&self.option, problem, "omit it")));
         }
-        let is_inside = |p: [f64; D]| {
-            geometry.to_index(p).is_some_and(|index| {
-                (0..D).all(|k| (-0.5..=dims[k] as f64 - 0.5).contains(&index[k]))
-            })
-        };
-        let with_sign = |p: [f64; 3], sign: f64| -> [f64; D] {
-            std::array::from_fn(|k| if k == 2 { sign * p[k] } else { p[k] })
-        };
-        // Programs differ in the sign of depths and times.
-        let is_anywhere = |sign| shape.points().any(|p| is_inside(with_sign(p, sign)));
-        let is_flipped = !is_anywhere(1.0) && is_anywhere(-1.0);
-        let sign = if is_flipped { -1.0 } else { 1.0 };
-        let index = |p: [f64; 3]| -> Result<[f64; 3]> {
-            let index = geometry.to_index(with_sign(p, sign)).ok_or_else(|| {
-                let problem = "cannot be placed: the image's axes are linearly dependent";
-                Error::Job(cause(&self.option, problem, "correct the image's geometry"))
-            })?;
-            Ok(std::array::from_fn(|k| {
-                index.get(k).copied().unwrap_or(0.0)
-            }))
-        };
-        let mut note = format!("surface {name}:");
-        let triangles: Vec<[[f64; 3]; 3]> = match shape {
-            PickedShape::Triangles(triangles) => (triangles.iter())
-                .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
-                .collect::<Result<_>>()?,
-            PickedShape::Points(points) => {
-                let points = points
-                    .iter()
-                    .map(|&p| index(p))
-                    .collect::<Result<Vec<_>>>()?;
-                let triangles = triangulate_points(&points).map_err(|error| {
-                    let problem = format!("its {} points span no surface", points.len());
-                    let remedy = "give at least three points that are not on one line";
-                    Error::Job(cause(&self.option, problem, remedy).with_source(error))
-                })?;
-                note += &format!(
-                    " {} points joined in their best-fitting plane,",
-                    points.len()
-                );
-                triangles
-            }
-        };
-        let last = dims.map(|n| n as f64 - 1.0);
-        let last: [f64; 3] = std::array::from_fn(|k| last.get(k).copied().unwrap_or(0.0));
-        let areas: Vec<[f64; 2]> = (triangles.par_iter())
-            .map(|t| [inside_area(t, last, MAX_DIVISIONS), area(t)])
-            .collect();
-        let [inside, total] = areas
-            .iter()
-            .fold([0.0; 2], |sum, a| [sum[0] + a[0], sum[1] + a[1]]);
+        let is_flipped = self.has_opposite_z(geometry, dims);
+        let (triangles, note_on_points) = self.triangles(geometry, is_flipped)?;
+        let mut note = format!("surface {name}:{note_on_points}");
         let (is_horizon, origin) = match is_horizon {
             Some(is_horizon) => (*is_horizon, String::new()),
             None => {
@@ -194,7 +144,7 @@ impl FollowedSurface {
         if is_flipped {
             note += ", with the sign of z turned";
         }
-        let outside = 1.0 - inside / total.max(f64::MIN_POSITIVE);
+        let outside = outside_fraction(&triangles, dims);
         if outside > 5e-4 {
             note += &format!(", {:.1} % of it outside the image", 100.0 * outside);
         }
@@ -207,6 +157,81 @@ impl FollowedSurface {
         };
         Ok((surface, note))
     }
+
+    /// Returns `true` if the surface lies in the image only with the opposite sign of z. Programs
+    /// differ in the sign of depths and times.
+    fn has_opposite_z<const D: usize>(&self, geometry: &Geometry<D>, dims: [usize; D]) -> bool {
+        let is_inside = |p: [f64; D]| {
+            geometry.to_index(p).is_some_and(|index| {
+                (0..D).all(|k| (-0.5..=dims[k] as f64 - 0.5).contains(&index[k]))
+            })
+        };
+        let is_anywhere = |sign| {
+            let mut points = self.surface.shape.points();
+            points.any(|p| is_inside(with_z_sign(p, sign)))
+        };
+        !is_anywhere(1.0) && is_anywhere(-1.0)
+    }
+
+    /// Returns the surface's triangles in sample coordinates, and a note on points that are joined.
+    fn triangles<const D: usize>(
+        &self,
+        geometry: &Geometry<D>,
+        is_flipped: bool,
+    ) -> Result<(Vec<[[f64; 3]; 3]>, String)> {
+        let sign = if is_flipped { -1.0 } else { 1.0 };
+        let index = |p: [f64; 3]| -> Result<[f64; 3]> {
+            let index = geometry.to_index(with_z_sign(p, sign)).ok_or_else(|| {
+                let problem = "cannot be placed: the image's axes are linearly dependent";
+                Error::Job(cause(&self.option, problem, "correct the image's geometry"))
+            })?;
+            Ok(std::array::from_fn(|k| {
+                index.get(k).copied().unwrap_or(0.0)
+            }))
+        };
+        match &self.surface.shape {
+            PickedShape::Triangles(triangles) => {
+                let triangles = (triangles.iter())
+                    .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
+                    .collect::<Result<_>>()?;
+                Ok((triangles, String::new()))
+            }
+            PickedShape::Points(points) => {
+                let points = points
+                    .iter()
+                    .map(|&p| index(p))
+                    .collect::<Result<Vec<_>>>()?;
+                let triangles = triangulate_points(&points).map_err(|error| {
+                    let problem = format!("its {} points span no surface", points.len());
+                    let remedy = "give at least three points that are not on one line";
+                    Error::Job(cause(&self.option, problem, remedy).with_source(error))
+                })?;
+                let note = format!(
+                    " {} points joined in their best-fitting plane,",
+                    points.len()
+                );
+                Ok((triangles, note))
+            }
+        }
+    }
+}
+
+/// Returns a point with its z multiplied by a sign.
+fn with_z_sign<const D: usize>(p: [f64; 3], sign: f64) -> [f64; D] {
+    std::array::from_fn(|k| if k == 2 { sign * p[k] } else { p[k] })
+}
+
+/// Returns the fraction of the area of triangles that lies outside an image of `dims` samples.
+fn outside_fraction<const D: usize>(triangles: &[[[f64; 3]; 3]], dims: [usize; D]) -> f64 {
+    let last = dims.map(|n| n as f64 - 1.0);
+    let last: [f64; 3] = std::array::from_fn(|k| last.get(k).copied().unwrap_or(0.0));
+    let areas: Vec<[f64; 2]> = (triangles.par_iter())
+        .map(|t| [inside_area(t, last, MAX_DIVISIONS), area(t)])
+        .collect();
+    let [inside, total] = areas
+        .iter()
+        .fold([0.0; 2], |sum, a| [sum[0] + a[0], sum[1] + a[1]]);
+    1.0 - inside / total.max(f64::MIN_POSITIVE)
 }
 
 /// Returns the area of a triangle.

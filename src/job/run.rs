@@ -251,22 +251,14 @@ where
     check_validity(&report)?;
     let notes_on_gaps = prepared.marked.iter().flat_map(|marked| &marked.notes);
     report.notes.extend(notes_on_gaps.cloned());
-    report.outcomes.clone_from(&features.outcomes);
-    report.missing = features.missing;
-    report.doubt.clone_from(&features.doubt);
-    report.notes.extend(features.notes.iter().cloned());
-    report
-        .notes
-        .extend(given.into_iter().flat_map(|given| given.notes));
+    add_features(&mut report, &features);
+    let notes_on_given = given.into_iter().flat_map(|given| given.notes);
+    report.notes.extend(notes_on_given);
     let note = placement::distance_note(source, params, &features)?;
     report.notes.extend(note);
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
-    let stop = match &optimize_result {
-        _ if interrupted => StopReason::Interrupted,
-        Some(optimised) => optimised.stop,
-        None => StopReason::Converged,
-    };
+    let stop = stop_reason(optimize_result.as_ref(), interrupted);
     Ok(Outcome {
         mesh,
         extent,
@@ -280,6 +272,26 @@ where
         stop,
         report,
     })
+}
+
+/// Adds what is known of the features to the report.
+fn add_features<const D: usize>(report: &mut Report, features: &Features<D>) {
+    report.outcomes.clone_from(&features.outcomes);
+    report.missing = features.missing;
+    report.doubt.clone_from(&features.doubt);
+    report.notes.extend(features.notes.iter().cloned());
+}
+
+/// Returns the reason for the end of a job. `is_interrupted` is `true` if any stage was stopped.
+fn stop_reason(
+    optimize_result: Option<&optimize::OptimizeResult>,
+    is_interrupted: bool,
+) -> StopReason {
+    match optimize_result {
+        _ if is_interrupted => StopReason::Interrupted,
+        Some(optimised) => optimised.stop,
+        None => StopReason::Converged,
+    }
 }
 
 /// Checks that the largest distance fits the box, whatever the features are. Returns other

@@ -20,7 +20,7 @@ use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
 use crate::files::Batch;
 use crate::mesh::graph::Graph;
-use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model};
+use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model, Permeability, SimulationCase};
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -75,8 +75,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         )));
     }
 
-    let (cells, graph) = (model.len(), &model.graph);
-    let side = (graph.volume.iter().sum::<f64>() / cells as f64).cbrt();
+    let cells = model.len();
     let top = model.top_depth();
     let depth = |cell: usize| {
         if case.has_gravity {
@@ -86,31 +85,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
     };
     let pressure = |cell: usize| model.initial_pressure(depth(cell), top) / BAR;
-    let connection = |(&(cell, index), &strength): (&(u32, f64), &f64)| WellConnection {
-        cell: [cell as usize + 1, 1, 1],
-        index,
-        strength,
-    };
-    let wells = case.wells.iter();
-    let well_connections: Vec<Vec<WellConnection>> = wells
-        .map(|well| {
-            well.cells
-                .iter()
-                .zip(&well.strengths)
-                .map(connection)
-                .collect()
-        })
-        .collect();
+    let well_connections = well_connections(case);
     check_skin(case, &well_connections)?;
-    // The boxes have no neighbours along j.
-    let aquifer_connection = |&(cell, area): &(u32, f64)| AquiferConnection {
-        cells: [[cell as usize + 1; 2], [1; 2], [1; 2]],
-        face: "J-",
-        area: Some(area),
-    };
-    let aquifer_connections: Vec<Vec<AquiferConnection>> = (case.aquifers.iter())
-        .map(|aquifer| aquifer.cells.iter().map(aquifer_connection).collect())
-        .collect();
+    let aquifer_connections = aquifer_connections(case);
     let aquifer_cells = case.aquifers.iter().map(|aquifer| aquifer.cells.len());
     let aquifer_cells = aquifer_cells.max().unwrap_or_default();
 
@@ -119,52 +96,18 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             -- faults that are nearly closed: flow --linear-solver=cpr needs a tenth of the iterations";
         let dims = [cells, 1, 1];
         write_runspec(out, model, comment, dims, &well_connections, aquifer_cells)?;
-        writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
-        for keyword in ["DX", "DY", "DZ"] {
-            writeln!(out, "{keyword}\n {cells}*{side:.9} /")?;
-        }
-        let numbers = |out: &mut _, name: &str, value: &(dyn Fn(usize) -> f64 + Sync)| {
-            write_array(out, name, cells, value)
-        };
-        numbers(out, "TOPS", &|c| depth(c) - 0.5 * side)?;
-        numbers(out, "PORO", &|c| porosity[c])?;
-        for (k, name) in ["PERMX", "PERMY", "PERMZ"].into_iter().enumerate() {
-            numbers(out, name, &|c| {
-                model.net_permeability(permeability, c)[k] / MILLIDARCY
-            })?;
-        }
-        if let Some(net_to_gross) = &model.net_to_gross {
-            numbers(out, "NTG", &|c| net_to_gross[c])?;
-        }
-        if !model.inactive.is_empty() {
-            writeln!(out, "ACTNUM")?;
-            write_items(out, cells, |text, c| {
-                text.spaced_int(i64::from(model.is_active(c))).end_line();
-            })?;
-            writeln!(out, "/\n")?;
-        }
-        write_connections(out, graph, &permeability.transmissibility)?;
+        write_grid(out, model, porosity, permeability, &depth)?;
+        write_connections(out, &model.graph, &permeability.transmissibility)?;
         writeln!(out, "EDIT\n")?;
-        numbers(out, "PORV", &|c| model.pore_volume(c).unwrap_or_default())?;
+        write_array(out, "PORV", cells, |c| {
+            model.pore_volume(c).unwrap_or_default()
+        })?;
         writeln!(out, "TRANX\n {cells}*0 /\n")?;
         write_props(out, model)?;
-        writeln!(out, "REGIONS\n")?;
-        let shift = region_shift(model);
-        for (keyword, numbers) in model.deck_regions.keywords() {
-            if numbers.is_none() && keyword != "FIPNUM" {
-                continue;
-            }
-            writeln!(out, "{keyword}")?;
-            write_items(out, cells, |text, c| {
-                let region = || i64::from(graph.region[c]) + shift;
-                let number = numbers.map_or_else(region, |numbers| i64::from(numbers[c]));
-                text.spaced_int(number).end_line();
-            })?;
-            writeln!(out, "/\n")?;
-        }
+        write_regions(out, model)?;
         writeln!(out, "SOLUTION\n")?;
         if !write_equilibrium(out, case)? {
-            numbers(out, "PRESSURE", &pressure)?;
+            write_array(out, "PRESSURE", cells, pressure)?;
             if case.fluid == Fluid::OilWater {
                 writeln!(out, "SWAT\n {cells}*{CONNATE_WATER_SATURATION} /")?;
             }
@@ -172,6 +115,90 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         write_aquifers(out, case, &aquifer_connections)?;
         write_schedule(out, model, &well_connections)
     })
+}
+
+/// Returns the connections of each well to the boxes.
+fn well_connections(case: &SimulationCase) -> Vec<Vec<WellConnection>> {
+    let connection = |(&(cell, index), &strength): (&(u32, f64), &f64)| WellConnection {
+        cell: [cell as usize + 1, 1, 1],
+        index,
+        strength,
+    };
+    (case.wells.iter())
+        .map(|well| {
+            well.cells
+                .iter()
+                .zip(&well.strengths)
+                .map(connection)
+                .collect()
+        })
+        .collect()
+}
+
+/// Returns the connections of each aquifer to the boxes.
+fn aquifer_connections(case: &SimulationCase) -> Vec<Vec<AquiferConnection>> {
+    // The boxes have no neighbours along j.
+    let connection = |&(cell, area): &(u32, f64)| AquiferConnection {
+        cells: [[cell as usize + 1; 2], [1; 2], [1; 2]],
+        face: "J-",
+        area: Some(area),
+    };
+    (case.aquifers.iter())
+        .map(|aquifer| aquifer.cells.iter().map(connection).collect())
+        .collect()
+}
+
+/// Writes GRID up to the connections: the boxes and their rock. `depth` is that of each cell.
+fn write_grid(
+    out: FileWriter,
+    model: &Model,
+    porosity: &[f64],
+    permeability: &Permeability,
+    depth: &(dyn Fn(usize) -> f64 + Sync),
+) -> WriteResult {
+    let cells = model.len();
+    let side = (model.graph.volume.iter().sum::<f64>() / cells as f64).cbrt();
+    writeln!(out, "GRID\nINIT\nGRIDFILE\n 0 1 /\n")?;
+    for keyword in ["DX", "DY", "DZ"] {
+        writeln!(out, "{keyword}\n {cells}*{side:.9} /")?;
+    }
+    write_array(out, "TOPS", cells, |c| depth(c) - 0.5 * side)?;
+    write_array(out, "PORO", cells, |c| porosity[c])?;
+    for (k, name) in ["PERMX", "PERMY", "PERMZ"].into_iter().enumerate() {
+        write_array(out, name, cells, |c| {
+            model.net_permeability(permeability, c)[k] / MILLIDARCY
+        })?;
+    }
+    if let Some(net_to_gross) = &model.net_to_gross {
+        write_array(out, "NTG", cells, |c| net_to_gross[c])?;
+    }
+    if !model.inactive.is_empty() {
+        writeln!(out, "ACTNUM")?;
+        write_items(out, cells, |text, c| {
+            text.spaced_int(i64::from(model.is_active(c))).end_line();
+        })?;
+        writeln!(out, "/\n")?;
+    }
+    Ok(())
+}
+
+/// Writes REGIONS: the numbers of the regions of each cell.
+fn write_regions(out: FileWriter, model: &Model) -> WriteResult {
+    writeln!(out, "REGIONS\n")?;
+    let shift = region_shift(model);
+    for (keyword, numbers) in model.deck_regions.keywords() {
+        if numbers.is_none() && keyword != "FIPNUM" {
+            continue;
+        }
+        writeln!(out, "{keyword}")?;
+        write_items(out, model.len(), |text, c| {
+            let region = || i64::from(model.graph.region[c]) + shift;
+            let number = numbers.map_or_else(region, |numbers| i64::from(numbers[c]));
+            text.spaced_int(number).end_line();
+        })?;
+        writeln!(out, "/\n")?;
+    }
+    Ok(())
 }
 
 /// Writes the connections between cells, which are not neighbours in the grid, with their

@@ -312,6 +312,38 @@ impl Options<'_> {
 
     fn check_features(&self) -> Result<()> {
         let spec = self.spec;
+        self.check_feature_numbers()?;
+        check_labels(&spec.label)?;
+        if spec.feature == FeatureKind::NoFeatures {
+            let problem = "is about features that are found, but with feature none none is sought";
+            self.refuse(
+                &["sigma", "threshold"],
+                problem,
+                "omit it, or choose a kind",
+            )?;
+        }
+        if !spec.surface.is_empty() && spec.seeding == SeedingKind::Canny {
+            let problem = "is given, but seeding canny puts atoms on the points that it finds";
+            self.refuse(&["surface"], problem, "choose another seeding")?;
+        }
+        let kind = spec.clone().resolved().feature;
+        let label_with_distance = spec.label.iter().find(|label| label.distance.is_some());
+        if let (Some(label), SeedingKind::Canny) = (label_with_distance, spec.seeding) {
+            let problem =
+                "has a distance of its own, but with seeding canny the image determines it";
+            return Err(option_error(
+                "label",
+                label,
+                problem,
+                "choose another seeding",
+            ));
+        }
+        self.check_options_of_kind(kind)
+    }
+
+    /// Checks the numbers that describe features, each by itself.
+    fn check_feature_numbers(&self) -> Result<()> {
+        let spec = self.spec;
         if let Some(sigma) = spec.sigma.filter(|s| !(s.is_finite() && *s > 0.0)) {
             let problem = "is not a positive number of samples";
             let remedy = "omit it, or give about the features' thickness";
@@ -343,31 +375,12 @@ impl Options<'_> {
                 remedy,
             ));
         }
-        check_labels(&spec.label)?;
-        if spec.feature == FeatureKind::NoFeatures {
-            let problem = "is about features that are found, but with feature none none is sought";
-            self.refuse(
-                &["sigma", "threshold"],
-                problem,
-                "omit it, or choose a kind",
-            )?;
-        }
-        if !spec.surface.is_empty() && spec.seeding == SeedingKind::Canny {
-            let problem = "is given, but seeding canny puts atoms on the points that it finds";
-            self.refuse(&["surface"], problem, "choose another seeding")?;
-        }
-        let kind = spec.clone().resolved().feature;
-        let label_with_distance = spec.label.iter().find(|label| label.distance.is_some());
-        if let (Some(label), SeedingKind::Canny) = (label_with_distance, spec.seeding) {
-            let problem =
-                "has a distance of its own, but with seeding canny the image determines it";
-            return Err(option_error(
-                "label",
-                label,
-                problem,
-                "choose another seeding",
-            ));
-        }
+        Ok(())
+    }
+
+    /// Checks that no option is given that applies to other kinds of features than the `kind` that is
+    /// followed.
+    fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
         if kind != FeatureKind::Labels {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(&["label"], &problem, "follow labels, or omit it")?;

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use super::equilibrium::equilibria;
+use super::equilibrium::{Equilibrium, equilibria};
 use super::frame::metres_per_unit;
 use super::{
     Aquifer, AquiferOption, BAR, CapillaryOption, Completion, ContactOption, Control, DAY, Date,
@@ -334,6 +334,12 @@ impl CaseOptions {
                 check_positive(option, number)?;
             }
         }
+        self.check_fluids()?;
+        self.check_wells()
+    }
+
+    /// Checks that the options for fluids make sense together.
+    fn check_fluids(&self) -> Result<()> {
         let has_contacts = !self.contact.is_empty();
         let is_two_phase = self.fluid.is_some_and(|fluid| fluid != FluidChoice::Water);
         let refuse = |option: &str, problem: &str, remedy: &str| {
@@ -387,6 +393,14 @@ impl CaseOptions {
             let remedy = "give the fluids oil-water-gas, or omit it";
             return refuse("contact gas-oil", "is of gas, but there is none", remedy);
         }
+        Ok(())
+    }
+
+    /// Checks that the options for wells and time make sense together.
+    fn check_wells(&self) -> Result<()> {
+        let refuse = |option: &str, problem: &str, remedy: &str| {
+            Err(Error::Job(cause(option, problem, remedy)))
+        };
         if self.schedule.is_none() {
             if let Some(well) = self.well.first() {
                 let remedy = "give a schedule, or an injector or producer in its place";
@@ -437,40 +451,85 @@ impl CaseOptions {
         prepared: &PreparedModel,
         progress: &mut dyn Progress,
     ) -> Result<SimulationCase> {
+        let model = &prepared.model;
+        let wells = self.place_wells(prepared, progress)?;
+        let fluid = match self.fluid.unwrap_or(FluidChoice::Water) {
+            FluidChoice::Water => Fluid::Water,
+            FluidChoice::OilWater => Fluid::OilWater,
+            FluidChoice::OilWaterGas => Fluid::OilWaterGas,
+        };
+        let (equilibria, top_pressure) = self.initial_state(model)?;
+        let aquifers = self
+            .aquifer
+            .iter()
+            .map(|option| Aquifer::new(*option, model));
+        let schedule = (self.schedule.as_ref())
+            .map(|path| Schedule::read(path, &wells, fluid, self.start))
+            .transpose()?;
+        if let Some(schedule) = &schedule {
+            note_unscheduled_wells(schedule, &wells, progress);
+        }
+        let start = schedule.as_ref().map(|schedule| schedule.start);
+        let start = start.or(self.start).unwrap_or_default();
+        let days = self.simulated_days(schedule.as_ref(), start)?;
+        Ok(SimulationCase {
+            title: "atomesh".into(),
+            fluid,
+            has_gravity: !self.no_gravity,
+            top_pressure,
+            equilibria,
+            capillary_pressures: self.capillary_pressure.clone(),
+            aquifers: aquifers.collect::<Result<_>>()?,
+            wells,
+            start,
+            schedule,
+            duration: days * DAY,
+        })
+    }
+
+    /// Returns the wells of the options: injectors, producers and those of a schedule.
+    fn given_wells(&self) -> impl Iterator<Item = GivenWell<'_>> {
+        let injectors = self.injector.iter().map(|well| GivenWell {
+            label: format!("injector {well}"),
+            name: well.name.as_deref(),
+            place: &well.place,
+            letter: 'I',
+            control: Control::Inject(well.value / DAY),
+        });
+        let producers = self.producer.iter().map(|well| GivenWell {
+            label: format!("producer {well}"),
+            name: well.name.as_deref(),
+            place: &well.place,
+            letter: 'P',
+            control: Control::Pressure(well.value * BAR),
+        });
+        let scheduled = self.well.iter().map(|well| GivenWell {
+            label: format!("well {well}"),
+            name: well.name.as_deref(),
+            place: &well.place,
+            letter: 'W',
+            control: Control::Scheduled,
+        });
+        injectors.chain(producers).chain(scheduled)
+    }
+
+    /// Returns the wells, in cells of the model.
+    fn place_wells(
+        &self,
+        prepared: &PreparedModel,
+        progress: &mut dyn Progress,
+    ) -> Result<Vec<Well>> {
         let point_radius = self.well_radius.unwrap_or(DEFAULT_WELL_RADIUS);
         let model = &prepared.model;
         let mut wells: Vec<Well> = Vec::new();
         let (tracer, locator) = (OnceCell::new(), OnceCell::new());
-        let injectors = self.injector.iter().map(|well| {
-            let control = Control::Inject(well.value / DAY);
-            (
-                format!("injector {well}"),
-                &well.name,
-                &well.place,
-                'I',
-                control,
-            )
-        });
-        let producers = self.producer.iter().map(|well| {
-            let control = Control::Pressure(well.value * BAR);
-            (
-                format!("producer {well}"),
-                &well.name,
-                &well.place,
-                'P',
-                control,
-            )
-        });
-        let scheduled = self.well.iter().map(|well| {
-            let label = format!("well {well}");
-            (label, &well.name, &well.place, 'W', Control::Scheduled)
-        });
-        for (label, name, place, letter, control) in injectors.chain(producers).chain(scheduled) {
+        for given in self.given_wells() {
+            let label = given.label;
             let refuse = |problem: &str, remedy: &str| {
                 Err(Error::Job(cause(label.clone(), problem, remedy)))
             };
             let tracer = tracer.get_or_init(|| WellTracer::new(model));
-            let (default_name, radius, points, completions) = match place {
+            let (default_name, radius, points, completions) = match given.place {
                 WellPlace::File(path) => {
                     let (name, trajectory, completions) =
                         well_from_file(path, label.clone(), tracer, prepared, progress)?;
@@ -483,7 +542,7 @@ impl CaseOptions {
                         let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
                         return refuse("lies outside the mesh", remedy);
                     };
-                    let default_name = format!("{letter}{}", wells.len() + 1);
+                    let default_name = format!("{}{}", given.letter, wells.len() + 1);
                     (
                         default_name,
                         point_radius,
@@ -492,7 +551,7 @@ impl CaseOptions {
                     )
                 }
             };
-            let name = name.clone().unwrap_or(default_name);
+            let name = given.name.map_or(default_name, String::from);
             if wells.iter().any(|known| known.name == name) {
                 let problem = "has the same name as another well";
                 return refuse(problem, "give it another name with NAME= before it");
@@ -504,16 +563,16 @@ impl CaseOptions {
                 lengths: completions.iter().map(|c| c.length).collect(),
                 radius,
                 path: points,
-                control,
+                control: given.control,
             });
         }
+        Ok(wells)
+    }
+
+    /// Returns the equilibria of the fluids at the start, and the pressure at the model's top.
+    fn initial_state(&self, model: &Model) -> Result<(Vec<Equilibrium>, f64)> {
         let top = (0..model.len()).map(|cell| model.depth(cell));
         let top = top.fold(f64::INFINITY, f64::min);
-        let fluid = match self.fluid.unwrap_or(FluidChoice::Water) {
-            FluidChoice::Water => Fluid::Water,
-            FluidChoice::OilWater => Fluid::OilWater,
-            FluidChoice::OilWaterGas => Fluid::OilWaterGas,
-        };
         let hydrostatic = SURFACE_PRESSURE + WATER_DENSITY * GRAVITY * top;
         let mut top_pressure = self.pressure_at_top.map_or(hydrostatic, |bar| bar * BAR);
         let mut equilibria = if self.contact.is_empty() {
@@ -530,54 +589,52 @@ impl CaseOptions {
         if let Some(first) = equilibria.first() {
             top_pressure = first.pressure - OIL_DENSITY * GRAVITY * (first.datum - top);
         }
-        let aquifers = self
-            .aquifer
-            .iter()
-            .map(|option| Aquifer::new(*option, model));
-        let schedule = (self.schedule.as_ref())
-            .map(|path| Schedule::read(path, &wells, fluid, self.start))
-            .transpose()?;
-        if let Some(schedule) = &schedule {
-            for (index, well) in wells.iter().enumerate() {
-                if well.control == Control::Scheduled && schedule.first_change(index).is_none() {
-                    progress.note(&format!(
-                        "well {}: is not in the schedule, and stays shut",
-                        well.name
-                    ));
-                }
+        Ok((equilibria, top_pressure))
+    }
+
+    /// Returns the number of days from `start` that are simulated.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] if the schedule ends later than the option says.
+    fn simulated_days(&self, schedule: Option<&Schedule>, start: Date) -> Result<f64> {
+        let Some(last) = schedule.and_then(|schedule| schedule.steps.last()) else {
+            return Ok(self.days.unwrap_or(DEFAULT_DAYS));
+        };
+        let last_day = (last.date.0 - start.0) as f64;
+        let ends_there = last.wells.is_empty() && last.groups.is_empty();
+        match self.days {
+            Some(days) if last_day > days => {
+                let problem = format!("end before {}, the last date of the schedule", last.date);
+                let remedy = "give more days, or omit it";
+                Err(Error::Job(cause(format!("days {days}"), problem, remedy)))
             }
+            None if ends_there => Ok(last_day),
+            None => Ok(DEFAULT_DAYS + last_day),
+            Some(days) => Ok(days),
         }
-        let start = schedule.as_ref().map(|schedule| schedule.start);
-        let start = start.or(self.start).unwrap_or_default();
-        let mut days = self.days.unwrap_or(DEFAULT_DAYS);
-        if let Some(last) = schedule.as_ref().and_then(|schedule| schedule.steps.last()) {
-            let last_day = (last.date.0 - start.0) as f64;
-            let ends_there = last.wells.is_empty() && last.groups.is_empty();
-            match self.days {
-                Some(days) if last_day > days => {
-                    let problem =
-                        format!("end before {}, the last date of the schedule", last.date);
-                    let remedy = "give more days, or omit it";
-                    return Err(Error::Job(cause(format!("days {days}"), problem, remedy)));
-                }
-                None if ends_there => days = last_day,
-                None => days += last_day,
-                Some(_) => {}
-            }
+    }
+}
+
+/// A well of the options.
+struct GivenWell<'a> {
+    /// The option and its value, for messages.
+    label: String,
+    name: Option<&'a str>,
+    place: &'a WellPlace,
+    /// The letter with which the default name begins.
+    letter: char,
+    control: Control,
+}
+
+/// Notes the wells that the schedule does not open.
+fn note_unscheduled_wells(schedule: &Schedule, wells: &[Well], progress: &mut dyn Progress) {
+    for (index, well) in wells.iter().enumerate() {
+        if well.control == Control::Scheduled && schedule.first_change(index).is_none() {
+            progress.note(&format!(
+                "well {}: is not in the schedule, and stays shut",
+                well.name
+            ));
         }
-        Ok(SimulationCase {
-            title: "atomesh".into(),
-            fluid,
-            has_gravity: !self.no_gravity,
-            top_pressure,
-            equilibria,
-            capillary_pressures: self.capillary_pressure.clone(),
-            aquifers: aquifers.collect::<Result<_>>()?,
-            wells,
-            start,
-            schedule,
-            duration: days * DAY,
-        })
     }
 }
 

@@ -7,11 +7,12 @@ use std::str::FromStr;
 
 use super::SegySurvey;
 use super::bytes::SegyBytes;
-use super::grid::NO_TRACE;
+use super::file_header::SegyFile;
+use super::grid::{NO_TRACE, TraceGrid};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::{atomic_write, read_exact_at};
 use crate::image::Image;
-use crate::image::formats::samples::{Endian, SampleType};
+use crate::image::formats::samples::{Encoding, Endian, SampleType};
 
 /// Position in the file of the code of the sample format.
 const FORMAT_OFFSET: u64 = 3224;
@@ -63,69 +64,16 @@ pub fn write_like(
             "give a volume",
         )));
     };
+    check_dims(&survey.file, grid, image, template)?;
     let layout = &survey.file;
-    let lines = [grid.crossline.count, grid.inline.count].map(|count| count as usize);
-    let dims = [layout.samples_per_trace, lines[0], lines[1]];
-    if dims != image.dims() {
-        let problem = format!(
-            "has {dims:?} samples (along traces, crosslines and inlines), but the volume {:?}",
-            image.dims()
-        );
-        let remedy = "give the SEG-Y file from which the volume was made";
-        return Err(Error::Io(cause(template.display(), problem, remedy)));
-    }
-    let read_error = |e| io_error(template, "read", e);
-    let old = layout.encoding.sample_type;
-    let (sample_type, code) = match (float, old) {
-        (Some(SegyFloat::Ibm), _) | (None, SampleType::Ibm32) => (SampleType::Ibm32, 1u16),
-        (None, SampleType::F64) => (SampleType::F64, 6),
-        _ => (SampleType::F32, 5),
+    let (sample_type, format_code) = written_format(float, layout.encoding.sample_type);
+    let cell_of_trace = cell_of_trace(grid, layout.trace_count);
+    let notes = notes_on_samples(layout, image, &cell_of_trace, (float, sample_type));
+    let (head, tail) = read_head_and_tail(layout, template, format_code)?;
+    let encoding = Encoding {
+        sample_type,
+        endian: layout.encoding.endian,
     };
-    let mut notes = Vec::new();
-    if float.is_none() && !matches!(old, SampleType::Ibm32 | SampleType::F32 | SampleType::F64) {
-        notes.push(format!(
-            "samples are IEEE floats, as the template's ({}) hold integers",
-            layout.encoding
-        ));
-    }
-    let mut cell_of_trace = vec![NO_TRACE; layout.trace_count];
-    for (cell, &trace) in grid.traces.iter().enumerate() {
-        if trace != NO_TRACE {
-            cell_of_trace[trace] = cell;
-        }
-    }
-    let unused = cell_of_trace
-        .iter()
-        .filter(|cell| **cell == NO_TRACE)
-        .count();
-    if unused > 0 {
-        notes.push(format!(
-            "{unused} traces that repeat a line and a crossline of the template are zero"
-        ));
-    }
-    let is_ibm = sample_type == SampleType::Ibm32;
-    let invalid = image.as_slice().iter().filter(|v| !v.is_finite()).count();
-    if is_ibm && invalid > 0 {
-        notes.push(format!(
-            "{invalid} samples without a value are 0: IBM floats have no NaN"
-        ));
-    }
-    let endian = layout.encoding.endian;
-    let big = |bytes: &mut [u8]| {
-        if endian == Endian::Little {
-            bytes.reverse();
-        }
-    };
-    let mut file = File::open(template).map_err(read_error)?;
-    let mut head = vec![0; layout.traces_offset as usize];
-    file.read_exact(&mut head).map_err(read_error)?;
-    let mut code = code.to_be_bytes();
-    big(&mut code);
-    head[FORMAT_OFFSET as usize..][..2].copy_from_slice(&code);
-    let mut tail = Vec::new();
-    let end = layout.traces_offset + layout.trace_count as u64 * layout.trace_bytes();
-    file.seek(SeekFrom::Start(end)).map_err(read_error)?;
-    file.read_to_end(&mut tail).map_err(read_error)?;
     let samples = image.as_slice();
     let trace_samples = layout.samples_per_trace;
     atomic_write(path, |out| {
@@ -143,26 +91,130 @@ pub fn write_like(
             };
             for k in 0..trace_samples {
                 let value = values.map_or(0.0, |values| values[k]);
-                if sample_type == SampleType::F64 {
-                    let mut bytes = f64::from(value).to_be_bytes();
-                    big(&mut bytes);
-                    encoded.extend(bytes);
-                } else {
-                    let bits = if is_ibm {
-                        to_ibm(value)
-                    } else {
-                        value.to_bits()
-                    };
-                    let mut bytes = bits.to_be_bytes();
-                    big(&mut bytes);
-                    encoded.extend(bytes);
-                }
+                encode_sample(value, encoding, &mut encoded);
             }
             out.write_all(&encoded)?;
         }
         out.write_all(&tail)
     })?;
     Ok(notes)
+}
+
+/// Checks that the image has as many samples as the volume of the template.
+fn check_dims(
+    layout: &SegyFile,
+    grid: &TraceGrid,
+    image: &Image<3>,
+    template: &Path,
+) -> Result<()> {
+    let lines = [grid.crossline.count, grid.inline.count].map(|count| count as usize);
+    let dims = [layout.samples_per_trace, lines[0], lines[1]];
+    if dims == image.dims() {
+        return Ok(());
+    }
+    let problem = format!(
+        "has {dims:?} samples (along traces, crosslines and inlines), but the volume {:?}",
+        image.dims()
+    );
+    let remedy = "give the SEG-Y file from which the volume was made";
+    Err(Error::Io(cause(template.display(), problem, remedy)))
+}
+
+/// Returns the type of the samples that are written, and its code in a SEG-Y file. `original` is the
+/// type of the template's samples.
+fn written_format(float: Option<SegyFloat>, original: SampleType) -> (SampleType, u16) {
+    match (float, original) {
+        (Some(SegyFloat::Ibm), _) | (None, SampleType::Ibm32) => (SampleType::Ibm32, 1),
+        (None, SampleType::F64) => (SampleType::F64, 6),
+        _ => (SampleType::F32, 5),
+    }
+}
+
+/// Returns the cell of each trace; [`NO_TRACE`] for a trace that no cell has.
+fn cell_of_trace(grid: &TraceGrid, trace_count: usize) -> Vec<usize> {
+    let mut cell_of_trace = vec![NO_TRACE; trace_count];
+    for (cell, &trace) in grid.traces.iter().enumerate() {
+        if trace != NO_TRACE {
+            cell_of_trace[trace] = cell;
+        }
+    }
+    cell_of_trace
+}
+
+/// Returns notes on samples that differ from those of the template or of the image. The last argument
+/// has the format that the user gave, and the type of the samples that are written.
+fn notes_on_samples(
+    layout: &SegyFile,
+    image: &Image<3>,
+    cell_of_trace: &[usize],
+    (float, sample_type): (Option<SegyFloat>, SampleType),
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    let original = layout.encoding.sample_type;
+    let is_float = matches!(
+        original,
+        SampleType::Ibm32 | SampleType::F32 | SampleType::F64
+    );
+    if float.is_none() && !is_float {
+        notes.push(format!(
+            "samples are IEEE floats, as the template's ({}) hold integers",
+            layout.encoding
+        ));
+    }
+    let unused = cell_of_trace
+        .iter()
+        .filter(|cell| **cell == NO_TRACE)
+        .count();
+    if unused > 0 {
+        notes.push(format!(
+            "{unused} traces that repeat a line and a crossline of the template are zero"
+        ));
+    }
+    let invalid = image.as_slice().iter().filter(|v| !v.is_finite()).count();
+    if sample_type == SampleType::Ibm32 && invalid > 0 {
+        notes.push(format!(
+            "{invalid} samples without a value are 0: IBM floats have no NaN"
+        ));
+    }
+    notes
+}
+
+/// Reads the bytes of the template before and after its traces, and puts the code of the sample format
+/// into the former.
+fn read_head_and_tail(
+    layout: &SegyFile,
+    template: &Path,
+    format_code: u16,
+) -> Result<(Vec<u8>, Vec<u8>)> {
+    let read_error = |e| io_error(template, "read", e);
+    let mut file = File::open(template).map_err(read_error)?;
+    let mut head = vec![0; layout.traces_offset as usize];
+    file.read_exact(&mut head).map_err(read_error)?;
+    let code = in_order(format_code.to_be_bytes(), layout.encoding.endian);
+    head[FORMAT_OFFSET as usize..][..2].copy_from_slice(&code);
+    let mut tail = Vec::new();
+    let end = layout.traces_offset + layout.trace_count as u64 * layout.trace_bytes();
+    file.seek(SeekFrom::Start(end)).map_err(read_error)?;
+    file.read_to_end(&mut tail).map_err(read_error)?;
+    Ok((head, tail))
+}
+
+/// Appends the bytes of a sample: an IBM float or an IEEE float of 4 or 8 bytes.
+fn encode_sample(value: f32, encoding: Encoding, encoded: &mut Vec<u8>) {
+    let endian = encoding.endian;
+    match encoding.sample_type {
+        SampleType::F64 => encoded.extend(in_order(f64::from(value).to_be_bytes(), endian)),
+        SampleType::Ibm32 => encoded.extend(in_order(to_ibm(value).to_be_bytes(), endian)),
+        _ => encoded.extend(in_order(value.to_be_bytes(), endian)),
+    }
+}
+
+/// Returns big-endian bytes in another byte order.
+fn in_order<const N: usize>(mut bytes: [u8; N], endian: Endian) -> [u8; N] {
+    if endian == Endian::Little {
+        bytes.reverse();
+    }
+    bytes
 }
 
 /// Returns the IBM float nearest to a number: a sign, an exponent of 16 with an offset of 64, and 24
@@ -187,7 +239,6 @@ fn to_ibm(value: f32) -> u32 {
 mod tests {
     use super::*;
     use crate::geometry::random::Random;
-    use crate::image::formats::samples::Encoding;
 
     fn from_ibm(bits: u32) -> f32 {
         let encoding = Encoding {

@@ -198,7 +198,7 @@ fn schedules_regions_and_net_to_gross_are_in_the_deck() {
         ("--fluid oil-water-gas", "contact"),
         ("--contact oil-water=1012", "--contact"),
         ("--fluid oil-water --contact gas-oil=1004", "gas-oil"),
-        ("--well P1=22,20,8", "--schedule"),
+        ("--well P1=22,20,8", "a schedule"),
         ("--schedule history.csv", "--well"),
         (
             "--fluid oil-water --contact oil-water=1012 --no-gravity",

@@ -530,8 +530,11 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
         let min_area = if detector.is_fault() {
             // Lattice units per sample.
             let unit = options.step.iter().product::<f64>().powf(1.0 / D as f64);
-            let size = options.min_fault_size.unwrap_or(faults::MIN_FAULT_SIZE);
-            (size * unit).powi(D as i32 - 1)
+            let area = |size: f64| (size * unit).powi(D as i32 - 1);
+            if let Some(size) = options.min_fault_size {
+                return area(size);
+            }
+            area(faults::MIN_FAULT_SIZE)
         } else {
             detector.min_surface_cells() * options.d_max().powi(D as i32 - 1)
         };

@@ -199,7 +199,7 @@ fn schedules_regions_and_net_to_gross_are_in_the_deck() {
         ("--contact oil-water=1012", "--contact"),
         ("--fluid oil-water --contact gas-oil=1004", "gas-oil"),
         ("--well P1=22,20,8", "a schedule"),
-        ("--schedule history.csv", "--well"),
+        ("--schedule history.csv", "--schedule"),
         (
             "--fluid oil-water --contact oil-water=1012 --no-gravity",
             "gravity",

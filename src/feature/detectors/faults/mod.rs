@@ -55,7 +55,7 @@ const MAX_LAYER_COSINE: f32 = 0.92;
 /// Smallest strength of a ridge, as a share of the likelihood there. Where layers are continued on
 /// both sides, the likelihood is low beside a fault, and the ridge is as strong as it is high. In
 /// noise and in chaotic parts the likelihood is high everywhere.
-const MIN_HEIGHT_SHARE: f32 = 0.25;
+const MIN_HEIGHT_SHARE: f32 = 0.2;
 
 /// Smallest share of a small surface that must be strong.
 const MIN_STRONG_SHARE: f64 = 0.15;

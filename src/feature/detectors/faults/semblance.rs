@@ -125,22 +125,16 @@ fn balance_amplitudes<const D: usize>(
     energy
 }
 
-/// Range of the likelihood that a fault must reach somewhere.
-const HIGH_RANGE: [f32; 2] = [0.07, 0.14];
-/// Product of this likelihood and the typical strength of ridges, within the range: weak faults are
-/// believed where others are strong. In a survey without faults the typical strength is below 0.1.
-const HIGH_TIMES_TYPICAL: f32 = 0.014;
-/// Likelihood down to which a fault is followed, as a share of the one that it must reach.
-const LOW_SHARE: f32 = 0.5;
+/// Likelihood down to which a fault is followed, and the one that it must reach somewhere.
+const MIN_LIKELIHOODS: [f32; 2] = [0.06, 0.14];
 /// Multiples of the noise that are used for the lower and the upper threshold if they are larger.
 const MIN_NOISE_RATIOS: [f32; 2] = [1.75, 2.5];
 
-/// Returns the thresholds for the ridges of [`likelihood`].
+/// Returns the thresholds for the ridges of [`likelihood`]. They are the same for all images,
+/// unless there is much noise, because semblance is a ratio.
 pub fn thresholds(statistics: &RidgeStatistics) -> (f32, f32) {
-    let typical = statistics.typical.max(f32::MIN_POSITIVE);
-    let high = (HIGH_TIMES_TYPICAL / typical).clamp(HIGH_RANGE[0], HIGH_RANGE[1]);
-    let min = |i: usize| MIN_NOISE_RATIOS[i] * statistics.noise;
-    ((LOW_SHARE * high).max(min(0)), high.max(min(1)))
+    let min = |i: usize| MIN_LIKELIHOODS[i].max(MIN_NOISE_RATIOS[i] * statistics.noise);
+    (min(0), min(1))
 }
 
 /// A sample of a disc: its offset, its side of the fault (0 or 1), and its weight.

@@ -37,7 +37,6 @@ pub use lines::{write_feature_lines, write_lines};
 pub use polyhedra::{CellStreams, write_cells_vtu};
 pub use pvd::PvdSeries;
 pub use stored_mesh::{LatticeSpace, Storable, StoredMesh};
-#[cfg(feature = "cli")]
 pub(crate) use vtu::with_mesh;
 pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
 

@@ -311,7 +311,7 @@ const MAX_EDGE_RATIO: f64 = 4.0;
 const MIN_HEIGHT_RATIO: f64 = 1e-6;
 
 /// Joins points to triangles: the Delaunay triangles of the points' projections onto the plane that
-/// fits them best, without those that have an edge of more than [`MAX_EDGE_RATIO`] times the median
+/// fits them best, without those that have an edge of more than `MAX_EDGE_RATIO` times the median
 /// of longest edges. Of points with the same projection, the first counts.
 ///
 /// # Errors

@@ -17,7 +17,7 @@ use crate::geometry::sorted_distinct;
 /// Writes surfaces. Coordinates have all digits and the units that are known.
 ///
 /// # Errors
-/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns [`Error::Io`] if the file cannot be written.
 pub fn write_tsurf<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let (object, part, element) = match D {
         2 => ("PLine", "ILINE", "SEG"),

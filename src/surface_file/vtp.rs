@@ -17,7 +17,7 @@ use crate::files::vtk::{ArraySource, Document, VtkFile};
 /// own arrays. The names of the surfaces are one text with a line per surface.
 ///
 /// # Errors
-/// Returns [`Error::Io`] if the file cannot be written, and [`Error::Mesh`] if an array does not
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written, and [`Error::Mesh`](crate::Error::Mesh) if an array does not
 /// have one tuple per facet.
 pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let (points, cells) = (file.nodes.len(), file.facets.len());
@@ -70,7 +70,7 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
 /// with the number `label`. Polygons are cut into fans of triangles.
 ///
 /// # Errors
-/// Returns [`Error::Io`] if the file cannot be read, is damaged, or has no surface numbers although
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read, is damaged, or has no surface numbers although
 /// `label` is given.
 pub fn read_triangles(path: &Path, label: Option<i64>) -> Result<Vec<[[f64; 3]; 3]>> {
     let file = VtkFile::read(path, "PolyData")?;
@@ -162,7 +162,7 @@ pub(crate) fn surface_name(label: i64, names: &[String]) -> String {
 /// A file without surface numbers gives one surface.
 ///
 /// # Errors
-/// Returns [`Error::Io`] if the file cannot be read or is damaged.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
     let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));

@@ -13,7 +13,7 @@ impl<const D: usize> SurfaceFile<D> {
     /// `.vtp` for all others.
     ///
     /// # Errors
-    /// Returns [`Error::Io`] if the file cannot be written.
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         if has_extension(path, &["obj"]) {
             write_obj(path, self)

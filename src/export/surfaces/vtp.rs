@@ -16,7 +16,7 @@ pub use crate::surface_file::vtp::{read_surfaces, read_triangles, write_vtp};
 /// file. A file without surface numbers gives one shape with the name of the file.
 ///
 /// # Errors
-/// Returns [`Error::Io`] if the file cannot be read, is damaged, or has neither polygons nor lines.
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read, is damaged, or has neither polygons nor lines.
 pub fn read_shapes(path: &Path) -> Result<Vec<OverlayShape>> {
     let file = VtkFile::read(path, "PolyData")?;
     let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));

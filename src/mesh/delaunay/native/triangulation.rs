@@ -11,7 +11,7 @@
 //! the vertex [`GHOST`]. Its sphere is the half-space beyond the face, so that a point outside
 //! the hull is inserted like any other.
 //!
-//! The spheres of cells are stored as rounded numbers (see [`sphere`](super::sphere)). Where these do
+//! The spheres of cells are stored as rounded numbers (see `sphere`). Where these do
 //! not decide, [`predicates`] do, without errors.
 
 use super::predicates::{self, Grid, WeightedPoint, in_sphere, orientation};

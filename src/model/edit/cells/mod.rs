@@ -29,7 +29,6 @@ use crate::progress::{Progress, Stage};
 use crate::report::Clock;
 use crate::store::MeshFile;
 use crate::store::output::resolved_options;
-#[cfg(feature = "cli")]
 pub(crate) use editable_cells::ATOM_KIND;
 use editable_cells::EditableCells;
 pub use editable_cells::dropped_arrays;

@@ -28,12 +28,24 @@ class MeshOptions(TypedDict, total=False):
     #: potential), or a file with a distance for each sample
     distance_from: _Value | None
     #: The features to follow
-    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
+    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
+    #: Faults and horizons to follow as they are, beside the features that are found (none with
+    #: --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one, with
+    #: `,fault` or `,horizon` at the end if the file does not say. GOCAD .ts and .pl, .vtp, .obj,
+    #: grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, in the image's physical
+    #: coordinates; may be repeated
+    surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
+    #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
+    #: else at 2,000 m/s
+    min_dip: _Number | None
+    #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
+    #: least the square of it, in 2-D its length [default: 20]
+    min_fault_size: _Number | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
     #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
@@ -103,7 +115,9 @@ class MeshOptions(TypedDict, total=False):
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     smooth: Literal["cvt", "odt"] | None
     #: Metric of lattice space: samples, physical, shape (physical proportions, with as many
-    #: samples per cell as samples), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
+    #: samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
+    #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
+    #: (SX,SY in 2-D)
     metric: _Value | None
     #: Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     #: file of interval velocities in m/s on a grid in two-way time. With a file, the image is
@@ -132,6 +146,9 @@ class MeshOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -157,7 +174,7 @@ class FeatureOptions(TypedDict, total=False):
     #: end, with the angle and the two feature surfaces: .vtp
     lines: _Path | None
     #: The features to find
-    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
+    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Nominal distance between atoms, in samples. The valleys of the potential are a quarter as
     #: wide
     distance: _Number | None
@@ -166,6 +183,11 @@ class FeatureOptions(TypedDict, total=False):
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
+    #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
+    min_dip: _Number | None
+    #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
+    #: least the square of it, in 2-D its length [default: 20]
+    min_fault_size: _Number | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
@@ -199,6 +221,9 @@ class FeatureOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -239,6 +264,9 @@ class InfoOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -262,6 +290,11 @@ class ConvertOptions(TypedDict, total=False):
     #: interval velocities in m/s. Such a file is a grid in two-way time, and the image is
     #: resampled
     velocity: _Value | None
+    #: Write SEG-Y (OUT.sgy) with the headers of this survey, which has as many samples: its text,
+    #: lines, coordinates and order of traces
+    like: _Path | None
+    #: The samples of SEG-Y that is written: ibm or ieee floats [default: as in the survey]
+    sample_format: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
@@ -283,6 +316,9 @@ class ConvertOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -338,6 +374,9 @@ class ReportOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -365,8 +404,9 @@ class FlowOptions(TypedDict, total=False):
     #: Pressure (Pa) on a side of the box: xmin, xmax, ymin ... along the image's axes, x the
     #: fastest in memory. Sides without a pressure are closed
     pressure: _Values | None
-    #: Resistance of faults to flow: closed, open, or a factor from 0 to 1 by which the
-    #: permeability is multiplied there [default: closed for flow, open for export]
+    #: Resistance of faults to flow: closed, open, or a factor by which the permeability is
+    #: multiplied there, from 0 to 1, in an export also above 1 [default: closed for flow, open for
+    #: export]
     faults: _Value | None
     #: Thickness (m) of the layer to which the factor of --faults applies [default: the distance
     #: between the two cells]
@@ -422,6 +462,9 @@ class EditOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -470,6 +513,9 @@ class ColumnsOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -498,6 +544,23 @@ class ExportOptions(TypedDict, total=False):
     permeability: _Value | None
     #: Unit of the permeability: mD or m2
     permeability_unit: _Value | None
+    #: Net-to-gross ratio, given like a porosity: the part of a cell's height that is reservoir
+    #: rock. It reduces pore volumes and the permeability along x and y
+    net_to_gross: _Value | None
+    #: A lower limit below which cells are inactive: of porosity, permeability (the largest along
+    #: an axis, in its unit), net-to-gross, or a --property; may be repeated
+    cutoff: _Values | None
+    #: Numbers of the cells' tables of relative permeability and capillary pressure: a CSV file of
+    #: lines region,number, a cell array of the mesh, an image, or a number
+    satnum: _Value | None
+    #: Numbers of the cells' tables of fluid volumes, given like --satnum
+    pvtnum: _Value | None
+    #: Numbers of the cells' equilibration regions, which have contacts of their own, given like
+    #: --satnum
+    eqlnum: _Value | None
+    #: Numbers of the regions for which fluids in place are reported, given like --satnum [default:
+    #: the regions]
+    fipnum: _Value | None
     #: Another property of the cells, such as a seismic attribute, given like a porosity; may be
     #: repeated
     property: _Values | None
@@ -524,6 +587,9 @@ class ExportOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -538,8 +604,9 @@ class ExportOptions(TypedDict, total=False):
     delay_byte: int | None
     #: SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
     interval_byte: int | None
-    #: Resistance of faults to flow: closed, open, or a factor from 0 to 1 by which the
-    #: permeability is multiplied there [default: closed for flow, open for export]
+    #: Resistance of faults to flow: closed, open, or a factor by which the permeability is
+    #: multiplied there, from 0 to 1, in an export also above 1 [default: closed for flow, open for
+    #: export]
     faults: _Value | None
     #: Thickness (m) of the layer to which the factor of --faults applies [default: the distance
     #: between the two cells]
@@ -553,6 +620,13 @@ class ExportOptions(TypedDict, total=False):
     #: pairs of regions and patterns as in --fault-multiplier. All others are open [default:
     #: faults]
     barriers: _Value | None
+    #: Throw (m) of faults, whose fault rock then follows from --clay: their number or name, or a
+    #: pattern (fault3:25), negative for reverse faults. May be repeated, and the last match
+    #: applies; or a CSV file of lines surface,throw
+    throw: _Values | None
+    #: Clay fraction of the rock, 0 to 1, given like a porosity: with --throw it gives the shale-
+    #: gouge ratio, the permeability and the thickness of fault rock
+    clay: _Value | None
     #: Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
     #: as fine as the cells]
     grid: _Value | None
@@ -561,6 +635,8 @@ class ExportOptions(TypedDict, total=False):
     split: _Value | None
     #: Add nodes in the middle of edges: elements of second order
     quadratic: bool | None
+    #: Report which share of the flow passes each closed fault, and the wells in each compartment
+    check_seals: bool | None
     #: Unit of the mesh's coordinates, if it is not the one that the mesh states: m, km, ft, cm,
     #: mm, um or nm. The export is in metres [default: what the mesh states, or m; scans in mm or
     #: less keep their unit where flow is not simulated]
@@ -575,7 +651,7 @@ class ExportOptions(TypedDict, total=False):
     #: Thickness of a 2-D mesh, in the unit of its coordinates [default: 1]
     thickness: _Number | None
     #: Fluids in the pores [default: water]
-    fluid: Literal["water", "oil-water"] | None
+    fluid: Literal["water", "oil-water", "oil-water-gas"] | None
     #: A well that injects water at a rate in m^3/day. It is vertical in the cell at X,Y,Z (the
     #: mesh's coordinates), or follows the trajectory in a CSV file of lines x,y,z,radius:
     #: [NAME=]FILE.csv:RATE; may be repeated
@@ -583,6 +659,31 @@ class ExportOptions(TypedDict, total=False):
     #: A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a CSV file;
     #: may be repeated
     producer: _Values | None
+    #: A well whose rates and pressures are in --schedule, at X,Y,Z or along the trajectory in a
+    #: CSV file; may be repeated
+    well: _Values | None
+    #: A CSV table of what wells and groups do, with a row of names at the top: date, well, group,
+    #: type, status, mode, control, oil, water, gas, liquid, reservoir, bhp, skin
+    schedule: _Path | None
+    #: First day of the simulation, year-month-day [default: the first date of the schedule, or
+    #: 2000-01-01]
+    start: _Value | None
+    #: Depth (m) of a contact between fluids, which are in equilibrium at the start: oil-
+    #: water=DEPTH or gas-oil=DEPTH, perhaps with the capillary pressure there (bar), and before it
+    #: the number of an equilibration region: 2/oil-water=2450:0.1; may be repeated
+    contact: _Values | None
+    #: Initial pressure (bar) at a depth (m) where there are contacts; may be repeated [default:
+    #: that of a column of water at the contact with oil]
+    datum: _Values | None
+    #: Capillary pressure between oil and water after Brooks and Corey: entry pressure (bar) and
+    #: exponent, for all or one of the tables of --satnum; may be repeated [default: none; exponent
+    #: 2]
+    capillary_pressure: _Values | None
+    #: An aquifer beyond a side of the mesh (xmin ... zmax): Carter-Tracy with permeability (mD),
+    #: porosity, thickness (m), radius (m) and angle (degrees), or Fetkovich with volume (m^3) and
+    #: productivity (m^3/day/bar); both with compressibility (1/bar), below (depth), datum and
+    #: pressure; may be repeated
+    aquifer: _Values | None
     #: Radius (m) of wells that are given by a point [default: 0.1]
     well_radius: _Number | None
     #: Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
@@ -601,7 +702,8 @@ class SliceOptions(TypedDict, total=False):
     #: Array of the mesh, of cells or of nodes, that colours the cells, such as pressure or region
     #: [default: the image]
     color: _Value | None
-    #: The point where the planes meet, in physical coordinates [default: the middle]
+    #: The point where the planes meet, in physical coordinates; of a survey, also lines, such as
+    #: inline=2047, or inline=2047,crossline=310,z=-900 [default: the middle]
     at: _Value | None
     #: The part that is cut away in --view 3d: the corner beyond that point, or all in front of the
     #: plane through it across x, y or z [default: corner]
@@ -630,6 +732,9 @@ class SliceOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -671,7 +776,7 @@ class SurfaceOptions(TypedDict, total=False):
     #: of IMAGE [default: 0.6]
     depth: _Number | None
     #: The features to detect in IMAGE [default: auto]
-    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential"] | None
+    feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
@@ -701,6 +806,9 @@ class SurfaceOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -754,6 +862,9 @@ class PaintOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]
@@ -807,6 +918,9 @@ class SegmentOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
+    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
     #: SEG-Y: trace header byte of the crossline number [default: 193]

@@ -51,13 +51,13 @@ use std::path::Path;
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::{self, vtk};
 use crate::image::Image;
-use stream::OpenedImage;
 
 pub use describe::{Description, describe};
 pub use input::{InputOptions, ReadImage, SampleDomain, read_with_options};
 pub use placement::{AxisSpec, ImagePlacement};
 pub use raw::RawSpec;
 pub use segy::{LineNumbers, SegyBytes, SegyInfo};
+pub use stream::OpenedImage;
 pub(crate) use write::StreamedImage;
 pub use write::write;
 #[cfg(feature = "cli")]

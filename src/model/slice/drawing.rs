@@ -55,8 +55,7 @@ impl InputNames {
 /// Draws a mesh over its image, a part of it in space, surfaces and lines, as `atomesh slice` does.
 ///
 /// ```
-/// use atomesh::image::formats::AnyImage;
-/// use atomesh::image::formats::stream::OpenedImage;
+/// use atomesh::image::formats::{AnyImage, OpenedImage};
 /// use atomesh::image::synth::{self, SyntheticKind};
 /// use atomesh::model::slice::{SliceInput, SliceSpec};
 /// use atomesh::progress::NoProgress;

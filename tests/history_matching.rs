@@ -68,7 +68,7 @@ fn ten_years_of_three_fluids_conserve_mass() {
     seismic_model(folder);
     let options = format!("{ROCK} {STUDY} --down z --depth-at-top 2000 --quiet");
     let fault = "--clay clay.csv --throw faults:20";
-    let surfaces = run(folder, "surface cells.vtu --quiet");
+    let surfaces = run(folder, "surface cells.vtu -o surfaces.vtp --json");
     let fault = if surfaces.contains("fault1") {
         fault.replace("faults", "fault1")
     } else {

@@ -63,8 +63,12 @@ const CASES: &[OptionCase] = &[
         "--feature faults+horizons",
         "--feature-weights 1,0.3",
     ),
-    option_on_image("faulted.mha", "--feature faults", "--min-dip 89"),
-    option_on_image("faulted.mha", "--feature faults", "--min-fault-size 200"),
+    option_on_image("faulted.mha", "--feature faults", "--min-dip 70"),
+    option_on_image(
+        "faulted.mha",
+        "--feature faults+horizons",
+        "--min-fault-size 200",
+    ),
     option_on_image("rings.mha", "--feature paths", "--object 72,96"),
     option_on_image(
         "rings.mha",
@@ -665,7 +669,7 @@ fn examples_have_the_same_bytes_from_their_configurations() {
     let same = seen.len();
     println!("{same} examples; without an image {without_image:#?}");
     assert!(same >= 10, "{same}");
-    assert!(without_image.len() <= 25, "{without_image:#?}");
+    assert!(without_image.len() <= 27, "{without_image:#?}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::{ExportContent, ExportFormat};
 use crate::Result;
 use crate::model::MeshInput;
 use crate::model::flow::FaultResistance;
-use crate::model::reservoir::case_options::check_depth;
+use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;

@@ -70,7 +70,7 @@ impl<const D: usize> GivenPoints<D> {
     /// Returns the points of surfaces in an image of `dims` samples.
     pub fn new(surfaces: &[GivenSurface<D>], dims: [usize; D]) -> Self {
         let mut points: Vec<(FeaturePoint<D>, u32)> = Vec::new();
-        for (index, surface) in (0..).zip(&surfaces.iter().collect::<Vec<_>>()[..]) {
+        for (index, surface) in (0..).zip(surfaces) {
             let crossings = surface.triangles.par_iter().flat_map_iter(|triangle| {
                 let mut crossings = Vec::new();
                 add_crossings(triangle, dims, &mut crossings);
@@ -124,14 +124,11 @@ impl<const D: usize> GivenPoints<D> {
     /// Drops the candidates that are parallel to a given surface and nearer to it than `distance`
     /// samples. Returns their number.
     pub(super) fn drop_parallel(&self, candidates: &mut Vec<Candidate<D>>, distance: f64) -> usize {
-        let positions: Vec<[f64; D]> = (self.points.iter())
-            .map(|(p, _)| p.position.map(f64::from))
-            .collect();
+        let positions = self.positions();
         let grid = CellList::new(&positions, distance.max(1.0));
         let is_parallel = |c: &Candidate<D>| {
-            let mut is_near = false;
-            grid.visit_within(c.position.map(f64::from), distance, |i| {
-                let position = c.position.map(f64::from);
+            let (position, mut is_near) = (c.position.map(f64::from), false);
+            grid.visit_within(position, distance, |i| {
                 is_near |= norm(sub(positions[i], position)) <= distance
                     && dot(self.points[i].0.normal, c.normal).abs() >= MIN_PARALLEL_COSINE;
             });
@@ -144,11 +141,15 @@ impl<const D: usize> GivenPoints<D> {
         before - candidates.len()
     }
 
+    /// Returns the positions of the points.
+    fn positions(&self) -> Vec<[f64; D]> {
+        let points = self.points.iter();
+        points.map(|(p, _)| p.position.map(f64::from)).collect()
+    }
+
     /// Returns for each point `true` if its surface ends there.
     fn rims(&self) -> Vec<bool> {
-        let positions: Vec<[f64; D]> = (self.points.iter())
-            .map(|(p, _)| p.position.map(f64::from))
-            .collect();
+        let positions = self.positions();
         let grid = CellList::new(&positions, NEIGHBOUR_DISTANCE);
         let is_rim = |i: usize| {
             let (point, surface) = &self.points[i];
@@ -215,7 +216,7 @@ impl<const D: usize> GivenPoints<D> {
     }
 }
 
-/// Options that add given surfaces to features.
+/// Points of given surfaces, which clones of options share.
 pub type SharedPoints<const D: usize> = Option<Arc<GivenPoints<D>>>;
 
 /// Compares positions by their coordinates, the first one first.

@@ -74,3 +74,46 @@ pub(super) fn gently_dipping_share<const D: usize>(
         .fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
     Ok((count > 0).then(|| gentle as f64 / count as f64))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::comm::SelfComm;
+    use crate::image::Geometry;
+
+    #[test]
+    fn the_share_counts_dips_in_world_coordinates() {
+        // Inlines along y are 25 m apart, crosslines along x 12.5 m; time in ms increases
+        // downwards: 4 ms are 4 m.
+        let survey = Geometry {
+            axes: [[0.0, 0.0, -4.0], [12.5, 0.0, 0.0], [0.0, 25.0, 0.0]],
+            units: ["m".into(), "m".into(), "ms".into()],
+            ..Geometry::default()
+        };
+        let share = |dip: f64, azimuth: f64| {
+            let (dip, azimuth) = (dip.to_radians(), azimuth.to_radians());
+            let normal = [
+                dip.sin() * azimuth.cos(),
+                dip.sin() * azimuth.sin(),
+                dip.cos(),
+            ];
+            // The normal in samples: its dot products with the axes.
+            let slope = [-4.0 * normal[2], 12.5 * normal[0], 25.0 * normal[1]];
+            let length = slope.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let point = FeaturePoint {
+                position: [0.0; 3],
+                normal: slope.map(|c| (c / length) as f32),
+                strength: 1.0,
+            };
+            gently_dipping_share(&[point], &WorldDip::new(&survey, 0), [1.0; 3], &SelfComm).unwrap()
+        };
+        for azimuth in [0.0, 50.0, 90.0, 200.0] {
+            assert_eq!(share(28.0, azimuth), Some(1.0), "{azimuth}");
+            assert_eq!(share(32.0, azimuth), Some(0.0), "{azimuth}");
+        }
+        assert_eq!(
+            gently_dipping_share(&[], &WorldDip::new(&survey, 0), [1.0; 3], &SelfComm).unwrap(),
+            None
+        );
+    }
+}

@@ -2,13 +2,10 @@
 
 use crate::geometry::norm;
 use crate::image::Geometry;
-use crate::image::time::seconds_per_unit;
+use crate::image::time::default_depth_factor;
 
-/// Velocity (metres per second) that converts two-way time to depth if none is given.
-pub(super) const DEFAULT_VELOCITY: f64 = 2000.0;
-
-/// Converts normals of surfaces in samples to dips in world coordinates. Two-way time is converted
-/// to depth at [`DEFAULT_VELOCITY`].
+/// Converts normals of surfaces in samples to dips in world coordinates. Two-way time counts as depth
+/// at 2,000 m/s.
 pub(in crate::feature) struct WorldDip<const D: usize> {
     /// Geometry whose axes are the transposed axes of the image: it solves for a world normal.
     slopes: Geometry<D>,
@@ -20,10 +17,10 @@ impl<const D: usize> WorldDip<D> {
     /// Creates the conversion for an image. The vertical coordinate is time, or else the one along
     /// the image axis `vertical_axis`, which layers lie across.
     pub fn new(geometry: &Geometry<D>, vertical_axis: usize) -> Self {
-        let scale = |c: usize| match seconds_per_unit(&geometry.units[c]) {
-            Some(seconds) => 0.5 * DEFAULT_VELOCITY * seconds,
-            None => 1.0,
-        };
+        let scale = geometry
+            .units
+            .each_ref()
+            .map(|unit| default_depth_factor(unit));
         let along = geometry.axes[vertical_axis].map(f64::abs);
         let nearest = (1..D).fold(0, |a, c| if along[c] > along[a] { c } else { a });
         Self {
@@ -31,7 +28,7 @@ impl<const D: usize> WorldDip<D> {
             // image.
             slopes: Geometry {
                 axes: std::array::from_fn(|c| {
-                    std::array::from_fn(|k| geometry.axes[k][c] * scale(c))
+                    std::array::from_fn(|k| geometry.axes[k][c] * scale[c])
                 }),
                 ..Geometry::default()
             },

@@ -7,6 +7,9 @@ use crate::{Error, Result};
 /// Smallest velocity, in m/s, that any rock has. Lower values are velocities in km/s.
 pub(super) const MIN_VELOCITY: f64 = 50.0;
 
+/// Velocity (metres per second) that converts two-way time to depth if none is given.
+const DEFAULT_VELOCITY: f64 = 2000.0;
+
 /// Returns the remedy for a velocity in km/s.
 fn remedy_per_second(velocity: f64) -> String {
     format!("give metres per second: {}", 1000.0 * velocity)
@@ -20,6 +23,12 @@ pub(crate) fn seconds_per_unit(unit: &str) -> Option<f64> {
         "us" => Some(1e-6),
         _ => None,
     }
+}
+
+/// Returns the factor that converts a coordinate to depth where no velocity is given: two-way time
+/// counts at 2,000 m/s, and other units stay as they are.
+pub(crate) fn default_depth_factor(unit: &str) -> f64 {
+    seconds_per_unit(unit).map_or(1.0, |seconds| 0.5 * DEFAULT_VELOCITY * seconds)
 }
 
 /// The physical coordinate that holds two-way time.

@@ -8,7 +8,7 @@ use crate::error::cause;
 use crate::feature::{GivenPoints, GivenSurface, MIN_FAULT_DIP};
 use crate::geometry::{cross, norm, sub};
 use crate::image::Geometry;
-use crate::image::time::seconds_per_unit;
+use crate::image::time::default_depth_factor;
 use crate::parallel::prelude::*;
 use crate::surface_file::interpretation::{
     PickedShape, PickedSurface, read_interpretation, triangulate_points,
@@ -34,10 +34,6 @@ pub(crate) struct SurfacesInImage<const D: usize> {
 
 /// Number of times that a triangle is divided to find the part of it that lies in the image.
 const MAX_DIVISIONS: u32 = 5;
-
-/// Velocity (metres per second) that converts two-way time to depth where the dip tells faults from
-/// horizons.
-const DEFAULT_VELOCITY: f64 = 2000.0;
 
 /// Reads the surfaces that the options name.
 ///
@@ -270,7 +266,7 @@ fn mean_dip<const D: usize>(triangles: &[[[f64; 3]; 3]], geometry: &Geometry<D>)
     let factors = geometry
         .units
         .each_ref()
-        .map(|unit| seconds_per_unit(unit).map_or(1.0, |seconds| 0.5 * DEFAULT_VELOCITY * seconds));
+        .map(|unit| default_depth_factor(unit));
     let (mut upright, mut total) = (0.0, 0.0);
     for t in triangles {
         let world = t.map(|p| {

@@ -164,7 +164,7 @@ impl Report {
     }
 }
 
-/// Adds the spacing of the lattice; its energy, too, for who traces the lattice.
+/// Adds the spacing of the lattice, and its energy if `shows_energy`.
 fn add_lattice(line: &mut impl FnMut(&str, String), lattice: &LatticeReport, shows_energy: bool) {
     let [low, middle, high] = lattice.spacing;
     line(

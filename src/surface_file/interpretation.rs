@@ -9,7 +9,8 @@
 //!
 //! In lines of points, words that are not numbers are skipped. If the first two of at least five
 //! numbers are integers in all lines, they are line numbers, and x, y, z follow; otherwise x, y, z
-//! come first. A line of names (`x`, `y`, `z`) says which columns hold them.
+//! come first. A line of names (`x`, `y`, `z`) says which columns hold them, and other columns may
+//! hold anything. A line without a finite x, y and z has no point.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -21,6 +22,7 @@ use super::sticks::{FaultSticks, read_sticks};
 use super::tsurf::{Gocad, read_gocad};
 use super::vtp::read_surfaces;
 use crate::error::{Error, Result, cause, io_error};
+use crate::feature::eigen::{eigenvalues, eigenvector};
 use crate::files;
 use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::image::Image;
@@ -258,7 +260,6 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
 
 /// Reads points from lines of numbers, as the head of this module says.
 fn parse_points(path: &Path, text: &str) -> Result<Vec<[f64; 3]>> {
-    let separators = |c: char| c.is_whitespace() || matches!(c, ',' | ';');
     let mut rows: Vec<Vec<f64>> = Vec::new();
     let mut named_columns: Option<[usize; 3]> = None;
     for (number, line) in (1..).zip(text.lines()) {
@@ -266,9 +267,16 @@ fn parse_points(path: &Path, text: &str) -> Result<Vec<[f64; 3]>> {
         if line.is_empty() || line.starts_with(['#', '!', '@']) {
             continue;
         }
-        let words = line.split(separators).filter(|word| !word.is_empty());
-        let words: Vec<&str> = words.collect();
-        let numbers: Vec<f64> = words.iter().filter_map(|word| word.parse().ok()).collect();
+        let words = columns_of(line);
+        let number_at = |k: usize| words.get(k).and_then(|word| word.parse().ok());
+        if let Some(columns) = named_columns {
+            let point = columns.map(|k| number_at(k).unwrap_or(f64::NAN));
+            rows.push(point.to_vec());
+            continue;
+        }
+        let numbers: Vec<f64> = (line.split([' ', '\t', ',', ';']))
+            .filter_map(|word| word.parse().ok())
+            .collect();
         if numbers.len() < 3 && rows.is_empty() {
             let column = |name: &str| {
                 words
@@ -291,16 +299,25 @@ fn parse_points(path: &Path, text: &str) -> Result<Vec<[f64; 3]>> {
     let are_line_numbers =
         |row: &Vec<f64>| row.len() >= 5 && row[..2].iter().all(|n| n.fract() == 0.0);
     let starts_with_lines = !rows.is_empty() && rows.iter().all(are_line_numbers);
-    let columns = named_columns.unwrap_or(if starts_with_lines {
+    let columns = if starts_with_lines {
         [2, 3, 4]
     } else {
         [0, 1, 2]
-    });
+    };
     let point = |row: &Vec<f64>| {
         let point = columns.map(|k| row.get(k).copied().unwrap_or(f64::NAN));
         point.iter().all(|c| c.is_finite()).then_some(point)
     };
     Ok(rows.iter().filter_map(point).collect())
+}
+
+/// Returns the columns of a line: between commas or semicolons, where some may be empty, or else
+/// between spaces.
+fn columns_of(line: &str) -> Vec<&str> {
+    match [',', ';'].into_iter().find(|c| line.contains(*c)) {
+        Some(separator) => line.split(separator).map(str::trim).collect(),
+        None => line.split_whitespace().collect(),
+    }
 }
 
 /// Longest edge of a triangle between points, in units of the median of all triangles' longest
@@ -330,7 +347,7 @@ pub fn triangulate_points(points: &[[f64; 3]]) -> Result<Vec<[[f64; 3]; 3]>> {
             }
         }
     }
-    let normal = smallest_direction(moments);
+    let normal = eigenvector(&moments, eigenvalues(&moments)[0]);
     // Any two directions that span the plane.
     let least = (0..3).fold(0, |best, k| {
         if normal[k].abs() < normal[best].abs() {
@@ -385,32 +402,6 @@ pub fn triangulate_points(points: &[[f64; 3]]) -> Result<Vec<[[f64; 3]; 3]>> {
         .collect())
 }
 
-/// Returns the direction in which points spread least, from their second moments: the eigenvector
-/// of the smallest eigenvalue, by iteration with the adjugate matrix.
-fn smallest_direction(moments: [[f64; 3]; 3]) -> [f64; 3] {
-    let trace = (0..3).map(|k| moments[k][k]).sum::<f64>();
-    // A small shift keeps the matrix regular where the points lie in one plane exactly.
-    let shifted: [[f64; 3]; 3] = std::array::from_fn(|k| {
-        std::array::from_fn(|l| moments[k][l] + if k == l { 1e-9 * trace } else { 0.0 })
-    });
-    let adjugate: [[f64; 3]; 3] =
-        std::array::from_fn(|k| cross(shifted[(k + 1) % 3], shifted[(k + 2) % 3]));
-    let scale = adjugate
-        .as_flattened()
-        .iter()
-        .fold(0.0f64, |a, c| a.max(c.abs()));
-    let mut direction = [0.36, 0.48, 0.8];
-    for _ in 0..60 {
-        let next: [f64; 3] =
-            std::array::from_fn(|k| dot(adjugate[k], direction) / scale.max(f64::MIN_POSITIVE));
-        if norm(next) == 0.0 {
-            return [0.0, 0.0, 1.0];
-        }
-        direction = unit(next);
-    }
-    direction
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -447,6 +438,10 @@ mod tests {
                 "{text}"
             );
         }
+        let text = "name,x,y,z\nFault 7,1,2,3\nFault 8,,5,6\n,4,5,6\n";
+        let read = read_interpretation(&write(folder.path(), "c.xyz", text)).unwrap();
+        let expected = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+        assert_eq!(read[0].shape, PickedShape::Points(expected));
         let path = write(folder.path(), "a.xyz", "1 2 3\n1 2\n");
         let message = read_interpretation(&path).unwrap_err().to_string();
         assert!(message.contains("a.xyz:2: has 2 numbers; "), "{message}");

@@ -1,24 +1,19 @@
-//! Options for the position of a model, and for the wells and fluids of a simulation.
+//! Options for the wells and fluids of a simulation.
 
 use std::cell::OnceCell;
-use std::fmt::{self, Display, Formatter};
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
 use super::equilibrium::{Equilibrium, equilibria};
-use super::frame::metres_per_unit;
+use super::well_options::{GivenWell, well_from_file};
 use super::{
-    Aquifer, AquiferOption, BAR, CapillaryOption, Completion, ContactOption, Control, DAY, Date,
-    DatumOption, DepthAxis, Fluid, GRAVITY, MeshPlacement, Model, OIL_DENSITY, PreparedModel,
-    SURFACE_PRESSURE, Schedule, SimulationCase, Trajectory, WATER_DENSITY, Well, WellTracer,
+    Aquifer, AquiferOption, BAR, CapillaryOption, ContactOption, Control, DAY, Date, DatumOption,
+    Fluid, GRAVITY, Model, OIL_DENSITY, PreparedModel, SURFACE_PRESSURE, Schedule, ScheduledWell,
+    SimulationCase, WATER_DENSITY, Well, WellOption, WellPlace, WellTracer,
 };
 use crate::error::cause;
-use crate::job::spec::{InvalidValue, SignedAxis, joined, parse_number};
-use crate::job::well_file::{WellFile, is_well_file};
 use crate::mesh::graph::Locator;
-use crate::option_text::serde_as_text;
 use crate::progress::Progress;
 use crate::{Error, Result};
 
@@ -27,60 +22,6 @@ const DEFAULT_DAYS: f64 = 3650.0;
 
 /// Default radius in metres of wells that are given by a point.
 const DEFAULT_WELL_RADIUS: f64 = 0.1;
-
-/// Options that convert a mesh's coordinates to metres and depth.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
-#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
-pub struct SpaceOptions {
-    /// Unit of the mesh's coordinates, if it is not the one that the mesh states: m, km, ft, cm,
-    /// mm, um or nm. The export is in metres [default: what the mesh states, or m; scans in mm or
-    /// less keep their unit where flow is not simulated]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
-    pub length_unit: Option<String>,
-    /// The coordinate that is depth, with its sign: -z if z grows upwards, z if it grows downwards,
-    /// x ...
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "AXIS",
-            default_value_t = SpaceOptions::default().down,
-            allow_hyphen_values = true
-        )
-    )]
-    pub down: SignedAxis,
-    /// Depth (m) of the mesh's shallowest point [default: from its coordinates]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DEPTH", allow_hyphen_values = true)
-    )]
-    pub depth_at_top: Option<f64>,
-    /// Velocity (m/s) that converts two-way time to depth
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V", allow_hyphen_values = true)
-    )]
-    pub velocity: Option<f64>,
-    /// Thickness of a 2-D mesh, in the unit of its coordinates [default: 1]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "T"))]
-    pub thickness: Option<f64>,
-}
-
-impl Default for SpaceOptions {
-    fn default() -> Self {
-        Self {
-            length_unit: None,
-            down: SignedAxis {
-                axis: 2,
-                is_positive: false,
-            },
-            depth_at_top: None,
-            velocity: None,
-            thickness: None,
-        }
-    }
-}
 
 /// The fluids in the pores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -166,147 +107,11 @@ pub struct CaseOptions {
     pub days: Option<f64>,
 }
 
-/// A well: its name, its place, and the rate or the pressure that controls it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WellOption {
-    /// The name. By default it is that in the file, or I or P with the number of the well.
-    pub name: Option<String>,
-    /// The place of the well.
-    pub place: WellPlace,
-    /// The rate of an injector in m^3/day, or the pressure of a producer in bar.
-    pub value: f64,
-}
-
-/// A well without a control of its own.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ScheduledWell {
-    /// The name. By default it is that in the file, or W with the number of the well.
-    pub name: Option<String>,
-    /// The place of the well.
-    pub place: WellPlace,
-}
-
-/// The place of a well.
-#[derive(Debug, Clone, PartialEq)]
-pub enum WellPlace {
-    /// A point in the mesh's coordinates. The well is vertical in the cell that contains it.
-    Point([f64; 3]),
-    /// A CSV file of lines x,y,z,radius: the well's trajectory.
-    File(PathBuf),
-}
-
-impl FromStr for WellOption {
-    type Err = InvalidValue;
-
-    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
-        let remedy = "give X,Y,Z:VALUE or FILE.csv:VALUE, with NAME= before it or not";
-        let (name, rest) = split_name(text);
-        let (place, value) = rest
-            .rsplit_once(':')
-            .ok_or_else(|| InvalidValue::new("has no ':'", remedy))?;
-        let value = parse_number(value, remedy)?;
-        if value <= 0.0 {
-            let problem = format!("has the value {value}, which is not a positive number");
-            return Err(InvalidValue::new(problem, "give one above 0"));
-        }
-        let place = WellPlace::parse(place, remedy)?;
-        Ok(Self { name, place, value })
-    }
-}
-
-/// Splits `NAME=` from the start of a value.
-fn split_name(text: &str) -> (Option<String>, &str) {
-    match text.split_once('=') {
-        Some((name, rest)) => (Some(name.to_string()), rest),
-        None => (None, text),
-    }
-}
-
-impl WellPlace {
-    fn parse(text: &str, remedy: &str) -> std::result::Result<Self, InvalidValue> {
-        if is_well_file(text) {
-            return Ok(Self::File(text.into()));
-        }
-        let numbers = text.split(',').map(|word| parse_number(word, remedy));
-        let numbers: Vec<f64> = numbers.collect::<std::result::Result<_, _>>()?;
-        let count = numbers.len();
-        let point = <[f64; 3]>::try_from(numbers)
-            .map_err(|_| InvalidValue::new(format!("has {count} coordinates, not 3"), remedy))?;
-        Ok(Self::Point(point))
-    }
-}
-
-impl Display for WellPlace {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Point(point) => f.write_str(&joined(point)),
-            Self::File(path) => write!(f, "{}", path.display()),
-        }
-    }
-}
-
-impl FromStr for ScheduledWell {
-    type Err = InvalidValue;
-
-    fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
-        let remedy = "give X,Y,Z or FILE.csv, with NAME= before it or not";
-        let (name, place) = split_name(text);
-        let place = WellPlace::parse(place, remedy)?;
-        Ok(Self { name, place })
-    }
-}
-
-impl Display for ScheduledWell {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        if let Some(name) = &self.name {
-            write!(f, "{name}=")?;
-        }
-        self.place.fmt(f)
-    }
-}
-
-impl Display for WellOption {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        if let Some(name) = &self.name {
-            write!(f, "{name}=")?;
-        }
-        write!(f, "{}:{}", self.place, self.value)
-    }
-}
-
-serde_as_text!(WellOption: [",", ":"], ScheduledWell: [","; 2]);
-
-impl SpaceOptions {
-    /// Returns the placement of the mesh that the options describe.
-    ///
-    /// # Errors
-    /// Returns [`Error::Job`] for an unknown unit, or for numbers that make no sense.
-    pub(crate) fn placement(&self) -> Result<MeshPlacement> {
-        let parse_unit = |unit: &String| {
-            let place = format!("length-unit {unit}");
-            let remedy = "give m, km, ft, cm, mm, um or nm";
-            let unknown = || Error::Job(cause(place, "is not a known unit", remedy));
-            metres_per_unit(unit).ok_or_else(unknown)
-        };
-        if let Some(thickness) = self.thickness {
-            check_positive("thickness", thickness)?;
-        }
-        let length = self.length_unit.as_ref().map(parse_unit).transpose()?;
-        Ok(MeshPlacement {
-            length,
-            keeps_unit: false,
-            depth_axis: DepthAxis {
-                axis: self.down.axis,
-                is_downward: self.down.is_positive,
-            },
-            velocity: self.velocity,
-            top: self.depth_at_top,
-            thickness: self.thickness.unwrap_or(1.0),
-        })
-    }
-}
-
-fn check_positive(option: &str, value: f64) -> Result<()> {
+/// Checks that the value of an option is positive.
+///
+/// # Errors
+/// Returns [`Error::Job`] if it is not.
+pub(super) fn check_positive(option: &str, value: f64) -> Result<()> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
     }
@@ -615,17 +420,6 @@ impl CaseOptions {
     }
 }
 
-/// A well of the options.
-struct GivenWell<'a> {
-    /// The option and its value, for messages.
-    label: String,
-    name: Option<&'a str>,
-    place: &'a WellPlace,
-    /// The letter with which the default name begins.
-    letter: char,
-    control: Control,
-}
-
 /// Notes the wells that the schedule does not open.
 fn note_unscheduled_wells(schedule: &Schedule, wells: &[Well], progress: &mut dyn Progress) {
     for (index, well) in wells.iter().enumerate() {
@@ -636,54 +430,4 @@ fn note_unscheduled_wells(schedule: &Schedule, wells: &[Well], progress: &mut dy
             ));
         }
     }
-}
-
-/// Reads a well from a file. Returns its name, its trajectory and its completions.
-fn well_from_file(
-    path: &Path,
-    label: String,
-    tracer: &WellTracer,
-    prepared: &PreparedModel,
-    progress: &mut dyn Progress,
-) -> Result<(String, Trajectory, Vec<Completion>)> {
-    let file = WellFile::<3>::read(path, 2)?;
-    let frame = &prepared.frame;
-    let points = file.points.iter();
-    let trajectory = Trajectory {
-        name: label,
-        points: points.clone().map(|p| frame.to_model(p.1)).collect(),
-        radii: points.map(|p| p.2 * frame.horizontal_scale()).collect(),
-    };
-    let completions = tracer.complete(&trajectory)?;
-    let (total, inside) = (
-        trajectory.length(),
-        completions.iter().map(|c| c.length).sum::<f64>(),
-    );
-    if inside < (1.0 - 1e-6) * total {
-        progress.note(&format!(
-            "{}: {inside:.2} of the well's {total:.2} m lie in the mesh",
-            path.display()
-        ));
-    }
-    Ok((file.name, trajectory, completions))
-}
-
-/// Checks that depth grows downwards from the surface.
-///
-/// # Errors
-/// Returns [`Error::Export`] for a mesh that reaches above depth 0.
-pub(crate) fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
-    let depths = (0..model.len()).map(|cell| model.depth(cell));
-    let top = depths.fold(f64::INFINITY, f64::min);
-    if top >= 0.0 {
-        return Ok(());
-    }
-    Err(Error::Export(
-        cause(
-            format!("down {}", space.down),
-            format!("puts the mesh's top {:.6} m above depth 0", -top),
-            "give the other sign, or the depth at the top",
-        )
-        .with_parameter("depth-at-top"),
-    ))
 }

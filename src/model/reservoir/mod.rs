@@ -4,7 +4,9 @@
 //!
 //! - `prepared_model`: models from mesh files
 //! - `rock_options`: options for the rock in the cells
-//! - `case_options`: options for the position of a model, its wells and fluids
+//! - `space_options`: options that place a model in space
+//! - `case_options`: options for the wells and fluids of a simulation
+//! - `well_options`: wells as options name them, and their places
 //! - `frame`: from a mesh's coordinates to metres and depth
 //! - `aquifer`: aquifers beyond a side
 //! - `averaging`: averages of an image over cells
@@ -31,8 +33,10 @@ pub(crate) mod prepared_model;
 pub(crate) mod rock_options;
 pub(crate) mod schedule;
 pub(crate) mod seal_check;
+pub(crate) mod space_options;
 pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
+pub(crate) mod well_options;
 
 pub use prepared_model::{MeshPlacement, PreparedModel};
 
@@ -54,9 +58,7 @@ use crate::{Error, Result};
 
 pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
 pub use averaging::{MeanKind, SamplePositions};
-pub use case_options::{
-    CaseOptions, FluidChoice, ScheduledWell, SpaceOptions, WellOption, WellPlace,
-};
+pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
@@ -67,7 +69,9 @@ pub use rock_options::{
 };
 pub use schedule::{Date, Schedule};
 pub use seal_check::SealCheck;
+pub use space_options::SpaceOptions;
 pub use trajectory::{Trajectory, WellTracer};
+pub use well_options::{ScheduledWell, WellOption, WellPlace};
 
 /// One millidarcy in m^2.
 pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;

@@ -349,7 +349,7 @@ impl OpenedImage {
     /// Loads all samples into memory.
     ///
     /// # Errors
-    /// Returns the errors of [`ImageStream::into_loaded`].
+    /// Returns the errors of `ImageStream::into_loaded`.
     pub fn load(self, place: &Path) -> Result<AnyImage> {
         match self {
             Self::Stream(stream) => stream.into_loaded(place).map(into_any_image),

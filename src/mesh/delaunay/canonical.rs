@@ -9,6 +9,8 @@ use crate::parallel::prelude::*;
 
 /// Number of points whose tetrahedra one task sorts.
 const SORT_CHUNK: usize = 4096;
+/// Number of tetrahedra that one task renumbers.
+const TASK_SIZE: usize = 1 << 14;
 
 /// Sorts tetrahedra into an order that depends only on the tetrahedra themselves. `points` is the
 /// number of points. Each is rotated,
@@ -16,47 +18,86 @@ const SORT_CHUNK: usize = 4096;
 /// the others; then the tetrahedra are sorted by their nodes.
 pub fn sort_canonical(points: usize, output: &mut DelaunayTets) {
     let DelaunayTets { tets, neighbors } = output;
-    let with_neighbors = !neighbors.is_empty();
-    let rotations: Vec<[u8; 4]> = tets.par_iter().map(canonical_rotation).collect();
-    let rotated = |t: u32| rotations[t as usize].map(|k| tets[t as usize][usize::from(k)]);
+    let mut firsts = vec![0; tets.len()];
+    rotate_all(tets, neighbors, &mut firsts);
     // Group by the first node,
-    let first = |t: u32| rotated(t)[0];
-    let firsts: Vec<u32> = (0..tets.len() as u32).into_par_iter().map(first).collect();
-    let (mut starts, mut sorted) = (Vec::new(), Vec::new());
-    sort_by_group_into(points, &firsts, &mut starts, &mut sorted);
+    let (mut starts, mut order) = (Vec::new(), Vec::new());
+    sort_by_group_into(points, &firsts, &mut starts, &mut order);
     drop(firsts);
     // then sort each group by the other nodes.
-    let mut remaining = sorted.as_mut_slice();
+    let mut sorted_tets = vec![[0; 4]; tets.len()];
     let mut chunks = Vec::with_capacity(points / SORT_CHUNK + 1);
+    let mut remaining = (order.as_mut_slice(), sorted_tets.as_mut_slice());
     for first in (0..points).step_by(SORT_CHUNK) {
         let last = (first + SORT_CHUNK).min(points);
-        let (chunk, tail) = remaining.split_at_mut((starts[last] - starts[first]) as usize);
-        remaining = tail;
-        chunks.push((first..last, chunk));
+        let count = (starts[last] - starts[first]) as usize;
+        let (order, order_tail) = remaining.0.split_at_mut(count);
+        let (sorted, sorted_tail) = remaining.1.split_at_mut(count);
+        remaining = (order_tail, sorted_tail);
+        chunks.push((first..last, order, sorted));
     }
-    chunks.into_par_iter().for_each(|(nodes, chunk)| {
+    chunks.into_par_iter().for_each(|(nodes, order, sorted)| {
         let chunk_start = starts[nodes.start];
+        let mut group = Vec::new();
         for node in nodes {
-            let range =
-                (starts[node] - chunk_start) as usize..(starts[node + 1] - chunk_start) as usize;
-            chunk[range].sort_unstable_by_key(|&t| rotated(t));
+            let [start, end] =
+                [starts[node], starts[node + 1]].map(|at| (at - chunk_start) as usize);
+            group.clear();
+            group.extend(order[start..end].iter().map(|&t| {
+                let [_, b, c, d] = tets[t as usize];
+                ([b, c, d], t)
+            }));
+            group.sort_unstable();
+            for (&([b, c, d], t), i) in group.iter().zip(start..) {
+                (order[i], sorted[i]) = (t, [node as u32, b, c, d]);
+            }
         }
     });
-    let new_tets = sorted.par_iter().map(|&t| rotated(t)).collect();
-    if with_neighbors {
-        let new_index = tets.par_iter().map(|_| AtomicU32::new(0));
-        let new_index: Vec<AtomicU32> = new_index.collect();
-        let pairs = sorted.par_iter().enumerate();
-        pairs.for_each(|(new, &old)| new_index[old as usize].store(new as u32, Relaxed));
-        let renumbered = |&t: &u32| {
-            rotations[t as usize].map(|k| match neighbors[t as usize][usize::from(k)] {
+    *tets = sorted_tets;
+    if neighbors.is_empty() {
+        return;
+    }
+    let new_index: Vec<AtomicU32> = (0..order.len()).map(|_| AtomicU32::new(0)).collect();
+    let tasks = order.par_chunks(TASK_SIZE).enumerate();
+    tasks.for_each(|(task, order)| {
+        for (&old, new) in order.iter().zip(task * TASK_SIZE..) {
+            new_index[old as usize].store(new as u32, Relaxed);
+        }
+    });
+    let mut sorted_neighbors = vec![[0; 4]; neighbors.len()];
+    let tasks = sorted_neighbors
+        .par_chunks_mut(TASK_SIZE)
+        .zip(order.par_chunks(TASK_SIZE));
+    tasks.for_each(|(sorted, order)| {
+        for (sorted, &old) in sorted.iter_mut().zip(order) {
+            *sorted = neighbors[old as usize].map(|n| match n {
                 OUTSIDE => OUTSIDE,
                 n => new_index[n as usize].load(Relaxed),
-            })
-        };
-        *neighbors = sorted.par_iter().map(renumbered).collect();
-    }
-    *tets = new_tets;
+            });
+        }
+    });
+    *neighbors = sorted_neighbors;
+}
+
+/// Rotates each tetrahedron to start with its lowest node and continue with the lowest of the
+/// others, and writes the lowest nodes to `firsts`.
+fn rotate_all(tets: &mut [[u32; 4]], neighbors: &mut [[u32; 4]], firsts: &mut [u32]) {
+    let has_neighbors = !neighbors.is_empty();
+    let mut neighbor_tasks = neighbors.chunks_mut(TASK_SIZE);
+    let tasks: Vec<_> = (tets.chunks_mut(TASK_SIZE))
+        .zip(firsts.chunks_mut(TASK_SIZE))
+        .map(|(tets, firsts)| (tets, firsts, neighbor_tasks.next().unwrap_or_default()))
+        .collect();
+    tasks.into_par_iter().for_each(|(tets, firsts, neighbors)| {
+        for (i, (tet, first)) in tets.iter_mut().zip(firsts).enumerate() {
+            let rotation = canonical_rotation(tet);
+            *tet = rotation.map(|k| tet[usize::from(k)]);
+            *first = tet[0];
+            if has_neighbors {
+                neighbors[i] = rotation.map(|k| neighbors[i][usize::from(k)]);
+            }
+        }
+    });
 }
 
 /// Returns the even permutation that puts the lowest node first and the lowest of the others

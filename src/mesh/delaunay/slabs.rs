@@ -137,33 +137,35 @@ pub fn tets_in_intervals(
 fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
     let mut all = DelaunayTets {
-        tets: Vec::with_capacity(count),
-        neighbors: Vec::with_capacity(count),
+        tets: vec![[0; 4]; count],
+        neighbors: vec![[0; 4]; count],
     };
     // Faces beyond which another part continues.
     let mut open_faces: Vec<([u32; 3], u32, usize)> = Vec::new();
+    let mut first = 0;
     // Each part is dropped after it has been copied, to save memory.
     for part in parts {
-        let first = all.tets.len() as u32;
+        let end = first + part.tets.len();
         let open_faces_of = |(t, (tet, adjacent)): (usize, (&[u32; 4], &[u32; 4]))| {
             let (tet, adjacent) = (*tet, *adjacent);
             let open_indices = (0..4).filter(move |&k| adjacent[k] == IN_OTHER_SLAB);
             open_indices.map(move |k| {
                 let mut face = [1, 2, 3].map(|j| tet[(k + j) % 4]);
                 face.sort_unstable();
-                (face, first + t as u32, k)
+                (face, (first + t) as u32, k)
             })
         };
         let cells = part.tets.par_iter().zip(&part.neighbors).enumerate();
         open_faces.par_extend(cells.flat_map_iter(open_faces_of));
         let global_index = |n: u32| match n {
             IN_OTHER_SLAB | OUTSIDE => OUTSIDE,
-            local => first + local,
+            local => first as u32 + local,
         };
-        all.tets.extend_from_slice(&part.tets);
-        let adjacent = part.neighbors.par_iter();
-        all.neighbors
-            .par_extend(adjacent.map(|adjacent| adjacent.map(global_index)));
+        let copied = (all.tets[first..end].par_iter_mut()).zip(part.tets.par_iter());
+        copied.for_each(|(target, tet)| *target = *tet);
+        let renumbered = (all.neighbors[first..end].par_iter_mut()).zip(part.neighbors.par_iter());
+        renumbered.for_each(|(target, adjacent)| *target = adjacent.map(global_index));
+        first = end;
     }
     open_faces.par_sort_unstable();
     let mut unmatched = 0;
@@ -180,6 +182,17 @@ fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
         }
     }
     (all, unmatched)
+}
+
+/// The points of a slab and of its halo.
+struct SlabPart {
+    /// Their numbers among all points.
+    members: Vec<u32>,
+    points: Vec<[f64; 3]>,
+    /// `true` for each point that lies in the slab itself.
+    is_own: Vec<bool>,
+    /// Ends of the halo along the axis.
+    bounds: [f64; 2],
 }
 
 /// Space, cut across its longest axis so that all slabs have about the same number of points.
@@ -296,76 +309,69 @@ impl<'a> PointSlabs<'a> {
                 Err(Error::Delaunay(_)) => return Ok(None),
                 output => output?,
             };
-            if let Some(kept) = self.certified_tets(&output, &members, [low, high], bounds) {
+            let is_own = |p: &[f64; 3]| low <= p[self.axis] && p[self.axis] < high;
+            let part = SlabPart {
+                is_own: points.iter().map(is_own).collect(),
+                members,
+                points,
+                bounds,
+            };
+            if let Some(kept) = self.certified_tets(output, &part) {
                 return Ok(Some(kept));
             }
         }
         Ok(None)
     }
 
-    /// Returns the tetrahedra that the slab from `low` to `high` keeps of the triangulation of
-    /// `members`, which are the points inside `bounds`. Returns `None` if a tetrahedron at one of
-    /// the slab's points is not certified.
-    fn certified_tets(
-        &self,
-        output: &DelaunayTets,
-        members: &[u32],
-        [low, high]: [f64; 2],
-        bounds: [f64; 2],
-    ) -> Option<DelaunayTets> {
-        let point = |local: u32| self.points[members[local as usize] as usize];
-        let owns = |local: u32| {
-            let x = point(local)[self.axis];
-            low <= x && x < high
-        };
+    /// Returns the tetrahedra that a slab keeps of the triangulation of its points and those of its
+    /// halo. Returns `None` if a tetrahedron at one of the slab's own points is not certified.
+    fn certified_tets(&self, mut output: DelaunayTets, part: &SlabPart) -> Option<DelaunayTets> {
         let mut new_index = vec![IN_OTHER_SLAB; output.tets.len()];
-        let mut used = vec![false; members.len()];
+        let mut is_used = vec![false; part.points.len()];
         let (mut count, mut other_faces) = (0, 0);
-        for ((tet, neighbors), new_index) in output
-            .tets
-            .iter()
-            .zip(&output.neighbors)
-            .zip(&mut new_index)
+        for ((tet, neighbors), new_index) in
+            (output.tets.iter().zip(&output.neighbors)).zip(&mut new_index)
         {
-            let is_own = tet.map(owns);
-            tet.iter().for_each(|&local| used[local as usize] = true);
+            let is_own = tet.map(|local| part.is_own[local as usize]);
+            tet.iter().for_each(|&local| is_used[local as usize] = true);
             if !is_own.contains(&true) {
                 continue;
             }
-            let corners = tet.map(point);
-            let hull_is_real = (0..4).all(|k| {
+            let corners = tet.map(|local| part.points[local as usize]);
+            let hull_is_real = (0..4).filter(|&k| neighbors[k] == OUTSIDE).all(|k| {
                 let face = [1, 2, 3].map(|j| (k + j) % 4);
-                neighbors[k] != OUTSIDE
-                    || !face.iter().any(|&j| is_own[j])
+                !face.iter().any(|&j| is_own[j])
                     || self.is_on_side(face.map(|j| corners[j]))
                     || self.is_on_hull(corners, k, &mut other_faces)
             });
-            if !(hull_is_real && self.is_certified(corners, bounds)) {
+            if !(hull_is_real && self.is_certified(corners, part.bounds)) {
                 return None;
             }
-            if owns(*tet.iter().min()?) {
+            if part.is_own[*tet.iter().min()? as usize] {
                 *new_index = count;
                 count += 1;
             }
         }
         // A kernel leaves out a point that coincides with another.
-        if (0..members.len()).any(|i| !used[i] && owns(i as u32)) {
+        if (is_used.iter().zip(&part.is_own)).any(|(is_used, is_own)| *is_own && !is_used) {
             return None;
         }
-        let is_kept = |t: &usize| new_index[*t] != IN_OTHER_SLAB;
-        let neighbor = |n: u32| match n {
-            OUTSIDE => OUTSIDE,
-            n => new_index[n as usize],
-        };
-        let all_tets = 0..output.tets.len();
-        Some(DelaunayTets {
-            tets: (all_tets.clone().filter(is_kept))
-                .map(|t| output.tets[t].map(|local| members[local as usize]))
-                .collect(),
-            neighbors: (all_tets.filter(is_kept))
-                .map(|t| output.neighbors[t].map(neighbor))
-                .collect(),
-        })
+        // The kept ones move to the front, in place.
+        let mut kept = 0;
+        for t in 0..new_index.len() {
+            if new_index[t] == IN_OTHER_SLAB {
+                continue;
+            }
+            output.tets[kept] = output.tets[t].map(|local| part.members[local as usize]);
+            output.neighbors[kept] = output.neighbors[t].map(|n| match n {
+                OUTSIDE => OUTSIDE,
+                n => new_index[n as usize],
+            });
+            kept += 1;
+        }
+        output.tets.truncate(kept);
+        output.neighbors.truncate(kept);
+        Some(output)
     }
 
     /// Returns `true` if a face lies in one side of the box of all points, so that no point is
@@ -396,13 +402,21 @@ impl<'a> PointSlabs<'a> {
     fn is_certified(&self, [a, b, c, d]: [[f64; 3]; 4], bounds: [f64; 2]) -> bool {
         let [b, c, d] = [b, c, d].map(|p| sub(p, a));
         let [normal_b, normal_c, normal_d] = [cross(c, d), cross(d, b), cross(b, c)];
-        let twice = 2.0 * dot(b, normal_b);
-        let [b2, c2, d2] = [b, c, d].map(|p| dot(p, p));
-        let centre: [f64; 3] = std::array::from_fn(|k| {
-            (b2 * normal_b[k] + c2 * normal_c[k] + d2 * normal_d[k]) / twice
-        });
+        let scale = 0.5 / dot(b, normal_b);
+        let [b2, c2, d2] = [b, c, d].map(|p| scale * dot(p, p));
+        let centre: [f64; 3] =
+            std::array::from_fn(|k| b2 * normal_b[k] + c2 * normal_c[k] + d2 * normal_d[k]);
         let radius2 = dot(centre, centre);
+        let radius = radius2.sqrt();
         let rounding = ROUNDING_TOLERANCE * radius2 / self.mean_distance;
+        let margin = (rounding * radius).sqrt() + rounding;
+        let x = a[self.axis] + centre[self.axis];
+        // The comparison is false for NaN, so a tetrahedron without a circumsphere is not
+        // certified.
+        let is_inside = |reach: f64| bounds[0] <= x - reach && x + reach <= bounds[1];
+        if is_inside(radius + margin) {
+            return true;
+        }
         // If the centre is outside the box of all points, only a smaller cap of the sphere is
         // inside the box.
         let outside2: f64 = (0..3)
@@ -413,12 +427,7 @@ impl<'a> PointSlabs<'a> {
                 (low - x).max(x - high).max(0.0).powi(2)
             })
             .sum();
-        let reach =
-            (radius2 - outside2).max(0.0).sqrt() + (rounding * radius2.sqrt()).sqrt() + rounding;
-        let x = a[self.axis] + centre[self.axis];
-        // The comparison is false for NaN, so a tetrahedron without a circumsphere is not
-        // certified.
-        bounds[0] <= x - reach && x + reach <= bounds[1]
+        is_inside((radius2 - outside2).max(0.0).sqrt() + margin)
     }
 }
 

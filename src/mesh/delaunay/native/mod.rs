@@ -111,27 +111,27 @@ fn put_simplex_first(points: &[[f64; 3]], order: &mut [u32]) -> Option<()> {
 
 /// Returns the cells inside the hull, numbered consecutively, with the points' numbers.
 fn compacted(cells: Vec<Cell>, numbers: &[u32], with_neighbors: bool) -> DelaunayTets {
-    let finite = cells.iter().filter(|cell| cell.is_finite());
-    let tets = finite.map(|cell| cell.vertices.map(|v| numbers[v as usize]));
-    let tets: Vec<[u32; 4]> = tets.collect();
-    if !with_neighbors {
-        return DelaunayTets {
-            tets,
-            neighbors: Vec::new(),
-        };
-    }
-    let mut next = 0;
-    let index = |cell: &Cell| {
-        if !cell.is_finite() {
-            return OUTSIDE;
+    let mut tets = Vec::with_capacity(cells.len());
+    let mut new_index = Vec::with_capacity(if with_neighbors { cells.len() } else { 0 });
+    for cell in &cells {
+        let is_finite = cell.is_finite();
+        if with_neighbors {
+            new_index.push(if is_finite {
+                tets.len() as u32
+            } else {
+                OUTSIDE
+            });
         }
-        next += 1;
-        next - 1
-    };
-    let new_index: Vec<u32> = cells.iter().map(index).collect();
-    let mut neighbors = Vec::with_capacity(tets.len());
-    let finite = cells.iter().filter(|cell| cell.is_finite());
-    neighbors.extend(finite.map(|cell| cell.neighbors.map(|n| new_index[(n >> 2) as usize])));
+        if is_finite {
+            tets.push(cell.vertices.map(|v| numbers[v as usize]));
+        }
+    }
+    let mut neighbors = Vec::with_capacity(if with_neighbors { tets.len() } else { 0 });
+    if with_neighbors {
+        let finite = (cells.iter().zip(&new_index)).filter(|(_, index)| **index != OUTSIDE);
+        neighbors
+            .extend(finite.map(|(cell, _)| cell.neighbors.map(|n| new_index[(n >> 2) as usize])));
+    }
     DelaunayTets { tets, neighbors }
 }
 

@@ -1,7 +1,6 @@
 //! The marked faces of the local cells of a mesh that may be distributed. Compartments of
 //! partitions are united across the cuts.
 
-use super::gathered_cells::GatheredCells;
 use super::surface::{MarkedSurface, RidgeFan, ridge_nodes};
 use super::{SealReport, Sealer};
 use crate::error::cause;
@@ -162,10 +161,11 @@ impl<const D: usize, M: Simplices<D>> LocalSurface<'_, D, M> {
     }
 
     /// Marks the new faces, which all ranks have found, and opens the pockets that they create.
+    /// `global_cell` returns the global index of a cell of `sealer`.
     pub fn close_holes(
         &mut self,
         sealer: &Sealer<'_, D, M>,
-        gathered: &GatheredCells<D>,
+        global_cell: impl Fn(u32) -> usize,
     ) -> Result<SealReport> {
         let n = D as u32 + 1;
         // Sides of the new faces that belong to this partition.
@@ -173,7 +173,7 @@ impl<const D: usize, M: Simplices<D>> LocalSurface<'_, D, M> {
         for (i, &face) in (0..).zip(&sealer.new_faces) {
             let twin = sealer.surface.twin(face).unwrap_or(face);
             for (side, face) in (2 * i..).zip([face, twin]) {
-                if let Some(face) = self.local_face(gathered.global_cell(face / n), face % n) {
+                if let Some(face) = self.local_face(global_cell(face / n), face % n) {
                     self.surface.set_mark(face, true);
                     sides.push((side, face));
                 }

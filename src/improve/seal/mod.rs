@@ -88,9 +88,9 @@ pub struct SealReport {
 /// the local cells. `distance_near` returns d near some positions, and `max_distance` is its
 /// maximum.
 ///
-/// All holes lie at the rims of surfaces. Each rank gathers the cells near all rims and performs
-/// the same operations on them. The rank that owns a cell computes the feature planes near it and
-/// sends them to all.
+/// All holes lie at the rims of surfaces. If the mesh is distributed, each rank gathers the cells
+/// near all rims and performs the same operations on them. The rank that owns a cell computes the
+/// feature planes near it and sends them to all.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`](crate::Error::Mesh) if the partitions do not fit each other, and an
@@ -118,6 +118,25 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
     };
     let mut local = LocalSurface { view, surface };
     local.mark_both_sides()?;
+    let is_cancelled = || {
+        let flags = comm.all_gather("cancellation", cancel.is_cancelled())?;
+        Ok(flags.contains(&true))
+    };
+    if comm.size() == 1 {
+        let mut marks = local.surface.marks.to_vec();
+        let surface = MarkedSurface {
+            mesh: view.mesh,
+            neighbors,
+            marks: &mut marks,
+        };
+        let distance = distance_near(view.mesh.nodes())?;
+        let mut sealer = Sealer::new(surface, &planes, &distance);
+        sealer.grow(is_cancelled, |sealer, cells| {
+            Ok(sealer.planes_near_cells(&cells))
+        })?;
+        sealer.remove_overhangs();
+        return local.close_holes(&sealer, |c| c as usize);
+    }
     let mut gathered = GatheredCells::default();
     let mut pending_nodes = local.rim_nodes()?;
     let mut rings = 1;
@@ -138,10 +157,6 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
         let mut sealer = Sealer::new(surface, &planes, &distance);
         let to_local = |(global_id, planes)| (gathered.local_cell(global_id), planes);
         sealer.cell_planes = known_planes.into_iter().map(to_local).collect();
-        let is_cancelled = || {
-            let flags = comm.all_gather("cancellation", cancel.is_cancelled())?;
-            Ok(flags.contains(&true))
-        };
         sealer.grow(is_cancelled, |sealer, cells| {
             let owned_cells = cells
                 .into_iter()
@@ -154,7 +169,7 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
         })?;
         if sealer.incomplete_nodes.is_empty() {
             sealer.remove_overhangs();
-            return local.close_holes(&sealer, &gathered);
+            return local.close_holes(&sealer, |c| gathered.global_cell(c));
         }
         // Repeat with the missing cells. The planes that are known need not be computed again.
         let incomplete = sealer.incomplete_nodes.iter();

@@ -252,27 +252,30 @@ impl Complex {
     /// Writes the ring of tetrahedra round edge (a, b) of tetrahedron `t` into `ring`. Stops and
     /// returns `false` if there are more than `max_tets`.
     pub fn ring(&self, t: u32, a: u32, b: u32, max_tets: usize, ring: &mut Ring) -> bool {
-        ring.nodes.clear();
-        ring.tets.clear();
-        // Go back to the boundary, if there is one.
+        if self.walk_ring(t, [a, b], max_tets, ring) || ring.tets.len() > max_tets {
+            return ring.is_closed;
+        }
+        // There is a boundary: go back to where the ring begins.
         let mut first = t;
-        let mut steps = 0;
-        ring.is_closed = true;
-        loop {
+        for _ in 0..=max_tets {
             let (_, d) = self.opposite_edge(first, a, b);
-            let Some(previous) = self.neighbor(first, self.local_index(first, d)) else {
-                ring.is_closed = false;
-                break;
-            };
-            first = previous;
-            if first == t {
-                break;
-            }
-            steps += 1;
-            if steps > max_tets {
-                return false;
+            match self.neighbor(first, self.local_index(first, d)) {
+                Some(previous) => first = previous,
+                None => {
+                    self.walk_ring(first, [a, b], max_tets, ring);
+                    return ring.tets.len() <= max_tets;
+                }
             }
         }
+        false
+    }
+
+    /// Writes the tetrahedra round edge (a, b) from `first` on into `ring`, up to a boundary, or until
+    /// there are more than `max_tets`. Returns `true` if they form a closed ring.
+    fn walk_ring(&self, first: u32, [a, b]: [u32; 2], max_tets: usize, ring: &mut Ring) -> bool {
+        ring.nodes.clear();
+        ring.tets.clear();
+        ring.is_closed = false;
         let mut current = first;
         loop {
             let (c, d) = self.opposite_edge(current, a, b);
@@ -281,14 +284,17 @@ impl Complex {
             if ring.tets.len() > max_tets {
                 return false;
             }
-            let Some(next) = self.neighbor(current, self.local_index(current, c)) else {
-                ring.nodes.push(d);
-                return true;
-            };
-            if next == first {
-                return true;
+            match self.neighbor(current, self.local_index(current, c)) {
+                Some(next) if next == first => {
+                    ring.is_closed = true;
+                    return true;
+                }
+                Some(next) => current = next,
+                None => {
+                    ring.nodes.push(d);
+                    return false;
+                }
             }
-            current = next;
         }
     }
 

@@ -34,6 +34,7 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     let (spec, output) = (&args.spec, args.output.as_path());
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(spec.image.as_deref());
+    inputs.extend(spec.survey.as_deref());
     let endings = [&SURFACE_EXTENSIONS[..], &STICK_EXTENSIONS, &GRID_EXTENSIONS].concat();
     check_output(output, "--output", &endings, &inputs)?;
     spec.check_target(output)

@@ -12,6 +12,7 @@ use crate::geometry::{normal, unit};
 use crate::image::formats;
 use crate::mesh::Mesh;
 use crate::model::input::{MeshInput, mesh_in_depth, read_mesh_image};
+use crate::model::surface::amplitude::{AmplitudeMeasures, measure_amplitudes};
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
@@ -114,7 +115,15 @@ impl Extraction<'_> {
             self.progress
                 .note(&mixed_units_note(&geometry.units, &up, is_time));
         }
-        let (surfaces, measures, file) = measured_groups(&stored, facets, &options, &up, z_up);
+        let (surfaces, mut measures, mut file) =
+            measured_groups(&stored, facets, &options, &up, z_up);
+        if let Some(path) = &spec.survey {
+            let amplitudes = self.amplitude_measures(path, &stored, &surfaces, &measures, &up)?;
+            file.cell_data.extend(amplitude_arrays(&amplitudes));
+            for (measure, amplitudes) in measures.iter_mut().zip(amplitudes.surfaces) {
+                measure.amplitudes = Some(amplitudes);
+            }
+        }
         Ok(SurfaceOutcome {
             surfaces: any(file),
             report: SurfaceReport::Bends {
@@ -124,6 +133,27 @@ impl Extraction<'_> {
                 dropped_share: surfaces.dropped_share(stored.lattice.nodes()),
             },
         })
+    }
+
+    /// Measures the surfaces in the image of amplitudes at `path`.
+    fn amplitude_measures<const D: usize, M: Storable<D>>(
+        &self,
+        path: &Path,
+        stored: &StoredMesh<D, M>,
+        surfaces: &Surfaces<D>,
+        measures: &[SurfaceMeasure],
+        up: &MapAxes<D>,
+    ) -> Result<AmplitudeMeasures> {
+        let (space, input) = (&stored.space, &self.spec.input);
+        let image = read_mesh_image(path, input, space, self.read_image)?;
+        let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
+        let step = space.step;
+        let in_samples = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+        let nodes: Vec<[f64; D]> = stored.lattice.nodes().iter().map(in_samples).collect();
+        let geometry = &space.geometry;
+        Ok(measure_amplitudes(
+            surfaces, &kinds, &nodes, &image, geometry, up.up,
+        ))
     }
 
     /// Returns the facets on the features of the image at `path`.
@@ -284,6 +314,16 @@ fn cell_data<const D: usize>(
             per_face(&|m| m.area),
         ),
         DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
+    ]
+}
+
+/// Returns arrays with the measures of each face in an image of amplitudes.
+fn amplitude_arrays(measures: &AmplitudeMeasures) -> [DataArray; 4] {
+    [
+        DataArray::scalars("throw", measures.throws.clone()),
+        DataArray::scalars("throw_correlation", measures.correlations.clone()),
+        DataArray::scalars("amplitude", measures.amplitudes.clone()),
+        DataArray::scalars("confidence", measures.confidences.clone()),
     ]
 }
 

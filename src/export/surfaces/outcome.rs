@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::heights::height_grid;
 use super::sticks::{FaultSticks, write_sticks};
-use super::table::{interface_table, surface_table};
+use super::table::{amplitude_table, interface_table, surface_table};
 use super::{AnySurfaces, table};
 use crate::error::cause;
 use crate::image::formats;
@@ -166,6 +166,10 @@ impl SurfaceOutcome {
                 dropped_share,
             } => {
                 let mut text = surface_table(measures, is_plane, meets);
+                if measures.iter().any(|m| m.amplitudes.is_some()) {
+                    text += "\n\n";
+                    text += &amplitude_table(measures);
+                }
                 if *dropped_count > 0 {
                     text += &format!(
                         "\nomitted: {dropped_count} small surfaces, {dropped_area:.0} {} in all, {:.1} % of the area; --min-area 0 keeps them",

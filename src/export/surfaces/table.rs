@@ -2,6 +2,10 @@
 
 use super::outcome::InterfaceMeasure;
 use crate::model::surface::SurfaceMeasure;
+use crate::model::surface::amplitude::{Polarity, Throw};
+
+/// Largest number of surfaces in a table.
+const MAX_ROWS: usize = 40;
 
 /// Returns the name of what faces measure: area, in the plane length.
 pub(super) fn area_name(is_plane: bool) -> &'static str {
@@ -10,7 +14,6 @@ pub(super) fn area_name(is_plane: bool) -> &'static str {
 
 /// Returns a table of the largest surfaces, with the surfaces that they meet if `meets` is set.
 pub(super) fn surface_table(measures: &[SurfaceMeasure], is_plane: bool, meets: bool) -> String {
-    const MAX_ROWS: usize = 40;
     let area = area_name(is_plane);
     let rim = if is_plane { "ends" } else { "rim" };
     let title = |name: &'static str| if meets { name } else { "" };
@@ -63,6 +66,50 @@ pub(super) fn surface_table(measures: &[SurfaceMeasure], is_plane: bool, meets: 
         lines.push(format!(
             "... and {} smaller ones",
             measures.len() - MAX_ROWS
+        ));
+    }
+    lines.join("\n")
+}
+
+/// Returns a table of vertical ranges and of measures from amplitudes.
+pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
+    let mut lines = vec![
+        "throw, in the unit of the vertical coordinate, is positive where the hanging wall is lower".into(),
+        format!(
+            "{:>7} {:>7} {:>9} {:>9} {:>8} {:>8} {:>8} {:>11} {:>8} {:>9} {:>10}",
+            "surface",
+            "kind",
+            "from",
+            "to",
+            "throw 5%",
+            "mean",
+            "95%",
+            "correlation",
+            "polarity",
+            "amplitude",
+            "confidence"
+        ),
+    ];
+    let number =
+        |value: Option<f64>| value.map_or("-".into(), |value| format!("{:.4}", ShortNumber(value)));
+    for m in measures.iter().take(MAX_ROWS) {
+        let Some(amplitudes) = &m.amplitudes else {
+            continue;
+        };
+        let throw = |value: fn(&Throw) -> f64| number(amplitudes.throw.as_ref().map(value));
+        lines.push(format!(
+            "{:>7} {:>7} {:>9.5} {:>9.5} {:>8} {:>8} {:>8} {:>11} {:>8} {:>9} {:>10}",
+            m.surface,
+            m.kind.name(),
+            ShortNumber(m.vertical_range[0]),
+            ShortNumber(m.vertical_range[1]),
+            throw(|t| t.min),
+            throw(|t| t.mean),
+            throw(|t| t.max),
+            (amplitudes.throw).map_or("-".into(), |t| format!("{:.2}", t.correlation)),
+            amplitudes.polarity.map_or("-", Polarity::name),
+            number(amplitudes.amplitude),
+            (amplitudes.confidence).map_or("-".into(), |c| format!("{c:.1}")),
         ));
     }
     lines.join("\n")

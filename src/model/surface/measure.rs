@@ -6,6 +6,7 @@ use crate::parallel::prelude::*;
 use serde::Serialize;
 
 use super::Surfaces;
+use super::amplitude::AmplitudeMeasure;
 use super::facets::FacetComplex;
 use super::kind::{SurfaceKind, surface_kinds};
 use crate::geometry::union_find::UnionFind;
@@ -45,6 +46,8 @@ pub struct SurfaceMeasure {
     pub min_corner: Vec<f64>,
     /// Upper corner of the bounding box.
     pub max_corner: Vec<f64>,
+    /// Smallest and largest vertical coordinate.
+    pub vertical_range: [f64; 2],
     /// Root mean square distance of the facets' centres from that plane.
     pub rms_plane_distance: f64,
     /// Length of the rim in 3-D, number of end points in 2-D.
@@ -58,6 +61,9 @@ pub struct SurfaceMeasure {
     pub hole_area: f64,
     /// Numbers of the surfaces that share the nodes of a ridge with this one.
     pub adjacent_surfaces: Vec<usize>,
+    /// Throw, polarity, amplitude and confidence, if the survey is given.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub amplitudes: Option<AmplitudeMeasure>,
 }
 
 /// The directions up, north and east, and the axes of samples.
@@ -201,12 +207,14 @@ fn measure_surface<const D: usize>(
         centre: centre.to_vec(),
         min_corner: low.to_vec(),
         max_corner: high.to_vec(),
+        vertical_range: [low, high].map(|corner| dot(corner, axes.up.map(f64::abs))),
         rms_plane_distance: mean_square.sqrt(),
         rim,
         components,
         holes,
         hole_area,
         adjacent_surfaces: adjacent,
+        amplitudes: None,
     }
 }
 

@@ -34,10 +34,12 @@
 //! - `names`: names of surfaces, and selectors
 //! - `stored_surfaces`: the surfaces of a mesh from a file
 //! - `measure`: area, orientation, extent, rim
+//! - `amplitude`: throw, polarity, amplitude and confidence, from the amplitudes of an image
 //! - `region_interfaces`: the interfaces between every two regions
 //! - `adjacency`: cells and the faces between them
 
 pub mod adjacency;
+pub mod amplitude;
 pub(crate) mod continuation_votes;
 pub mod facet_selection;
 pub(crate) mod facets;

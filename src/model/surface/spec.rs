@@ -51,6 +51,10 @@ pub struct SurfaceSpec {
     /// Show in the table which surfaces meet (--json always does)
     #[cfg_attr(feature = "cli", arg(long))]
     pub meets: bool,
+    /// The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and
+    /// confidence; its lines number points, and its bins are the nodes of grids
+    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    pub survey: Option<PathBuf>,
     /// Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
     /// of IMAGE [default: 0.6]
     #[cfg_attr(feature = "cli", arg(long, value_name = "DEPTH", requires = "image"))]
@@ -200,10 +204,13 @@ impl SurfaceSpec {
             )));
         }
         if self.by == GroupBy::Regions
-            && (self.image.is_some() || self.min_area.is_some() || self.meets)
+            && (self.image.is_some()
+                || self.survey.is_some()
+                || self.min_area.is_some()
+                || self.meets)
         {
             let problem = "is not for surfaces between regions, all of which are written";
-            let remedy = "omit the image, the smallest area, and which surfaces meet";
+            let remedy = "omit images, the smallest area, and which surfaces meet";
             return Err(Error::Job(cause("by regions", problem, remedy)));
         }
         if self.image.is_some() {
@@ -223,7 +230,17 @@ impl SurfaceSpec {
                 "give an image, or omit it",
             )));
         }
-        self.input.refuse_unused("no image is given")
+        if self.survey.is_none() {
+            return self.input.refuse_unused("no image is given");
+        }
+        if let Some(NumberOrFile::File(path)) = &self.velocity {
+            let place = format!("velocity {}", path.display());
+            let problem = "moves the mesh, but amplitudes are given in time";
+            let remedy =
+                "give one velocity in m/s, or mesh the image in depth (mesh --velocity FILE)";
+            return Err(Error::Job(cause(place, problem, remedy)));
+        }
+        Ok(())
     }
 
     /// Returns the options of feature detection.

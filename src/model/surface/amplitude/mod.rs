@@ -1,0 +1,442 @@
+//! Measures of surfaces from the amplitudes of an image: throw, polarity, amplitude, confidence.
+//!
+//! *Throw* of a fault is the vertical displacement of the hanging wall, positive downwards. Traces
+//! on both sides of each face are correlated along the fault's dip (`traces`). The correlations are
+//! averaged over neighbouring faces, in two steps: a wide average decides which reflectors belong
+//! together, a narrow one near that lag gives the throw. The hanging wall lies above a fault that dips;
+//! of a vertical fault it is the side that its faces show.
+//!
+//! *Polarity* of a horizon is the sign of its mean amplitude: peak or trough.
+//!
+//! *Confidence* is a contrast over the same contrast at random places of the image. The contrast at a
+//! fault is how much better traces on one side agree than those on both sides do; at a horizon it is
+//! the amplitude, with the horizon's sign. It is about 1 where an image has only noise.
+
+mod traces;
+
+use serde::Serialize;
+
+use super::facets::FacetComplex;
+use super::{SurfaceKind, Surfaces};
+use crate::geometry::random::Random;
+use crate::geometry::{dot, norm, normal, unit};
+use crate::image::{Geometry, Image};
+use crate::parallel::prelude::*;
+use traces::{FaultPoint, MAX_LAG, best_lag};
+
+/// Passes over neighbouring faces that average correlations before reflectors are matched, and
+/// before the throw is measured.
+const WIDE_PASSES: usize = 24;
+const NARROW_PASSES: usize = 4;
+
+/// Largest difference (samples) of the throw at a face from that of the wide average.
+const MAX_LAG_CHANGE: isize = 5;
+
+/// Smallest correlation of both sides at which a throw counts.
+const MIN_CORRELATION: f64 = 0.5;
+
+/// Number of random places for the contrast without features.
+const RANDOM_PLACES: usize = 1000;
+
+/// Largest confidence: images without noise have no contrast away from features.
+const MAX_CONFIDENCE: f64 = 50.0;
+
+/// The sign of the amplitude of a horizon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Polarity {
+    /// The amplitude is larger than the image's mean.
+    Peak,
+    /// The amplitude is smaller than the image's mean.
+    Trough,
+}
+
+impl Polarity {
+    /// Returns the name in lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Peak => "peak",
+            Self::Trough => "trough",
+        }
+    }
+}
+
+/// Throw of a fault, in the unit of the vertical coordinate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Throw {
+    /// The throw that 5 % of the area do not reach.
+    pub min: f64,
+    /// The mean throw.
+    pub mean: f64,
+    /// The throw that 5 % of the area exceed.
+    pub max: f64,
+    /// The mean correlation of both sides.
+    pub correlation: f64,
+    /// The share of the fault's area at which a throw is measured.
+    pub area_share: f64,
+}
+
+/// Measures of a surface from amplitudes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct AmplitudeMeasure {
+    /// Throw of a fault; `None` for other surfaces, and where it cannot be measured.
+    pub throw: Option<Throw>,
+    /// Polarity of a horizon.
+    pub polarity: Option<Polarity>,
+    /// Mean amplitude of a horizon.
+    pub amplitude: Option<f64>,
+    /// Mean contrast of the surface over that at random places.
+    pub confidence: Option<f64>,
+}
+
+/// Measures of surfaces and of their faces.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AmplitudeMeasures {
+    /// The measures of each surface.
+    pub surfaces: Vec<AmplitudeMeasure>,
+    /// The throw at each face, NaN where there is none.
+    pub throws: Vec<f32>,
+    /// The correlation of both sides at each face, NaN away from faults.
+    pub correlations: Vec<f32>,
+    /// The amplitude at each face.
+    pub amplitudes: Vec<f32>,
+    /// The confidence at each face, NaN where it cannot be measured.
+    pub confidences: Vec<f32>,
+}
+
+/// Measures surfaces in an image. `nodes` are positions in samples, `geometry` is that of the mesh and
+/// `up` points up in it.
+pub fn measure_amplitudes<const D: usize>(
+    surfaces: &Surfaces<D>,
+    kinds: &[SurfaceKind],
+    nodes: &[[f64; D]],
+    image: &Image<D>,
+    geometry: &Geometry<D>,
+    up: [f64; D],
+) -> AmplitudeMeasures {
+    let space = AmplitudeSpace::new(image, geometry, up);
+    let count = surfaces.facets.len();
+    let mut measures = AmplitudeMeasures {
+        surfaces: Vec::with_capacity(surfaces.len()),
+        throws: vec![f32::NAN; count],
+        correlations: vec![f32::NAN; count],
+        amplitudes: vec![f32::NAN; count],
+        confidences: vec![f32::NAN; count],
+    };
+    for (s, kind) in kinds.iter().enumerate() {
+        let facets = FacetComplex::new(nodes, surfaces.facets_of(s).to_vec());
+        let start = surfaces.start[s];
+        let faces = match kind {
+            SurfaceKind::Fault => space.fault(&facets),
+            SurfaceKind::Horizon => space.horizon(&facets),
+            SurfaceKind::Interface => Faces::default(),
+        };
+        let fill = |array: &mut [f32], values: &[f32]| {
+            array[start..start + values.len()].copy_from_slice(values);
+        };
+        fill(&mut measures.throws, &faces.throws);
+        fill(&mut measures.correlations, &faces.correlations);
+        fill(&mut measures.amplitudes, &faces.amplitudes);
+        fill(&mut measures.confidences, &faces.confidences);
+        measures.surfaces.push(faces.measure);
+    }
+    measures
+}
+
+/// The measures of one surface and of its faces.
+#[derive(Debug, Clone, Default)]
+struct Faces {
+    measure: AmplitudeMeasure,
+    throws: Vec<f32>,
+    correlations: Vec<f32>,
+    amplitudes: Vec<f32>,
+    confidences: Vec<f32>,
+}
+
+/// An image, its vertical axis, and the scales of its amplitudes.
+struct AmplitudeSpace<'a, const D: usize> {
+    image: &'a Image<D>,
+    mean: f64,
+    /// Median distance of amplitudes from the mean.
+    deviation: f64,
+    vertical: usize,
+    /// 1 if the index of samples grows downwards, otherwise -1.
+    down: f64,
+    /// Length of a sample along the vertical axis.
+    step: f64,
+}
+
+impl<'a, const D: usize> AmplitudeSpace<'a, D> {
+    fn new(image: &'a Image<D>, geometry: &Geometry<D>, up: [f64; D]) -> Self {
+        let rise = geometry.axes.map(|axis| dot(axis, up) / norm(axis));
+        let vertical = (1..D).fold(0, |best, k| {
+            if rise[k].abs() > rise[best].abs() {
+                k
+            } else {
+                best
+            }
+        });
+        let samples = image.as_slice();
+        let sum: f64 = samples.iter().map(|&value| f64::from(value)).sum();
+        let mean = sum / samples.len().max(1) as f64;
+        let mut random = Random::new(1);
+        let mut deviations: Vec<f64> = (0..RANDOM_PLACES)
+            .map(|_| (random.draw() * samples.len() as f64) as usize)
+            .map(|i| (f64::from(samples[i]) - mean).abs())
+            .collect();
+        Self {
+            image,
+            mean,
+            deviation: median(&mut deviations).unwrap_or(0.0),
+            vertical,
+            down: -rise[vertical].signum(),
+            step: dot(geometry.axes[vertical], up).abs(),
+        }
+    }
+
+    /// Measures a horizon.
+    fn horizon(&self, facets: &FacetComplex<'_, D>) -> Faces {
+        let amplitudes: Vec<f64> = (facets.centroids().into_iter())
+            .map(|x| f64::from(self.image.interpolate_linear(x)))
+            .collect();
+        let areas: Vec<f64> = (0..facets.len()).map(|f| norm(facets.normal(f))).collect();
+        let mean = weighted_mean(&amplitudes, &areas);
+        let sign = if mean >= self.mean { 1.0 } else { -1.0 };
+        let confidence = |amplitude: f64| {
+            let contrast = sign * (amplitude - self.mean);
+            (contrast / self.deviation.max(f64::MIN_POSITIVE)).min(MAX_CONFIDENCE)
+        };
+        Faces {
+            measure: AmplitudeMeasure {
+                polarity: Some(if sign > 0.0 {
+                    Polarity::Peak
+                } else {
+                    Polarity::Trough
+                }),
+                amplitude: Some(mean),
+                confidence: Some(confidence(mean)),
+                throw: None,
+            },
+            confidences: amplitudes.iter().map(|&a| confidence(a) as f32).collect(),
+            amplitudes: amplitudes.iter().map(|&a| a as f32).collect(),
+            ..Faces::default()
+        }
+    }
+
+    /// Measures a fault.
+    fn fault(&self, facets: &FacetComplex<'_, D>) -> Faces {
+        let points = self.fault_points(facets);
+        let correlations: Vec<_> = (points.par_iter())
+            .map(|point| point.correlate(self.image, self.vertical, self.mean))
+            .collect();
+        let neighbours = neighbours(facets);
+        let curves: Vec<Option<Vec<f32>>> = correlations
+            .iter()
+            .map(|c| c.as_ref().map(|c| c.by_lag.clone()))
+            .collect();
+        let narrow = average_over_neighbours(curves, &neighbours, NARROW_PASSES);
+        let wide =
+            average_over_neighbours(narrow.clone(), &neighbours, WIDE_PASSES - NARROW_PASSES);
+        let coarse = coarse_lags(&wide, &neighbours);
+        let lag = |f: usize| {
+            let coarse = coarse[f]?.round() as isize;
+            let range = [coarse - MAX_LAG_CHANGE, coarse + MAX_LAG_CHANGE];
+            best_lag(narrow[f].as_ref()?, range[0], range[1], 1.0)
+        };
+        let lags: Vec<Option<(f64, f64)>> = (0..facets.len()).map(lag).collect();
+        let areas: Vec<f64> = (0..facets.len()).map(|f| norm(facets.normal(f))).collect();
+        let scale = self.down * self.step;
+        let measured: Vec<[f64; 3]> = (lags.iter().zip(&areas))
+            .filter_map(|(lag, &area)| lag.map(|(lag, peak)| [lag * scale, peak, area]))
+            .filter(|m| m[1] >= MIN_CORRELATION)
+            .collect();
+        let random_contrast = self.random_contrast(&points);
+        let confidence = |contrast: f64| (contrast / random_contrast).min(MAX_CONFIDENCE);
+        let contrasts = correlations.iter().zip(&areas);
+        let (contrasts, contrast_areas): (Vec<f64>, Vec<f64>) = contrasts
+            .filter_map(|(c, &area)| c.as_ref().map(|c| (c.contrast, area)))
+            .unzip();
+        let has_contrast = !contrasts.is_empty();
+        let mean_contrast = weighted_mean(&contrasts, &contrast_areas);
+        Faces {
+            measure: AmplitudeMeasure {
+                throw: throw_of(measured, areas.iter().sum()),
+                confidence: has_contrast.then(|| confidence(mean_contrast)),
+                ..AmplitudeMeasure::default()
+            },
+            throws: (lags.iter())
+                .map(|lag| match lag {
+                    Some((lag, peak)) if *peak >= MIN_CORRELATION => (lag * scale) as f32,
+                    _ => f32::NAN,
+                })
+                .collect(),
+            correlations: (lags.iter())
+                .map(|lag| lag.map_or(f32::NAN, |(_, peak)| peak as f32))
+                .collect(),
+            confidences: (correlations.iter())
+                .map(|c| {
+                    c.as_ref()
+                        .map_or(f32::NAN, |c| confidence(c.contrast) as f32)
+                })
+                .collect(),
+            amplitudes: Vec::new(),
+        }
+    }
+
+    /// Returns the centres of the faces of a fault and their normals, which point into the hanging
+    /// wall.
+    fn fault_points(&self, facets: &FacetComplex<'_, D>) -> Vec<FaultPoint<D>> {
+        let normals: Vec<[f64; D]> = (facets.facets.iter())
+            .map(|facet| normal(&facet.map(|n| facets.nodes[n as usize])))
+            .collect();
+        let rise: f64 = normals.iter().map(|n| -self.down * n[self.vertical]).sum();
+        let area: f64 = normals.iter().map(|n| norm(*n)).sum();
+        let sign = if rise < -1e-6 * area { -1.0 } else { 1.0 };
+        // Normals are averaged: single faces deviate from the fault.
+        let mut means: Vec<Option<Vec<f32>>> = (normals.iter())
+            .map(|n| Some(n.map(|c| (sign * c) as f32).to_vec()))
+            .collect();
+        means = average_over_neighbours(means, &neighbours(facets), 3);
+        (facets.centroids().into_iter().zip(means))
+            .map(|(position, mean)| {
+                let mean = mean.unwrap_or_default();
+                FaultPoint {
+                    position,
+                    normal: unit(std::array::from_fn(|k| {
+                        mean.get(k).copied().map_or(0.0, f64::from)
+                    })),
+                }
+            })
+            .collect()
+    }
+
+    /// Returns the median of the absolute contrast at random places, for planes with the directions
+    /// of `points`.
+    fn random_contrast(&self, points: &[FaultPoint<D>]) -> f64 {
+        let mut random = Random::new(2);
+        let dims = self.image.dims();
+        let places: Vec<FaultPoint<D>> = (0..RANDOM_PLACES.min(points.len() * RANDOM_PLACES))
+            .map(|_| FaultPoint {
+                normal: points[(random.draw() * points.len() as f64) as usize].normal,
+                position: dims.map(|n| random.range(0.0, (n - 1) as f64)),
+            })
+            .collect();
+        let contrasts: Vec<Option<f64>> = (places.par_iter())
+            .map(|place| place.correlate(self.image, self.vertical, self.mean))
+            .map(|correlation| correlation.map(|c| c.contrast.abs()))
+            .collect();
+        let mut contrasts: Vec<f64> = contrasts.into_iter().flatten().collect();
+        // The largest contrast is about 1.
+        median(&mut contrasts)
+            .unwrap_or(1.0)
+            .max(1.0 / MAX_CONFIDENCE)
+    }
+}
+
+/// Returns the lag of the largest correlation at each face. Faces at which some lags are unknown,
+/// because the traces would leave the image, take the mean of their neighbours.
+fn coarse_lags(curves: &[Option<Vec<f32>>], neighbours: &[Vec<u32>]) -> Vec<Option<f64>> {
+    let max = MAX_LAG as isize;
+    let lags = |min_share: f64| -> Vec<Option<f64>> {
+        let curves = curves.iter();
+        let lag = |curve: &Option<Vec<f32>>| best_lag(curve.as_ref()?, -max, max, min_share);
+        curves.map(|curve| lag(curve).map(|best| best.0)).collect()
+    };
+    let mut known = lags(1.0);
+    if known.iter().all(Option::is_none) {
+        return lags(0.5);
+    }
+    loop {
+        let fill = |f: usize| {
+            let lags = neighbours[f].iter().filter_map(|&n| known[n as usize]);
+            let (sum, count) = lags.fold((0.0, 0), |(sum, n), lag| (sum + lag, n + 1));
+            known[f].or((count > 0).then(|| sum / f64::from(count)))
+        };
+        let filled: Vec<Option<f64>> = (0..known.len()).map(fill).collect();
+        if filled == known {
+            return known;
+        }
+        known = filled;
+    }
+}
+
+/// Returns the throw of a fault from throw, correlation and area of faces. `total_area` is that of all
+/// faces.
+fn throw_of(mut faces: Vec<[f64; 3]>, total_area: f64) -> Option<Throw> {
+    faces.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let area: f64 = faces.iter().map(|face| face[2]).sum();
+    let mean_of = |k: usize| faces.iter().map(|face| face[k] * face[2]).sum::<f64>() / area;
+    let quantile = |share: f64| {
+        let mut below = 0.0;
+        let face = faces.iter().find(|face| {
+            below += face[2];
+            below >= share * area
+        });
+        face.or(faces.last()).map(|face| face[0])
+    };
+    Some(Throw {
+        min: quantile(0.05)?,
+        mean: mean_of(0),
+        max: quantile(0.95)?,
+        correlation: mean_of(1),
+        area_share: area / total_area,
+    })
+}
+
+/// Returns the faces that share a ridge with each face.
+fn neighbours<const D: usize>(facets: &FacetComplex<'_, D>) -> Vec<Vec<u32>> {
+    let of_face = |f: usize| {
+        let sides = facets.ridges[f].into_iter();
+        sides
+            .flat_map(|ridge| facets.sides(ridge as usize))
+            .map(|side| side / D as u32)
+            .filter(|other| *other as usize != f)
+            .collect()
+    };
+    (0..facets.len()).map(of_face).collect()
+}
+
+/// Averages the values of each face with those of its neighbours, several times. `None`
+/// does not count. A mean is NaN if more than half of the values are.
+fn average_over_neighbours(
+    mut values: Vec<Option<Vec<f32>>>,
+    neighbours: &[Vec<u32>],
+    passes: usize,
+) -> Vec<Option<Vec<f32>>> {
+    for _ in 0..passes {
+        let mean = |f: usize| {
+            let others = neighbours[f].iter().map(|&n| &values[n as usize]);
+            let present: Vec<&Vec<f32>> = std::iter::once(&values[f])
+                .chain(others)
+                .flatten()
+                .collect();
+            let length = present.first()?.len();
+            let mean_at = |k: usize| {
+                let known = present.iter().map(|v| v[k]).filter(|v| !v.is_nan());
+                let (sum, count) = known.fold((0.0, 0), |(sum, n), v| (sum + v, n + 1));
+                if 2 * count < present.len() {
+                    return f32::NAN;
+                }
+                sum / count as f32
+            };
+            Some((0..length).map(mean_at).collect::<Vec<f32>>())
+        };
+        values = (0..values.len()).into_par_iter().map(mean).collect();
+    }
+    values
+}
+
+/// Returns the mean of values with weights; 0 without any.
+fn weighted_mean(values: &[f64], weights: &[f64]) -> f64 {
+    let sum: f64 = values.iter().zip(weights).map(|(v, w)| v * w).sum();
+    sum / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+}
+
+/// Returns the median.
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests;

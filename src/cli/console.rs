@@ -8,7 +8,7 @@ use std::cell::RefCell;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
 use std::panic::resume_unwind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -316,11 +316,12 @@ impl Console {
         path: &Path,
         outcome: SurfaceOutcome,
         spec: &SurfaceSpec,
-    ) -> Result<()> {
+    ) -> Result<Vec<PathBuf>> {
         if !self.host.keeps_in_memory(path) {
             return outcome.write(path, spec);
         }
-        self.write_any_surfaces(path, outcome.surfaces)
+        self.write_any_surfaces(path, outcome.surfaces)?;
+        Ok(vec![path.to_path_buf()])
     }
 
     /// Keeps a result in memory, or writes it with the function `write`.

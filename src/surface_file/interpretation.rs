@@ -4,7 +4,7 @@
 //! |---|---|
 //! | GOCAD `TSurf`, VTK poly data, Wavefront OBJ | its triangles |
 //! | a grid of heights: IRAP classic, ZMAP+, CPS-3 | two triangles for each cell with four known heights |
-//! | fault sticks: a table with the columns `fault,stick,x,y,z`, or GOCAD `PLine` | triangles between neighbouring sticks |
+//! | fault sticks: a table with the columns `fault,stick,x,y,z`, Charisma's sticks, or GOCAD `PLine` | triangles between neighbouring sticks |
 //! | points, a line for each | points, which [`triangulate_points`] joins |
 //!
 //! In lines of points, words that are not numbers are skipped. If the first two of at least five
@@ -18,7 +18,7 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use super::has_extension;
-use super::sticks::{FaultSticks, read_sticks};
+use super::sticks::{FaultSticks, is_charisma, read_charisma, read_sticks};
 use super::tsurf::{Gocad, read_gocad};
 use super::vtp::read_surfaces;
 use crate::error::{Error, Result, cause, io_error};
@@ -82,6 +82,8 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
         let text = read_text(path)?;
         if is_stick_table(&text) {
             from_sticks(&read_sticks(path)?)
+        } else if is_charisma(&text) {
+            from_sticks(&read_charisma(path)?)
         } else {
             vec![PickedSurface {
                 name: stem,

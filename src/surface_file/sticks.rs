@@ -264,16 +264,119 @@ pub fn write_sticks(path: &Path, faults: &[FaultSticks]) -> Result<()> {
     })
 }
 
+/// Writes sticks as Charisma's fault sticks, which Petrel, OpendTect and others read: a line for each
+/// point, `INLINE-` with the inline, the crossline, x, y, z, fault and stick. z is positive downwards.
+/// `z_up` says whether that of the sticks grows upwards, and `lines_at` returns the inline and
+/// crossline of a point.
+///
+/// # Errors
+/// Returns [`Error::Io`] if the file cannot be written.
+pub fn write_charisma(
+    path: &Path,
+    faults: &[FaultSticks],
+    z_up: bool,
+    lines_at: impl Fn([f64; 3]) -> [i64; 2],
+) -> Result<()> {
+    let down = if z_up { -1.0 } else { 1.0 };
+    atomic_write(path, |out| {
+        for fault in faults {
+            for (number, stick) in (1..).zip(&fault.sticks) {
+                for &point in stick {
+                    let ([inline, crossline], [x, y, z]) = (lines_at(point), point);
+                    writeln!(
+                        out,
+                        "INLINE- {inline:>8} {crossline:>8} {x:>14.3} {y:>14.3} {:>12.3} {} {number}",
+                        down * z,
+                        fault.name
+                    )?;
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Returns `true` if a text has Charisma's fault sticks.
+pub(crate) fn is_charisma(text: &str) -> bool {
+    let first = text.lines().find(|line| !line.trim().is_empty());
+    first.is_some_and(|line| {
+        let word = line.split_whitespace().next().unwrap_or("");
+        ["INLINE-", "XLINE-", "CROSSLINE-"].contains(&word)
+    })
+}
+
+/// Reads Charisma's fault sticks. z stays positive downwards.
+///
+/// # Errors
+/// Returns [`Error::Io`], with the line number, if the file cannot be read or a line is no point of a
+/// stick.
+pub fn read_charisma(path: &Path) -> Result<Vec<FaultSticks>> {
+    let text = read_text(path)?;
+    let mut collector = StickCollector::default();
+    let lines = (1..).zip(text.lines());
+    for (number, line) in lines.filter(|line| !line.1.trim().is_empty()) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let point: Option<Vec<f64>> = words
+            .get(3..6)
+            .and_then(|words| words.iter().map(|word| word.parse().ok()).collect());
+        let point = point.and_then(|point| point.try_into().ok());
+        let (Some(point), [.., stick]) = (point.filter(|_| words.len() >= 8), &words[..]) else {
+            let place = format!("{}:{number}", path.display());
+            let problem = "is not 'INLINE- inline crossline x y z fault stick'";
+            return Err(Error::Io(cause(place, problem, "export the sticks again")));
+        };
+        collector.add(&words[6..words.len() - 1].join(" "), stick, point);
+    }
+    Ok(collector.faults)
+}
+
+/// Reads the text of a file of sticks.
+fn read_text(path: &Path) -> Result<String> {
+    let mut text = String::new();
+    let mut file = files::open(path, "give a file of fault sticks")?;
+    file.read_to_string(&mut text)
+        .map_err(|e| io_error(path, "read", e))?;
+    Ok(text)
+}
+
+/// Collects points into sticks, and these into faults.
+#[derive(Default)]
+struct StickCollector {
+    faults: Vec<FaultSticks>,
+    /// The fault and the stick of the last point.
+    previous: Option<(usize, String)>,
+}
+
+impl StickCollector {
+    /// Adds the next point. A stick ends where the name of the fault or of the stick changes.
+    fn add(&mut self, fault: &str, stick: &str, point: [f64; 3]) {
+        let known = self.faults.iter().position(|other| other.name == fault);
+        let fault = known.unwrap_or_else(|| {
+            self.faults.push(FaultSticks {
+                name: fault.to_string(),
+                sticks: Vec::new(),
+            });
+            self.faults.len() - 1
+        });
+        let key = (fault, stick.to_string());
+        let sticks = &mut self.faults[fault].sticks;
+        if self.previous.as_ref() != Some(&key) {
+            sticks.push(Vec::new());
+        }
+        self.previous = Some(key);
+        if let Some(stick) = sticks.last_mut() {
+            stick.push(point);
+        }
+    }
+}
+
 /// Reads sticks.
 ///
 /// # Errors
 /// Returns [`Error::Io`], with the line number, if the file cannot be read or is not a table of
 /// sticks.
 pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
-    let mut text = String::new();
-    let mut file = files::open(path, "give a table of fault sticks")?;
-    file.read_to_string(&mut text)
-        .map_err(|e| io_error(path, "read", e))?;
+    let text = read_text(path)?;
     let refuse = |line: usize, problem: String| {
         let place = format!("{}:{line}", path.display());
         let remedy = "give columns fault,stick,x,y,z";
@@ -291,8 +394,7 @@ pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
         let position = names.iter().position(|other| other == name);
         *column = position.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
     }
-    let mut faults: Vec<FaultSticks> = Vec::new();
-    let mut previous: Option<(usize, String)> = None;
+    let mut collector = StickCollector::default();
     for (number, line) in lines {
         let fields: Vec<&str> = line.split(',').map(str::trim).collect();
         let field = |k: usize| fields.get(columns[k]).copied().unwrap_or("");
@@ -302,27 +404,9 @@ pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
             *coordinate = coordinate_value
                 .ok_or_else(|| refuse(number, format!("'{}' is not a number", field(2 + k))))?;
         }
-        let fault = match faults.iter().position(|fault| fault.name == field(0)) {
-            Some(fault) => fault,
-            None => {
-                faults.push(FaultSticks {
-                    name: field(0).to_string(),
-                    sticks: Vec::new(),
-                });
-                faults.len() - 1
-            }
-        };
-        let stick_key = (fault, field(1).to_string());
-        let sticks = &mut faults[fault].sticks;
-        if previous.as_ref() != Some(&stick_key) {
-            sticks.push(Vec::new());
-        }
-        previous = Some(stick_key);
-        if let Some(stick) = sticks.last_mut() {
-            stick.push(point);
-        }
+        collector.add(field(0), field(1), point);
     }
-    Ok(faults)
+    Ok(collector.faults)
 }
 
 #[cfg(test)]
@@ -380,6 +464,28 @@ mod tests {
         assert_eq!(
             FaultSticks::from_lines(&FaultSticks::to_lines(&faults)),
             faults
+        );
+
+        // Charisma's sticks have line numbers, and z downwards.
+        let path = folder.path().join("sticks.charisma");
+        write_charisma(&path, &faults, true, |[x, y, _]| {
+            [x.round() as i64, y.round() as i64]
+        })
+        .unwrap();
+        assert!(is_charisma(&std::fs::read_to_string(&path).unwrap()));
+        let read = read_charisma(&path).unwrap();
+        assert_eq!((read.len(), &read[0].name), (1, &faults[0].name));
+        for (read, written) in read[0].sticks.iter().zip(&faults[0].sticks) {
+            assert_eq!(read.len(), written.len());
+            for (a, b) in read.iter().zip(written) {
+                assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] + b[2]).abs() < 2e-3);
+            }
+        }
+        std::fs::write(&path, "INLINE- 1 2 3 4 F 1\n").unwrap();
+        let message = read_charisma(&path).unwrap_err().to_string();
+        assert!(
+            message.contains("sticks.charisma:1: is not 'INLINE-"),
+            "{message}"
         );
 
         // Nine of the ten strips of the plane lie between sticks.

@@ -9,6 +9,7 @@ use crate::cli::common::depth::image_in_depth;
 use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, path_text, report_written_image};
 use crate::cli::console::Console;
 use crate::error::cause;
+use crate::export::surfaces::sticks::read_charisma;
 use crate::export::surfaces::vtp::read_surfaces;
 use crate::export::{FaultSticks, Gocad, SurfaceFile, read_gocad, read_sticks, write_sticks};
 use crate::image::formats::segy::{SegyFloat, write_like};
@@ -23,7 +24,7 @@ use crate::{Error, Result};
 /// Arguments of `atomesh convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// The image or grid to read, or surfaces: .vtp, GOCAD's .ts or .pl, or .csv of fault sticks
+    /// The image or grid to read, or surfaces: .vtp, GOCAD's .ts or .pl, or fault sticks: .csv, .charisma
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
     /// The file to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png, with
@@ -51,7 +52,7 @@ pub struct ConvertArgs {
 const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
 
 /// File endings of surfaces that can be read, and of those that can be written.
-const SURFACE_INPUT_EXTENSIONS: [&str; 4] = ["vtp", "ts", "pl", "csv"];
+const SURFACE_INPUT_EXTENSIONS: [&str; 5] = ["vtp", "ts", "pl", "csv", "charisma"];
 const SURFACE_OUTPUT_EXTENSIONS: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
 
 /// Runs the verb.
@@ -201,6 +202,7 @@ fn convert_surfaces(input: &Path, output: &Path, console: &mut Console) -> Resul
     let content = match extension(input).as_str() {
         "vtp" => SurfaceInput::Surfaces(read_surfaces(input)?),
         "csv" => SurfaceInput::Sticks(read_sticks(input)?),
+        "charisma" => SurfaceInput::Sticks(read_charisma(input)?),
         _ => match read_gocad(input)? {
             Gocad::Surfaces(file) => SurfaceInput::Surfaces(file),
             Gocad::Lines(file) => SurfaceInput::Lines(file),

@@ -6,10 +6,12 @@ use clap::Args;
 
 use crate::Result;
 use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::{check_output, file_report};
+use crate::cli::common::output::{check_output, file_report, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::surfaces::outcome::{GRID_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
+use crate::export::surfaces::outcome::{
+    GRID_EXTENSIONS, POINT_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS,
+};
 use crate::model::MeshInput;
 use crate::model::surface::SurfaceSpec;
 use crate::progress::Stage;
@@ -20,8 +22,8 @@ pub struct SurfaceArgs {
     /// A mesh written by atomesh
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
-    /// The file to write: surfaces as .vtp, .obj, or GOCAD's .ts; faults as sticks: .csv; a horizon
-    /// as a grid of its heights: .irap, .zmap, .cps3
+    /// The file to write: surfaces as .vtp, .obj, or GOCAD's .ts; faults as sticks: .csv, .charisma;
+    /// horizons as grids of their heights, .irap, .zmap, .cps3, or as points, .xyz
     #[arg(short, long, value_name = "S.vtp")]
     pub output: PathBuf,
     /// Options of the surfaces.
@@ -35,7 +37,13 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(spec.image.as_deref());
     inputs.extend(spec.survey.as_deref());
-    let endings = [&SURFACE_EXTENSIONS[..], &STICK_EXTENSIONS, &GRID_EXTENSIONS].concat();
+    let endings = [
+        &SURFACE_EXTENSIONS[..],
+        &STICK_EXTENSIONS,
+        &GRID_EXTENSIONS,
+        &POINT_EXTENSIONS,
+    ]
+    .concat();
     check_output(output, "--output", &endings, &inputs)?;
     spec.check_target(output)
         .and_then(|()| spec.validate())
@@ -53,9 +61,17 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     })?;
     console.begin_stage(Stage::Writing);
     let mut text = outcome.table(spec.meets);
-    text += &format!("\nwrote {}: {} surfaces", output.display(), outcome.len());
-    let report = file_report(output, outcome.to_json());
-    console.write_outcome_surfaces(output, outcome, spec)?;
+    let (count, mut fields) = (outcome.len(), outcome.to_json());
+    let files = console.write_outcome_surfaces(output, outcome, spec)?;
+    if let [only] = &files[..] {
+        text += &format!("\nwrote {}: {count} surfaces", only.display());
+    } else {
+        for file in &files {
+            text += &format!("\nwrote {}", file.display());
+        }
+        fields["files"] = files.iter().map(|file| path_text(file)).collect();
+    }
+    let report = file_report(output, fields);
     console.result(text, &report);
     Ok(())
 }

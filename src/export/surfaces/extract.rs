@@ -4,14 +4,16 @@
 use std::path::Path;
 
 use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
+use super::survey_grid::SurveyGrid;
 use super::{AnySurfaces, SurfaceFile};
 use crate::error::cause;
 use crate::feature::{self, DetectionOptions};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
+use crate::image::Image;
 use crate::image::formats;
 use crate::mesh::Mesh;
-use crate::model::input::{MeshInput, mesh_in_depth, read_mesh_image};
+use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
 use crate::model::surface::amplitude::{AmplitudeMeasures, measure_amplitudes};
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
@@ -97,6 +99,7 @@ impl Extraction<'_> {
             return Ok(SurfaceOutcome {
                 surfaces: any(file.with_space(&stored.space.geometry, z_up)),
                 report: SurfaceReport::Regions(measures),
+                survey: None,
             });
         }
         // All other arrays are no longer needed, except for regions that are labels.
@@ -117,8 +120,17 @@ impl Extraction<'_> {
         }
         let (surfaces, mut measures, mut file) =
             measured_groups(&stored, facets, &options, &up, z_up);
+        let mut survey = None;
         if let Some(path) = &spec.survey {
-            let amplitudes = self.amplitude_measures(path, &stored, &surfaces, &measures, &up)?;
+            let image = (self.read_image)(path, &spec.input)?;
+            survey = SurveyGrid::new(&image);
+            let image = ImageInput {
+                image,
+                name: &path.display().to_string(),
+                sha256: None,
+            };
+            let image = image.fitting(&stored.space)?;
+            let amplitudes = amplitude_measures(&image, &stored, &surfaces, &measures, &up);
             file.cell_data.extend(amplitude_arrays(&amplitudes));
             for (measure, amplitudes) in measures.iter_mut().zip(amplitudes.surfaces) {
                 measure.amplitudes = Some(amplitudes);
@@ -132,28 +144,8 @@ impl Extraction<'_> {
                 dropped_area: surfaces.dropped_area,
                 dropped_share: surfaces.dropped_share(stored.lattice.nodes()),
             },
+            survey,
         })
-    }
-
-    /// Measures the surfaces in the image of amplitudes at `path`.
-    fn amplitude_measures<const D: usize, M: Storable<D>>(
-        &self,
-        path: &Path,
-        stored: &StoredMesh<D, M>,
-        surfaces: &Surfaces<D>,
-        measures: &[SurfaceMeasure],
-        up: &MapAxes<D>,
-    ) -> Result<AmplitudeMeasures> {
-        let (space, input) = (&stored.space, &self.spec.input);
-        let image = read_mesh_image(path, input, space, self.read_image)?;
-        let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
-        let step = space.step;
-        let in_samples = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
-        let nodes: Vec<[f64; D]> = stored.lattice.nodes().iter().map(in_samples).collect();
-        let geometry = &space.geometry;
-        Ok(measure_amplitudes(
-            surfaces, &kinds, &nodes, &image, geometry, up.up,
-        ))
     }
 
     /// Returns the facets on the features of the image at `path`.
@@ -315,6 +307,21 @@ fn cell_data<const D: usize>(
         ),
         DataArray::scalars("horizon", labels.iter().map(horizon).collect::<Vec<u8>>()),
     ]
+}
+
+/// Measures the surfaces in an image of amplitudes.
+fn amplitude_measures<const D: usize, M: Storable<D>>(
+    image: &Image<D>,
+    stored: &StoredMesh<D, M>,
+    surfaces: &Surfaces<D>,
+    measures: &[SurfaceMeasure],
+    up: &MapAxes<D>,
+) -> AmplitudeMeasures {
+    let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
+    let (step, geometry) = (stored.space.step, &stored.space.geometry);
+    let in_samples = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+    let nodes: Vec<[f64; D]> = stored.lattice.nodes().iter().map(in_samples).collect();
+    measure_amplitudes(surfaces, &kinds, &nodes, image, geometry, up.up)
 }
 
 /// Returns arrays with the measures of each face in an image of amplitudes.

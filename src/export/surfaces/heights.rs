@@ -1,13 +1,73 @@
 //! Samples a surface on a grid of heights, for programs that store horizons as grids.
 
+use std::io::Write;
+use std::path::Path;
+
 use super::SurfaceFile;
+use super::survey_grid::SurveyGrid;
 use crate::error::{Error, Result, cause};
-use crate::geometry::{norm, sub};
+use crate::files::atomic_write;
+use crate::geometry::{norm, sorted_distinct, sub};
 use crate::image::{Geometry, Image};
 use crate::model::columns::horizon::{Horizon, TriangleIndex};
 
 /// Maximum number of nodes of a grid.
 const MAX_NODES: f64 = 1e8;
+
+/// Returns the heights of a surface at the bins of a survey, NaN outside the surface.
+pub fn bin_heights(file: &SurfaceFile<3>, surface: usize, survey: &SurveyGrid) -> Image<2> {
+    let horizon = Horizon::Surface(TriangleIndex::new(triangles_of(file, surface)));
+    Image::from_fn(survey.dims, survey.geometry.clone(), |x| {
+        horizon.z_at(x).unwrap_or(f64::NAN)
+    })
+}
+
+/// Writes the heights at the bins of a survey as points, a line for each: inline, crossline, x, y, z.
+/// Survey and heights must have line numbers. Without a survey, the points are the nodes of the
+/// surface: x, y, z.
+///
+/// # Errors
+/// Returns [`Error::Io`] if the file cannot be written.
+pub fn write_points(
+    path: &Path,
+    file: &SurfaceFile<3>,
+    surface: usize,
+    survey: Option<&SurveyGrid>,
+) -> Result<()> {
+    let Some(survey) = survey else {
+        let corners = file.surface_facets(surface).as_flattened();
+        let nodes = sorted_distinct(corners.iter().copied());
+        return atomic_write(path, |out| {
+            writeln!(out, "# x y z")?;
+            for [x, y, z] in nodes.iter().map(|&n| file.nodes[n as usize]) {
+                writeln!(out, "{x} {y} {z}")?;
+            }
+            Ok(())
+        });
+    };
+    let horizon = Horizon::Surface(TriangleIndex::new(triangles_of(file, surface)));
+    atomic_write(path, |out| {
+        writeln!(out, "# inline crossline x y z")?;
+        for j in 0..survey.dims[1] {
+            for i in 0..survey.dims[0] {
+                let position @ [x, y] = survey.geometry.to_physical([i as f64, j as f64]);
+                let lines = survey.lines_at(position);
+                if let (Some([inline, crossline]), Some(z)) = (lines, horizon.z_at(position)) {
+                    writeln!(out, "{inline} {crossline} {x:.3} {y:.3} {z:.3}")?;
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Returns the triangles of a surface.
+fn triangles_of(file: &SurfaceFile<3>, surface: usize) -> Vec<[[f64; 3]; 3]> {
+    let facets = file.surface_facets(surface).iter();
+    facets
+        .map(|facet| facet.map(|n| file.nodes[n as usize]))
+        .collect()
+}
 
 /// Returns the heights of a surface on a grid along x and y. Grid nodes are at integer multiples of
 /// `step`, which is about the length of the surface's edges if `None`. Heights are NaN outside the
@@ -16,11 +76,7 @@ const MAX_NODES: f64 = 1e8;
 /// # Errors
 /// Returns [`Error::Job`] if the step is not positive or makes too many nodes.
 pub fn height_grid(file: &SurfaceFile<3>, surface: usize, step: Option<f64>) -> Result<Image<2>> {
-    let triangles: Vec<[[f64; 3]; 3]> = file
-        .surface_facets(surface)
-        .iter()
-        .map(|facet| facet.map(|n| file.nodes[n as usize]))
-        .collect();
+    let triangles = triangles_of(file, surface);
     let horizontal = |[x, y, _]: [f64; 3]| [x, y];
     let edges = triangles
         .iter()

@@ -1,13 +1,14 @@
 //! The surfaces of a mesh with their measures: as a table, as JSON, and as a file of each format.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::heights::height_grid;
-use super::sticks::{FaultSticks, write_sticks};
+use super::heights::{bin_heights, height_grid, write_points};
+use super::sticks::{FaultSticks, write_charisma, write_sticks};
+use super::survey_grid::SurveyGrid;
 use super::table::{amplitude_table, interface_table, surface_table};
-use super::{AnySurfaces, table};
+use super::{AnySurfaces, SurfaceFile, table};
 use crate::error::cause;
 use crate::image::formats;
 use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
@@ -19,10 +20,13 @@ use crate::{Error, Result};
 pub(crate) const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
 
 /// File endings of fault sticks.
-pub(crate) const STICK_EXTENSIONS: [&str; 1] = ["csv"];
+pub(crate) const STICK_EXTENSIONS: [&str; 2] = ["csv", "charisma"];
 
 /// File endings of grids of heights.
 pub(crate) const GRID_EXTENSIONS: [&str; 3] = ["irap", "zmap", "cps3"];
+
+/// File endings of points on horizons.
+pub(crate) const POINT_EXTENSIONS: [&str; 1] = ["xyz"];
 
 /// The surfaces of a mesh, and their measures.
 #[derive(Debug, Clone)]
@@ -32,6 +36,8 @@ pub struct SurfaceOutcome {
     pub surfaces: AnySurfaces,
     /// The measures of the surfaces.
     pub report: SurfaceReport,
+    /// The bins of the survey, if it is given.
+    pub survey: Option<SurveyGrid>,
 }
 
 /// The measures of the surfaces of a mesh.
@@ -80,16 +86,23 @@ impl SurfaceSpec {
     /// Returns [`Error::Job`] for an option that does not apply to this file.
     pub(crate) fn check_target(&self, path: &Path) -> Result<()> {
         let is_grid = has_extension(path, &GRID_EXTENSIONS);
+        let is_points = has_extension(path, &POINT_EXTENSIONS);
         let is_sticks = has_extension(path, &STICK_EXTENSIONS);
         let refuse = |option: &str, formats: &str| {
             let problem = format!("applies to {formats}, but the output is {}", path.display());
             Err(Error::Job(cause(option, problem, "omit it")))
         };
-        if self.number.is_some() && !is_grid {
-            return refuse("number", "a grid (.irap, .zmap, .cps3)");
+        if self.number.is_some() && !is_grid && !is_points {
+            return refuse(
+                "number",
+                "grids and points of horizons (.irap, .zmap, .cps3, .xyz)",
+            );
         }
         if self.step.is_some() && !is_grid && !is_sticks {
-            return refuse("step", "sticks (.csv) or a grid (.irap, .zmap, .cps3)");
+            return refuse(
+                "step",
+                "sticks (.csv, .charisma) or grids (.irap, .zmap, .cps3)",
+            );
         }
         Ok(())
     }
@@ -110,20 +123,25 @@ impl SurfaceOutcome {
     }
 
     /// Writes the surfaces in the format of the file's ending: surfaces as `.vtp`, `.obj` or GOCAD's
-    /// `.ts`; faults as sticks: `.csv`; a horizon as a grid of its heights: `.irap`, `.zmap`,
-    /// `.cps3`. The options `number` and `step` of `spec` apply to sticks and grids.
+    /// `.ts`; faults as sticks: `.csv`, `.charisma`; horizons as grids of their heights, `.irap`, `.zmap`,
+    /// `.cps3`, or as points, `.xyz`. The options `number` and `step` of `spec` apply to sticks, grids
+    /// and points. Returns the paths of the files: several horizons have a file each, and its name ends
+    /// with that of the horizon.
     ///
     /// # Errors
-    /// Returns [`Error::Job`] if there is no surface of the required kind, if it is ambiguous, or for
-    /// an option that does not apply to this file, and [`Error::Io`] if the file cannot be written.
-    pub fn write(&self, path: &Path, spec: &SurfaceSpec) -> Result<()> {
+    /// Returns [`Error::Job`] if there is no surface of the required kind, or for an option that does
+    /// not apply to this file, and [`Error::Io`] if a file cannot be written.
+    pub fn write(&self, path: &Path, spec: &SurfaceSpec) -> Result<Vec<PathBuf>> {
         spec.check_target(path)?;
-        let is_grid = has_extension(path, &GRID_EXTENSIONS);
-        if !is_grid && !has_extension(path, &STICK_EXTENSIONS) {
-            return match &self.surfaces {
-                AnySurfaces::Curves(file) => file.write(path),
-                AnySurfaces::Surfaces(file) => file.write(path),
-            };
+        let is_horizon_file =
+            has_extension(path, &GRID_EXTENSIONS) || has_extension(path, &POINT_EXTENSIONS);
+        let written = vec![path.to_path_buf()];
+        if !is_horizon_file && !has_extension(path, &STICK_EXTENSIONS) {
+            match &self.surfaces {
+                AnySurfaces::Curves(file) => file.write(path)?,
+                AnySurfaces::Surfaces(file) => file.write(path)?,
+            }
+            return Ok(written);
         }
         let refuse =
             |problem: &str, remedy: &str| Err(Error::Job(cause(path.display(), problem, remedy)));
@@ -139,20 +157,63 @@ impl SurfaceOutcome {
                 "write .vtp, .obj or .ts",
             );
         };
-        if is_grid {
-            let mut image = height_grid(file, horizon_index(measures, spec.number)?, spec.step)?;
-            image.geometry.units = [file.units[0].clone(), file.units[1].clone()];
-            return formats::write(path, &image);
+        if is_horizon_file {
+            return self.write_horizons(path, file, measures, spec);
         }
         let sticks = FaultSticks::from_surfaces(file, spec.step);
         let faults: Vec<FaultSticks> = (sticks.into_iter().zip(measures))
             .filter_map(|(sticks, measure)| (measure.kind == SurfaceKind::Fault).then_some(sticks))
             .collect();
         if faults.is_empty() {
-            let remedy = "write surfaces as .vtp, or a horizon as .irap";
+            let remedy = "write surfaces as .vtp, or horizons as .irap";
             return refuse("there is no fault", remedy);
         }
-        write_sticks(path, &faults)
+        if !has_extension(path, &["charisma"]) {
+            write_sticks(path, &faults)?;
+            return Ok(written);
+        }
+        let Some(survey) = self.survey.as_ref().filter(|survey| survey.has_lines()) else {
+            let remedy = "give the SEG-Y file that was meshed, or write .csv";
+            let problem = "sticks in this format have line numbers, which no survey gives";
+            let error = cause(path.display(), problem, remedy);
+            return Err(Error::Job(error.with_parameter("survey")));
+        };
+        write_charisma(path, &faults, file.z_up, |[x, y, _]| {
+            survey.lines_at([x, y]).unwrap_or_default()
+        })?;
+        Ok(written)
+    }
+
+    /// Writes horizons as grids or points, each to a file of its own.
+    fn write_horizons(
+        &self,
+        path: &Path,
+        file: &SurfaceFile<3>,
+        measures: &[SurfaceMeasure],
+        spec: &SurfaceSpec,
+    ) -> Result<Vec<PathBuf>> {
+        let horizons = horizon_indices(measures, spec.number)?;
+        let survey = self.survey.as_ref().filter(|_| spec.step.is_none());
+        let mut written = Vec::new();
+        for &s in &horizons {
+            let path = match horizons.len() {
+                1 => path.to_path_buf(),
+                _ => numbered_path(path, &file.names[s]),
+            };
+            if has_extension(&path, &POINT_EXTENSIONS) {
+                let survey = survey.filter(|survey| survey.has_lines());
+                write_points(&path, file, s, survey)?;
+            } else {
+                let mut image = match survey {
+                    Some(survey) => bin_heights(file, s, survey),
+                    None => height_grid(file, s, spec.step)?,
+                };
+                image.geometry.units = [file.units[0].clone(), file.units[1].clone()];
+                formats::write(&path, &image)?;
+            }
+            written.push(path);
+        }
+        Ok(written)
     }
 
     /// Returns the measures as a table. `meets` says whether it shows which surfaces meet.
@@ -216,34 +277,31 @@ impl SurfaceOutcome {
     }
 }
 
-/// Returns the index of the surface that becomes a grid: that with this number, or the only horizon.
-fn horizon_index(measures: &[SurfaceMeasure], number: Option<usize>) -> Result<usize> {
-    let refuse = |problem: String| {
-        let remedy = "give the number of a surface in the table";
-        Err(Error::Job(
-            cause("a grid of one surface", problem, remedy).with_parameter("number"),
-        ))
+/// Returns the path with a name before its ending: `top-horizon2.irap`.
+fn numbered_path(path: &Path, name: &str) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-{name}.{ending}"))
+}
+
+/// Returns the indices of the surfaces that become grids or points: that with this number, or all
+/// horizons.
+fn horizon_indices(measures: &[SurfaceMeasure], number: Option<usize>) -> Result<Vec<usize>> {
+    let is_chosen = |measure: &SurfaceMeasure| match number {
+        Some(number) => measure.surface == number,
+        None => measure.kind == SurfaceKind::Horizon,
     };
-    if let Some(number) = number {
-        let index = measures.iter().position(|m| m.surface == number);
-        return match index {
-            Some(index) => Ok(index),
-            None => refuse(format!("there is no surface {number}")),
-        };
-    }
-    let horizons: Vec<usize> = (0..measures.len())
-        .filter(|&s| measures[s].kind == SurfaceKind::Horizon)
+    let indices: Vec<usize> = (0..measures.len())
+        .filter(|&s| is_chosen(&measures[s]))
         .collect();
-    match horizons[..] {
-        [only] => Ok(only),
-        _ => {
-            let numbers = horizons.iter().map(|&s| measures[s].surface.to_string());
-            let numbers: Vec<String> = numbers.take(20).collect();
-            let (count, list) = (horizons.len(), numbers.join(", "));
-            refuse(format!(
-                "there are {count} horizons{}{list}",
-                if count > 0 { ": " } else { "" }
-            ))
-        }
+    if indices.is_empty() {
+        let problem = match number {
+            Some(number) => format!("there is no surface {number}"),
+            None => "there is no horizon".into(),
+        };
+        let remedy = "give the number of a surface in the table";
+        let error = cause("a grid of a surface", problem, remedy);
+        return Err(Error::Job(error.with_parameter("number")));
     }
+    Ok(indices)
 }

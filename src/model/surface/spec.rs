@@ -37,12 +37,12 @@ pub struct SurfaceSpec {
         arg(long, value_name = "AREA", allow_negative_numbers = true)
     )]
     pub min_area: Option<f64>,
-    /// The number of the surface that becomes a grid, as in the printed table [default: the only
-    /// horizon]
+    /// The number of the surface that becomes a grid or points, as in the printed table [default: all
+    /// horizons, with a file each]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub number: Option<usize>,
     /// Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten
-    /// sticks per fault; for a grid about the length of the surface's edges]
+    /// sticks per fault; for a grid the bins of the survey, or about the length of the surface's edges]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "LENGTH", allow_negative_numbers = true)

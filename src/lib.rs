@@ -79,16 +79,21 @@ pub mod store;
 pub mod surface_file;
 
 pub use error::{Error, ErrorKind, Result};
+pub use export::convert::{ConvertSpec, convert};
 pub use export::surfaces::surfaces;
-pub use export::{ExportSpec, export};
+pub use export::{ExportSpec, ReportSpec, export, report};
+pub use image::synth::{SynthSpec, synth};
 pub use job::{FeatureSpec, MeshSpec, features, mesh};
 pub use model::columns::{ColumnsSpec, columns};
 pub use model::edit::{EditSpec, edit};
 pub use model::flow::{FlowSpec, flow};
 pub use model::paint::{PaintSpec, paint};
+pub use model::quality::{QualitySpec, quality};
 pub use model::segment::{SegmentSpec, segment};
 pub use model::slice::{SliceSpec, slice};
 pub use model::surface::SurfaceSpec;
+pub use model::validate::validate;
+pub use store::info;
 
 /// Makes rustdoc test the examples of the README.
 #[cfg(doctest)]

@@ -1,24 +1,27 @@
-//! Verbs from Python's keyword arguments. Each value becomes a field of the verb's options; only verbs
-//! whose options are not one type yet get a command line.
+//! Verbs from Python's keyword arguments. Each value becomes a field of the verb's options.
 
-use std::ffi::OsString;
 use std::path::PathBuf;
 
 use atomesh::cli::args::{CommandLine, Verb};
 use atomesh::cli::common::global::{CommonOptions, parse_bytes};
 use atomesh::cli::common::options::Typed;
 use atomesh::cli::verbs::columns::ColumnsArgs;
+use atomesh::cli::verbs::convert::ConvertArgs;
 use atomesh::cli::verbs::edit::EditArgs;
 use atomesh::cli::verbs::export::ExportArgs;
 use atomesh::cli::verbs::feature::FeatureArgs;
 use atomesh::cli::verbs::flow::FlowArgs;
+use atomesh::cli::verbs::info::InfoArgs;
 use atomesh::cli::verbs::mesh::MeshArgs;
 use atomesh::cli::verbs::paint::PaintArgs;
+use atomesh::cli::verbs::quality::QualityArgs;
+use atomesh::cli::verbs::report::ReportArgs;
 use atomesh::cli::verbs::segment::SegmentArgs;
 use atomesh::cli::verbs::slice::SliceArgs;
 use atomesh::cli::verbs::surface::SurfaceArgs;
+use atomesh::cli::verbs::synth::SynthArgs;
+use atomesh::cli::verbs::validate::ValidateArgs;
 use atomesh::error::cause;
-use clap::{Arg, ArgAction, Command, CommandFactory, Parser};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Serialize;
@@ -39,18 +42,9 @@ pub fn command_line(
     options: &Bound<'_, PyDict>,
 ) -> PyResult<CommandLine> {
     let mut options = Options(pythonize::depythonize(options)?);
-    if !VERBS_WITH_SPEC.contains(&verb) {
-        let words = options.words(verb, arguments);
-        return CommandLine::try_parse_from(words).map_err(|e| errors::usage_error(py, &e));
-    }
     let line = options.line(verb, arguments);
     line.map_err(|error| errors::library_error(py, &error))
 }
-
-/// The verbs whose options are one type.
-const VERBS_WITH_SPEC: [&str; 10] = [
-    "mesh", "feature", "columns", "edit", "flow", "paint", "segment", "slice", "surface", "export",
-];
 
 /// Options that no field has taken yet, by their names on the command line.
 struct Options(Map<String, Value>);
@@ -100,6 +94,11 @@ impl Options {
                 horizon: self.take_texts("horizon"),
                 spec: self.spec()?,
             }),
+            "convert" => Verb::Convert(ConvertArgs {
+                input_file: argument(0),
+                output: argument(1),
+                spec: self.spec()?,
+            }),
             "edit" => Verb::Edit(EditArgs {
                 mesh: argument(0),
                 image: argument(1),
@@ -111,8 +110,22 @@ impl Options {
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
+            "info" => Verb::Info(InfoArgs {
+                file: argument(0),
+                input: self.spec()?,
+            }),
             "paint" => Verb::Paint(PaintArgs {
                 mesh: argument(0),
+                output: self.take_output(),
+                spec: self.spec()?,
+            }),
+            "quality" => Verb::Quality(QualityArgs {
+                mesh: argument(0),
+                spec: self.spec()?,
+            }),
+            "report" => Verb::Report(ReportArgs {
+                image: argument(0),
+                mesh: argument(1),
                 output: self.take_output(),
                 spec: self.spec()?,
             }),
@@ -138,6 +151,12 @@ impl Options {
                     spec: self.spec()?,
                 })
             }
+            "synth" => Verb::Synth(SynthArgs {
+                kind: argument(0).to_string_lossy().into_owned(),
+                output: self.take_output(),
+                spec: self.spec()?,
+            }),
+            "validate" => Verb::Validate(ValidateArgs { mesh: argument(0) }),
             _ => Verb::Export(Box::new(ExportArgs {
                 mesh: argument(0),
                 to: self
@@ -148,35 +167,6 @@ impl Options {
                 spec: self.spec()?,
             })),
         })
-    }
-
-    /// Returns the words of the command line of a verb whose options are not one type.
-    fn words(&self, verb: &str, arguments: &[PathBuf]) -> Vec<OsString> {
-        let line = CommandLine::command();
-        let verb_args = line.find_subcommand(verb);
-        let mut words: Vec<OsString> = vec!["atomesh".into(), verb.into()];
-        for (name, value) in &self.0 {
-            let arg = verb_args
-                .into_iter()
-                .flat_map(Command::get_arguments)
-                .find(|arg| arg.get_long() == Some(name));
-            let has_colon = arg
-                .and_then(Arg::get_value_names)
-                .is_some_and(|names| names.iter().any(|name| name.contains(':')));
-            let separator = if has_colon { ":" } else { "=" };
-            let is_repeated = arg.is_some_and(|arg| matches!(arg.get_action(), ArgAction::Append));
-            match value {
-                Value::Bool(true) => words.push(format!("--{name}").into()),
-                Value::Array(items) if is_repeated => {
-                    let word = |item| format!("--{name}={}", text(item, separator)).into();
-                    words.extend(items.iter().map(word));
-                }
-                value => words.push(format!("--{name}={}", text(value, separator)).into()),
-            }
-        }
-        words.push("--".into());
-        words.extend(arguments.iter().map(OsString::from));
-        words
     }
 
     fn take(&mut self, name: &str) -> Option<Value> {
@@ -237,17 +227,6 @@ fn insert(spec: &mut Value, path: &[String], name: &str, value: Value) {
         .iter()
         .fold(spec, |group, name| &mut group[name.as_str()]);
     group[name] = value;
-}
-
-/// Returns a value as a text: numbers or names with commas between them, and other items with the
-/// separator between them.
-fn text(value: &Value, separator: &str) -> String {
-    let Value::Array(items) = value else {
-        return plain_text(value);
-    };
-    let is_plain = items.iter().all(Value::is_number) || items.iter().all(Value::is_string);
-    let texts: Vec<String> = items.iter().map(|item| text(item, ",")).collect();
-    texts.join(if is_plain { "," } else { separator })
 }
 
 /// Returns a value as in messages.

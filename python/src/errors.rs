@@ -22,8 +22,6 @@ create_exception!(
 /// The subclasses of `Error`, which `atomesh._errors` defines.
 #[derive(Debug, Clone, Copy)]
 enum ErrorClass {
-    /// An argument is unknown or missing: also a `TypeError`.
-    Argument,
     /// A value is impossible, or the content of a file is: also a `ValueError`.
     Value,
     /// A file or a folder does not exist: also a `FileNotFoundError`.
@@ -51,7 +49,6 @@ impl ErrorClass {
     /// Returns the exception with this message.
     fn new_error(self, py: Python<'_>, message: String) -> PyErr {
         let name = match self {
-            Self::Argument => "ArgumentError",
             Self::Value => "InvalidValueError",
             Self::MissingFile => "MissingFileError",
             Self::File => "FileError",
@@ -81,35 +78,6 @@ pub fn library_error(py: Python<'_>, error: &atomesh::Error) -> PyErr {
         &cause.problem,
         &remedy,
         &format!("{:?}", error.kind()),
-    )
-}
-
-/// Converts an error about the arguments.
-pub fn usage_error(py: Python<'_>, error: &clap::Error) -> PyErr {
-    if let Some(error) = atomesh::cli::args::value_error(error) {
-        return library_error(py, &error);
-    }
-    use clap::error::ErrorKind::{MissingRequiredArgument, UnknownArgument};
-    let class = match error.kind() {
-        UnknownArgument | MissingRequiredArgument => ErrorClass::Argument,
-        _ => ErrorClass::Value,
-    };
-    let text = error.render().to_string();
-    let lines = text
-        .lines()
-        .map(str::trim)
-        .take_while(|line| !line.starts_with("Usage:"));
-    let lines: Vec<&str> = lines
-        .filter(|line| !line.is_empty() && !line.starts_with("For more information"))
-        .map(|line| line.trim_start_matches("error: "))
-        .collect();
-    new_error(
-        py,
-        class,
-        "arguments",
-        &lines.join(" "),
-        "atomesh.options(verb) lists them",
-        "Usage",
     )
 }
 

@@ -25,9 +25,10 @@ use crate::comm::Comm;
 use crate::export::SurfaceFile;
 use crate::export::surfaces::{AnySurfaces, SurfaceOutcome};
 use crate::image::formats::stream::OpenedImage;
-use crate::image::formats::{self, AnyImage, InputOptions, LineNumbers, ReadImage};
+use crate::image::formats::{self, AnyImage, InputOptions, ReadImage};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
+use crate::model::MeshInput;
 use crate::model::surface::SurfaceSpec;
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh};
@@ -122,6 +123,29 @@ impl Console {
         };
         let read_image = |path: &Path, input: &InputOptions| lock(&console).read_image(path, input);
         work(&read_image, &mut progress)
+    }
+
+    /// Reads the mesh that an argument names, and runs a function of the library on it.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Console::read_mesh`] and of the function.
+    pub fn run_on_mesh<T>(
+        &mut self,
+        interrupts: &Interrupts,
+        path: &Path,
+        work: impl FnOnce(MeshInput<'_>, &mut dyn Progress) -> Result<T>,
+    ) -> Result<T> {
+        self.begin_stage(Stage::Reading);
+        let mesh = self.read_mesh(path)?;
+        let name = path.display().to_string();
+        self.run(interrupts, |read_image, progress| {
+            let input = MeshInput {
+                mesh,
+                name: &name,
+                read_image,
+            };
+            work(input, progress)
+        })
     }
 
     /// Reads a mesh that an argument names.
@@ -255,33 +279,21 @@ impl Console {
     /// # Errors
     /// Returns the errors of [`formats::write`].
     pub fn write_image<const D: usize>(&mut self, path: &Path, image: Image<D>) -> Result<()> {
-        self.write_survey(path, image, None)
+        self.write(path, image, |image| formats::write(path, image))
     }
 
-    /// Writes an image of any dimension.
+    /// Writes an image of any dimension, with the line numbers of a survey if it has any.
     ///
     /// # Errors
     /// Returns the errors of [`formats::write`].
     pub fn write_any_image(&mut self, path: &Path, image: AnyImage) -> Result<()> {
+        if !self.host.keeps_in_memory(path) {
+            return image.write(path);
+        }
         match image {
             AnyImage::Plane(loaded) => self.write_image(path, loaded.image),
             AnyImage::Space(loaded) => self.write_image(path, loaded.image),
         }
-    }
-
-    /// Writes an image with the numbers of its inlines and crosslines, if it has any.
-    ///
-    /// # Errors
-    /// Returns the errors of [`formats::write`].
-    pub fn write_survey<const D: usize>(
-        &mut self,
-        path: &Path,
-        image: Image<D>,
-        lines: Option<[LineNumbers; 2]>,
-    ) -> Result<()> {
-        self.write(path, image, |image| {
-            formats::write_survey(path, image, lines)
-        })
     }
 
     /// Writes surfaces in the format of the file's ending.

@@ -181,9 +181,9 @@ fn run_verb(
     }
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console, comm),
-        Verb::Quality(args) => verbs::quality::quality(args, console)?,
-        Verb::Report(args) => verbs::report::report(args, console)?,
-        Verb::Validate(args) => verbs::validate::validate(args, console)?,
+        Verb::Quality(args) => verbs::quality::quality(args, interrupts, console)?,
+        Verb::Report(args) => verbs::report::report(args, interrupts, console)?,
+        Verb::Validate(args) => verbs::validate::validate(args, interrupts, console)?,
         Verb::Slice(args) => verbs::slice::slice(args, interrupts, console)?,
         Verb::Info(args) => verbs::info::info(args, console)?,
         Verb::Feature(args) => verbs::feature::feature(args, interrupts, console)?,

@@ -22,22 +22,26 @@
 //! - [`format`](mod@format): the list of formats, and how to add one
 //! - `spec`: all options of an export, as one value
 //! - `run`: exports a mesh, from options to files
+//! - [`convert`](mod@convert): images and surfaces in other formats
 //! - [`simulators`]: models for flow simulators
 //! - [`corner_point`]: corner-point grids, sampled from cells of any shape
 //! - [`meshers`]: triangles and tetrahedra with named faces, for other meshers and for finite
 //!   elements
 //! - [`surfaces`]: labelled surfaces
 //! - [`page`]: a page for the browser that shows a mesh with its image and its report
+//! - `report`: writes this page, from options to a file
 //! - `containers`: numbers as text and as bytes, and container files
 //! - `values`: values of each cell as arrays
 //! - `companion`: the VTU beside a file whose format does not hold the shapes of cells
 
 pub(crate) mod companion;
 pub(crate) mod containers;
+pub mod convert;
 pub mod corner_point;
 pub mod format;
 pub mod meshers;
 pub mod page;
+mod report;
 mod run;
 pub mod simulators;
 mod spec;
@@ -46,6 +50,7 @@ pub(crate) mod values;
 
 pub use format::{ExportContent, ExportFormat, formats};
 pub use meshers::obj::write_obj;
+pub use report::{ReportSpec, report};
 pub use run::{ExportOutcome, export};
 pub use spec::{ExportSpec, GridCounts};
 pub use surfaces::SurfaceFile;

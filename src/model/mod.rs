@@ -8,6 +8,8 @@
 //! - [`columns`]: the cells of a map, extended vertically between horizons
 //! - [`flow`]: steady flow
 //! - [`reservoir`]: a mesh as a reservoir model
+//! - [`quality`](mod@quality): measures of a mesh
+//! - [`validate`](mod@validate): checks of a mesh
 //! - [`edit`](mod@edit): atoms that are added, moved and removed
 //! - [`slice`](mod@slice): pictures of a mesh over its image
 
@@ -17,9 +19,11 @@ pub mod flow;
 pub mod geodesics;
 pub(crate) mod input;
 pub mod paint;
+pub mod quality;
 pub mod reservoir;
 pub mod segment;
 pub mod slice;
 pub mod surface;
+pub mod validate;
 
 pub use input::{ImageInput, MeshInput};

@@ -9,6 +9,7 @@
 //! - `output`: converts a job's outcome to a file
 //! - `cell_output`: converts a job's Voronoi cells to a file
 //! - `foreign`: meshes of other programs
+//! - `info`: descriptions of files
 //! - `named_surfaces`: surfaces that have names in files of other programs
 //! - `labels`: regions that are labels of an image
 //! - `depth`: meshes converted from two-way time to depth
@@ -19,6 +20,7 @@
 pub(crate) mod cell_output;
 pub(crate) mod depth;
 mod foreign;
+pub(crate) mod info;
 pub(crate) mod labels;
 pub(crate) mod lines;
 mod mixed_elements;
@@ -32,6 +34,7 @@ pub(crate) mod vtu;
 
 pub use depth::{image_geometry_in_depth, to_depth};
 pub use foreign::read_any_mesh;
+pub use info::{FileInfo, info};
 pub use labels::{LabelledRegion, read_labels};
 pub use lines::{write_feature_lines, write_lines};
 pub use polyhedra::{CellStreams, write_cells_vtu};

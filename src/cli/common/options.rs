@@ -120,12 +120,15 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
-    use crate::export::ExportSpec;
+    use crate::export::convert::ConvertSpec;
+    use crate::export::{ExportSpec, ReportSpec};
+    use crate::image::synth::SynthSpec;
     use crate::job::FeatureSpec;
     use crate::job::spec::NominalDistance;
     use crate::model::columns::ColumnsSpec;
     use crate::model::edit::EditSpec;
     use crate::model::flow::FlowSpec;
+    use crate::model::quality::QualitySpec;
     use crate::model::slice::SliceSpec;
     use crate::model::surface::SurfaceSpec;
 
@@ -178,5 +181,9 @@ mod tests {
         check_defaults::<SliceSpec>();
         check_defaults::<ColumnsSpec>();
         check_defaults::<EditSpec>();
+        check_defaults::<ConvertSpec>();
+        check_defaults::<QualitySpec>();
+        check_defaults::<ReportSpec>();
+        check_defaults::<SynthSpec>();
     }
 }

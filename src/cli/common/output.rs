@@ -69,21 +69,6 @@ pub fn potential_image<const D: usize>(
     Image::new(potential.dims, potential.samples, geometry.clone())
 }
 
-/// Writes an image and reports it.
-///
-/// # Errors
-/// Returns the errors of [`Console::write_image`].
-pub fn write_image<const D: usize>(
-    console: &mut Console,
-    path: &Path,
-    image: Image<D>,
-) -> Result<()> {
-    let dims = image.dims();
-    console.write_image(path, image)?;
-    report_written_image(console, path, &dims);
-    Ok(())
-}
-
 /// Reports the name and the number of samples of an image that was written.
 pub fn report_written_image(console: &mut Console, path: &Path, dims: &[usize]) {
     console.result(

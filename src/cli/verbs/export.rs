@@ -11,8 +11,6 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::error::cause;
 use crate::export::{ExportFormat, ExportSpec, formats};
-use crate::model::MeshInput;
-use crate::progress::Stage;
 use crate::{Error, Result};
 
 /// Arguments of `atomesh export`.
@@ -57,15 +55,7 @@ pub fn export(args: &ExportArgs, interrupts: &Interrupts, console: &mut Console)
             "name another file",
         )));
     }
-    console.begin_stage(Stage::Reading);
-    let mesh = console.read_mesh(&args.mesh)?;
-    let name = args.mesh.display().to_string();
-    let outcome = console.run(interrupts, |read_image, progress| {
-        let input = MeshInput {
-            mesh,
-            name: &name,
-            read_image,
-        };
+    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
         let outcome = crate::export(input, format, output, spec, progress);
         outcome.map_err(with_option_name::<ExportSpec>)
     })?;

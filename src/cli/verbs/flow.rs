@@ -10,7 +10,6 @@ use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::error::cause;
-use crate::model::MeshInput;
 use crate::model::flow::{FaultMultiplier, FlowPermeability, FlowSpec};
 use crate::progress::Stage;
 use crate::{Error, Result};
@@ -59,15 +58,7 @@ pub fn flow(args: &FlowArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let spec = &args.spec;
     spec.validate().map_err(with_option_name::<FlowSpec>)?;
     args.check_files()?;
-    console.begin_stage(Stage::Reading);
-    let mesh = console.read_mesh(&args.mesh)?;
-    let name = args.mesh.display().to_string();
-    let outcome = console.run(interrupts, |read_image, progress| {
-        let input = MeshInput {
-            mesh,
-            name: &name,
-            read_image,
-        };
+    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
         crate::flow(input, spec, progress).map_err(with_option_name::<FlowSpec>)
     })?;
     console.begin_stage(Stage::Writing);

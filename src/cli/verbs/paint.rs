@@ -11,7 +11,6 @@ use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::export::surfaces::outcome::SURFACE_EXTENSIONS;
-use crate::model::MeshInput;
 use crate::model::paint::PaintSpec;
 use crate::progress::Stage;
 
@@ -40,15 +39,7 @@ pub fn paint(args: &PaintArgs, interrupts: &Interrupts, console: &mut Console) -
         check_output(path, "--surface-out", &SURFACE_EXTENSIONS, &inputs)?;
     }
     spec.validate().map_err(with_option_name::<PaintSpec>)?;
-    console.begin_stage(Stage::Reading);
-    let mesh = console.read_mesh(&args.mesh)?;
-    let name = path_text(&args.mesh);
-    let outcome = console.run(interrupts, |read_image, progress| {
-        let input = MeshInput {
-            mesh,
-            name: &name,
-            read_image,
-        };
+    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
         crate::paint(input, spec, progress).map_err(with_option_name::<PaintSpec>)
     })?;
     console.begin_stage(Stage::Writing);

@@ -12,7 +12,6 @@ use crate::cli::interrupts::Interrupts;
 use crate::export::surfaces::outcome::{
     GRID_EXTENSIONS, POINT_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS,
 };
-use crate::model::MeshInput;
 use crate::model::surface::SurfaceSpec;
 use crate::progress::Stage;
 
@@ -48,15 +47,7 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     spec.check_target(output)
         .and_then(|()| spec.validate())
         .map_err(with_option_name::<SurfaceSpec>)?;
-    console.begin_stage(Stage::Reading);
-    let mesh = console.read_mesh(&args.mesh)?;
-    let name = args.mesh.display().to_string();
-    let outcome = console.run(interrupts, |read_image, progress| {
-        let input = MeshInput {
-            mesh,
-            name: &name,
-            read_image,
-        };
+    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
         crate::surfaces(input, spec, progress).map_err(with_option_name::<SurfaceSpec>)
     })?;
     console.begin_stage(Stage::Writing);

@@ -4,16 +4,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
 use serde_json::json;
 
 use crate::cli::common::output::path_text;
 use crate::cli::console::Console;
+use crate::cli::interrupts::Interrupts;
 use crate::error::cause;
-use crate::mesh::check::{CheckHints, check_with_hints};
-use crate::mesh::delaunay::{self, DelaunayKernel};
-use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
-use crate::store::{AnyMesh, StoredMesh};
+use crate::model::validate::CheckerVerdict;
 use crate::{Error, Result};
 
 /// Arguments of `atomesh validate`.
@@ -25,41 +22,10 @@ pub struct ValidateArgs {
 }
 
 /// Runs the verb. It returns an error if the mesh is not valid, so that scripts notice it.
-pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
-    console.begin_stage("reading");
-    let place = args.mesh.display().to_string();
-    let mesh = console.read_mesh(&args.mesh)?;
-    console.begin_stage("checking");
-    // The other checkers depend on the kind of cells.
-    let verdicts = match mesh {
-        AnyMesh::Triangles(file) => {
-            let stored = StoredMesh::new(file, &place)?;
-            with_other_checkers(atomesh_verdict(&stored), || {
-                Ok(vec![spade_verdict(
-                    &stored.lattice,
-                    stored.space.tolerance(),
-                )?])
-            })
-        }
-        AnyMesh::Tetrahedra(file) => {
-            let mut stored = StoredMesh::new(file, &place)?;
-            with_other_checkers(atomesh_verdict(&stored), || {
-                let tolerance = stored.space.tolerance();
-                let mut verdicts = Vec::new();
-                for (kernel, name) in kernels() {
-                    let mesh = &stored.lattice;
-                    let hull = delaunay::delaunay_by(&mesh.nodes, kernel)?;
-                    verdicts.push(hull_verdict(name, mesh, &hull, tolerance));
-                }
-                if cfg!(feature = "cgal") {
-                    verdicts.push(stored.with_world_mesh(|mesh| cgal_verdict(mesh, tolerance))?);
-                }
-                Ok(verdicts)
-            })
-        }
-        AnyMesh::Polygons(file) => Ok(vec![atomesh_verdict(&StoredMesh::new(file, &place)?)]),
-        AnyMesh::Polyhedra(file) => Ok(vec![atomesh_verdict(&StoredMesh::new(file, &place)?)]),
-    }?;
+pub fn validate(args: &ValidateArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
+    let verdicts = console.run_on_mesh(interrupts, &args.mesh, |mesh, progress| {
+        crate::validate(mesh, progress)
+    })?;
     let lines: Vec<String> = verdicts.iter().map(CheckerVerdict::summary_line).collect();
     let failed = verdicts
         .iter()
@@ -75,126 +41,5 @@ pub fn validate(args: &ValidateArgs, console: &mut Console) -> Result<()> {
             format!("{checker} finds it invalid: {problem}"),
             "mesh the image again",
         ))),
-    }
-}
-
-/// Adds the verdicts of the other checkers if atomesh's own checker finds no fault. On invalid
-/// nodes TetGen might abort the process.
-fn with_other_checkers(
-    own_verdict: CheckerVerdict,
-    others: impl FnOnce() -> Result<Vec<CheckerVerdict>>,
-) -> Result<Vec<CheckerVerdict>> {
-    let mut verdicts = vec![own_verdict];
-    if verdicts[0].problem.is_none() {
-        verdicts.extend(others()?);
-    }
-    Ok(verdicts)
-}
-
-/// Returns the verdict of atomesh's own checker, in lattice space, where the sides are known.
-fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> CheckerVerdict {
-    let hints = CheckHints {
-        weld: stored.weld,
-        ..CheckHints::default()
-    };
-    let (low, high) = ([0.0; D], stored.space.extent);
-    let check = check_with_hints(&stored.lattice, hints, low, high, stored.space.tolerance());
-    let criterion = match &check.cell_check {
-        None => format!(
-            "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
-             nodes used",
-            check.cells,
-            M::CELLS_NAME,
-            M::VOLUME_NAME,
-            M::VOLUME_NAME,
-            check.volume_error,
-            check.nodes
-        ),
-        Some(cell_check) => {
-            let [faces, space] = if cell_check.is_columnar {
-                [
-                    "faces, the vertical ones flat,",
-                    "the space between top and base",
-                ]
-            } else {
-                ["flat faces", "the box"]
-            };
-            format!(
-                "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \
-                 fill {space} (off by {:.0e})",
-                check.cells, cell_check.faces, check.volume_error
-            )
-        }
-    };
-    CheckerVerdict {
-        checker: "atomesh",
-        criterion,
-        problem: check.problems.first().cloned(),
-    }
-}
-
-/// Returns the built-in Delaunay kernels with their names. A mesh is compared with their
-/// triangulations of its nodes: both must fill the convex hull.
-fn kernels() -> impl Iterator<Item = (DelaunayKernel, &'static str)> {
-    let all = [
-        (DelaunayKernel::Native, "atomesh's kernel"),
-        (DelaunayKernel::Tetgen, "TetGen"),
-    ];
-    all.into_iter()
-        .filter(|(kernel, _)| kernel.check_built_in().is_ok())
-}
-
-/// Returns the verdict of spade, in the plane.
-fn spade_verdict(mesh: &TriMesh, tolerance: f64) -> Result<CheckerVerdict> {
-    let hull = delaunay::delaunay_plane(&mesh.nodes)?;
-    Ok(hull_verdict("spade", mesh, &hull, tolerance))
-}
-
-/// Checks that a mesh fills the convex hull of its nodes, which is given as another triangulation.
-fn hull_verdict<const D: usize, M: Simplices<D>>(
-    checker: &'static str,
-    mesh: &M,
-    hull: &M,
-    tolerance: f64,
-) -> CheckerVerdict {
-    let volume = |mesh: &M| -> f64 { (0..mesh.len()).map(|c| mesh.volume(c)).sum() };
-    let error = (volume(mesh) - volume(hull)).abs() / volume(hull);
-    let name = M::VOLUME_NAME;
-    CheckerVerdict {
-        checker,
-        criterion: format!("fills the convex hull of its nodes ({name} off by {error:.0e})"),
-        problem: (error > tolerance)
-            .then(|| format!("its {name} differs from that of its nodes' hull by {error:.1e}")),
-    }
-}
-
-/// Returns the verdict of CGAL's exact predicates on the coordinates of the file.
-fn cgal_verdict(mesh: &TetMesh, tolerance: f64) -> Result<CheckerVerdict> {
-    let TetMesh { nodes, tets } = mesh;
-    let verdict = delaunay::cgal::validate(nodes, tets)?;
-    Ok(CheckerVerdict {
-        checker: "CGAL",
-        criterion: "a triangulation of the convex hull of its nodes, by exact predicates".into(),
-        problem: verdict.faults(tolerance).into_iter().next(),
-    })
-}
-
-/// The verdict of one checker.
-#[derive(Debug, Serialize)]
-struct CheckerVerdict {
-    /// Name of the checker.
-    checker: &'static str,
-    /// Properties that hold if the mesh is valid.
-    criterion: String,
-    /// The first problem, if there is one.
-    problem: Option<String>,
-}
-
-impl CheckerVerdict {
-    fn summary_line(&self) -> String {
-        match &self.problem {
-            None => format!("{:8} passed: {}", self.checker, self.criterion),
-            Some(problem) => format!("{:8} FAILED: {problem}", self.checker),
-        }
     }
 }

@@ -58,10 +58,8 @@ pub use placement::{AxisSpec, ImagePlacement};
 pub use raw::RawSpec;
 pub use segy::{LineNumbers, SegyBytes, SegyInfo};
 pub use stream::OpenedImage;
-pub(crate) use write::StreamedImage;
 pub use write::write;
-#[cfg(feature = "cli")]
-pub(crate) use write::{can_stream, write_survey};
+pub(crate) use write::{StreamedImage, can_stream, write_survey};
 
 /// Options for reading an image.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -178,6 +176,26 @@ impl AnyImage {
             Self::Space(loaded) => Box::new(loaded.image),
         };
         image.downcast().ok().map(|image| *image)
+    }
+
+    /// Returns the number of samples along each axis, x first.
+    pub fn dims(&self) -> Vec<usize> {
+        match self {
+            Self::Plane(loaded) => loaded.image.dims().to_vec(),
+            Self::Space(loaded) => loaded.image.dims().to_vec(),
+        }
+    }
+
+    /// Writes the image in the format that the ending of `path` names, with the line numbers of a
+    /// survey where the format supports them.
+    ///
+    /// # Errors
+    /// Returns the errors of [`write`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        match self {
+            Self::Plane(loaded) => write_survey(path, &loaded.image, loaded.line_numbers),
+            Self::Space(loaded) => write_survey(path, &loaded.image, loaded.line_numbers),
+        }
     }
 }
 
@@ -303,7 +321,7 @@ pub(crate) fn into_any_image(loaded: LoadedImage) -> AnyImage {
     }
 }
 
-fn extension(path: &Path) -> String {
+pub(crate) fn extension(path: &Path) -> String {
     let name = path.to_string_lossy().to_lowercase();
     if name.ends_with(".nii.gz") {
         return "nii.gz".into();

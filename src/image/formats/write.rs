@@ -61,7 +61,6 @@ pub(crate) fn write_survey<const D: usize>(
 const STREAMED_EXTENSIONS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
 
 /// Returns `true` if the format of this ending is written in parts.
-#[cfg(feature = "cli")]
 pub(crate) fn can_stream(path: &Path) -> bool {
     STREAMED_EXTENSIONS.contains(&extension(path).as_str())
 }

@@ -1,5 +1,6 @@
 //! Writes a volume with the headers of a SEG-Y file: all bytes of the file but the samples.
 
+use std::fmt::{self, Display, Formatter};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -13,6 +14,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files::{atomic_write, read_exact_at};
 use crate::image::Image;
 use crate::image::formats::samples::{Encoding, Endian, SampleType};
+use crate::option_text::serde_as_text;
 
 /// Position in the file of the code of the sample format.
 const FORMAT_OFFSET: u64 = 3224;
@@ -37,6 +39,17 @@ impl FromStr for SegyFloat {
         }
     }
 }
+
+impl Display for SegyFloat {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ibm => "ibm",
+            Self::Ieee => "ieee",
+        })
+    }
+}
+
+serde_as_text!(SegyFloat: [","; 2]);
 
 /// Writes an image with the headers of the SEG-Y file `template`, whose fields are at `bytes`.
 /// Traces have the order of the template. Samples have the template's format, or IEEE floats if that

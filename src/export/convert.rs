@@ -1,0 +1,421 @@
+//! Converts images, grids of heights and surfaces from one format to another, as `atomesh convert`
+//! does.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::surfaces::AnySurfaces;
+use super::surfaces::sticks::read_charisma;
+use super::surfaces::vtp::read_surfaces;
+use super::{FaultSticks, Gocad, read_gocad, read_sticks, write_sticks};
+use crate::error::cause;
+use crate::image::Image;
+use crate::image::formats::segy::{SegyFloat, write_like};
+use crate::image::formats::stream::ImageStream;
+use crate::image::formats::{
+    self, AnyImage, ImageFormat, InputOptions, LoadedImage, OpenedImage, ReadOptions, SegyBytes,
+    StreamedImage, can_stream, extension,
+};
+use crate::job::depth::image_in_depth;
+use crate::job::spec::NumberOrFile;
+use crate::{Error, Result};
+
+/// Options of `atomesh convert`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct ConvertSpec {
+    /// Convert an image from two-way time to depth in metres, with one velocity in m/s or a file of
+    /// interval velocities in m/s. Such a file is a grid in two-way time, and the image is
+    /// resampled
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "V", allow_negative_numbers = true)
+    )]
+    pub velocity: Option<NumberOrFile>,
+    /// Write SEG-Y (OUT.sgy) with the headers of this survey, which has as many samples: its text,
+    /// lines, coordinates and order of traces
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SURVEY.sgy"))]
+    pub like: Option<PathBuf>,
+    /// The samples of SEG-Y that is written: ibm or ieee floats [default: as in the survey]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FORMAT", requires = "like"))]
+    pub sample_format: Option<SegyFloat>,
+    /// Options for reading the image, and the survey.
+    #[cfg_attr(
+        feature = "cli",
+        command(flatten, next_help_heading = "Reading the image")
+    )]
+    pub input: InputOptions,
+}
+
+/// File endings of SEG-Y.
+pub(crate) const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
+
+/// File endings of surfaces that can be read.
+const SURFACE_EXTENSIONS: [&str; 5] = ["vtp", "ts", "pl", "csv", "charisma"];
+
+/// Returns `true` if the file at `path` holds surfaces and no image, judged by its ending.
+pub(crate) fn holds_surfaces(path: &Path) -> bool {
+    SURFACE_EXTENSIONS.contains(&extension(path).as_str())
+}
+
+impl ConvertSpec {
+    /// Checks that the options apply to the files.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] that begins with the name of the option that does not apply.
+    pub fn validate(&self, input: &Path, output: &Path) -> Result<()> {
+        let refuse_velocity = |problem: &str, remedy: &str| match &self.velocity {
+            Some(velocity) => {
+                let place = format!("velocity {velocity}");
+                Err(Error::Job(cause(place, problem, remedy)))
+            }
+            None => Ok(()),
+        };
+        if holds_surfaces(input) {
+            self.input.refuse_unused("surfaces are read")?;
+            return refuse_velocity(
+                "converts images to depth, but the input holds surfaces",
+                "extract the surfaces in depth with atomesh surface --velocity",
+            );
+        }
+        if let (Some(format), None) = (self.sample_format, &self.like) {
+            let problem = "is for SEG-Y, which is written with the headers of a survey";
+            let remedy = "omit it, or give the survey: --like survey.sgy";
+            return Err(Error::Job(cause(
+                format!("sample-format {format}"),
+                problem,
+                remedy,
+            )));
+        }
+        if self.like.is_some() {
+            return refuse_velocity(
+                "makes a volume in depth, but the survey's headers are in time",
+                "omit it, or write .vti",
+            );
+        }
+        if SEGY_EXTENSIONS.contains(&extension(output).as_str()) {
+            let place = format!("OUT {}", output.display());
+            let problem = "is SEG-Y, which is written with the headers of a survey";
+            let remedy = "give the survey from which the volume was made: --like survey.sgy";
+            return Err(Error::Job(cause(place, problem, remedy)));
+        }
+        Ok(())
+    }
+}
+
+/// Opens the image that has this name, with these options.
+pub type OpenImage<'a> = &'a dyn Fn(&Path, &InputOptions) -> Result<OpenedImage>;
+
+/// Opens an image file, with options for what the file lacks.
+///
+/// # Errors
+/// Returns the errors of [`formats::read_any`] and of [`InputOptions::read_options_for`].
+pub fn open_with_options(path: &Path, input: &InputOptions) -> Result<OpenedImage> {
+    formats::open(path, &input.read_options_for(path)?)
+}
+
+/// The content of a file in the form in which another file holds it.
+#[non_exhaustive]
+pub enum Converted {
+    /// An image that may be larger than memory: it is written as it is read.
+    Stream(ImageStream),
+    /// An image.
+    Image(AnyImage),
+    /// A volume that is written with the headers of a SEG-Y file.
+    Survey(SurveyCopy),
+    /// Surfaces or curves.
+    Surfaces(AnySurfaces),
+    /// Fault sticks.
+    Sticks(Vec<FaultSticks>),
+}
+
+/// A volume, and the survey whose headers it gets.
+#[derive(Debug)]
+pub struct SurveyCopy {
+    image: Image<3>,
+    template: PathBuf,
+    bytes: SegyBytes,
+    sample_format: Option<SegyFloat>,
+}
+
+/// Reads an image or surfaces, and converts them to what the file `output` holds, as `atomesh
+/// convert` does. [`Converted::write`] writes it. `open` opens images. Also returns notes for the
+/// user.
+///
+/// ```
+/// use atomesh::export::convert::{ConvertSpec, convert, open_with_options};
+/// use atomesh::image::{Geometry, Image, formats};
+///
+/// let [from, to] = ["npy", "vti"].map(|ending| {
+///     std::env::temp_dir().join(format!("atomesh-convert-example.{ending}"))
+/// });
+/// formats::write(&from, &Image::new([3, 4], vec![0.5; 12], Geometry::default()))?;
+/// let (converted, _) = convert(&from, &to, &ConvertSpec::default(), &open_with_options)?;
+/// converted.write(&to)?;
+/// let image = formats::read_any(&to, &Default::default())?.into_image::<2>();
+/// assert_eq!(image.map(|image| image.dims()), Some([3, 4]));
+/// # [from, to].map(|path| std::fs::remove_file(path).ok());
+/// # Ok::<(), atomesh::Error>(())
+/// ```
+///
+/// # Errors
+/// Returns the errors of [`ConvertSpec::validate`], those of reading, and [`Error::Job`] for content
+/// that `output` cannot hold.
+pub fn convert(
+    input: &Path,
+    output: &Path,
+    spec: &ConvertSpec,
+    open: OpenImage<'_>,
+) -> Result<(Converted, Vec<String>)> {
+    spec.validate(input, output)?;
+    if holds_surfaces(input) {
+        return Ok((convert_surfaces(input, output)?, Vec::new()));
+    }
+    if let Some(template) = &spec.like {
+        return Ok((spec.survey_copy(input, template, open)?, Vec::new()));
+    }
+    match open(input, &spec.input)? {
+        OpenedImage::Stream(stream) if spec.velocity.is_none() && can_stream(output) => {
+            let notes = stream.header.notes.clone();
+            Ok((Converted::Stream(stream), notes))
+        }
+        other => match other.load(input)? {
+            AnyImage::Plane(loaded) => spec.image_in_depth(loaded, AnyImage::Plane, open),
+            AnyImage::Space(loaded) => spec.image_in_depth(loaded, AnyImage::Space, open),
+        },
+    }
+}
+
+impl ConvertSpec {
+    /// Returns the image, in depth if a velocity is given.
+    fn image_in_depth<const D: usize>(
+        &self,
+        loaded: LoadedImage<D>,
+        any: fn(LoadedImage<D>) -> AnyImage,
+        open: OpenImage<'_>,
+    ) -> Result<(Converted, Vec<String>)> {
+        let read = |path: &Path, input: &InputOptions| open(path, input)?.load(path);
+        let (image, conversion) =
+            image_in_depth(loaded.image, self.velocity.as_ref(), false, &read)?;
+        let mut notes = loaded.notes.clone();
+        notes.extend(
+            conversion
+                .into_iter()
+                .flat_map(|conversion| conversion.notes),
+        );
+        let converted = any(LoadedImage { image, ..loaded });
+        Ok((Converted::Image(converted), notes))
+    }
+
+    /// Returns a volume with the survey whose headers it gets.
+    fn survey_copy(&self, path: &Path, template: &Path, open: OpenImage<'_>) -> Result<Converted> {
+        let bytes = self.input.read_options()?.segy;
+        let is_segy =
+            formats::detect(path, &ReadOptions::default()).ok() == Some(ImageFormat::Segy);
+        let input = if is_segy {
+            self.input.clone()
+        } else {
+            self.input.without_segy()
+        };
+        let AnyImage::Space(loaded) = open(path, &input)?.load(path)? else {
+            let problem = "is not a volume, but 2-D";
+            let remedy = "give a volume that was made from the survey";
+            return Err(Error::Job(cause(path.display(), problem, remedy)));
+        };
+        Ok(Converted::Survey(SurveyCopy {
+            image: loaded.image,
+            template: template.to_path_buf(),
+            bytes,
+            sample_format: self.sample_format,
+        }))
+    }
+}
+
+/// Reads surfaces, lines or sticks, and returns them in the form that `output` holds.
+fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
+    let sticks_to_lines = |sticks: &[FaultSticks]| match extension(output).as_str() {
+        "pl" => AnySurfaces::Curves(FaultSticks::to_lines(sticks)),
+        _ => AnySurfaces::Surfaces(FaultSticks::to_surfaces(sticks)),
+    };
+    let is_to_sticks = extension(output) == "csv";
+    let content = match extension(input).as_str() {
+        "vtp" => AnySurfaces::Surfaces(read_surfaces(input)?),
+        ending @ ("csv" | "charisma") => {
+            let sticks = match ending {
+                "csv" => read_sticks(input)?,
+                _ => read_charisma(input)?,
+            };
+            let converted = if is_to_sticks {
+                Converted::Sticks(sticks)
+            } else {
+                Converted::Surfaces(sticks_to_lines(&sticks))
+            };
+            return converted.checked(input);
+        }
+        _ => match read_gocad(input)? {
+            Gocad::Surfaces(file) => AnySurfaces::Surfaces(file),
+            Gocad::Lines(file) => AnySurfaces::Curves(file),
+        },
+    };
+    let converted = match content {
+        AnySurfaces::Surfaces(_) if extension(output) == "pl" => {
+            let remedy =
+                "write surfaces as .ts, or as sticks (.csv), which can be converted to .pl";
+            let place = format!("OUT {}", output.display());
+            let problem = format!("holds lines, but {} surfaces", input.display());
+            return Err(Error::Job(cause(place, problem, remedy)));
+        }
+        AnySurfaces::Surfaces(file) if is_to_sticks => {
+            Converted::Sticks(FaultSticks::from_surfaces(&file, None))
+        }
+        AnySurfaces::Curves(file) if is_to_sticks => {
+            Converted::Sticks(FaultSticks::from_lines(&file))
+        }
+        content => Converted::Surfaces(content),
+    };
+    converted.checked(input)
+}
+
+impl Converted {
+    /// Checks that there is a surface. `input` is the file that was read.
+    fn checked(self, input: &Path) -> Result<Self> {
+        if self.surface_count() > 0 {
+            return Ok(self);
+        }
+        let remedy = "give a file with surfaces";
+        Err(Error::Job(cause(
+            input.display(),
+            "holds no surface",
+            remedy,
+        )))
+    }
+
+    /// Returns the number of surfaces; 0 for images.
+    pub fn surface_count(&self) -> usize {
+        match self {
+            Self::Surfaces(AnySurfaces::Curves(file)) => file.names.len(),
+            Self::Surfaces(AnySurfaces::Surfaces(file)) => file.names.len(),
+            Self::Sticks(sticks) => sticks.len(),
+            _ => 0,
+        }
+    }
+
+    /// Returns the number of samples along each axis of an image; for surfaces it is empty.
+    pub fn dims(&self) -> Vec<usize> {
+        match self {
+            Self::Stream(stream) => stream.header.dims.to_vec(),
+            Self::Image(image) => image.dims(),
+            Self::Survey(copy) => copy.image.dims().to_vec(),
+            Self::Surfaces(_) | Self::Sticks(_) => Vec::new(),
+        }
+    }
+
+    /// Writes the content in the format of the file's ending. Returns notes for the user.
+    ///
+    /// # Errors
+    /// Returns the errors of [`formats::write`], of
+    /// [`SurfaceFile::write`](super::SurfaceFile::write), of [`write_sticks`] and of [`write_like`].
+    pub fn write(&self, path: &Path) -> Result<Vec<String>> {
+        match self {
+            Self::Stream(stream) => {
+                let head = &stream.header;
+                let parts = StreamedImage {
+                    dims: head.dims,
+                    geometry: &head.geometry,
+                    missing: &head.missing,
+                    line_numbers: head.line_numbers,
+                    sample_type: stream.encoding.sample_type,
+                    slabs: stream,
+                };
+                parts.write(path)?;
+                return Ok(stream.rounding_note().into_iter().collect());
+            }
+            Self::Image(image) => image.write(path)?,
+            Self::Survey(copy) => {
+                let SurveyCopy {
+                    image,
+                    template,
+                    bytes,
+                    sample_format,
+                } = copy;
+                return write_like(path, image, template, bytes, *sample_format);
+            }
+            Self::Surfaces(AnySurfaces::Curves(file)) => file.write(path)?,
+            Self::Surfaces(AnySurfaces::Surfaces(file)) => file.write(path)?,
+            Self::Sticks(sticks) => write_sticks(path, sticks)?,
+        }
+        Ok(Vec::new())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Geometry;
+    use crate::surface_file::SurfaceFile;
+
+    #[test]
+    fn options_that_do_not_apply_are_refused() {
+        let velocity = ConvertSpec {
+            velocity: Some(NumberOrFile::Constant(2000.0)),
+            ..ConvertSpec::default()
+        };
+        let like = ConvertSpec {
+            like: Some("survey.sgy".into()),
+            ..velocity.clone()
+        };
+        let float = ConvertSpec {
+            sample_format: Some(SegyFloat::Ibm),
+            ..ConvertSpec::default()
+        };
+        for (spec, input, output, expected) in [
+            (velocity, "a.ts", "b.vtp", "velocity 2000: converts images"),
+            (like, "a.npy", "b.sgy", "velocity 2000: makes a volume"),
+            (float, "a.npy", "b.vti", "sample-format ibm: is for SEG-Y"),
+            (
+                ConvertSpec::default(),
+                "a.npy",
+                "b.sgy",
+                "OUT b.sgy: is SEG-Y",
+            ),
+        ] {
+            let error = spec.validate(input.as_ref(), output.as_ref()).unwrap_err();
+            assert!(error.to_string().starts_with(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn images_and_surfaces_keep_their_content() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let image = Image::new(
+            [3, 4],
+            (0..12_u8).map(f32::from).collect(),
+            Geometry::default(),
+        );
+        formats::write(&path("a.npy"), &image).unwrap();
+        let nodes = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [1.0, 1.0, 0.0],
+            [0.0, 1.0, 0.0],
+        ];
+        let file = SurfaceFile::new(&nodes, &[[0, 1, 2], [0, 2, 3]], &[0, 2], "fault");
+        file.write(&path("a.ts")).unwrap();
+        for (from, to) in [("a.npy", "b.vti"), ("a.ts", "b.vtp")] {
+            let spec = ConvertSpec::default();
+            let (converted, _) =
+                convert(&path(from), &path(to), &spec, &open_with_options).unwrap();
+            converted.write(&path(to)).unwrap();
+        }
+        let read = formats::read_any(&path("b.vti"), &ReadOptions::default()).unwrap();
+        assert_eq!(read.into_image::<2>().unwrap().samples, image.samples);
+        assert_eq!(read_surfaces(&path("b.vtp")).unwrap().facets.len(), 2);
+        let spec = ConvertSpec::default();
+        let lines = convert(&path("a.ts"), &path("b.pl"), &spec, &open_with_options);
+        let error = lines.err().unwrap().to_string();
+        assert!(error.contains("holds lines"), "{error}");
+    }
+}

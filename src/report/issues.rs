@@ -2,8 +2,8 @@
 
 use super::regions;
 use super::table::group_digits;
-use super::verdict::{MAX_CONTACT_AREA, MAX_DROPPED_SHARE, MIN_MEASURED_SAMPLES, percent};
-use super::{Fidelity, Quality, Report, Voronoi};
+use super::verdict::{MAX_CONTACT_AREA, MAX_DROPPED_SHARE, percent};
+use super::{Fidelity, Grade, Quality, RegionReport, Report, Voronoi};
 use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning};
 
 /// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
@@ -28,12 +28,23 @@ const MAX_TINY_FACE_SHARE: f64 = 0.01;
 /// completely.
 const FRAGMENT_SAMPLES: usize = 8;
 
+/// Minimum number of samples of a region whose volume is checked.
+const MIN_MEASURED_SAMPLES: usize = 50;
+
 /// Maximum error of the volume of a region, in percent. More is an issue.
 const MAX_VOLUME_ERROR_PERCENT: f64 = 2.0;
 
 /// Maximum deviation of interfaces from the places where labels change, in samples. Interfaces that
 /// deviate more have spikes.
 const MAX_INTERFACE_DEVIATION: f64 = 1.5;
+
+/// Maximum error of the volume of a region, in percent, of a mesh that is of any use: beyond it, the
+/// region is not that of the image.
+const MAX_USABLE_VOLUME_ERROR_PERCENT: f64 = 50.0;
+
+/// Maximum deviation of interfaces, in samples, of a mesh that is of any use: beyond it, interfaces
+/// are not those of the image.
+const MAX_USABLE_INTERFACE_DEVIATION: f64 = 10.0;
 
 /// Minimum distance between atoms that is suggested, in samples. A smaller one adds no detail of
 /// the image.
@@ -68,6 +79,24 @@ impl Report {
             .or_else(|| self.noise_issue())
             .or_else(|| self.dropped_feature_issue())
             .or_else(|| self.physical_shape_issue())
+    }
+
+    /// Returns the grade of a valid mesh. It is that of the worst finding, which need not be the
+    /// [issue that is named](Self::worst_issue).
+    pub(super) fn grade(&self) -> Grade {
+        let volume_error = self
+            .worst_region()
+            .map_or(0.0, |region| region.volume_error_percent.abs());
+        let deviation = self.interface_deviation().unwrap_or_default();
+        if volume_error > MAX_USABLE_VOLUME_ERROR_PERCENT
+            || deviation > MAX_USABLE_INTERFACE_DEVIATION
+        {
+            Grade::Bad
+        } else if self.worst_issue().is_some() {
+            Grade::Fair
+        } else {
+            Grade::Good
+        }
     }
 
     /// Returns the issue of a mesh without any detected feature.
@@ -330,15 +359,20 @@ impl Report {
         })
     }
 
-    /// Returns the issue of the region with the largest volume error.
-    fn volume_issue(&self) -> Option<Issue> {
+    /// Returns the region with the largest volume error.
+    pub(super) fn worst_region(&self) -> Option<&RegionReport> {
         let candidates = self.regions.as_ref()?.regions.iter();
         let measured = candidates.filter(|region| region.samples >= MIN_MEASURED_SAMPLES);
-        let worst = measured.max_by(|a, b| {
+        measured.max_by(|a, b| {
             a.volume_error_percent
                 .abs()
                 .total_cmp(&b.volume_error_percent.abs())
-        })?;
+        })
+    }
+
+    /// Returns the issue of the region with the largest volume error.
+    fn volume_issue(&self) -> Option<Issue> {
+        let worst = self.worst_region()?;
         if worst.volume_error_percent.abs() <= MAX_VOLUME_ERROR_PERCENT {
             return None;
         }

@@ -13,9 +13,6 @@ pub(super) const MAX_DROPPED_SHARE: f64 = 0.1;
 /// Maximum ratio of strength to noise that is shown as a number.
 const MAX_SHOWN_RATIO: f32 = 100.0;
 
-/// Minimum number of samples of a region whose volume is checked.
-pub(super) const MIN_MEASURED_SAMPLES: usize = 50;
-
 /// Maximum area, in square samples, of contacts between labels that do not touch in the image. More
 /// is an issue.
 pub(super) const MAX_CONTACT_AREA: f64 = 10.0;
@@ -28,7 +25,7 @@ pub enum Grade {
     Good,
     /// Valid, with an issue.
     Fair,
-    /// Invalid, and useless for simulators.
+    /// Invalid, or so far from the labels of the image that it is of no use.
     Bad,
 }
 
@@ -67,10 +64,10 @@ impl Verdict {
             }),
             None => report.worst_issue(),
         };
-        let grade = match &issue {
-            _ if !check.passed() => Grade::Bad,
-            Some(_) => Grade::Fair,
-            None => Grade::Good,
+        let grade = if check.passed() {
+            report.grade()
+        } else {
+            Grade::Bad
         };
         let simulation = match report.voronoi {
             Some(_) => "flow simulation with finite volumes",
@@ -210,13 +207,9 @@ impl Report {
     /// Returns the statement about regions for the line on features.
     fn region_summary(&self) -> Option<String> {
         let regions = self.regions.as_ref()?;
-        let measured = regions
-            .regions
-            .iter()
-            .filter(|region| region.samples >= MIN_MEASURED_SAMPLES);
-        let worst = measured
-            .map(|region| region.volume_error_percent.abs())
-            .fold(0.0, f64::max);
+        let worst = self
+            .worst_region()
+            .map_or(0.0, |region| region.volume_error_percent.abs());
         let lost: usize = regions.lost.iter().map(|lost| lost.parts).sum();
         let text = match lost {
             0 => format!("regions within {worst:.1} % of their volumes"),
@@ -296,9 +289,10 @@ mod tests {
 
     use super::*;
     use crate::feature::{Doubt, DroppedPoints, FeatureKind, MissingData};
+    use crate::image::LabelValue;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
-    use crate::report::{FaceMatch, Fidelity, quality};
+    use crate::report::{FaceMatch, Fidelity, RegionReport, RegionSummary, quality};
 
     /// Returns the report on a valid mesh. Tests then make one measure after the other bad.
     fn report(cover: f64) -> Report {
@@ -444,6 +438,61 @@ mod tests {
             verdict_of(&gaps).features.ends_with(expected),
             "{}",
             verdict_of(&gaps).features
+        );
+    }
+
+    #[test]
+    fn grade_is_that_of_the_worst_finding_though_a_doubt_is_named_first() {
+        let region = |volume_error_percent: f64| RegionReport {
+            label: LabelValue::Whole(1),
+            region: 1,
+            name: None,
+            parts: 1,
+            samples: 5000,
+            cells: 100,
+            volume: 5000.0,
+            sample_volume: 5000.0,
+            volume_error_percent,
+            distance: None,
+        };
+        let graded = |volume_error_percent: f64, deviation: f64| {
+            let mut report = report(0.97);
+            report.doubt = Some(Doubt {
+                question: "objects may be paint".into(),
+                assumed: FeatureKind::Labels,
+                other: FeatureKind::Mask,
+            });
+            report.regions = Some(RegionSummary {
+                regions: [1.0, volume_error_percent, -0.5].map(region).to_vec(),
+                holes: Vec::new(),
+                lost: Vec::new(),
+                damaged: Vec::new(),
+            });
+            let fidelity = report.fidelity.as_mut().unwrap();
+            let mut tagged = fidelity.on_feature.clone();
+            tagged.hausdorff = deviation;
+            fidelity.tagged_faces = Some(tagged);
+            Verdict::from_report(&report).unwrap()
+        };
+        for (volume_error, deviation, grade) in [
+            (-1.0, 0.5, Grade::Fair),
+            (20.0, 4.0, Grade::Fair),
+            (-79.0, 0.5, Grade::Bad),
+            (1.0, 48.9, Grade::Bad),
+        ] {
+            let verdict = graded(volume_error, deviation);
+            assert_eq!(verdict.grade, grade, "{volume_error} {deviation}");
+            assert_eq!(
+                verdict.issue.as_deref(),
+                Some("doubtful: objects may be paint")
+            );
+            assert_eq!(verdict.option.as_deref(), Some("--feature mask"));
+        }
+        let lines = graded(-79.0, 0.5).lines();
+        assert!(
+            lines[2]
+                .1
+                .starts_with("bad: doubtful: objects may be paint; fit for nothing")
         );
     }
 

@@ -3,8 +3,8 @@
 //! The arithmetic is that of [`Volume::hessian`], arranged so that it runs on many samples at a
 //! time.
 
-use super::eigen;
 use super::volume::Volume;
+use crate::geometry::eigen;
 use crate::geometry::simd::dispatch_simd;
 
 /// The rows around a row of x, without their first and last samples (beyond which samples repeat).

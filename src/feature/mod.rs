@@ -22,7 +22,6 @@
 //! - `windows`: samples read some layers at a time, for images that may be larger than memory
 //! - `gaussian`: Gaussian smoothing
 //! - `hessian`: second differences of whole rows at once
-//! - `eigen`: eigenvalues and eigenvectors of Hessians and structure tensors
 //! - `structure_tensor`: normals of layers
 //! - `distance_transform`: signed distances to the surface of a mask
 //! - `components`: connected components of labels
@@ -55,7 +54,6 @@ mod detection;
 pub(crate) mod detectors;
 pub(crate) mod distance_transform;
 mod doubt;
-pub(crate) mod eigen;
 pub(crate) mod gaussian;
 pub(crate) mod given;
 pub(crate) mod gradient_magnitude;

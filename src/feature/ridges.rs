@@ -13,11 +13,11 @@
 
 use super::candidate::{Candidate, dominant_axes, ridge_offset};
 use super::candidate_slab::CandidateSlab;
-use super::eigen::{eigenvalues, eigenvector};
 use super::hessian::Curvature;
 use super::windows::{LayerWindow, Samples, WindowInterior};
 use crate::error::Result;
 use crate::feature::volume::Volume;
+use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::image::LiveMask;
 use crate::progress::CancelToken;
 

@@ -6,10 +6,10 @@
 //! summed over cells of `cell_size`^3 samples and smoothed there, and normals are interpolated
 //! between cell centres.
 
-use super::eigen::{eigenvalues, eigenvector};
 use super::gaussian::smooth;
 use super::windows::{LayerWindow, Samples, layer_len};
 use crate::error::Result;
+use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::grid_index::offset_of;
 use crate::geometry::{add_scaled, dot, norm};
 use crate::image::LiveMask;

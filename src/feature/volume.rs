@@ -1,6 +1,6 @@
 //! Finite differences of an image in memory. Beyond the sides, samples repeat those on the sides.
 
-use super::eigen::SymmetricMatrix;
+use crate::geometry::eigen::SymmetricMatrix;
 use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;

@@ -7,6 +7,8 @@
 //! - `box_tree`: a tree of bounding boxes, to find items near a point or at a point
 //! - `face_distance`: distances from points to triangles and segments
 //! - `grid_index`: indices and memory offsets of the cells of a regular grid
+//! - `conjugate_gradients`: solutions of symmetric systems of equations
+//! - `eigen`: eigenvalues and eigenvectors of small symmetric matrices
 //! - `distinct`: sorted lists, with and without duplicates
 //! - `hypot`: the length of a vector with two components, the same on every system
 //! - `counting_sort`: numbers sorted by group
@@ -17,8 +19,10 @@
 
 pub(crate) mod box_tree;
 pub(crate) mod cell_list;
+pub(crate) mod conjugate_gradients;
 pub(crate) mod counting_sort;
 mod distinct;
+pub(crate) mod eigen;
 mod face_distance;
 pub(crate) mod grid_index;
 mod hypot;

@@ -4,10 +4,10 @@ use super::ambiguity::{CELL_SIZE, MIXED_NORMALS, WIDE_RIDGES, cells_around, trac
 use super::filters::{CLOSE_SHAPE, CROSSING_SHAPE, DERIVATIVE_MARGIN, OrientedFilters};
 use super::{OrientedSearch, SAME_SURFACE_COSINE};
 use crate::feature::candidate::Candidate;
-use crate::feature::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LAYER_MULTIPLE, LayerWindow};
 use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
 use crate::geometry::grid_index::index_at;
 use crate::geometry::{cross, dot, to_3d, unit};
 use crate::parallel::prelude::*;

@@ -1,7 +1,7 @@
 //! Measures how normals vary from cell to cell, beyond the variation of a single curved surface.
 
 use super::ambiguity::trace;
-use crate::feature::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
+use crate::geometry::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
 use crate::geometry::{add_scaled, dot, solve_positive, sub};
 use crate::parallel::prelude::*;
 

@@ -1,5 +1,7 @@
 //! Computes by how much interfaces must move so that regions have their volumes.
 
+use crate::geometry::conjugate_gradients::LinearSystem;
+
 /// Returns a pressure for each region. Each region gains the volume `deficits` that it lacks if
 /// every interface moves by the difference of the pressures on its two sides. `areas` has the areas
 /// of the interfaces between pairs of regions. A deficit that no interface can change remains.
@@ -59,8 +61,8 @@ const RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest number of conjugate gradient steps per region.
 const MAX_STEPS_PER_REGION: usize = 2;
 
-/// Returns the pressures of many regions by conjugate gradients (Hestenes and Stiefel 1952) with
-/// the diagonal as the preconditioner. Sums are in the order of the regions.
+/// Returns the pressures of many regions by conjugate gradients. Sums are in the order of the
+/// regions.
 fn sparse_pressures(deficits: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
     let count = deficits.len();
     let total_area: f64 = areas.iter().map(|(_, area)| area).sum();
@@ -79,35 +81,15 @@ fn sparse_pressures(deficits: &[f64], areas: &[([u32; 2], f64)]) -> Vec<f64> {
         }
         y
     };
-    let dot_product = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
-    let precondition =
-        |r: &[f64]| -> Vec<f64> { r.iter().zip(&diagonal).map(|(r, d)| r / d).collect() };
+    let system = LinearSystem {
+        times: apply_matrix,
+        diagonal: &diagonal,
+        right_side: deficits,
+    };
     let mut pressure = vec![0.0; count];
-    let mut residual = deficits.to_vec();
-    let mut preconditioned = precondition(&residual);
-    let mut direction = preconditioned.clone();
-    let mut residual_product = dot_product(&residual, &preconditioned);
-    let tolerance = RESIDUAL_TOLERANCE * RESIDUAL_TOLERANCE * residual_product;
-    for _ in 0..MAX_STEPS_PER_REGION * count {
-        if residual_product <= tolerance {
-            break;
-        }
-        let image = apply_matrix(&direction);
-        let step = residual_product / dot_product(&direction, &image);
-        if !step.is_finite() {
-            break;
-        }
-        for i in 0..count {
-            pressure[i] += step * direction[i];
-            residual[i] -= step * image[i];
-        }
-        preconditioned = precondition(&residual);
-        let next_product = dot_product(&residual, &preconditioned);
-        for (p, z) in direction.iter_mut().zip(&preconditioned) {
-            *p = z + next_product / residual_product * *p;
-        }
-        residual_product = next_product;
-    }
+    let scale = system.squared_norm(deficits);
+    let tolerance = RESIDUAL_TOLERANCE * RESIDUAL_TOLERANCE * scale;
+    system.improve(&mut pressure, tolerance, MAX_STEPS_PER_REGION * count);
     pressure
 }
 

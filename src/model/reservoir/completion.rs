@@ -30,6 +30,7 @@ use std::f64::consts::TAU;
 
 use super::trajectory::{Trajectory, WellSegment, WellTracer};
 use crate::error::cause;
+use crate::geometry::conjugate_gradients::LinearSystem;
 use crate::geometry::{add_scaled, cross, dot, norm, sub};
 use crate::model::flow::Tensor;
 use crate::model::reservoir::Permeability;
@@ -390,7 +391,6 @@ fn solve_couplings(
     right_side: &[f64],
 ) -> Option<Vec<f64>> {
     let n = right_side.len();
-    let product = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
     let times = |x: &[f64]| -> Vec<f64> {
         let row = |i: usize| {
             let off_diagonal: f64 = couplings[i].iter().map(|&(j, t)| t * x[j]).sum();
@@ -398,35 +398,14 @@ fn solve_couplings(
         };
         (0..n).map(row).collect()
     };
-    let scaled = |r: &[f64]| -> Vec<f64> { r.iter().zip(diagonal).map(|(r, d)| r / d).collect() };
-    let mut x = scaled(right_side);
-    let mut residual: Vec<f64> = times(&x)
-        .iter()
-        .zip(right_side)
-        .map(|(a, b)| b - a)
-        .collect();
-    let mut z = scaled(&residual);
-    let mut direction = z.clone();
-    let mut square = product(&residual, &z);
+    let system = LinearSystem {
+        times,
+        diagonal,
+        right_side,
+    };
+    let mut x = system.preconditioned(right_side);
     // The tolerance is 12 digits of the energy norm; 8 digits are accepted.
-    let tolerance = 1e-24 * product(right_side, &scaled(right_side)).max(f64::MIN_POSITIVE);
-    for _ in 0..20 * n + 20 {
-        if square <= tolerance {
-            break;
-        }
-        let image = times(&direction);
-        let step = square / product(&direction, &image);
-        for i in 0..n {
-            x[i] += step * direction[i];
-            residual[i] -= step * image[i];
-        }
-        z = scaled(&residual);
-        let next = product(&residual, &z);
-        let ratio = next / square;
-        square = next;
-        for i in 0..n {
-            direction[i] = z[i] + ratio * direction[i];
-        }
-    }
+    let tolerance = 1e-24 * system.squared_norm(right_side).max(f64::MIN_POSITIVE);
+    let square = system.improve(&mut x, tolerance, 20 * n + 20);
     (square <= 1e8 * tolerance && x.iter().all(|x| x.is_finite())).then_some(x)
 }

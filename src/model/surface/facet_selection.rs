@@ -2,7 +2,7 @@
 
 use crate::parallel::prelude::*;
 
-use crate::feature::eigen::{eigenvalues, eigenvector};
+use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::{add_scaled, dot, norm, normal};
 use crate::image::SparseField;
 use crate::mesh::Mesh;

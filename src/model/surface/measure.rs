@@ -9,9 +9,10 @@ use super::Surfaces;
 use super::amplitude::AmplitudeMeasure;
 use super::facets::FacetComplex;
 use super::kind::{SurfaceKind, surface_kinds};
+use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{
-    add_scaled, bounding_box, cross, dot, hypot, norm, normal, sorted_distinct, sub, to_3d, unit,
+    add_scaled, bounding_box, cross, dot, norm, normal, sorted_distinct, sub, to_3d, unit,
 };
 use crate::image::Geometry;
 
@@ -254,44 +255,12 @@ fn plane_normal<const D: usize>(
     for (row, m) in second.iter_mut().zip(mean) {
         *row = add_scaled(*row, -m, first);
     }
-    let min_vector = min_eigenvector(second);
+    let min_vector = eigenvector(&second, eigenvalues(&second)[0]);
     let mut axis = [0.0; D];
     for (c, row) in min_vector.into_iter().zip(axes.per_sample) {
         axis = add_scaled(axis, c, row);
     }
     orient_up(unit(axis), axes.up)
-}
-
-/// Returns the unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi
-/// rotations, which are exact even if that eigenvalue is zero.
-fn min_eigenvector<const D: usize>(mut m: [[f64; D]; D]) -> [f64; D] {
-    let mut axes: [[f64; D]; D] =
-        std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k))));
-    for _ in 0..30 {
-        for p in 0..D {
-            for q in p + 1..D {
-                if m[p][q].abs() <= f64::MIN_POSITIVE {
-                    continue;
-                }
-                let theta = 0.5 * (m[q][q] - m[p][p]) / m[p][q];
-                let t = theta.signum() / (theta.abs() + hypot(theta, 1.0));
-                let (c, s) = (1.0 / hypot(t, 1.0), t / hypot(t, 1.0));
-                for row in &mut m {
-                    (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
-                }
-                let (a, b) = (m[p], m[q]);
-                for k in 0..D {
-                    (m[p][k], m[q][k]) = (c * a[k] - s * b[k], s * a[k] + c * b[k]);
-                }
-                let (a, b) = (axes[p], axes[q]);
-                for k in 0..D {
-                    (axes[p][k], axes[q][k]) = (c * a[k] - s * b[k], s * a[k] + c * b[k]);
-                }
-            }
-        }
-    }
-    let min = (1..D).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
-    axes[min]
 }
 
 /// Number of passes that average normals before an area is measured; the average extends over two

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 use super::continuation_votes::Vote;
 use super::facets::FacetComplex;
-use crate::feature::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
+use crate::geometry::eigen::{SymmetricMatrix, eigenvalues, eigenvector};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{dot, norm};
 

@@ -4,11 +4,12 @@
 //! multiplied by its weight. Where a horizon ends at a fault, both have valleys, and atoms move to
 //! either.
 
+use super::DetectorTask;
 use super::faults::Faults;
 use super::horizons::Horizons;
-use super::{DetectionOptions, DetectorTask};
 use crate::comm::Comm;
 use crate::error::Result;
+use crate::feature::DetectionOptions;
 use crate::feature::{Features, PointCounts, SurfaceName};
 
 /// Returns the two detectors with their options. The requested threshold is an amplitude, so it

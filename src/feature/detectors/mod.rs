@@ -16,6 +16,8 @@
 //! - `faults`: places where layers of seismic amplitude do not continue
 //! - `faults_and_horizons`: both, in one potential
 //! - `potential`: an image that is b(x) itself
+//! - `input`, `output`: what detectors get and return
+//! - `selection`: the detectors for the options
 //! - `auto`: choice of the kind that fits an image
 //! - `comparison`: detectors of others, kept to compare other detectors with them
 //!
@@ -29,30 +31,32 @@ pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
 pub(crate) mod horizons;
+mod input;
 pub(crate) mod isosurface;
 pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
+mod output;
 pub(crate) mod potential;
 pub(crate) mod ridges;
+mod selection;
 
-use super::candidate::{Candidate, Voxel};
+pub(super) use input::DetectorInput;
+pub(super) use output::{DetectorOutput, Thresholds};
+pub(super) use selection::{
+    DetectorTask, SelectionReason, combine_features, detector_for, detector_for_part,
+    requested_detectors, select_detectors, selection_from_choice,
+};
+
+use super::candidate::Voxel;
 use super::detection::MAX_IN_MEMORY_SAMPLES;
-use super::gaussian;
-use super::label_map::LabelMap;
 use super::oriented::FILTER_HALO_LAYERS;
-use super::volume::Volume;
-use super::windows::{self, Samples};
-use super::{DetectionOptions, Doubt, Features, ResolvedOptions};
-use crate::comm::{Comm, SelfComm, concatenate};
+use super::windows;
 use crate::error::{Error, Result, cause};
 use crate::files::codec::codec_variants;
-use crate::image::{Image, ImageSource, LiveMask};
-use crate::parallel::prelude::*;
-use crate::progress::CancelToken;
+use crate::image::{Image, ImageSource};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::ops::Range;
 use std::str::FromStr;
 
 /// Defines [`FeatureKind`] from one table. An entry has the help text of a kind, its variant, its
@@ -371,407 +375,6 @@ pub trait Detector<const D: usize>: Sync {
     fn potential(&self, _image: &Image<D>) -> Option<Vec<f32>> {
         None
     }
-}
-
-/// Input of a detector.
-#[derive(Debug, Clone, Copy)]
-pub struct DetectorInput<'a, const D: usize> {
-    /// The image. Its samples are finite and not all the same, and missing traces are filled. It is
-    /// in memory, unless the detector [reads layers](Detector::is_streamable).
-    pub source: ImageSource<'a, D>,
-    /// Mask of the samples that hold data; `None` if all do.
-    pub live_mask: Option<&'a LiveMask<D>>,
-    /// Options: scale, thresholds, points of an object.
-    pub options: &'a DetectionOptions<D>,
-    /// Scales and thresholds of the whole image, if this is a part of one.
-    pub resolved: Option<&'a ResolvedOptions>,
-    /// Cancels the search; the result of a cancelled search is not used.
-    pub cancel: &'a CancelToken<'a>,
-    /// The ranks that share the search.
-    pub comm: &'a dyn Comm,
-}
-
-impl<'a, const D: usize> DetectorInput<'a, D> {
-    /// Creates the input for a whole image that one process searches.
-    pub fn new(
-        source: ImageSource<'a, D>,
-        options: &'a DetectionOptions<D>,
-        cancel: &'a CancelToken<'a>,
-    ) -> Self {
-        Self {
-            source,
-            live_mask: None,
-            options,
-            resolved: None,
-            cancel,
-            comm: &SelfComm,
-        }
-    }
-
-    /// Creates the input for a part of an image whose whole was searched before.
-    pub fn for_part(
-        image: &'a Image<D>,
-        options: &'a DetectionOptions<D>,
-        resolved: &'a ResolvedOptions,
-        cancel: &'a CancelToken<'a>,
-    ) -> Self {
-        Self {
-            resolved: Some(resolved),
-            ..Self::new(ImageSource::InMemory(image), options, cancel)
-        }
-    }
-
-    /// Returns the number of samples along each axis.
-    pub fn dims(&self) -> [usize; D] {
-        self.source.dims()
-    }
-
-    /// Returns the image in memory.
-    ///
-    /// # Errors
-    /// Returns an [`Error::Feature`] if the image is not in memory.
-    pub fn image(&self) -> Result<&'a Image<D>> {
-        match self.source {
-            ImageSource::InMemory(image) => Ok(image),
-            ImageSource::Layered(_) => Err(Error::Feature(cause(
-                "feature detection",
-                "needs an image in memory",
-                "choose ridges, valleys, faults or horizons, which are found in layers",
-            ))),
-        }
-    }
-
-    /// Returns the samples in memory.
-    ///
-    /// # Errors
-    /// Returns the errors of [`DetectorInput::image`].
-    pub fn volume(&self) -> Result<Volume<'a, D>> {
-        Ok(Volume::new(self.dims(), self.image()?.as_slice()))
-    }
-
-    /// Returns the samples times `sign`, to be read some layers at a time.
-    ///
-    /// # Errors
-    /// Returns the errors of reading.
-    pub fn samples(&self, sign: f32) -> Result<Samples<'a, D>> {
-        let samples = match self.source {
-            ImageSource::InMemory(image) if sign == 1.0 => {
-                Samples::in_memory(image.dims(), image.as_slice())
-            }
-            ImageSource::InMemory(image) => {
-                let signed: Vec<f32> = image.as_slice().par_iter().map(|s| sign * s).collect();
-                Samples::in_memory(image.dims(), signed)
-            }
-            ImageSource::Layered(layers) => {
-                return Samples::from_layers(layers, sign)
-                    .with_comm(self.comm)
-                    .load_if_small();
-            }
-        };
-        Ok(samples.with_comm(self.comm))
-    }
-
-    /// Returns the width (samples) of the Gaussian under which derivatives are taken, for detectors
-    /// that do not choose it by the noise.
-    pub fn scale(&self) -> f64 {
-        self.options.scale.unwrap_or(1.0)
-    }
-
-    /// Returns the samples smoothed over [`DetectorInput::scale`], to be read some layers at a
-    /// time.
-    ///
-    /// # Errors
-    /// Returns the errors of reading.
-    pub fn smoothed_in_layers(&self) -> Result<Samples<'a, D>> {
-        let mut samples = self.samples(1.0)?;
-        samples.smooth(self.scale(), self.cancel);
-        Ok(samples)
-    }
-
-    /// Returns the samples smoothed over [`DetectorInput::scale`], in memory.
-    ///
-    /// # Errors
-    /// Returns the errors of [`DetectorInput::image`].
-    pub fn smoothed(&self) -> Result<Vec<f32>> {
-        let samples = self.image()?.as_slice();
-        let (mut smoothed, scale) = (vec![0.0; samples.len()], [self.scale(); D]);
-        gaussian::smooth_into(self.dims(), samples, &mut smoothed, scale, self.cancel);
-        Ok(smoothed)
-    }
-
-    /// Returns the thresholds, unless they are to be chosen from the image.
-    pub fn thresholds(&self) -> Option<Thresholds> {
-        if let Some(resolved) = self.resolved {
-            return Some(Thresholds {
-                low: resolved.low,
-                high: resolved.high,
-                origin: "as in the whole image",
-            });
-        }
-        self.options.threshold.map(|high| Thresholds {
-            low: 0.5 * high,
-            high,
-            origin: "given",
-        })
-    }
-
-    /// Returns the smallest area of a surface in square lattice units (in 2-D the smallest length),
-    /// if it must cover `cells` squares of the distance between atoms, or one square of
-    /// [`DetectionOptions::min_fault_size`] samples for a fault.
-    pub fn min_area(&self, detector: &dyn Detector<D>) -> f64 {
-        if let Some(resolved) = self.resolved {
-            return resolved.min_area;
-        }
-        let (dims, options) = (self.dims(), self.options);
-        let side = |k: usize| (dims[k] as f64 - 1.0) * options.step[k];
-        let section = (0..D)
-            .map(|k| (1..D).map(|l| side((k + l) % D)).product())
-            .fold(0.0, f64::max);
-        let min_area = if detector.is_fault() {
-            // Lattice units per sample.
-            let unit = options.step.iter().product::<f64>().powf(1.0 / D as f64);
-            let area = |size: f64| (size * unit).powi(D as i32 - 1);
-            if let Some(size) = options.min_fault_size {
-                return area(size);
-            }
-            area(faults::MIN_FAULT_SIZE)
-        } else {
-            detector.min_surface_cells() * options.d_max().powi(D as i32 - 1)
-        };
-        // In a small image, smaller surfaces are large.
-        min_area.min(0.25 * section)
-    }
-}
-
-/// Thresholds of strength for hysteresis (Canny 1986).
-#[derive(Debug, Clone, Copy)]
-pub struct Thresholds {
-    /// Strength down to which a surface is followed.
-    pub low: f32,
-    /// Strength that a surface must reach somewhere.
-    pub high: f32,
-    /// Origin of the thresholds, in one or two words.
-    pub origin: &'static str,
-}
-
-impl fmt::Display for Thresholds {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { low, high, origin } = self;
-        write!(
-            f,
-            "threshold {high:.4} ({origin}; followed down to {low:.4})"
-        )
-    }
-}
-
-/// Output of a detector.
-#[derive(Debug, Clone)]
-pub struct DetectorOutput<const D: usize> {
-    /// Points that may lie on features, in the order of samples.
-    pub candidates: Vec<Candidate<D>>,
-    /// Layers of which this rank has all candidates, if ranks share the candidates; `None` if every
-    /// rank has all candidates.
-    pub layers: Option<Range<usize>>,
-    /// Width (samples) of the Gaussian under which they were found.
-    pub scale: f64,
-    /// Thresholds that decide which candidates form surfaces.
-    pub thresholds: Thresholds,
-    /// Typical strength of ridges divided by that of noise, if it was measured.
-    pub signal_to_noise: Option<f32>,
-    /// `true` if normals are known to a few degrees, so that they distinguish surfaces that cross
-    /// at shallow angles.
-    pub has_sharp_normals: bool,
-    /// Axis that is vertical, if no coordinate is time.
-    pub vertical_axis: usize,
-    /// Value of the thin mask whose medial surface was sought.
-    pub mask_value: Option<f32>,
-    /// For labels: the winning labels, and the distance between atoms in each component.
-    pub labels: Option<(LabelMap<D>, labels::LabelSpacing<D>)>,
-    /// For paths: the share of the paths that pass each sample.
-    pub confidence: Option<Vec<f32>>,
-}
-
-impl<const D: usize> DetectorOutput<D> {
-    /// Creates an output of candidates without further results.
-    pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
-        Self {
-            candidates,
-            layers: None,
-            scale,
-            thresholds,
-            signal_to_noise: None,
-            has_sharp_normals: false,
-            vertical_axis: D - 1,
-            mask_value: None,
-            labels: None,
-            confidence: None,
-        }
-    }
-
-    /// Takes the candidates of all ranks; the candidates are no longer distributed afterwards.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
-    pub fn gather_candidates(&mut self, comm: &dyn Comm) -> Result<Vec<Candidate<D>>> {
-        let local = std::mem::take(&mut self.candidates);
-        match self.layers.take() {
-            Some(_) => Ok(concatenate(comm.all_gather("candidates", local)?)),
-            None => Ok(local),
-        }
-    }
-
-    /// Drops candidates at missing traces, and those so near that smoothing mixes real samples with
-    /// filled ones.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
-    pub fn drop_near_missing_data(
-        &mut self,
-        image: &Image<D>,
-        beyond_smoothing: f64,
-        notes: &mut Vec<String>,
-        comm: &dyn Comm,
-    ) -> Result<()> {
-        let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
-        let is_near_missing = image.rows_near_missing(reach);
-        if is_near_missing.is_empty() {
-            return Ok(());
-        }
-        let row = |c: &Candidate<D>| c.voxel.index() / image.dims()[0];
-        let dropped = self.candidates.iter().map(row);
-        let mut dropped = dropped
-            .filter(|&r| is_near_missing[r] && !image.missing[r])
-            .count();
-        if self.layers.is_some() {
-            dropped = comm.all_gather("candidates dropped", dropped)?.iter().sum();
-        }
-        self.candidates.retain(|c| !is_near_missing[row(c)]);
-        notes.push(format!(
-            "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
-        ));
-        Ok(())
-    }
-}
-
-/// A detector and its options.
-pub type DetectorTask<const D: usize> = (&'static dyn Detector<D>, DetectionOptions<D>);
-
-/// The detectors to run; and the reason, if the image decided on one.
-pub type DetectorSelection<const D: usize> = (Vec<DetectorTask<D>>, Option<SelectionReason>);
-
-/// Reason for a choice that the image decided.
-pub struct SelectionReason {
-    /// A line for the report.
-    pub note: String,
-    /// Question that the image leaves open.
-    pub doubt: Option<Doubt>,
-}
-
-/// Returns the detector of one kind. [`FeatureKind::Auto`], which is a choice, and
-/// [`FeatureKind::FaultsAndHorizons`], which needs two detectors, have none.
-pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn Detector<D>> {
-    match kind.detectors() {
-        [detector] => Some(*detector),
-        _ => None,
-    }
-}
-
-/// Returns the detectors for the options; and the reason, if the image decided on one.
-///
-/// # Errors
-/// Returns an [`Error::Feature`] if the image decided on features to which the threshold does not
-/// apply, and an [`Error::Image`] if the image has samples that are not finite.
-pub fn select_detectors<const D: usize>(
-    image: &Image<D>,
-    options: &DetectionOptions<D>,
-    comm: &dyn Comm,
-) -> Result<DetectorSelection<D>> {
-    match requested_detectors(options) {
-        Some(tasks) => Ok((tasks, None)),
-        None => selection_from_choice(
-            auto::choose(image, options.modality.or_detect(&image.geometry), comm)?,
-            options,
-        ),
-    }
-}
-
-/// Returns the detectors for the options, or `None` if the image decides.
-pub fn requested_detectors<const D: usize>(
-    options: &DetectionOptions<D>,
-) -> Option<Vec<DetectorTask<D>>> {
-    match options.kind {
-        FeatureKind::FaultsAndHorizons => Some(faults_and_horizons::detector_tasks(options)),
-        kind => detector_for(kind).map(|detector| vec![(detector, options.clone())]),
-    }
-}
-
-/// Returns the detector on which an image decided, and the reason.
-///
-/// # Errors
-/// Returns an [`Error::Feature`] if the requested threshold does not apply to its features.
-pub fn selection_from_choice<const D: usize>(
-    choice: auto::DetectorChoice<D>,
-    options: &DetectionOptions<D>,
-) -> Result<DetectorSelection<D>> {
-    let auto::DetectorChoice {
-        detector,
-        reason,
-        doubt,
-    } = choice;
-    let kind = detector.kind();
-    match options.threshold {
-        Some(threshold) if detector.threshold_meaning() == ThresholdMeaning::Unused => {
-            Err(Error::Feature(cause(
-                format!("threshold {threshold}"),
-                format!("applies to the strength of features, but the image has {kind} ({reason})"),
-                "omit it, or choose another kind of feature",
-            )))
-        }
-        _ => {
-            let note = format!("features: {kind} ({reason})");
-            let reason = SelectionReason { note, doubt };
-            Ok((vec![(detector, options.clone())], Some(reason)))
-        }
-    }
-}
-
-/// Returns the detector that finds in a part of an image what it found in the whole image.
-///
-/// # Errors
-/// Returns an [`Error::Feature`] if features of this kind can only be found in the whole image.
-pub fn detector_for_part<const D: usize>(kind: FeatureKind) -> Result<&'static dyn Detector<D>> {
-    let problem = match detector_for(kind) {
-        Some(detector) => match detector.whole_image_reason() {
-            Some(reason) => reason,
-            None => return Ok(detector),
-        },
-        None => "is not one kind that can be found again in a part of an image",
-    };
-    Err(Error::Feature(cause(
-        format!("feature '{kind}'"),
-        problem,
-        "mesh the image again",
-    )))
-}
-
-/// Combines the results of one or two detectors.
-///
-/// # Errors
-/// Returns the errors of other ranks.
-pub fn combine_features<const D: usize>(
-    features: Vec<Features<D>>,
-    dims: [usize; D],
-    options: &DetectionOptions<D>,
-    comm: &dyn Comm,
-) -> Result<Features<D>> {
-    let mut features = features.into_iter();
-    Ok(match (features.next(), features.next()) {
-        (Some(faults), Some(horizons)) => {
-            faults_and_horizons::combine(faults, horizons, options.weights, comm)?
-        }
-        (Some(single), None) => single,
-        _ => Features::empty(dims, options),
-    })
 }
 
 #[cfg(test)]

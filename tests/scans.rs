@@ -214,3 +214,34 @@ fn an_isosurface_has_its_value() {
         "{error}"
     );
 }
+
+#[test]
+fn cells_of_a_scan_are_well_shaped_in_space_and_those_of_other_images_in_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let ball = |at| f32::from(u8::from(distance(at, [16.0, 16.0, 8.0]) < 7.0));
+    write_npy(&folder.join("ball.npy"), [32, 32, 16], ball);
+    let mesh = |image: &str, options: &str| {
+        let mesh = format!(
+            "mesh {image} {options} --feature labels --distance 4 -o m.vtu --report r.json"
+        );
+        run(folder, &format!("{mesh} --quiet"));
+        let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let worst = |key: &str| report[key]["smallest_angle"]["worst"].as_f64();
+        (worst("quality").unwrap(), worst("quality_physical"))
+    };
+    // Slices three times as far apart as the samples in them.
+    let spacing = "--spacing 0.5,0.5,1.5";
+    run(
+        folder,
+        &format!("convert ball.npy scan.nii {spacing} --unit mm --quiet"),
+    );
+    let (in_lattice, in_space) = mesh("scan.nii", "");
+    assert!(in_lattice >= 20.0 && in_space.unwrap_or(in_lattice) >= 20.0);
+    let shape = std::fs::read(folder.join("m.vtu")).unwrap();
+    assert_eq!(mesh("scan.nii", "--metric shape").0, in_lattice);
+    assert!(std::fs::read(folder.join("m.vtu")).unwrap() == shape);
+    assert!(mesh("scan.nii", "--metric samples").1.unwrap() < 20.0);
+    assert!(mesh("ball.npy", spacing).1.unwrap() < 20.0);
+}

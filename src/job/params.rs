@@ -111,16 +111,17 @@ impl Metric {
     /// Returns the length of the unit of lattice space, a cube of which holds one sample.
     pub fn unit<const D: usize>(&self, geometry: &Geometry<D>) -> f64 {
         match self {
-            Self::Samples | Self::Shape | Self::Permeability(_) => 1.0,
+            Self::Auto | Self::Samples | Self::Shape | Self::Permeability(_) => 1.0,
             Self::Physical | Self::Scales(_) => geometric_mean(self.lengths(geometry)),
         }
     }
 
-    /// Returns the length of one sample along each axis. Scales that are missing are 1;
-    /// [`Params::new`] refuses them.
+    /// Returns the length of one sample along each axis. [`Metric::Auto`] counts as samples here:
+    /// [`Params::with_metric_for`] replaces it. Scales that are missing are 1; [`Params::new`]
+    /// refuses them.
     pub fn lengths<const D: usize>(&self, geometry: &Geometry<D>) -> [f64; D] {
         match self {
-            Self::Samples => [1.0; D],
+            Self::Auto | Self::Samples => [1.0; D],
             Self::Physical => geometry.spacing(),
             Self::Shape => {
                 let spacing = geometry.spacing();
@@ -299,6 +300,21 @@ impl<const D: usize> Params<D> {
             .map(|path| read_well(path))
             .collect::<Result<_>>()?;
         Ok(params)
+    }
+
+    /// Returns the parameters with the metric that suits an image with this geometry, if it is to be
+    /// chosen: cells of a scan are well shaped in space, those of a survey in samples, because
+    /// layers are thin.
+    pub fn with_metric_for(&self, geometry: &Geometry<D>) -> Cow<'_, Self> {
+        if self.spec.metric != Metric::Auto {
+            return Cow::Borrowed(self);
+        }
+        let mut params = self.clone();
+        params.spec.metric = match self.modality.or_detect(geometry) {
+            Modality::Scan => Metric::Shape,
+            Modality::Survey | Modality::Unknown => Metric::Samples,
+        };
+        Cow::Owned(params)
     }
 
     fn with_resolved(spec: MeshSpec, path_seeds: feature::PathSeeds<D>) -> Self {

@@ -205,6 +205,7 @@ where
     let prepared = PreparedImage::new(source, params)?;
     let source = prepared.source(source);
     let (dims, geometry) = (source.dims(), source.geometry());
+    let params = &*params.with_metric_for(geometry);
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
     let fitted = fitted_params(params, (dims, geometry), extent)?;

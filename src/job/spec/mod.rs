@@ -288,7 +288,7 @@ pub struct MeshSpec {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
-    /// Metric of lattice space: samples, physical, shape (physical proportions, with as many
+    /// Metric of lattice space: auto (shape for scans, else samples), samples, physical, shape (physical proportions, with as many
     /// samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
     /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     /// (SX,SY in 2-D)
@@ -384,7 +384,7 @@ impl Default for MeshSpec {
             delaunay: DelaunayKernel::Auto,
             weld: 0.0,
             smooth: None,
-            metric: Metric::Samples,
+            metric: Metric::Auto,
             velocity: None,
             rng_seed: 1,
             report: None,

@@ -377,8 +377,10 @@ impl Display for SignedAxis {
 /// that windows and grids are as large as for [`Metric::Samples`] whatever the unit of length.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Metric {
-    /// 1 along each axis: cells are as flat as the image's own samples.
+    /// [`Metric::Shape`] for scans, [`Metric::Samples`] for surveys and other images.
     #[default]
+    Auto,
+    /// 1 along each axis: cells are as flat as the image's own samples.
     Samples,
     /// The image's physical spacing.
     Physical,
@@ -397,8 +399,9 @@ impl FromStr for Metric {
     type Err = InvalidValue;
 
     fn from_str(text: &str) -> Result<Self, InvalidValue> {
-        let remedy = "give samples, physical, shape, k:KX,KY,KZ, or a positive number per axis such as 1,1,0.2";
+        let remedy = "give auto, samples, physical, shape, k:KX,KY,KZ, or a positive number per axis such as 1,1,0.2";
         match text {
+            "auto" => return Ok(Self::Auto),
             "samples" => return Ok(Self::Samples),
             "physical" => return Ok(Self::Physical),
             "shape" => return Ok(Self::Shape),
@@ -432,6 +435,7 @@ impl FromStr for Metric {
 impl Display for Metric {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Auto => f.write_str("auto"),
             Self::Samples => f.write_str("samples"),
             Self::Physical => f.write_str("physical"),
             Self::Shape => f.write_str("shape"),

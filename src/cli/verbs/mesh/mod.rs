@@ -234,6 +234,7 @@ impl MeshRun<'_> {
             comm,
         } = self;
         let geometry = image.geometry();
+        let params = params.with_metric_for(geometry).into_owned();
         warn_if_time(geometry, console);
         let pending_hash = comm.is_root().then(|| console.start_hash(path));
         let output = output_path(path, spec);
@@ -262,7 +263,11 @@ impl MeshRun<'_> {
         let hash = || pending_hash.map_or_else(|| console.hash(path), PendingHash::wait);
         let input_sha256 = comm.broadcast_from_root("the image's hash", hash)?;
         outcome.provenance = Provenance {
-            parameters: spec.clone().reproducible().to_toml()?,
+            parameters: MeshSpec {
+                metric: params.spec.metric.clone(),
+                ..spec.clone().reproducible()
+            }
+            .to_toml()?,
             input_sha256,
         };
         let status = if outcome.stop == StopReason::Interrupted || interrupts.is_requested() {

@@ -42,6 +42,8 @@ pub enum Stage {
     Cutting,
     /// The mesh is measured.
     Measuring,
+    /// The mesh is continued beyond its image.
+    Padding,
     /// Files are written.
     Writing,
     /// In an edit: features are detected in the whole image, as the mesh does not record how they
@@ -102,6 +104,7 @@ impl fmt::Display for Stage {
             Self::Improving => "removing slivers",
             Self::Conforming => "placing sites along features",
             Self::Cutting => "cutting cells",
+            Self::Padding => "continuing beyond the image",
             Self::Measuring => "measuring the mesh",
             Self::Writing => "writing",
             Self::FeaturesEverywhere => "finding features everywhere",

@@ -4,8 +4,8 @@ use std::ffi::OsStr;
 use std::process::Command;
 
 use crate::common::{
-    FAULT_DIMS as DIMS, folder_with_meshes, is_close, numbers, run, run_simulator, run_validator,
-    write_npy,
+    FAULT_DIMS as DIMS, expect_refusal, folder_with_meshes, is_close, numbers, run, run_simulator,
+    run_validator, write_npy, write_npy_2d,
 };
 use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
 
@@ -522,4 +522,65 @@ fn vtk_reads_split_and_quadratic_meshes() {
         1e-9
     ));
     assert!(quadratic["nodes"].as_u64().unwrap() as usize > count);
+}
+
+#[test]
+fn a_mesh_beyond_its_image_names_its_regions_in_exports_and_is_not_edited() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let image = concat!(env!("CARGO_MANIFEST_DIR"), "/data/faults.vti");
+    let mesh = "--distance 9 --pad above=70,below=30 -o padded.vtu --report r.json --quiet";
+    run(folder, &format!("mesh {image} {mesh}"));
+    let report = std::fs::read(folder.join("r.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let regions = report["padding"]["regions"].as_array().unwrap();
+    assert_eq!(regions.len(), 2);
+    let file = read_vtu(&folder.join("padded.vtu")).unwrap();
+    let cells = file.cell_array("region").unwrap().values.to_i64();
+    for (region, number) in regions.iter().zip(1..) {
+        let count = cells.iter().filter(|r| **r == number).count();
+        assert_eq!(region["cells"], count);
+    }
+    assert!(run(folder, "validate padded.vtu").contains("passed"));
+    run(
+        folder,
+        "export padded.vtu --to inp -o a.inp --down z --quiet",
+    );
+    let inp = std::fs::read_to_string(folder.join("a.inp")).unwrap();
+    for name in [
+        "*ELSET, ELSET=OVERBURDEN",
+        "NAME=SINTERFACE_IMAGE_OVERBURDEN",
+    ] {
+        assert!(inp.contains(name), "{name}");
+    }
+    run(
+        folder,
+        "export padded.vtu --to exodus -o a.exo --down z --quiet",
+    );
+    let exo = std::fs::read(folder.join("a.exo")).unwrap();
+    assert!(exo.windows(11).any(|bytes| bytes == b"underburden"));
+    run(
+        folder,
+        "export padded.vtu --to geos -o g.vtu --down z --quiet",
+    );
+    let geos = read_vtu(&folder.join("g.vtu")).unwrap();
+    let attribute = geos.cell_array("attribute").unwrap().values.to_i64();
+    assert!((0..cells.len()).all(|c| attribute[c] == cells[c] + 1));
+    let arguments = [
+        "edit",
+        "padded.vtu",
+        image,
+        "--remove",
+        "100",
+        "-o",
+        "e.vtu",
+    ];
+    let error = expect_refusal(folder, &arguments);
+    assert!(error.contains("without --pad"), "{error}");
+    let plane = ["mesh", "plane.npy", "--pad", "above=10", "-o", "p.vtu"];
+    write_npy_2d(&folder.join("plane.npy"), [40, 40], |[x, _]| {
+        (x > 20) as u8 as f32
+    });
+    let error = expect_refusal(folder, &plane);
+    assert!(error.contains("the image is 2-D; omit it"), "{error}");
 }

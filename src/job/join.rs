@@ -4,12 +4,14 @@ use std::borrow::Cow;
 
 use super::checkpoint::Codec;
 use super::distributed::{self, PartitionResult};
+use super::padding::{self, PaddingCells};
+use super::spec::Padding;
 use super::{Outcome, Params, RunOptions, StageRunner, run};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
 use crate::geometry::to_3d;
-use crate::image::ImageSource;
+use crate::image::{Geometry, ImageSource};
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{ImproveContext, KnownAtoms, SlabCuts};
 use crate::improve::triangles::relax::Relaxation;
@@ -27,7 +29,7 @@ use crate::mesh::view::MeshView;
 use crate::mesh::voronoi;
 use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::progress::{CancelToken, Progress, Stage};
-use crate::report::{AngleAssessment, Improvement};
+use crate::report::{AngleAssessment, Improvement, PaddingReport};
 use crate::{Error, Result};
 
 /// Marker of the plane (`D` = 2) or of space (`D` = 3).
@@ -82,6 +84,22 @@ pub trait Meshing<const D: usize> {
         _: Option<&Target>,
         _: &mut StageRunner<'_>,
     ) -> Result<Option<PartitionResult<Self::Mesh, D>>> {
+        Ok(None)
+    }
+
+    /// Continues a mesh of tetrahedra beyond its image, as the options say. Returns `None` if the job is
+    /// stopped, and in the plane.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for padding that is too thin, and the errors of the triangulation.
+    fn pad(
+        _: &Self::Mesh,
+        _: &Padding,
+        _: &MeshScene<'_, D>,
+        _: &Geometry<D>,
+        _: f64,
+        _: &mut StageRunner<'_>,
+    ) -> Result<Option<(PaddingCells<D>, PaddingReport)>> {
         Ok(None)
     }
 
@@ -330,6 +348,17 @@ impl Meshing<3> for MeshSpace<3> {
         stages: &mut StageRunner<'_>,
     ) -> Result<Option<PartitionResult<TetMesh, 3>>> {
         distributed::make_partition(atoms, scene, distance, target, stages)
+    }
+
+    fn pad(
+        mesh: &TetMesh,
+        padding: &Padding,
+        scene: &MeshScene<'_, 3>,
+        geometry: &Geometry<3>,
+        min_dihedral: f64,
+        stages: &mut StageRunner<'_>,
+    ) -> Result<Option<(PaddingCells<3>, PaddingReport)>> {
+        padding::pad(mesh, padding, scene, geometry, min_dihedral, stages)
     }
 
     fn join(

@@ -18,6 +18,7 @@
 //! - `join`: joins atoms to simplices, which differs in the plane and in space
 //! - `cells`: makes Voronoi cells
 //! - `equalise`: makes Voronoi cells more equal in size
+//! - `padding`: cells beyond the image
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
@@ -41,6 +42,7 @@ pub(crate) mod horizons;
 mod join;
 mod measure;
 mod optimise;
+pub(crate) mod padding;
 mod params;
 mod placement;
 mod regions;
@@ -63,6 +65,7 @@ pub use given_surfaces::FollowedSurface;
 pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
 pub use measure::{BOX_TOLERANCE, scaled_mesh};
 pub(crate) use optimise::optimize_options;
+pub use padding::{Burden, PaddingCells};
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use run::{MeshResult, Outcome, Provenance, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};

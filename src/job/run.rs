@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
+use super::padding::PaddingCells;
 use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, NominalDistance};
 use super::{
@@ -36,6 +37,8 @@ where
     pub step: [f64; D],
     /// Geometry of the image, which maps samples to physical coordinates.
     pub geometry: Geometry<D>,
+    /// Cells beyond the image, if the mesh continues there.
+    pub padding: Option<PaddingCells<D>>,
     /// The part of the mesh that this rank holds; `None` if it holds the whole mesh.
     pub share: Option<MeshShare>,
     /// The features that the mesh follows.
@@ -195,8 +198,16 @@ where
 {
     let comm = run_options.comm;
     params.spec.validate()?;
+    if let (Some(padding), 2) = (&params.spec.pad, D) {
+        return Err(Error::Job(cause(
+            format!("pad {padding}"),
+            "continues a mesh of tetrahedra, but the image is 2-D",
+            "omit it",
+        )));
+    }
     let is_partitioned = run_options.may_partition
         && comm.size() > 1
+        && params.spec.pad.is_none()
         && params.spec.cell_kind() == CellKind::Simplices;
     let checkpoint = run_options
         .checkpoint
@@ -257,6 +268,12 @@ where
     report.notes.extend(notes_on_given);
     let note = placement::distance_note(source, params, &features)?;
     report.notes.extend(note);
+    let scene = MeshScene {
+        extent,
+        features: &features,
+        distance: &distance,
+    };
+    let padding = pad(params, &mesh, &scene, geometry, &mut report, &mut stages)?;
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     let stop = stop_reason(optimize_result.as_ref(), interrupted);
@@ -265,6 +282,7 @@ where
         extent,
         step,
         geometry: geometry.clone(),
+        padding,
         share,
         features,
         distance,
@@ -273,6 +291,29 @@ where
         stop,
         report,
     })
+}
+
+/// Continues a mesh beyond its image, if the options ask for that.
+fn pad<const D: usize>(
+    params: &Params<D>,
+    mesh: &MeshResult<D>,
+    scene: &MeshScene<'_, D>,
+    geometry: &Geometry<D>,
+    report: &mut Report,
+    stages: &mut StageRunner<'_>,
+) -> Result<Option<PaddingCells<D>>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let (Some(padding), MeshResult::Simplices(annotated)) = (&params.spec.pad, mesh) else {
+        return Ok(None);
+    };
+    let (mesh, angle) = (&annotated.mesh, params.spec.min_dihedral);
+    let padded = MeshSpace::<D>::pad(mesh, padding, scene, geometry, angle, stages)?;
+    Ok(padded.map(|(cells, measured)| {
+        report.padding = Some(measured);
+        cells
+    }))
 }
 
 /// Adds what is known of the features to the report.

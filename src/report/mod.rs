@@ -12,6 +12,7 @@
 //! - `codecs`: report data as bytes
 //! - `lattice`: how evenly the atoms are spread
 //! - `cells`: Voronoi cells, as flow simulators need them
+//! - `padding`: cells beyond the image
 //! - `regions`: regions that the labels of an image become
 //! - [`cost`]: seconds and memory of each stage
 //! - `table`: a report on one screen
@@ -29,6 +30,7 @@ pub(crate) mod fidelity;
 mod issues;
 pub(crate) mod lattice;
 mod mesh_faces;
+mod padding;
 pub(crate) mod quality;
 pub(crate) mod reference;
 mod regions;
@@ -45,6 +47,7 @@ pub use fidelity::{FaceMatch, Fidelity, fidelity, fidelity_of_cells};
 pub(crate) use fidelity::{fidelity_of_cells_with_cancel, fidelity_of_partition};
 pub(crate) use lattice::lattice_of_partition;
 pub use lattice::{LatticeReport, Optimisation, TracedLattice, measure_lattice};
+pub use padding::{PaddingRegion, PaddingReport};
 pub(crate) use quality::quality_of_partition;
 pub use quality::{Quality, quality, smallest_angles};
 pub use reference::Reference;
@@ -100,6 +103,9 @@ pub struct Report {
     /// Regions that the labels of the image became.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub regions: Option<RegionSummary>,
+    /// Cells beyond the image, if the mesh continues there. All other sections are about the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub padding: Option<PaddingReport>,
     /// Improvement, and the constraints that prevent more of it.
     pub improvement: Option<Improvement>,
     /// Result of the other method for the same atoms, if the two are compared.
@@ -128,6 +134,7 @@ impl Default for Report {
             box_check: None,
             voronoi: None,
             regions: None,
+            padding: None,
             improvement: None,
             baseline: None,
             notes: Vec::new(),

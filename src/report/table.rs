@@ -2,8 +2,8 @@
 
 use super::quality::{Quality, Quantiles};
 use super::{
-    Angles, FaceMatch, Fidelity, Improvement, LatticeReport, Report, TracedLattice, Verdict,
-    Voronoi,
+    Angles, FaceMatch, Fidelity, Improvement, LatticeReport, PaddingReport, Report, TracedLattice,
+    Verdict, Voronoi,
 };
 use crate::improve::SealReport;
 
@@ -13,6 +13,22 @@ const PROSE_WIDTH: usize = 88;
 const MAX_SHOWN_GROUPS: usize = 4;
 /// Maximum number of lattices of a trace that are shown, evenly chosen from the first to the last.
 const MAX_SHOWN_LATTICES: usize = 10;
+
+/// Adds the cells beyond the image.
+fn add_padding(line: &mut impl FnMut(&str, String), padding: &PaddingReport) {
+    let regions = padding.regions.iter();
+    let counts = regions.map(|region| format!("{} {}", group_digits(region.cells), region.name));
+    let counts = counts.collect::<Vec<_>>().join(", ");
+    line("beyond", format!("cells beyond the image: {counts}"));
+    let (smallest, largest) = (padding.smallest_angle, padding.largest_angle);
+    line(
+        "",
+        format!(
+            "angles from {:.1} to {:.1} degrees, 99 % of cells from {:.1} to {:.1}",
+            smallest.worst, largest.worst, smallest.percent, largest.percent
+        ),
+    );
+}
 
 impl Report {
     /// Returns the report as a table of plain lines, about 80 columns wide. Sections without
@@ -49,6 +65,9 @@ impl Report {
             for (number, text) in regions.lines().into_iter().enumerate() {
                 line(if number == 0 { "regions" } else { "" }, text);
             }
+        }
+        if let Some(padding) = &self.padding {
+            add_padding(&mut line, padding);
         }
         if let Some(improvement) = &self.improvement {
             add_improvement(&mut line, improvement);

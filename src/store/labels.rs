@@ -7,7 +7,7 @@ use crate::feature::LabelMap;
 use crate::image::LabelValue;
 
 /// Name of the field that stores the labels.
-const LABELS_FIELD: &str = "labels";
+pub(super) const LABELS_FIELD: &str = "labels";
 
 /// A region that is a label of the image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -4,6 +4,7 @@
 //! - `vtu`: VTK unstructured grids, our own mesh format
 //! - `polyhedra`: VTK unstructured grids of polyhedra and polygons
 //! - `pvtu`: meshes in several files
+//! - `padding`: cells beyond the image
 //! - `lines`: acute lines as VTK poly data
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `output`: converts a job's outcome to a file
@@ -26,6 +27,7 @@ pub(crate) mod lines;
 mod mixed_elements;
 pub(crate) mod named_surfaces;
 pub(crate) mod output;
+mod padding;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod pvtu;
@@ -37,6 +39,7 @@ pub use foreign::read_any_mesh;
 pub use info::{FileInfo, info};
 pub use labels::{LabelledRegion, read_labels};
 pub use lines::{write_feature_lines, write_lines};
+pub use padding::{NamedRegion, read_named_regions};
 pub use polyhedra::{CellStreams, write_cells_vtu};
 pub use pvd::PvdSeries;
 pub use stored_mesh::{LatticeSpace, Storable, StoredMesh};

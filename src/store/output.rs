@@ -8,6 +8,7 @@ use crate::parallel::prelude::*;
 use super::cell_output::cell_mesh_file;
 use super::labels::labels_field;
 use super::named_surfaces::NamedSurfaces;
+use super::padding::with_padding;
 use super::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
 use super::{write_cells_vtu, write_lines, write_vtu};
 use crate::comm::{Comm, SelfComm};
@@ -143,7 +144,7 @@ where
         let image = image.into();
         let mesh = AnyMesh::from_any(match &self.mesh {
             MeshResult::Simplices(annotated) => {
-                Box::new(with_image(simplex_mesh_file(self, annotated), image)?)
+                Box::new(self.simplex_file(annotated, Some(image))?)
             }
             MeshResult::Voronoi { mesh, weld } => {
                 Box::new(with_image(cell_mesh_file(self, mesh, *weld), image)?)
@@ -191,6 +192,26 @@ where
         self.write_file(path, Some(image), comm)
     }
 
+    /// Returns tetrahedra or triangles in world coordinates, with those beyond the image if there are any,
+    /// and with the image's values if it is given.
+    pub(crate) fn simplex_file<M: Simplices<D>>(
+        &self,
+        annotated: &AnnotatedMesh<M>,
+        image: Option<ImageSource<'_, D>>,
+    ) -> Result<MeshFile<M>>
+    where
+        MeshSpace<D>: Meshing<D, Mesh = M>,
+    {
+        let file = with_optional_image(simplex_mesh_file(self, annotated), image)?;
+        Ok(match &self.padding {
+            Some(padding) => {
+                let position = (&self.geometry, self.step);
+                with_padding(file, &annotated.mesh, padding, position)
+            }
+            None => file,
+        })
+    }
+
     fn write_file(
         &self,
         path: &Path,
@@ -201,17 +222,19 @@ where
         match &self.mesh {
             MeshResult::Simplices(annotated) if in_parts => {
                 let (part, count) = (comm.rank(), comm.size());
-                let file = simplex_mesh_file(self, annotated);
                 let file = match &self.share {
-                    Some(share) => with_global_nodes(file, &share.nodes),
-                    None => extract_partition(file, part, count),
+                    Some(share) => {
+                        let file =
+                            with_global_nodes(simplex_mesh_file(self, annotated), &share.nodes);
+                        with_optional_image(file, image)?
+                    }
+                    None => extract_partition(self.simplex_file(annotated, image)?, part, count),
                 };
-                write_partition(path, &with_optional_image(file, image)?, part, count)
+                write_partition(path, &file, part, count)
             }
-            MeshResult::Simplices(annotated) => write_vtu(
-                path,
-                &with_optional_image(simplex_mesh_file(self, annotated), image)?,
-            ),
+            MeshResult::Simplices(annotated) => {
+                write_vtu(path, &self.simplex_file(annotated, image)?)
+            }
             MeshResult::Voronoi { .. } if in_parts => Err(no_partitions_error(path)),
             MeshResult::Voronoi { mesh, weld } => {
                 let file = cell_mesh_file(self, mesh, *weld);

@@ -19,7 +19,7 @@ use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::{Error, Result};
 
 /// Cell array of regions.
-const REGION_ARRAY: &str = "region";
+pub(super) const REGION_ARRAY: &str = "region";
 
 /// A mesh read from a file. The mesh is in lattice space; of the file's coordinates only the positions
 /// are kept.

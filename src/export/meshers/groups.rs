@@ -5,7 +5,6 @@ use crate::geometry::sorted_distinct;
 use crate::mesh::poly::{FaceNeighbour, Lists};
 use crate::model::reservoir::{Model, reserved_names};
 use crate::model::surface::names::{add_names, interface_name};
-use crate::model::surface::stored_surfaces::region_label;
 
 /// Number of the faces on the boundary that are on no side of the box.
 const BOUNDARY_NUMBER: u32 = 7;
@@ -62,7 +61,7 @@ impl FaceNames {
         let pairs = sorted_distinct(unnamed_faces.filter_map(regions));
         let known_count = names.len() as u32;
         let interfaces = pairs.iter().map(|pair| {
-            let [a, b] = pair.map(|region| region_label(&model.labels, region));
+            let [a, b] = pair.map(|region| model.region_label(region));
             interface_name([&a, &b])
         });
         add_names(&mut names, interfaces);
@@ -199,15 +198,9 @@ pub fn region_shift(model: &Model) -> i64 {
 
 /// Returns a region name of letters, digits and _ only.
 pub fn region_name(model: &Model, region: i32) -> String {
-    let name = label_name(model, region).map(String::from);
+    let name = model.region_name(region).map(String::from);
     name.unwrap_or_else(|| format!("region{region}"))
         .replace('-', "_")
-}
-
-/// Returns the name of the label of a region.
-fn label_name(model: &Model, region: i32) -> Option<&str> {
-    let label = model.labels.iter().find(|label| label.region == region);
-    label.and_then(|label| label.name.as_deref())
 }
 
 /// Returns the nodes of faces, ascending, without duplicates.

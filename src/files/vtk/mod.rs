@@ -151,6 +151,13 @@ macro_rules! scalars {
                 }
             }
 
+            /// Appends numbers, converted to the type of the others.
+            pub fn extend_from_f64(&mut self, others: impl Iterator<Item = f64>) {
+                match self {
+                    $(Self::$variant(v) => v.extend(others.map(|x| x as $type)),)*
+                }
+            }
+
             /// Appends numbers of the same type. Returns `false`, and appends nothing, if the types
             /// differ.
             pub fn append(&mut self, others: Self) -> bool {

@@ -11,6 +11,7 @@
 //! - `finish`: the mesh at the end, its faces on features, and what blocks the rest
 //! - `exude`: the second method; nodes get weights, and none of them moves
 //! - `slabs`: improves large meshes slab by slab
+//! - `fixed_side`: makes a mesh match given triangles on one side of its box
 //! - `reshape`: adds, removes and moves atoms in a part of a mesh
 
 mod attempt_cache;
@@ -18,6 +19,7 @@ mod batch;
 mod collapse;
 mod exude;
 mod finish;
+mod fixed_side;
 mod flips;
 mod local_patches;
 mod recover;
@@ -27,6 +29,7 @@ mod slabs;
 mod smooth;
 
 pub use exude::exude;
+pub use fixed_side::improve_beside;
 pub use reshape::reshape;
 pub use slabs::{KnownAtoms, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
 

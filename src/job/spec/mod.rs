@@ -27,7 +27,7 @@ use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
 pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
 pub use values::{
-    DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile,
+    DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile, Padding,
     PointValue, SignedAxis, SurfaceOption,
 };
 
@@ -297,6 +297,11 @@ pub struct MeshSpec {
         arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)
     )]
     pub metric: Metric,
+    /// Continue the mesh beyond the image, with cells that coarsen away from it:
+    /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The cells belong to the
+    /// regions overburden, underburden and sideburden
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
+    pub pad: Option<Padding>,
     /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -385,6 +390,7 @@ impl Default for MeshSpec {
             weld: 0.0,
             smooth: None,
             metric: Metric::Auto,
+            pad: None,
             velocity: None,
             rng_seed: 1,
             report: None,

@@ -104,7 +104,7 @@ impl Options<'_> {
         if spec.cell_kind() == CellKind::Voronoi {
             let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
             self.refuse(
-                &["slivers", "min-dihedral", "smooth", "lines"],
+                &["slivers", "min-dihedral", "smooth", "lines", "pad"],
                 problem,
                 "omit it, or choose tets",
             )?;
@@ -477,6 +477,8 @@ mod tests {
             "velocity = \"velocities.sgy\"",
             "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
             "surface = [\"faults.ts\", \"a.vtp:Main,horizon\"]\nfeature = \"none\"",
+            "pad = \"above=200,sides=50.5\"",
+            "pad = { below = 200, sides = 50.5 }",
             "rounds = 5\noptimizer = \"genetic\"",
             "velocity = 2400.0\nmetric = \"samples\"",
             "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
@@ -517,6 +519,7 @@ mod tests {
             ("slivers = \"none\"\nmin-dihedral = 20", "min-dihedral"),
             ("cells = \"voronoi\"\nmin-dihedral = 20", "min-dihedral"),
             ("cells = \"voronoi\"\nkappa = 0.7", "kappa"),
+            ("cells = \"voronoi\"\npad = \"above=50\"", "pad"),
             ("weld = 0.01", "weld"),
             ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),
@@ -550,6 +553,9 @@ mod tests {
             "feature-weights = \"1,2\"",
             "label = [\"3:distance=0\"]",
             "object = [\"1\"]",
+            "pad = \"200\"",
+            "pad = \"above=0\"",
+            "pad = \"left=5\"",
         ] {
             let error = read(text).unwrap_err().to_string();
             assert!(error.contains("; "), "{text}: {error}");

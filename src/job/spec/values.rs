@@ -279,6 +279,61 @@ impl Display for SurfaceOption {
     }
 }
 
+/// Distances by which a mesh of tetrahedra reaches beyond its image, in the image's physical units.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Padding {
+    /// Distance above the image.
+    pub above: f64,
+    /// Distance below the image.
+    pub below: f64,
+    /// Distance on each of the other four sides.
+    pub sides: f64,
+}
+
+impl FromStr for Padding {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give distances beyond the image, such as above=2000,below=500,sides=1000";
+        let mut padding = Self::default();
+        for part in text.split(',') {
+            let Some((name, value)) = part.split_once('=') else {
+                return Err(InvalidValue::new("has no name=distance", remedy));
+            };
+            let distance = match name.trim() {
+                "above" => &mut padding.above,
+                "below" => &mut padding.below,
+                "sides" => &mut padding.sides,
+                _ => return Err(InvalidValue::new("has an unknown name", remedy)),
+            };
+            *distance = match finite_number(value) {
+                Some(value) if value > 0.0 => value,
+                _ => {
+                    return Err(InvalidValue::new(
+                        "has a distance that is not positive",
+                        remedy,
+                    ));
+                }
+            };
+        }
+        Ok(padding)
+    }
+}
+
+impl Display for Padding {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self {
+            above,
+            below,
+            sides,
+        } = self;
+        let parts = [("above", above), ("below", below), ("sides", sides)].into_iter();
+        let given = parts.filter(|(_, distance)| **distance > 0.0);
+        let texts: Vec<String> = given.map(|(name, d)| format!("{name}={d}")).collect();
+        f.write_str(&texts.join(","))
+    }
+}
+
 /// A point of two or three physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointValue(pub Vec<f64>);
@@ -458,6 +513,7 @@ serde_as_text!(
     DistanceSource: [","; 2],
     NumberOrFile: [","; 2],
     FeatureWeights: [","; 2],
+    Padding: [","; 2],
     PointValue: [","; 2],
     SignedAxis: [","; 2],
     Metric: [","; 2],

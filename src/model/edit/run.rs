@@ -250,6 +250,12 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
     };
     let mut spec: MeshSpec = toml::from_str(record.trim())
         .map_err(|e| unknown(&e.message().replace('\n', ", ")).with_source(e))?;
+    if let Some(padding) = spec.pad {
+        return Err(refuse(
+            format!("continues beyond its image (pad {padding}), where an edit has no image"),
+            "edit the mesh that is made without --pad",
+        ));
+    }
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh holds its fixed atoms and its distances, while the files may no longer exist.

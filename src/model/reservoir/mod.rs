@@ -52,8 +52,7 @@ use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
-use crate::model::surface::stored_surfaces::region_label;
-use crate::store::LabelledRegion;
+use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 
 pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
@@ -110,6 +109,8 @@ pub struct Model {
     pub graph: Graph<3>,
     /// The regions that are labels of an image. Interfaces between them are named after both.
     pub labels: Vec<LabelledRegion>,
+    /// Names of other regions, such as those beyond the image.
+    pub named_regions: Vec<NamedRegion>,
     /// The surfaces that the faces on features form.
     pub surfaces: FaceSurfaces,
     /// The fault laws of the surfaces.
@@ -361,6 +362,25 @@ impl Model {
         }
     }
 
+    /// Returns the name of a region, if it has one.
+    pub fn region_name(&self, region: i32) -> Option<&str> {
+        let label = self.labels.iter().find(|label| label.region == region);
+        let named = || {
+            self.named_regions
+                .iter()
+                .find(|named| named.region == region)
+        };
+        label
+            .and_then(|label| label.name.as_deref())
+            .or_else(|| Some(&*named()?.name))
+    }
+
+    /// Returns the name of a region, or its number.
+    pub fn region_label(&self, region: i32) -> String {
+        self.region_name(region)
+            .map_or_else(|| region.to_string(), String::from)
+    }
+
     /// Returns the number of cells.
     pub fn len(&self) -> usize {
         self.graph.volume.len()
@@ -437,7 +457,7 @@ impl Model {
         let mut names = [reserved_names(), self.surfaces.all_names().names].concat();
         let known_count = names.len();
         let interfaces = pairs.iter().map(|pair| {
-            let [a, b] = pair.map(|region| region_label(&self.labels, region));
+            let [a, b] = pair.map(|region| self.region_label(region));
             interface_name([&a, &b])
         });
         add_names(&mut names, interfaces);

@@ -15,7 +15,10 @@ use crate::model::reservoir::{
 use crate::model::surface::facet_selection::labels_of_faces;
 use crate::model::surface::stored_surfaces::numbered_surfaces;
 use crate::progress::CancelToken;
-use crate::store::{AnyMesh, LabelledRegion, MeshFile, Storable, StoredMesh, read_labels};
+use crate::store::{
+    AnyMesh, LabelledRegion, MeshFile, NamedRegion, Storable, StoredMesh, read_labels,
+    read_named_regions,
+};
 use crate::{Error, Result};
 
 /// Units and depth of a mesh's coordinates.
@@ -88,6 +91,7 @@ struct ModelParts {
     has_feature_faces: bool,
     cell_data: Vec<DataArray>,
     labels: Vec<LabelledRegion>,
+    named_regions: Vec<NamedRegion>,
 }
 
 /// Returns the error for a mesh from which no model can be built.
@@ -202,6 +206,7 @@ impl ModelParts {
             box_volume: volume * if D == 2 { thickness } else { 1.0 },
             has_feature_faces,
             labels: read_labels(&arrays),
+            named_regions: read_named_regions(&arrays),
             cell_data: arrays.cell_data,
         };
         Ok((parts, simplices))
@@ -300,6 +305,7 @@ impl PreparedModel {
         });
         let mut model = Model::new(mesh, tets);
         model.labels = parts.labels;
+        model.named_regions = parts.named_regions;
         if let Some(surfaces) = parts.surfaces {
             model.surfaces = surfaces;
         }

@@ -272,6 +272,7 @@ impl RockOptions {
             prepared.model.mesh.region = labels;
             // The new regions are not those of the labels from which the mesh was made.
             prepared.model.labels.clear();
+            prepared.model.named_regions.clear();
         }
         let mean = MeanKind::Arithmetic;
         if let Some(value) = &self.porosity {

@@ -4,6 +4,7 @@ use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::store::labels::read_labels;
 use crate::store::output::array_unit;
+use crate::store::read_named_regions;
 use crate::store::{MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
@@ -206,10 +207,14 @@ fn categories<const D: usize, M: Storable<D>>(
         return None;
     }
     let labels = read_labels(&stored.arrays);
+    let named_regions = read_named_regions(&stored.arrays);
     let region_name = |value: f64| {
         let label = labels.iter().filter(|_| is_region);
         let mut label = label.filter(|label| f64::from(label.region) == value);
-        label.find_map(|label| label.name.clone())
+        let named = named_regions.iter().filter(|_| is_region);
+        let mut named = named.filter(|named| f64::from(named.region) == value);
+        let name = label.find_map(|label| label.name.clone());
+        name.or_else(|| named.next().map(|named| named.name.clone()))
     };
     // Cells without a region are not painted.
     let painted = distinct.into_iter().filter(|v| *v != 0.0 || !is_region);

@@ -249,6 +249,15 @@ fn the_check_of_seals_measures_what_passes_a_closed_fault() {
             assert!(wells.contains(&"[\"I1\"]".into()), "{wells:?}");
         } else {
             assert_eq!(wells, ["[\"I1\",\"P1\"]"]);
+            let covered = seals["faults"][0]["covered_share"].as_f64().unwrap();
+            assert!((0.3..0.7).contains(&covered), "{covered}");
+            let extended = format!("{export} --extend-faults 50 --check-seals --json --quiet");
+            let report: serde_json::Value = serde_json::from_str(&run(folder, &extended)).unwrap();
+            let seals = &report["seals"];
+            let share = seals["faults"][0]["passing_share"].as_f64().unwrap();
+            assert!(share < 1e-9, "{share}");
+            assert_eq!(seals["faults"][0]["covered_share"], 1.0);
+            assert_eq!(seals["compartments"].as_array().unwrap().len(), 2);
         }
     }
     assert!(shares[0] < 1e-9, "{shares:?}");

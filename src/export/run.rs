@@ -11,7 +11,9 @@ use crate::Result;
 use crate::model::MeshInput;
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::space_options::check_depth;
-use crate::model::reservoir::{MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well};
+use crate::model::reservoir::{
+    ExtendedFault, MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well,
+};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
 
@@ -33,6 +35,8 @@ pub struct ExportOutcome {
     pub wells: Vec<Well>,
     /// The check of closed faults, if it was requested.
     pub seals: Option<SealCheck>,
+    /// The faults that were extended.
+    pub extended: Vec<ExtendedFault>,
 }
 
 /// Writes a mesh for a reservoir simulator or another mesher, as `atomesh export` does. All files
@@ -76,6 +80,13 @@ pub fn export<'a>(
     progress.stage(Stage::FillingCells);
     let rock = spec.rock.fill(&mut prepared, read_image, progress)?;
     let laws = spec.fault_options.laws(FaultResistance::Open)?;
+    let extended = match spec.extend_faults {
+        Some(distance) => prepared.model.extend_faults(distance),
+        None => Vec::new(),
+    };
+    extended
+        .iter()
+        .for_each(|fault| progress.note(&fault.note()));
     prepared.model.set_faults(&laws)?;
     if let Some(clay) = &spec.gouge.clay {
         let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
@@ -128,6 +139,7 @@ pub fn export<'a>(
         unit: prepared.unit,
         wells: prepared.model.case.wells,
         seals,
+        extended,
     })
 }
 
@@ -150,6 +162,7 @@ fn prepare_model(
     };
     let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
         || spec.split.is_some()
+        || spec.extend_faults.is_some()
         || spec.fault_options.given_option().is_some()
         || spec.gouge.given_option().is_some();
     let prepared = if needs_surfaces {

@@ -45,7 +45,16 @@ pub struct ExportSpec {
         arg(long, help_heading = None, conflicts_with = "split")
     )]
     pub quadratic: bool,
-    /// Report which share of the flow passes each closed fault, and the wells in each compartment
+    /// Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the mesh,
+    /// along the faces of cells. An extension has a name of its own, such as fault1_extension, and the law
+    /// of its fault
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "DIST", help_heading = "Faults")
+    )]
+    pub extend_faults: Option<f64>,
+    /// Report which share of the flow passes each closed fault, how much of its way to the next fault or
+    /// the sides of the mesh it covers, and the wells in each compartment
     #[cfg_attr(feature = "cli", arg(long, help_heading = "Faults"))]
     pub check_seals: bool,
     /// Options that convert coordinates to metres and depth.
@@ -109,6 +118,20 @@ impl ExportSpec {
         if self.check_seals && !has_closed_fault {
             let problem = "is for closed faults, but none is closed";
             return Err(no_effect_error("check-seals", problem));
+        }
+        if let Some(distance) = self.extend_faults {
+            if !(distance.is_finite() && distance > 0.0) {
+                let place = format!("extend-faults {distance}");
+                let problem = "is not a positive number of metres";
+                return Err(Error::Job(cause(
+                    place,
+                    problem,
+                    "give a distance, or omit it",
+                )));
+            }
+            if self.fault_options.given_option().is_none() {
+                format.check_content(ExportContent::Names, "extend-faults")?;
+            }
         }
         self.check_effect(format, &laws)?;
         self.case.validate()

@@ -119,6 +119,10 @@ class MeshOptions(TypedDict, total=False):
     #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     #: (SX,SY in 2-D)
     metric: _Value | None
+    #: Continue the mesh beyond the image, with cells that coarsen away from it:
+    #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
+    #: out. The cells belong to the regions overburden, underburden and sideburden
+    pad: _Value | None
     #: Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     #: file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     #: resampled
@@ -635,7 +639,12 @@ class ExportOptions(TypedDict, total=False):
     split: _Value | None
     #: Add nodes in the middle of edges: elements of second order
     quadratic: bool | None
-    #: Report which share of the flow passes each closed fault, and the wells in each compartment
+    #: Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the
+    #: mesh, along the faces of cells. An extension has a name of its own, such as
+    #: fault1_extension, and the law of its fault
+    extend_faults: _Number | None
+    #: Report which share of the flow passes each closed fault, how much of its way to the next
+    #: fault or the sides of the mesh it covers, and the wells in each compartment
     check_seals: bool | None
     #: Unit of the mesh's coordinates, if it is not the one that the mesh states: m, km, ft, cm,
     #: mm, um or nm. The export is in metres [default: what the mesh states, or m; scans in mm or

@@ -17,6 +17,7 @@
 //! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
 //! - `gouge`: fault rock from clay and throw
+//! - `fault_extension`: continues faults beyond their edges
 //! - `seal_check`: the flow that passes closed faults
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
@@ -27,6 +28,7 @@ pub(crate) mod check;
 pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod equilibrium;
+mod fault_extension;
 pub(crate) mod frame;
 pub(crate) mod gouge;
 pub(crate) mod prepared_model;
@@ -61,6 +63,7 @@ pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
+pub use fault_extension::ExtendedFault;
 pub use frame::{DepthAxis, ModelFrame};
 pub use gouge::{FaultRock, FaultThrow, GougeOptions};
 pub use rock_options::{
@@ -182,6 +185,8 @@ pub struct FaceSurfaces {
     pub kept_count: usize,
     /// The number of the surface of each connection; 0 for none.
     pub connection_surfaces: Vec<u32>,
+    /// The numbers of the surfaces that extend a fault, each with that of the fault.
+    pub extensions: Vec<(u32, u32)>,
 }
 
 /// Returns the names that no surface may have: those of the box sides, of the rest of the boundary,
@@ -206,6 +211,7 @@ impl FaceSurfaces {
             names: Vec::new(),
             kept_count: usize::from(has_fault),
             connection_surfaces,
+            extensions: Vec::new(),
         }
     }
 
@@ -214,9 +220,25 @@ impl FaceSurfaces {
         SurfaceNames::new(&self.kinds, self.kept_count, &self.names, &reserved_names())
     }
 
-    /// Adds interfaces between regions as surfaces, on connections that lie on no other surface.
-    /// `name_index` returns the index in `names` of the name of a connection's interface.
-    fn add_interfaces(&mut self, names: Vec<String>, name_index: impl Fn(usize) -> Option<usize>) {
+    /// Returns the number of the surface of each connection; 0 for none. The extension of a fault has the
+    /// number of the fault.
+    fn merged_labels(&self) -> Vec<u32> {
+        let mut merged: Vec<u32> = (0..=self.kinds.len() as u32).collect();
+        for &(extension, fault) in &self.extensions {
+            merged[extension as usize] = fault;
+        }
+        let labels = self.connection_surfaces.iter();
+        labels.map(|&label| merged[label as usize]).collect()
+    }
+
+    /// Adds surfaces of one kind on connections that lie on no other surface. `name_index` returns the
+    /// index in `names` of the name of a connection's new surface.
+    fn add_surfaces(
+        &mut self,
+        names: Vec<String>,
+        kind: SurfaceKind,
+        name_index: impl Fn(usize) -> Option<usize>,
+    ) {
         let (kept_count, added_count) = (self.kept_count, names.len());
         for (connection, surface) in self.connection_surfaces.iter_mut().enumerate() {
             match *surface as usize {
@@ -230,8 +252,8 @@ impl FaceSurfaces {
         }
         self.names = self.all_names().names;
         self.names.extend(names);
-        let interfaces = std::iter::repeat_n(SurfaceKind::Interface, added_count);
-        self.kinds.splice(kept_count..kept_count, interfaces);
+        let added = std::iter::repeat_n(kind, added_count);
+        self.kinds.splice(kept_count..kept_count, added);
         self.kept_count += added_count;
     }
 }
@@ -437,7 +459,18 @@ impl Model {
     /// Returns [`Error::Flow`] if a law is for a surface that does not exist.
     pub fn set_faults(&mut self, laws: &FaultLaws) -> Result<()> {
         self.add_picked_interfaces(laws);
-        let surface_laws = laws.surface_laws(&self.surfaces.all_names(), "barriers")?;
+        let names = self.surfaces.all_names();
+        let mut surface_laws = laws.surface_laws(&names, "barriers")?;
+        for &(extension, fault) in &self.surfaces.extensions {
+            let [extension, fault] = [extension, fault].map(|number| number as usize - 1);
+            let has_own_law = laws
+                .overrides
+                .iter()
+                .any(|(s, _)| s.selects(&names, extension));
+            if !has_own_law {
+                surface_laws[extension] = surface_laws[fault];
+            }
+        }
         self.barriers = Barriers::new(self.surfaces.connection_surfaces.clone(), surface_laws)?;
         Ok(())
     }
@@ -472,7 +505,8 @@ impl Model {
                     .binary_search(&region_pair(&connections[connection])?)
                     .ok()
             };
-            self.surfaces.add_interfaces(names, name_index);
+            let kind = SurfaceKind::Interface;
+            self.surfaces.add_surfaces(names, kind, name_index);
         }
     }
 

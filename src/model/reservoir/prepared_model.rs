@@ -191,6 +191,7 @@ impl ModelParts {
             names: numbered.names,
             kept_count: numbered.kept_count,
             connection_surfaces: surface,
+            extensions: Vec::new(),
         });
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
         let volume = samples.iter().product::<f64>() * space.geometry.determinant().abs();

@@ -4,6 +4,7 @@
 use serde::Serialize;
 
 use super::Model;
+use super::fault_extension::extensions;
 use crate::Result;
 use crate::geometry::union_find::UnionFind;
 use crate::mesh::poly::SIDE_NAMES;
@@ -20,8 +21,10 @@ const MAX_LISTED: usize = 8;
 pub struct SealedFault {
     /// The name of the fault.
     pub name: String,
-    /// Area of its faces in m^2.
+    /// Area of its faces in m^2, with those of its extension.
     pub area: f64,
+    /// Area of its faces over the area with which it would reach the next fault or the sides of the mesh.
+    pub covered_share: f64,
     /// The two sides of the mesh between which fluid flows: those that the fault faces most.
     pub between: [&'static str; 2],
     /// Flow between these sides with this fault closed, over that with all faults open.
@@ -73,8 +76,11 @@ impl SealCheck {
                 format!("{:.1} % of the flow passes", 100.0 * fault.passing_share)
             };
             lines.push(format!(
-                "closed         {} ({:.3e} m^2): {verdict} from {from} to {to}",
-                fault.name, fault.area
+                "closed         {} ({:.3e} m^2, {:.1} % of its way to the next fault or side): \
+                 {verdict} from {from} to {to}",
+                fault.name,
+                fault.area,
+                100.0 * fault.covered_share
             ));
         }
         for (number, part) in self.compartments.iter().take(MAX_LISTED).enumerate() {
@@ -105,8 +111,9 @@ fn sealed_faults(model: &Model, cancel: &CancelToken<'_>) -> Result<Vec<SealedFa
     let normals = side_normals(model);
     let mut open_rates: [Option<f64>; 3] = [None; 3];
     let mut faults = Vec::new();
+    let labels = model.surfaces.merged_labels();
     for surface in 1..=names.kinds.len() as u32 {
-        let is_on = |index: usize| model.surfaces.connection_surfaces[index] == surface;
+        let is_on = |index: usize| labels[index] == surface;
         let is_closed = |index: usize| {
             let label = model.barriers.label(index);
             label.is_some_and(|label| model.barriers.law(label).multiplier() == 0.0)
@@ -140,15 +147,19 @@ fn sealed_faults(model: &Model, cancel: &CancelToken<'_>) -> Result<Vec<SealedFa
             None => rate(&Barriers::default())?,
         };
         open_rates[axis] = Some(open);
-        let labels = (0..graph.connections.len()).map(is_on);
-        let closed = rate(&Barriers::uniform(labels, FaultLaw::CLOSED))?;
+        let on_closed = (0..graph.connections.len()).map(is_on);
+        let closed = rate(&Barriers::uniform(on_closed, FaultLaw::CLOSED))?;
+        let area = on_fault.iter().map(|(_, c)| c.area).sum();
+        let missing = extensions(graph, &model.surfaces, &[surface], f64::INFINITY);
+        let missing: f64 = missing.iter().map(|extension| extension.area).sum();
         faults.push(SealedFault {
             name: names
                 .names
                 .get(surface as usize - 1)
                 .cloned()
                 .unwrap_or_else(|| "scraps".into()),
-            area: on_fault.iter().map(|(_, c)| c.area).sum(),
+            area,
+            covered_share: area / (area + missing),
             between: [SIDE_NAMES[2 * axis], SIDE_NAMES[2 * axis + 1]],
             passing_share: if open > 0.0 {
                 (closed / open).max(0.0)
@@ -229,6 +240,7 @@ mod tests {
             panic!("{check:?}")
         };
         assert_eq!((fault.between, fault.area), (["xmin", "xmax"], 1.0));
+        assert_eq!(fault.covered_share, 1.0);
         assert_eq!(fault.passing_share, 0.0);
         assert_eq!(check.compartments.len(), 2);
         assert!(check.table().contains("nothing passes from xmin to xmax"));
@@ -263,5 +275,6 @@ mod tests {
         // The network of conductances, 2 to the sides and 1 between cells, gives 4/7.
         let share = check.faults[0].passing_share;
         assert!((share - 4.0 / 7.0).abs() < 1e-9, "{share}");
+        assert_eq!(check.faults[0].covered_share, 0.5);
     }
 }

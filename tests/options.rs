@@ -105,7 +105,7 @@ const CASES: &[OptionCase] = &[
     option("--smooth odt"),
     option("--metric physical"),
     option("--metric 1,1.4"),
-    option("--metric shape"),
+    option("--metric samples"),
     option("--velocity 2400"),
     option("--rng-seed 7"),
     option("--report r.json"),
@@ -135,7 +135,7 @@ const REDUNDANT_PAIRS: [[&str; 2]; 7] = [
     ["--seeding grown", "--distance-from"],
     ["--seeding grown", "--well-distance"],
     ["--metric physical", "--raw"],
-    ["--metric shape", "--raw"],
+    ["--metric samples", "--raw"],
 ];
 
 /// Result of a run: exit code, messages with figures, and files with their contents.

@@ -235,7 +235,7 @@ impl ConvertSpec {
 
 /// Reads surfaces, lines or sticks, and returns them in the form that `output` holds.
 fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
-    let sticks_to_lines = |sticks: &[FaultSticks]| match extension(output).as_str() {
+    let joined = |sticks: &[FaultSticks]| match extension(output).as_str() {
         "pl" => AnySurfaces::Curves(FaultSticks::to_lines(sticks)),
         _ => AnySurfaces::Surfaces(FaultSticks::to_surfaces(sticks)),
     };
@@ -250,7 +250,7 @@ fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
             let converted = if is_to_sticks {
                 Converted::Sticks(sticks)
             } else {
-                Converted::Surfaces(sticks_to_lines(&sticks))
+                Converted::Surfaces(joined(&sticks))
             };
             return converted.checked(input);
         }

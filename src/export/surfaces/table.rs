@@ -142,6 +142,9 @@ struct ShortNumber(f64);
 impl std::fmt::Display for ShortNumber {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let digits = f.precision().unwrap_or(4) as i32;
+        if self.0 == 0.0 {
+            return f.pad("0");
+        }
         let integer_digits = self.0.abs().clamp(1e-300, 1e300).log10().floor() as i32 + 1;
         let decimals = (digits - integer_digits).clamp(0, 9) as usize;
         f.pad_integral(self.0 >= 0.0, "", &format!("{:.decimals$}", self.0.abs()))

@@ -91,6 +91,10 @@ pub struct InputOptions {
     )]
     #[serde(deserialize_with = "deserialize_optional")]
     pub null: Option<String>,
+    /// An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    /// left out, and neither they nor their edge are features
+    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    pub mask: Option<PathBuf>,
     /// SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     /// are in thousandths of a metre or foot, and the first sample in metres or feet
     #[cfg_attr(feature = "cli", arg(long, value_name = "DOMAIN"))]
@@ -162,6 +166,7 @@ impl InputOptions {
             segy,
             placement: self.placement()?,
             nulls: self.nulls()?,
+            mask: self.mask.clone(),
         })
     }
 
@@ -223,6 +228,7 @@ impl InputOptions {
             axes: self.axes.clone().or_else(|| fallback.axes.clone()),
             geometry_from: (self.geometry_from.clone()).or_else(|| fallback.geometry_from.clone()),
             null: self.null.clone().or_else(|| fallback.null.clone()),
+            mask: self.mask.clone().or_else(|| fallback.mask.clone()),
             domain: self.domain.or(fallback.domain),
             inline_byte: self.inline_byte.or(fallback.inline_byte),
             crossline_byte: self.crossline_byte.or(fallback.crossline_byte),

@@ -46,7 +46,7 @@ pub(crate) mod zarr;
 use std::any::Any;
 use std::fmt;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::{self, vtk};
@@ -72,6 +72,9 @@ pub struct ReadOptions {
     pub placement: ImagePlacement,
     /// Values that stand for missing samples; they are read as NaN.
     pub nulls: Vec<f32>,
+    /// An image with as many samples; where its samples are not zero, those of the image are read as
+    /// NaN.
+    pub mask: Option<PathBuf>,
 }
 
 /// The image formats that can be read.
@@ -255,7 +258,52 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         other => other,
     };
     let opened = options.placement.apply(opened, &options.segy)?;
-    Ok(opened.with_nulls(&options.nulls))
+    let opened = opened.with_nulls(&options.nulls);
+    match &options.mask {
+        None => Ok(opened),
+        Some(mask) => Ok(OpenedImage::InMemory(masked(
+            opened.load(path)?,
+            path,
+            mask,
+        )?)),
+    }
+}
+
+/// Returns the image with NaN where the image at `mask` is not zero, and a note that says how many
+/// samples these are.
+fn masked(image: AnyImage, path: &Path, mask: &Path) -> Result<AnyImage> {
+    fn apply<const D: usize>(
+        mut loaded: LoadedImage<D>,
+        place: &Path,
+        flags: Option<Image<D>>,
+        mask: &Path,
+    ) -> Result<LoadedImage<D>> {
+        let dims = loaded.image.dims();
+        let Some(flags) = flags.filter(|flags| flags.dims() == dims) else {
+            let problem = format!("has other samples than {} ({dims:?})", place.display());
+            let remedy =
+                "give a mask with one value for each sample, not 0 where samples are left out";
+            let error = cause(mask.display(), problem, remedy);
+            return Err(Error::Image(error.with_parameter("mask")));
+        };
+        let mut count = 0;
+        let samples = loaded.image.samples.iter_mut().zip(flags.as_slice());
+        for (sample, _) in samples.filter(|(_, flag)| **flag != 0.0) {
+            *sample = f32::NAN;
+            count += 1;
+        }
+        let share = 100.0 * f64::from(count) / flags.as_slice().len().max(1) as f64;
+        loaded.notes.push(format!(
+            "{count} samples ({share:.2} %) are left out by the mask {}",
+            mask.display()
+        ));
+        Ok(loaded)
+    }
+    let flags = read_any(mask, &ReadOptions::default())?;
+    Ok(match image {
+        AnyImage::Plane(loaded) => AnyImage::Plane(apply(loaded, path, flags.into_image(), mask)?),
+        AnyImage::Space(loaded) => AnyImage::Space(apply(loaded, path, flags.into_image(), mask)?),
+    })
 }
 
 /// Opens an image with the geometry that its file gives.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::spec::{PaintSpec, Seeds};
+use super::spec::{PaintSeed, PaintSpec, Seeds};
 use super::{blocks, contrast_factors, grow};
 use crate::error::cause;
 use crate::image::ScalarField;
@@ -11,8 +11,9 @@ use crate::mesh::Mesh;
 use crate::model::geodesics::{GeodesicSource, Geodesics};
 use crate::model::input::{MeshInput, read_mesh_image};
 use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
-use crate::model::surface::stored_surfaces::{group_facets, tagged_facets};
-use crate::model::surface::{AnySurfaces, SurfaceFile};
+use crate::model::surface::kind::surface_kinds;
+use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
+use crate::model::surface::{AnySurfaces, SurfaceFile, SurfaceKind};
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
@@ -134,7 +135,17 @@ impl PaintRun<'_> {
         let (_, z_up) = spec.grouping.up_direction::<D>()?;
         let stored = StoredMesh::new(file, self.name)?;
         let tagged = tagged_facets(&stored, self.name)?;
-        let mut closed = group_facets(&stored, tagged, &options).facets;
+        let surfaces = group_facets(&stored, tagged, &options);
+        let mut closed = if spec.seed.contains(&PaintSeed::Blocks) {
+            let horizons = horizon_facets(&stored);
+            let kinds = surface_kinds(&surfaces, stored.lattice.nodes(), &horizons);
+            let faults = (0..surfaces.len()).filter(|&s| kinds[s] != SurfaceKind::Horizon);
+            faults
+                .flat_map(|s| surfaces.facets_of(s).to_vec())
+                .collect()
+        } else {
+            surfaces.facets
+        };
         closed.iter_mut().for_each(|facet| facet.sort_unstable());
         closed.sort_unstable();
 

@@ -19,7 +19,8 @@ use crate::{Error, Result};
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct PaintSpec {
     /// Points where paint begins, in physical coordinates (X,Y in 2-D); =N sets the region,
-    /// otherwise each seed has its own. May be repeated; `auto` paints every block between surfaces
+    /// otherwise each seed has its own. May be repeated; `auto` paints every block between surfaces,
+    /// `blocks` every block between faults, across horizons
     #[cfg_attr(
         feature = "cli",
         arg(
@@ -77,6 +78,8 @@ impl Default for PaintSpec {
 pub enum PaintSeed {
     /// Every block between surfaces has its own paint.
     Auto,
+    /// Every block between faults has its own paint; horizons do not stop it.
+    Blocks,
     /// A point in physical coordinates, and its region, from 1. Without a region, the number of the
     /// seed is taken.
     Point(PointValue, Option<u32>),
@@ -88,6 +91,9 @@ impl FromStr for PaintSeed {
     fn from_str(text: &str) -> std::result::Result<Self, InvalidValue> {
         if text == "auto" {
             return Ok(Self::Auto);
+        }
+        if text == "blocks" {
+            return Ok(Self::Blocks);
         }
         let refuse = |problem: &str| InvalidValue::new(problem, seed_remedy::<3>());
         let (point, region) = match text.split_once('=') {
@@ -108,6 +114,7 @@ impl Display for PaintSeed {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Self::Auto => f.write_str("auto"),
+            Self::Blocks => f.write_str("blocks"),
             Self::Point(point, None) => write!(f, "{point}"),
             Self::Point(point, Some(region)) => write!(f, "{point}={region}"),
         }
@@ -119,8 +126,8 @@ serde_as_text!(PaintSeed: [",", "="]);
 /// Returns what to give as a seed in a mesh of `D` dimensions.
 fn seed_remedy<const D: usize>() -> &'static str {
     match D {
-        2 => "give X,Y or X,Y=N, such as 10,20.5 or 10,20.5=2, or auto alone",
-        _ => "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto alone",
+        2 => "give X,Y or X,Y=N, such as 10,20.5 or 10,20.5=2, or auto or blocks alone",
+        _ => "give X,Y,Z or X,Y,Z=N, such as 10,20.5,30 or 10,20.5,30=2, or auto or blocks alone",
     }
 }
 
@@ -141,9 +148,11 @@ impl PaintSpec {
             let problem = "is missing: paint begins nowhere";
             return refuse("seed".into(), problem, seed_remedy::<3>());
         }
-        if self.seed.len() > 1 && self.seed.contains(&PaintSeed::Auto) {
-            let problem = "is given with other seeds";
-            return refuse("seed auto".into(), problem, seed_remedy::<3>());
+        for seed in [PaintSeed::Auto, PaintSeed::Blocks] {
+            if self.seed.len() > 1 && self.seed.contains(&seed) {
+                let problem = "is given with other seeds";
+                return refuse(format!("seed {seed}"), problem, seed_remedy::<3>());
+            }
         }
         let level = self.level.unwrap_or(f64::INFINITY);
         for (option, value, max) in [("level", level, f64::INFINITY), ("neck", self.neck, 1.0)] {
@@ -158,13 +167,14 @@ impl PaintSpec {
         self.grouping.options(None).map(|_| ())
     }
 
-    /// Returns the seeds in a mesh of `D` dimensions; `None` for `auto`.
+    /// Returns the seeds in a mesh of `D` dimensions; `None` for `auto`
+    /// and `blocks`.
     ///
     /// # Errors
     /// Returns [`Error::Job`] for a point that does not have `D` coordinates.
     pub(super) fn seeds<const D: usize>(&self) -> Result<Option<Seeds<D>>> {
         let seed = |(seed, number): (&PaintSeed, u32)| match seed {
-            PaintSeed::Auto => None,
+            PaintSeed::Auto | PaintSeed::Blocks => None,
             PaintSeed::Point(point, region) => {
                 let position = point.coordinates("seed", seed_remedy::<D>());
                 Some(position.map(|position| (position, region.unwrap_or(number))))

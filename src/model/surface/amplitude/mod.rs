@@ -33,7 +33,11 @@ const NARROW_PASSES: usize = 4;
 const MAX_LAG_CHANGE: isize = 5;
 
 /// Smallest correlation of both sides at which a throw counts.
-const MIN_CORRELATION: f64 = 0.5;
+const MIN_CORRELATION: f64 = 0.7;
+
+/// Smallest difference of the largest correlation from that of other reflectors, so that reflectors
+/// match without doubt.
+const MIN_PEAK_EXCESS: f64 = 0.1;
 
 /// Number of random places for the contrast without features.
 const RANDOM_PLACES: usize = 1000;
@@ -333,18 +337,26 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
     }
 }
 
-/// Returns the lag of the largest correlation at each face. Faces at which some lags are unknown,
-/// because the traces would leave the image, take the mean of their neighbours.
+/// Returns the lag of the largest correlation at each face. Faces at which other reflectors match
+/// nearly as well, or some lags are unknown because the traces would leave the image, take the mean of
+/// their neighbours.
 fn coarse_lags(curves: &[Option<Vec<f32>>], neighbours: &[Vec<u32>]) -> Vec<Option<f64>> {
     let max = MAX_LAG as isize;
-    let lags = |min_share: f64| -> Vec<Option<f64>> {
+    let lags = |min_share: f64, min_excess: f64| -> Vec<Option<f64>> {
         let curves = curves.iter();
-        let lag = |curve: &Option<Vec<f32>>| best_lag(curve.as_ref()?, -max, max, min_share);
-        curves.map(|curve| lag(curve).map(|best| best.0)).collect()
+        let lag = |curve: &Option<Vec<f32>>| {
+            let curve = curve.as_ref()?;
+            let (lag, peak) = best_lag(curve, -max, max, min_share)?;
+            let is_other = |other: isize| (other as f64 - lag).abs() > MAX_LAG_CHANGE as f64;
+            let others = (-max..=max).zip(curve).filter(|other| is_other(other.0));
+            let second = others.fold(-1.0, |second, other| f32::max(second, *other.1));
+            (f64::from(second) <= peak - min_excess).then_some(lag)
+        };
+        curves.map(lag).collect()
     };
-    let mut known = lags(1.0);
+    let mut known = lags(1.0, MIN_PEAK_EXCESS);
     if known.iter().all(Option::is_none) {
-        return lags(0.5);
+        return lags(0.5, 0.0);
     }
     loop {
         let fill = |f: usize| {

@@ -14,7 +14,8 @@ use crate::image::Image;
 use crate::image::formats;
 use crate::mesh::Mesh;
 use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
-use crate::model::surface::amplitude::{AmplitudeMeasures, measure_amplitudes};
+use crate::model::surface::amplitude::{AmplitudeMeasures, measure_amplitudes, split_horizons};
+use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
@@ -118,19 +119,23 @@ impl Extraction<'_> {
             self.progress
                 .note(&mixed_units_note(&geometry.units, &up, is_time));
         }
-        let (surfaces, mut measures, mut file) =
-            measured_groups(&stored, facets, &options, &up, z_up);
-        let mut survey = None;
+        let (mut survey, mut image) = (None, None);
         if let Some(path) = &spec.survey {
-            let image = (self.read_image)(path, &spec.input)?;
-            survey = SurveyGrid::new(&image);
-            let image = ImageInput {
-                image,
+            let input = ImageInput {
+                image: (self.read_image)(path, &spec.input)?,
                 name: &path.display().to_string(),
                 sha256: None,
             };
-            let image = image.fitting(&stored.space)?;
-            let amplitudes = amplitude_measures(&image, &stored, &surfaces, &measures, &up);
+            survey = SurveyGrid::new(&input.image);
+            image = Some(input.fitting(&stored.space)?);
+        }
+        let image = image.as_ref();
+        let (surfaces, mut measures, mut file) =
+            measured_groups(&stored, facets, &options, &up, z_up, image);
+        if let Some(image) = image {
+            let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
+            let (nodes, geometry) = (nodes_in_samples(&stored), &stored.space.geometry);
+            let amplitudes = measure_amplitudes(&surfaces, &kinds, &nodes, image, geometry, up.up);
             file.cell_data.extend(amplitude_arrays(&amplitudes));
             for (measure, amplitudes) in measures.iter_mut().zip(amplitudes.surfaces) {
                 measure.amplitudes = Some(amplitudes);
@@ -199,16 +204,22 @@ fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
 }
 
 /// Groups facets of a mesh into surfaces and measures them. `up` is the direction that is up; `z_up`
-/// is `true` if z grows upwards.
+/// is `true` if z grows upwards. With the `survey`, horizons stay on their reflectors.
 fn measured_groups<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
     up: &MapAxes<D>,
     z_up: bool,
+    survey: Option<&Image<D>>,
 ) -> (Surfaces<D>, Vec<SurfaceMeasure>, SurfaceFile<D>) {
     let mut surfaces = group_facets(stored, facets, options);
     let nodes = stored.world.nodes.as_slice();
+    if let Some(image) = survey {
+        let kinds = surface_kinds(&surfaces, nodes, &horizon_facets(stored));
+        let (samples, geometry) = (nodes_in_samples(stored), &stored.space.geometry);
+        split_horizons(&mut surfaces, &kinds, &samples, image, geometry, up.up);
+    }
     surfaces.orient(nodes, up.up);
     let geometry = &stored.space.geometry;
     let up = &up.with_geometry(geometry);
@@ -238,7 +249,7 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
         facet_selection::marked_facets(&stored.lattice, &marks)
     };
     let options = grouping.options(None)?;
-    Ok(measured_groups(stored, facets, &options, &up, z_up).2)
+    Ok(measured_groups(stored, facets, &options, &up, z_up, None).2)
 }
 
 /// Returns the name of a surface in files.
@@ -309,19 +320,11 @@ fn cell_data<const D: usize>(
     ]
 }
 
-/// Measures the surfaces in an image of amplitudes.
-fn amplitude_measures<const D: usize, M: Storable<D>>(
-    image: &Image<D>,
-    stored: &StoredMesh<D, M>,
-    surfaces: &Surfaces<D>,
-    measures: &[SurfaceMeasure],
-    up: &MapAxes<D>,
-) -> AmplitudeMeasures {
-    let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
-    let (step, geometry) = (stored.space.step, &stored.space.geometry);
+/// Returns the nodes of a mesh in samples.
+fn nodes_in_samples<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Vec<[f64; D]> {
+    let step = stored.space.step;
     let in_samples = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
-    let nodes: Vec<[f64; D]> = stored.lattice.nodes().iter().map(in_samples).collect();
-    measure_amplitudes(surfaces, &kinds, &nodes, image, geometry, up.up)
+    stored.lattice.nodes().iter().map(in_samples).collect()
 }
 
 /// Returns arrays with the measures of each face in an image of amplitudes.

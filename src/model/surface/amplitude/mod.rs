@@ -12,7 +12,10 @@
 //! fault is how much better traces on one side agree than those on both sides do; at a horizon it is
 //! the amplitude, with the horizon's sign. It is about 1 where an image has only noise.
 
+mod reflectors;
 mod traces;
+
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 
@@ -145,6 +148,59 @@ pub fn measure_amplitudes<const D: usize>(
         measures.surfaces.push(faces.measure);
     }
     measures
+}
+
+/// Splits horizons without names where they jump from one reflector to another. Nodes are in samples.
+/// Parts of fewer than ten faces are dropped.
+pub fn split_horizons<const D: usize>(
+    surfaces: &mut Surfaces<D>,
+    kinds: &[SurfaceKind],
+    nodes: &[[f64; D]],
+    image: &Image<D>,
+    geometry: &Geometry<D>,
+    up: [f64; D],
+) {
+    let space = AmplitudeSpace::new(image, geometry, up);
+    let area = |facets: &[[u32; D]]| -> f64 {
+        let areas = facets
+            .iter()
+            .map(|f| norm(normal(&f.map(|n| nodes[n as usize]))));
+        areas.sum()
+    };
+    let named_count = surfaces.names.len();
+    let mut parts: Vec<Vec<[u32; D]>> = Vec::new();
+    for (s, kind) in kinds.iter().enumerate() {
+        let facets = surfaces.facets_of(s).to_vec();
+        if s < named_count || *kind != SurfaceKind::Horizon {
+            parts.push(facets);
+            continue;
+        }
+        let complex = FacetComplex::new(nodes, facets);
+        let reflector = reflectors::reflectors(&complex, image, space.vertical, space.mean);
+        let mut by_reflector: BTreeMap<usize, Vec<[u32; D]>> = BTreeMap::new();
+        for (facet, reflector) in complex.facets.iter().zip(reflector) {
+            by_reflector.entry(reflector).or_default().push(*facet);
+        }
+        let is_whole = by_reflector.len() == 1;
+        for part in by_reflector.into_values() {
+            if is_whole || part.len() as f64 >= super::min_facet_count::<D>() {
+                parts.push(part);
+            } else {
+                surfaces.dropped_count += 1;
+                surfaces.dropped_area += area(&part);
+            }
+        }
+    }
+    // Surfaces without names are in the order of their areas.
+    let areas: Vec<f64> = parts.iter().map(|part| area(part)).collect();
+    let mut order: Vec<usize> = (0..parts.len()).collect();
+    order[named_count..].sort_by(|&a, &b| areas[b].total_cmp(&areas[a]).then(a.cmp(&b)));
+    surfaces.facets.clear();
+    surfaces.start = vec![0];
+    for s in order {
+        surfaces.facets.extend(&parts[s]);
+        surfaces.start.push(surfaces.facets.len());
+    }
 }
 
 /// The measures of one surface and of its faces.

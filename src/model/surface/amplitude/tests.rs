@@ -238,3 +238,50 @@ fn horizons_are_peaks_or_troughs() {
         assert!(measure.confidence.unwrap() > 1.0 && measure.throw.is_none());
     }
 }
+
+#[test]
+fn horizons_are_split_where_they_jump_to_another_reflector() {
+    for throw in [0.0, 9.0] {
+        let image = Image::from_fn([60, 40, 80], Geometry::default(), |[x, _, z]| {
+            layers(if x > 30.0 { z - throw } else { z })
+        });
+        // A flat sheet of squares of 4 samples.
+        let node = |i: u32| [4.0 * f64::from(i % 15), 4.0 * f64::from(i / 15), 40.0];
+        let nodes: Vec<[f64; 3]> = (0..150).map(node).collect();
+        let corners = (0..135u32).filter(|i| i % 15 < 14);
+        let facets: Vec<[u32; 3]> = corners
+            .flat_map(|a| [[a, a + 1, a + 16], [a, a + 16, a + 15]])
+            .collect();
+        let count = facets.len();
+        let mut surfaces = Surfaces {
+            start: vec![0, count],
+            facets,
+            ..Surfaces::default()
+        };
+        let kinds = [SurfaceKind::Horizon];
+        let up = [0.0, 0.0, 1.0];
+        split_horizons(&mut surfaces, &kinds, &nodes, &image, &image.geometry, up);
+        if throw == 0.0 {
+            assert_eq!(surfaces.start, [0, count]);
+            continue;
+        }
+        assert!(surfaces.len() >= 2);
+        let side = |facet: &[u32; 3]| {
+            facet
+                .iter()
+                .map(|&n| nodes[n as usize][0] - 30.0)
+                .sum::<f64>()
+        };
+        for s in 0..surfaces.len() {
+            let facets = surfaces.facets_of(s);
+            let right = facets.iter().filter(|facet| side(facet) > 0.0).count();
+            let stray = right.min(facets.len() - right);
+            // Clusters of 16 faces lie across the fault.
+            assert!(
+                stray * 8 <= facets.len() || facets.len() <= 2 * 16,
+                "{stray} of {}",
+                facets.len()
+            );
+        }
+    }
+}

@@ -28,6 +28,9 @@ pub struct FeatureSpec {
     /// end, with the angle and the two feature surfaces: .vtp
     #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
     pub lines: Option<PathBuf>,
+    /// Also write the feature points with normal, strength and surface: .csv or .vtp
+    #[cfg_attr(feature = "cli", arg(long, value_name = "POINTS.csv"))]
+    pub points: Option<PathBuf>,
     /// The features to find
     #[cfg_attr(
         feature = "cli",
@@ -99,6 +102,7 @@ impl Default for FeatureSpec {
     fn default() -> Self {
         Self {
             lines: None,
+            points: None,
             feature: FeatureKind::Auto,
             distance: 8.0,
             sigma: None,

@@ -6,6 +6,7 @@
 //! - `pvtu`: meshes in several files
 //! - `padding`: cells beyond the image
 //! - `lines`: acute lines as VTK poly data
+//! - `points`: feature points as a table or as VTK poly data
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `output`: converts a job's outcome to a file
 //! - `cell_output`: converts a job's Voronoi cells to a file
@@ -28,6 +29,7 @@ mod mixed_elements;
 pub(crate) mod named_surfaces;
 pub(crate) mod output;
 mod padding;
+pub(crate) mod points;
 pub(crate) mod polyhedra;
 pub(crate) mod pvd;
 pub(crate) mod pvtu;
@@ -40,6 +42,7 @@ pub use info::{FileInfo, info};
 pub use labels::{LabelledRegion, read_labels};
 pub use lines::{write_feature_lines, write_lines};
 pub use padding::{NamedRegion, read_named_regions};
+pub use points::write_feature_points;
 pub use polyhedra::{CellStreams, write_cells_vtu};
 pub use pvd::PvdSeries;
 pub use stored_mesh::{LatticeSpace, Storable, StoredMesh};

@@ -14,7 +14,7 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::image::formats::{AnyImage, LoadedImage};
 use crate::job::FeatureSpec;
-use crate::store::write_feature_lines;
+use crate::store::{write_feature_lines, write_feature_points};
 
 /// Arguments of `atomesh feature`.
 #[derive(Debug, Args)]
@@ -37,6 +37,9 @@ pub fn feature(args: &FeatureArgs, interrupts: &Interrupts, console: &mut Consol
     let inputs = [args.image.as_path(), &args.output];
     if let Some(path) = &spec.lines {
         check_output(path, "--lines", &["vtp"], &inputs)?;
+    }
+    if let Some(path) = &spec.points {
+        check_output(path, "--points", &["csv", "vtp"], &inputs)?;
     }
     if let Some(path) = &spec.confidence_out {
         check_output(path, "--confidence-out", &IMAGE_EXTENSIONS, &inputs)?;
@@ -74,6 +77,11 @@ fn detect_features<const D: usize>(
         write_feature_lines(path, lines, |x| geometry.to_physical(x))?;
         lines_text = format!("\nwrote {}: {summary}", path.display());
         lines_json = file_report(path, counts);
+    }
+    if let Some(path) = &spec.points {
+        write_feature_points(path, features, geometry)?;
+        let count = features.points.len();
+        lines_text += &format!("\nwrote {}: {count} points", path.display());
     }
     let potential = potential_image(features.potential.to_dense(), geometry);
     let dims = potential.dims().to_vec();

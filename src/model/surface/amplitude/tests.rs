@@ -275,11 +275,11 @@ fn horizons_are_split_where_they_jump_to_another_reflector() {
         for s in 0..surfaces.len() {
             let facets = surfaces.facets_of(s);
             let right = facets.iter().filter(|facet| side(facet) > 0.0).count();
-            let stray = right.min(facets.len() - right);
+            let misplaced = right.min(facets.len() - right);
             // Clusters of 16 faces lie across the fault.
             assert!(
-                stray * 8 <= facets.len() || facets.len() <= 2 * 16,
-                "{stray} of {}",
+                misplaced * 8 <= facets.len() || facets.len() <= 2 * 16,
+                "{misplaced} of {}",
                 facets.len()
             );
         }

@@ -1,10 +1,10 @@
 //! Delaunay refinement: adds points at the centres of circumspheres that are too large, the one
 //! largest relative to d first (Hale 2002). In 3-D by our own kernel, in 2-D by spade.
 
-use std::cmp::Ordering;
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use spade::handles::FixedVertexHandle;
+use spade::handles::{FaceHandle, InnerTag};
 use spade::{DelaunayTriangulation, Point2, Triangulation as _};
 
 use super::native;
@@ -17,37 +17,10 @@ use crate::progress::CancelToken;
 /// Place of this module's errors.
 const PLACE: &str = "Delaunay refinement";
 
-/// A triangle at whose circumcentre a point may be added.
-struct RefineCandidate {
-    /// Circumradius over the nominal distance d at the circumcentre.
-    ratio: f64,
-    corners: [FixedVertexHandle; 3],
-    face: spade::handles::FixedFaceHandle<spade::handles::InnerTag>,
-    centre: Point2<f64>,
-}
-
-impl Ord for RefineCandidate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        // Equal ratios are sorted by vertices, so that every run gives the same result.
-        let corners = |entry: &Self| entry.corners.map(|corner| corner.index());
-        let by_ratio = self.ratio.total_cmp(&other.ratio);
-        by_ratio.then_with(|| corners(other).cmp(&corners(self)))
-    }
-}
-
-impl PartialOrd for RefineCandidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for RefineCandidate {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for RefineCandidate {}
+/// A cell at whose circumcentre a point may be added: the bits of its circumradius over the nominal
+/// distance d at the circumcentre, its vertices, and the cell. The greatest comes first. Equal ratios
+/// are ordered by vertices, so that every run gives the same result.
+type Candidate<const N: usize, Cell> = (u64, Reverse<[u32; N]>, Cell);
 
 /// Returns the points to add to `points` so that no triangle of their Delaunay triangulation with
 /// its circumcentre in the rectangle `[0, extent]` has a circumradius above `limit` times d.
@@ -71,76 +44,43 @@ pub fn refine_plane(
         insert(&mut delaunay, Point2::new(x, y))?;
     }
     let mut queue = BinaryHeap::new();
-    let candidate =
-        |face: spade::handles::FaceHandle<spade::handles::InnerTag, Point2<f64>, (), (), ()>| {
-            let centre = face.circumcenter();
-            let x = [centre.x, centre.y];
-            if !(0..2).all(|k| x[k] > 0.0 && x[k] < extent[k]) {
-                return None;
-            }
-            let ratio = centre.distance_2(face.vertices()[0].position()).sqrt() / d(x);
-            (ratio > limit).then(|| RefineCandidate {
-                ratio,
-                corners: face.vertices().map(|vertex| vertex.fix()),
-                face: face.fix(),
-                centre,
-            })
-        };
+    let corners = |face: &FaceHandle<'_, InnerTag, _, _, _, _>| {
+        face.vertices().map(|vertex| vertex.index() as u32)
+    };
+    let candidate = |face: FaceHandle<'_, InnerTag, Point2<f64>, (), (), ()>| {
+        let centre = face.circumcenter();
+        let x = [centre.x, centre.y];
+        if !(0..2).all(|k| x[k] > 0.0 && x[k] < extent[k]) {
+            return None;
+        }
+        let ratio = centre.distance_2(face.vertices()[0].position()).sqrt() / d(x);
+        let candidate: Candidate<3, _> = (ratio.to_bits(), Reverse(corners(&face)), face.fix());
+        (ratio > limit).then_some(candidate)
+    };
     queue.extend(delaunay.inner_faces().filter_map(candidate));
     let mut added = Vec::new();
-    while let Some(worst) = queue.pop() {
+    while let Some((_, Reverse(vertices), face)) = queue.pop() {
         if cancel.is_cancelled() {
             break;
         }
         // spade reuses face handles and never removes them: the triangle still exists if its
         // corners are unchanged.
-        let face = delaunay.face(worst.face);
-        if face.vertices().map(|vertex| vertex.fix()) != worst.corners {
+        let face = delaunay.face(face);
+        if corners(&face) != vertices {
             continue;
         }
+        let centre = face.circumcenter();
         let before = delaunay.num_vertices();
-        let vertex = insert(&mut delaunay, worst.centre)?;
+        let vertex = insert(&mut delaunay, centre)?;
         if delaunay.num_vertices() == before {
             continue;
         }
-        added.push([worst.centre.x, worst.centre.y]);
+        added.push([centre.x, centre.y]);
         let out_edges = delaunay.vertex(vertex).out_edges();
         queue.extend(out_edges.filter_map(|edge| edge.face().as_inner().and_then(candidate)));
     }
     Ok(added)
 }
-
-/// A tetrahedron at whose circumcentre a point may be added.
-struct SpaceCandidate {
-    /// Circumradius over the nominal distance d at the circumcentre.
-    ratio: f64,
-    cell: u32,
-    /// Vertices of the cell. As long as it exists it has the same.
-    vertices: [u32; 4],
-    centre: [f64; 3],
-}
-
-impl Ord for SpaceCandidate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        // Equal ratios are sorted by vertices, so that every run gives the same result.
-        let by_ratio = self.ratio.total_cmp(&other.ratio);
-        by_ratio.then_with(|| other.vertices.cmp(&self.vertices))
-    }
-}
-
-impl PartialOrd for SpaceCandidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for SpaceCandidate {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for SpaceCandidate {}
 
 /// Returns the points to add to `points` so that no tetrahedron of their Delaunay triangulation
 /// with its circumcentre in the box `[0, extent]` has a circumradius above `limit` times d.
@@ -168,34 +108,31 @@ pub fn refine_space(
             return None;
         }
         let ratio = distance2(&centre, &corners[0]).sqrt() / d(centre);
-        (ratio > limit).then_some(SpaceCandidate {
-            ratio,
-            cell,
-            vertices,
-            centre,
-        })
+        let candidate: Candidate<4, u32> = (ratio.to_bits(), Reverse(vertices), cell);
+        (ratio > limit).then_some(candidate)
     };
     let cells = 0..delaunay.cell_count() as u32;
     let mut queue: BinaryHeap<_> = cells
         .filter_map(|cell| candidate(&delaunay, cell))
         .collect();
     let mut added: Vec<[f64; 3]> = Vec::new();
-    while let Some(worst) = queue.pop() {
+    while let Some((_, Reverse(vertices), cell)) = queue.pop() {
         if cancel.is_cancelled() {
             break;
         }
-        if delaunay.cell(worst.cell).vertices != worst.vertices {
+        if delaunay.cell(cell).vertices != vertices {
             continue;
         }
+        let centre = circumcentre(vertices.map(|v| delaunay.point(v)));
         let point = WeightedPoint {
-            x: worst.centre,
+            x: centre,
             weight: 0.0,
         };
         let number = (points.len() + added.len()) as u32;
-        if delaunay.insert_near(point, number, worst.cell) != Inserted::Vertex {
+        if delaunay.insert_near(point, number, cell) != Inserted::Vertex {
             continue;
         }
-        added.push(worst.centre);
+        added.push(centre);
         let new_cells: Vec<u32> = delaunay.new_cells().collect();
         queue.extend(
             new_cells

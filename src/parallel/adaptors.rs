@@ -4,6 +4,24 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Indexed, Parallel, PieceLimits};
 
+/// Implements the methods of [`Parallel`] that divide a loop into pieces for a loop over `P` that has
+/// the pieces of its `base`.
+macro_rules! divide_as_base {
+    () => {
+        fn len(&self) -> usize {
+            self.base.len()
+        }
+
+        fn limits(&self) -> PieceLimits {
+            self.base.limits()
+        }
+
+        fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
+            self.base.pieces(size)
+        }
+    };
+}
+
 /// The loop of [`Parallel::map`].
 pub struct Map<P, F> {
     pub(super) base: P,
@@ -14,17 +32,7 @@ impl<P: Parallel, R: Send, F: Fn(P::Item) -> R + Sync> Parallel for Map<P, F> {
     type Item = R;
     type Piece = P::Piece;
 
-    fn len(&self) -> usize {
-        self.base.len()
-    }
-
-    fn limits(&self) -> PieceLimits {
-        self.base.limits()
-    }
-
-    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
-        self.base.pieces(size)
-    }
+    divide_as_base!();
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = R> {
         self.base.items(piece).map(&self.f)
@@ -50,17 +58,7 @@ where
     type Item = R;
     type Piece = P::Piece;
 
-    fn len(&self) -> usize {
-        self.base.len()
-    }
-
-    fn limits(&self) -> PieceLimits {
-        self.base.limits()
-    }
-
-    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
-        self.base.pieces(size)
-    }
+    divide_as_base!();
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = R> {
         let mut state = (self.init)();
@@ -88,17 +86,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for Filter<P, F> {
     type Item = P::Item;
     type Piece = P::Piece;
 
-    fn len(&self) -> usize {
-        self.base.len()
-    }
-
-    fn limits(&self) -> PieceLimits {
-        self.base.limits()
-    }
-
-    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
-        self.base.pieces(size)
-    }
+    divide_as_base!();
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
         self.base.items(piece).filter(&self.f)
@@ -115,17 +103,7 @@ impl<P: Parallel, R: Send, F: Fn(P::Item) -> Option<R> + Sync> Parallel for Filt
     type Item = R;
     type Piece = P::Piece;
 
-    fn len(&self) -> usize {
-        self.base.len()
-    }
-
-    fn limits(&self) -> PieceLimits {
-        self.base.limits()
-    }
-
-    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
-        self.base.pieces(size)
-    }
+    divide_as_base!();
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = R> {
         self.base.items(piece).filter_map(&self.f)
@@ -148,17 +126,7 @@ where
     type Item = R::Item;
     type Piece = P::Piece;
 
-    fn len(&self) -> usize {
-        self.base.len()
-    }
-
-    fn limits(&self) -> PieceLimits {
-        self.base.limits()
-    }
-
-    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
-        self.base.pieces(size)
-    }
+    divide_as_base!();
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = R::Item> {
         self.base.items(piece).flat_map(&self.f)
@@ -176,17 +144,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Sync> Parallel for TakeAnyWhile<P, F
     type Item = P::Item;
     type Piece = P::Piece;
 
-    fn len(&self) -> usize {
-        self.base.len()
-    }
-
-    fn limits(&self) -> PieceLimits {
-        self.base.limits()
-    }
-
-    fn pieces(&mut self, size: usize) -> Vec<P::Piece> {
-        self.base.pieces(size)
-    }
+    divide_as_base!();
 
     fn items(&self, piece: P::Piece) -> impl Iterator<Item = P::Item> {
         self.base.items(piece).take_while(|item| {

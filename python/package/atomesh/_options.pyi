@@ -114,10 +114,10 @@ class MeshOptions(TypedDict, total=False):
     weld: _Number | None
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     smooth: Literal["cvt", "odt"] | None
-    #: Metric of lattice space: samples, physical, shape (physical proportions, with as many
-    #: samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
-    #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
-    #: (SX,SY in 2-D)
+    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical, shape
+    #: (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-
+    #: point fluxes in rock with these permeabilities along x, y and z; only their ratios count),
+    #: or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     metric: _Value | None
     #: Continue the mesh beyond the image, with cells that coarsen away from it:
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
@@ -773,14 +773,18 @@ class SurfaceOptions(TypedDict, total=False):
     #: Smallest area of a surface, in square samples (length in 2-D); smaller ones are omitted, and
     #: 0 keeps all [default: ten faces, and 2 % of the largest surface]
     min_area: _Number | None
-    #: The number of the surface that becomes a grid, as in the printed table [default: the only
-    #: horizon]
+    #: The number of the surface that becomes a grid or points, as in the printed table [default:
+    #: all horizons, with a file each]
     number: int | None
     #: Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten
-    #: sticks per fault; for a grid about the length of the surface's edges]
+    #: sticks per fault; for a grid the bins of the survey, or about the length of the surface's
+    #: edges]
     step: _Number | None
     #: Show in the table which surfaces meet (--json always does)
     meets: bool | None
+    #: The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and
+    #: confidence; its lines number points, and its bins are the nodes of grids
+    survey: _Path | None
     #: Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
     #: of IMAGE [default: 0.6]
     depth: _Number | None

@@ -281,3 +281,88 @@ impl TetImprover<'_> {
         (share > 0.0 && share < 1.0).then_some(point)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::improve::feature_planes::FeaturePlanes;
+    use crate::improve::{SliverMethod, Target};
+    use crate::lattice::distance::Distance;
+    use crate::mesh::check::check;
+    use crate::mesh::complex::neighbors;
+    use crate::mesh::delaunay::delaunay_with_neighbors;
+
+    const EXTENT: [f64; 3] = [6.0, 6.0, 4.0];
+
+    /// Returns jittered nodes in the box, first those on its upper side along z.
+    fn nodes(seed: u64) -> Vec<[f64; 3]> {
+        let mut state = seed;
+        let mut noise = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            0.5 * ((state >> 33) as f64 / (1u64 << 31) as f64 - 0.5)
+        };
+        let mut nodes = Vec::new();
+        for i in 0..7 * 7 * 5 {
+            let index = [i % 7, i / 7 % 7, 4 - i / 49].map(|c| c as f64);
+            nodes.push(std::array::from_fn(|k| {
+                let is_free = index[k] > 0.0 && index[k] < EXTENT[k];
+                index[k] + if is_free { noise() } else { 0.0 }
+            }));
+        }
+        nodes
+    }
+
+    /// Returns the triangles on the upper side, each with its nodes in rising order, sorted.
+    fn triangles(mesh: &TetMesh) -> Vec<[u32; 3]> {
+        let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let mut triangles = Vec::new();
+        for (tet, around) in mesh.tets.iter().zip(&neighbors) {
+            for k in (0..4).filter(|&k| around[k] == NONE) {
+                let mut face = FACES[k].map(|i| tet[i]);
+                face.sort_unstable();
+                if face.iter().all(|&n| mesh.nodes[n as usize][2] == EXTENT[2]) {
+                    triangles.push(face);
+                }
+            }
+        }
+        triangles.sort_unstable();
+        triangles
+    }
+
+    #[test]
+    fn a_mesh_takes_any_triangles_on_its_side() {
+        for seed in 1..6 {
+            let delaunay = delaunay_with_neighbors(&nodes(seed)).unwrap();
+            // Other triangles of the same nodes: the Delaunay triangles of a sheared side.
+            let sheared = nodes(seed)[..49].iter().map(|x| [x[0] + 0.9 * x[1], x[1]]);
+            let sheared: Vec<[f64; 2]> = sheared.collect();
+            let sheared = crate::mesh::delaunay::delaunay_plane(&sheared).unwrap();
+            let mut expected = sheared.triangles.clone();
+            expected.iter_mut().for_each(|t| t.sort_unstable());
+            expected.sort_unstable();
+            assert_ne!(triangles(&delaunay.mesh), expected);
+            let mut kinds = vec![AtomKind::Interior; delaunay.mesh.nodes.len()];
+            kinds[..49].fill(AtomKind::Fixed);
+            let context = ImproveContext {
+                extent: EXTENT,
+                planes: &FeaturePlanes::new(&[], EXTENT, 1.0, 1.0),
+                distance: &Distance::Constant(1.0),
+                target: Target {
+                    min_dihedral: 20.0,
+                    method: SliverMethod::Joe,
+                },
+            };
+            let side = (2, &expected[..]);
+            let cancel = CancelToken::never();
+            let (mesh, kinds, _) =
+                improve_beside(delaunay, &kinds, side, context, &cancel).unwrap();
+            assert_eq!(triangles(&mesh), expected);
+            assert_eq!(mesh.nodes[..49], nodes(seed)[..49]);
+            assert_eq!(kinds.len(), mesh.nodes.len());
+            let check = check(&mesh, [0.0; 3], EXTENT, 1e-9);
+            assert!(check.passed(), "{check:?}");
+        }
+    }
+}

@@ -334,9 +334,10 @@ mod tests {
     #[test]
     fn a_mesh_takes_any_triangles_on_its_side() {
         for seed in 1..6 {
-            let delaunay = delaunay_with_neighbors(&nodes(seed)).unwrap();
+            let nodes = nodes(seed);
+            let delaunay = delaunay_with_neighbors(&nodes).unwrap();
             // Other triangles of the same nodes: the Delaunay triangles of a sheared side.
-            let sheared = nodes(seed)[..49].iter().map(|x| [x[0] + 0.9 * x[1], x[1]]);
+            let sheared = nodes[..49].iter().map(|x| [x[0] + 0.9 * x[1], x[1]]);
             let sheared: Vec<[f64; 2]> = sheared.collect();
             let sheared = crate::mesh::delaunay::delaunay_plane(&sheared).unwrap();
             let mut expected = sheared.triangles.clone();
@@ -359,7 +360,7 @@ mod tests {
             let (mesh, kinds, _) =
                 improve_beside(delaunay, &kinds, side, context, &cancel).unwrap();
             assert_eq!(triangles(&mesh), expected);
-            assert_eq!(mesh.nodes[..49], nodes(seed)[..49]);
+            assert_eq!(mesh.nodes[..49], nodes[..49]);
             assert_eq!(kinds.len(), mesh.nodes.len());
             let check = check(&mesh, [0.0; 3], EXTENT, 1e-9);
             assert!(check.passed(), "{check:?}");

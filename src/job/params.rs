@@ -232,6 +232,13 @@ impl<const D: usize> Params<D> {
     /// `D` dimensions.
     pub fn new(spec: MeshSpec) -> Result<Self> {
         spec.validate()?;
+        if let (Some(padding), 2) = (&spec.pad, D) {
+            return Err(Error::Job(cause(
+                format!("pad {padding}"),
+                "continues a mesh of tetrahedra, but the image is 2-D",
+                "omit it",
+            )));
+        }
         if let Metric::Scales(scales) | Metric::Permeability(scales) = &spec.metric
             && scales.len() != D
         {

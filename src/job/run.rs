@@ -198,21 +198,12 @@ where
 {
     let comm = run_options.comm;
     params.spec.validate()?;
-    if let (Some(padding), 2) = (&params.spec.pad, D) {
-        return Err(Error::Job(cause(
-            format!("pad {padding}"),
-            "continues a mesh of tetrahedra, but the image is 2-D",
-            "omit it",
-        )));
-    }
     let is_partitioned = run_options.may_partition
         && comm.size() > 1
         && params.spec.pad.is_none()
         && params.spec.cell_kind() == CellKind::Simplices;
-    let checkpoint = run_options
-        .checkpoint
-        .map(|checkpoint| checkpoint.for_job(source, params, comm));
-    let checkpoint = checkpoint.transpose()?;
+    let for_job = |checkpoint: &Checkpoint| checkpoint.for_job(source, params, comm);
+    let checkpoint = run_options.checkpoint.map(for_job).transpose()?;
     let prepared = PreparedImage::new(source, params)?;
     let source = prepared.source(source);
     let (dims, geometry) = (source.dims(), source.geometry());
@@ -257,17 +248,13 @@ where
         let nodes = annotated.mesh.nodes();
         features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
     }
-    if let (Some(lattice), Some(optimised)) = (&mut report.lattice, &optimize_result) {
-        lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
-    }
     check_validity(&report)?;
-    let notes_on_gaps = prepared.marked.iter().flat_map(|marked| &marked.notes);
-    report.notes.extend(notes_on_gaps.cloned());
+    add_optimisation(&mut report, optimize_result.as_ref());
+    report.notes.extend(prepared.notes().cloned());
     add_features(&mut report, &features);
     let notes_on_given = given.into_iter().flat_map(|given| given.notes);
-    report.notes.extend(notes_on_given);
-    let note = placement::distance_note(source, params, &features)?;
-    report.notes.extend(note);
+    let note_on_distance = placement::distance_note(source, params, &features)?;
+    report.notes.extend(notes_on_given.chain(note_on_distance));
     let scene = MeshScene {
         extent,
         features: &features,
@@ -291,6 +278,13 @@ where
         stop,
         report,
     })
+}
+
+/// Adds the result of the optimiser to the report.
+fn add_optimisation(report: &mut Report, result: Option<&optimize::OptimizeResult>) {
+    if let (Some(lattice), Some(optimised)) = (&mut report.lattice, result) {
+        lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
+    }
 }
 
 /// Continues a mesh beyond its image, if the options ask for that.
@@ -366,6 +360,11 @@ struct PreparedImage<const D: usize> {
 }
 
 impl<const D: usize> PreparedImage<D> {
+    /// Returns the notes on samples that hold no data.
+    fn notes(&self) -> impl Iterator<Item = &String> {
+        self.marked.iter().flat_map(|marked| &marked.notes)
+    }
+
     fn new(source: ImageSource<'_, D>, params: &Params<D>) -> Result<Self> {
         let merged = if params.spec.label.is_empty() {
             None

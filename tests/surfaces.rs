@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::common::{
-    SharedFiles, Survey, expect_refusal, planar_fault, run, run_args, run_vtk_program, write_npy,
-    write_npy_2d, write_segy,
+    SharedFiles, Survey, atomesh, expect_refusal, planar_fault, run, run_args, run_vtk_program,
+    write_npy, write_npy_2d, write_segy,
 };
 use serde_json::Value;
 
@@ -726,6 +726,14 @@ fn a_survey_gives_attributes_and_files_of_horizons() {
     let surfaces = report["surfaces"].as_array().unwrap();
     let horizons: Vec<_> = surfaces.iter().filter(|s| s["kind"] == "horizon").collect();
     assert!(horizons.len() >= 2, "{report}");
+    let has_upright_layers = |up: &str| {
+        let line = format!("{surface} -o u.vtp --up {up}");
+        let output = atomesh(dir).args(line.split(' ')).output().unwrap();
+        String::from_utf8(output.stderr)
+            .unwrap()
+            .contains("stand upright")
+    };
+    assert!(has_upright_layers("z") && !has_upright_layers("-x"));
     for horizon in &horizons {
         assert!(horizon["polarity"] == "peak" || horizon["polarity"] == "trough");
         assert!(horizon["confidence"].as_f64().unwrap() > 1.0, "{horizon}");

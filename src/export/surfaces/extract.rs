@@ -133,6 +133,10 @@ impl Extraction<'_> {
         let (surfaces, mut measures, mut file) =
             measured_groups(&stored, facets, &options, &up, z_up, image);
         if let Some(image) = image {
+            if are_horizons_upright(&measures, &up.up) {
+                self.progress
+                    .note("the horizons stand upright, so that throws make no sense: --up names another axis");
+            }
             let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
             let (nodes, geometry) = (nodes_in_samples(&stored), &stored.space.geometry);
             let amplitudes = measure_amplitudes(&surfaces, &kinds, &nodes, image, geometry, up.up);
@@ -325,6 +329,16 @@ fn nodes_in_samples<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Ve
     let step = stored.space.step;
     let in_samples = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
     stored.lattice.nodes().iter().map(in_samples).collect()
+}
+
+/// Returns `true` if horizons dip by more than 60 degrees on average.
+fn are_horizons_upright(measures: &[SurfaceMeasure], up: &[f64]) -> bool {
+    let horizons = (measures.iter()).filter(|m| m.kind == SurfaceKind::Horizon);
+    let cosine = |m: &SurfaceMeasure| m.normal.iter().zip(up).map(|(n, u)| n * u).sum::<f64>();
+    let (sum, area) = horizons.fold((0.0, 0.0), |(sum, area), m| {
+        (sum + m.area * cosine(m).abs(), area + m.area)
+    });
+    area > 0.0 && sum < 0.5 * area
 }
 
 /// Returns arrays with the measures of each face in an image of amplitudes.

@@ -297,7 +297,6 @@ impl<const D: usize> AngleExplainer<D> {
 
 /// Returns the mean length of the edges of cells at each node. It approximates d if the mesh does
 /// not store d.
-#[cfg(feature = "cli")]
 pub fn mean_edge_lengths<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f64> {
     let nodes = mesh.nodes();
     let mut sums = vec![(0.0, 0.0); nodes.len()];

@@ -150,6 +150,9 @@ class MeshOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -177,6 +180,8 @@ class FeatureOptions(TypedDict, total=False):
     #: Also write the lines (in 2-D points) at which features cross, branch off one another and
     #: end, with the angle and the two feature surfaces: .vtp
     lines: _Path | None
+    #: Also write the feature points with normal, strength and surface: .csv or .vtp
+    points: _Path | None
     #: The features to find
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Nominal distance between atoms, in samples. The valleys of the potential are a quarter as
@@ -225,6 +230,9 @@ class FeatureOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -268,6 +276,9 @@ class InfoOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -320,6 +331,9 @@ class ConvertOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -378,6 +392,9 @@ class ReportOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -466,6 +483,9 @@ class EditOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -517,6 +537,9 @@ class ColumnsOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -591,6 +614,9 @@ class ExportOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -741,6 +767,9 @@ class SliceOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -819,6 +848,9 @@ class SurfaceOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -875,6 +907,9 @@ class PaintOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None
@@ -931,6 +966,9 @@ class SegmentOptions(TypedDict, total=False):
     #: option common null values are recognised, and traces that are zero throughout count as
     #: missing
     null: _Value | None
+    #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
+    #: left out, and neither they nor their edge are features
+    mask: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
     #: are in thousandths of a metre or foot, and the first sample in metres or feet
     domain: Literal["time", "depth"] | None

@@ -193,7 +193,7 @@ impl AnyImage {
     /// survey where the format supports them.
     ///
     /// # Errors
-    /// Returns the errors of [`write`].
+    /// Returns the errors of [`write()`].
     pub fn write(&self, path: &Path) -> Result<()> {
         match self {
             Self::Plane(loaded) => write_survey(path, &loaded.image, loaded.line_numbers),

@@ -51,6 +51,7 @@ mod segment;
 mod simulators;
 mod slice;
 mod surfaces;
+mod surfaces_in_surveys;
 mod velocity;
 mod voronoi;
 mod vtk;

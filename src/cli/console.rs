@@ -17,6 +17,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use crate::cli::common::global::CommonOptions;
 use crate::cli::common::options::read_options;
+use crate::cli::common::output::path_text;
 use crate::cli::host::{Host, MemoryOutput};
 use crate::cli::interrupts::Interrupts;
 use crate::cli::provenance::file_hash;
@@ -28,8 +29,8 @@ use crate::image::formats::stream::OpenedImage;
 use crate::image::formats::{self, AnyImage, InputOptions, ReadImage};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
-use crate::model::MeshInput;
 use crate::model::surface::SurfaceSpec;
+use crate::model::{ImageInput, MeshInput};
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh};
 use crate::{Error, Result};
@@ -145,6 +146,34 @@ impl Console {
                 read_image,
             };
             work(input, progress)
+        })
+    }
+
+    /// Runs a function of the library on a mesh and an image, which have these names.
+    ///
+    /// # Errors
+    /// Returns the errors of the function.
+    pub fn run_on_mesh_and_image<T>(
+        &mut self,
+        interrupts: &Interrupts,
+        (mesh, mesh_path): (AnyMesh, &Path),
+        (image, image_path): (AnyImage, &Path),
+        sha256: Option<String>,
+        work: impl FnOnce(MeshInput<'_>, ImageInput<'_>, &mut dyn Progress) -> Result<T>,
+    ) -> Result<T> {
+        let [mesh_name, image_name] = [mesh_path, image_path].map(path_text);
+        self.run(interrupts, |read_image, progress| {
+            let mesh = MeshInput {
+                mesh,
+                name: &mesh_name,
+                read_image,
+            };
+            let image = ImageInput {
+                image,
+                name: &image_name,
+                sha256,
+            };
+            work(mesh, image, progress)
         })
     }
 

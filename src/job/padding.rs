@@ -11,6 +11,7 @@ use super::spec::Padding;
 use super::{BOX_TOLERANCE, CellKind, StageRunner, estimate};
 use crate::comm::SelfComm;
 use crate::error::{Error, Result, cause};
+use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, volume6};
 use crate::image::{Geometry, ScalarField};
 use crate::improve::feature_planes::FeaturePlanes;
@@ -316,7 +317,7 @@ impl LayerBuilder<'_> {
         let values: Vec<f32> = (0..count)
             .into_par_iter()
             .map(|i| {
-                let index = crate::geometry::grid_index::index_at(dims, i);
+                let index = index_at(dims, i);
                 let x = std::array::from_fn(|k| index[k] as f64 * step[k]);
                 image_distance(self.to_image(x, extent)).min(max) as f32
             })

@@ -11,7 +11,6 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::job::MeshSpec;
 use crate::model::edit::{EditSpec, input_options};
-use crate::model::{ImageInput, MeshInput};
 use crate::progress::Stage;
 use crate::report::Clock;
 
@@ -43,26 +42,23 @@ pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> 
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
     let mesh = console.read_mesh(&args.mesh)?;
-    let [mesh_name, image_name] = [&args.mesh, &args.image].map(|path| path_text(path));
+    let mesh_name = path_text(&args.mesh);
     let input = input_options(&mesh, &mesh_name, &spec.input)?;
     let image = console.read_image(&args.image, &input)?;
     let sha256 = Some(console.hash(&args.image)?);
     clock.end();
-    let outcome = console.run(interrupts, |read_image, progress| {
-        let mesh = MeshInput {
-            mesh,
-            name: &mesh_name,
-            read_image,
-        };
-        let image = ImageInput {
-            image,
-            name: &image_name,
-            sha256,
-        };
-        crate::edit(mesh, image, spec, progress)
-            .map_err(with_option_name::<EditSpec>)
-            .map_err(with_option_name::<MeshSpec>)
-    })?;
+    let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
+    let outcome = console.run_on_mesh_and_image(
+        interrupts,
+        mesh,
+        image,
+        sha256,
+        |mesh, image, progress| {
+            crate::edit(mesh, image, spec, progress)
+                .map_err(with_option_name::<EditSpec>)
+                .map_err(with_option_name::<MeshSpec>)
+        },
+    )?;
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
     console.write_any_mesh(&args.output, outcome.mesh)?;

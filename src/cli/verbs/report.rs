@@ -12,7 +12,6 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::export::ReportSpec;
 use crate::export::page::PageStats;
-use crate::model::{ImageInput, MeshInput};
 use crate::progress::Stage;
 
 /// Arguments of `atomesh report`.
@@ -44,21 +43,17 @@ pub fn report(args: &ReportArgs, interrupts: &Interrupts, console: &mut Console)
     // The figures of a run hold the hash already.
     let hash = || console.hash(&args.image);
     let sha256 = spec.figures.is_none().then(hash).transpose()?;
-    let [mesh_name, image_name] = [&args.mesh, &args.image].map(|path| path_text(path));
-    let stats = console.run(interrupts, |read_image, progress| {
-        let mesh = MeshInput {
-            mesh,
-            name: &mesh_name,
-            read_image,
-        };
-        let image = ImageInput {
-            image,
-            name: &image_name,
-            sha256,
-        };
-        crate::report(mesh, image, &args.output, spec, progress)
-            .map_err(with_option_name::<ReportSpec>)
-    })?;
+    let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
+    let stats = console.run_on_mesh_and_image(
+        interrupts,
+        mesh,
+        image,
+        sha256,
+        |mesh, image, progress| {
+            crate::report(mesh, image, &args.output, spec, progress)
+                .map_err(with_option_name::<ReportSpec>)
+        },
+    )?;
     console.result(
         written_message(&args.output, stats),
         &json!({ "file": path_text(&args.output), "page": stats }),

@@ -13,7 +13,6 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::export::surfaces::outcome::SURFACE_EXTENSIONS;
 use crate::model::segment::SegmentSpec;
-use crate::model::{ImageInput, MeshInput};
 use crate::progress::Stage;
 
 /// Arguments of `atomesh segment`.
@@ -60,20 +59,11 @@ pub fn segment(args: &SegmentArgs, interrupts: &Interrupts, console: &mut Consol
     console.begin_stage(Stage::Reading);
     let mesh = console.read_mesh(&args.mesh)?;
     let image = console.read_image(&args.image, &spec.input)?;
-    let [mesh_name, image_name] = [&args.mesh, &args.image].map(|path| path_text(path));
-    let outcome = console.run(interrupts, |read_image, progress| {
-        let mesh = MeshInput {
-            mesh,
-            name: &mesh_name,
-            read_image,
-        };
-        let image = ImageInput {
-            image,
-            name: &image_name,
-            sha256: None,
-        };
-        crate::segment(mesh, image, spec, progress).map_err(with_option_name::<SegmentSpec>)
-    })?;
+    let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
+    let outcome =
+        console.run_on_mesh_and_image(interrupts, mesh, image, None, |mesh, image, progress| {
+            crate::segment(mesh, image, spec, progress).map_err(with_option_name::<SegmentSpec>)
+        })?;
     console.begin_stage(Stage::Writing);
     let table = outcome.table();
     if let (Some(path), Some(labels)) = (&spec.labels_out, outcome.labels) {

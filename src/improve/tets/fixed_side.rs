@@ -7,12 +7,12 @@
 //! no others fill their place, then a new node above the middle of the edge does: as it can be as close to
 //! the edge as necessary, all faces of the cavity are visible from it. Improvement then moves that node.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 
 use super::{ImproveContext, TetImprover};
 use crate::comm::SelfComm;
 use crate::error::{Error, Result, cause};
-use crate::geometry::{add_scaled, cross, dot, norm, sorted_distinct, sub, unit};
+use crate::geometry::{add_scaled, cross, dot, norm, sorted, sorted_distinct, sub, unit};
 use crate::improve::ImproveReport;
 use crate::improve::constraint::NodeConstraint;
 use crate::lattice::AtomKind;
@@ -67,11 +67,6 @@ pub fn improve_beside(
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
     Ok((finished.mesh, finished.kinds, report))
-}
-
-/// Returns the nodes of an edge in rising order.
-fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
-    [a.min(b), a.max(b)]
 }
 
 /// Returns the edges of a triangle.
@@ -182,8 +177,7 @@ impl SideTriangles {
         if self.opposite_nodes.contains_key(&target) {
             return true;
         }
-        let mut crossing: std::collections::VecDeque<_> =
-            self.crossing_edges(improver, target).into();
+        let mut crossing = VecDeque::from(self.crossing_edges(improver, target));
         let mut budget = 10 * crossing.len() * (crossing.len() + 1);
         while let Some(edge) = crossing.pop_front() {
             if budget == 0 {

@@ -13,7 +13,8 @@ use serde::Serialize;
 
 use super::{FaceSurfaces, Model};
 use crate::geometry::cell_list::CellList;
-use crate::geometry::{add_scaled, dot, norm, sub, unit};
+use crate::geometry::counting_sort::sort_by_group;
+use crate::geometry::{add_scaled, bounding_box, dot, norm, sub, unit};
 use crate::mesh::graph::Graph;
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::add_names;
@@ -116,19 +117,10 @@ struct CellConnections {
 
 impl CellConnections {
     fn new(graph: &Graph<3>) -> Self {
-        let mut starts = vec![0u32; graph.volume.len() + 1];
-        let cells = || graph.connections.iter().flat_map(|c| c.cells);
-        cells().for_each(|cell| starts[cell as usize + 1] += 1);
-        for cell in 1..starts.len() {
-            starts[cell] += starts[cell - 1];
-        }
-        let mut next = starts.clone();
-        let mut connections = vec![0; 2 * graph.connections.len()];
-        for (index, cell) in cells().enumerate() {
-            let slot = &mut next[cell as usize];
-            connections[*slot as usize] = index as u32 / 2;
-            *slot += 1;
-        }
+        let cells = graph.connections.iter().flat_map(|c| c.cells);
+        let (starts, sides) = sort_by_group(graph.volume.len(), cells.map(|cell| cell as usize));
+        // Each connection has two sides.
+        let connections = sides.into_iter().map(|side| side / 2).collect();
         Self {
             starts,
             connections,
@@ -189,7 +181,7 @@ impl FaultSheet {
         let volume: f64 = volumes.map(|cell| graph.volume[cell as usize]).sum();
         let mean_size = (volume / (2 * on_fault.len()) as f64).cbrt();
         let positions: Vec<[f64; 3]> = faces.iter().map(|face| face.0).collect();
-        let [low, high] = crate::geometry::bounding_box(positions.iter().copied());
+        let [low, high] = bounding_box(positions.iter().copied());
         Some(Self {
             surface,
             points: CellList::new(&positions, 2.0 * mean_size),

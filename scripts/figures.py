@@ -3,9 +3,10 @@
 
 Each figure here is a line of a page that the program must reproduce. A line that is not in the page is printed, and
 the script fails. With `--check` it tests only figures that need nothing but the program and take seconds. Without it,
-the script also writes the pictures to target/figures under their names in docs/, where they have a smaller size.
-Pictures of images of other projects need the folder with these images (BrainT1Slice.png, FatMRISlice.png,
-3_fractures.raw, SEISMIC3D.sgy), and are skipped without it. Pictures of simulation results are not made here; their
+the script also writes the pictures to target/figures under their names in docs/pictures/, where they have a
+smaller size.
+Pictures of images of other projects need the folder with these images (BrainT1Slice.png,
+FatMRISlice.png, 3_fractures.raw, SEISMIC3D.sgy), and are skipped without it. Pictures of simulation results are not made here; their
 pages show the commands. The script needs no Python package.
 """
 import argparse

@@ -71,7 +71,7 @@ def ball(work):
 
 
 # Pages with the functions that return their figures.
-QUICK = [("two-dimensions.md", plane), ("guide-tables.md", generations), ("canny.md", ball)]
+QUICK = [("two-dimensions.md", plane), ("notes/published-methods.md", generations), ("canny.md", ball)]
 
 
 def slices(work):

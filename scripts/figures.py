@@ -36,7 +36,7 @@ class Work:
 
 
 def plane_row(work, name, image, mesh):
-    """Returns a row of the table of two-dimensions.md."""
+    """Returns a row of the table of how-to/two-dimensions.md."""
     work.run(f"synth {image} --dims 256,256 -o slice.png --truth truth.npy")
     work.run(f"mesh slice.png -o mesh.vtu {mesh}")
     report = work.json("quality mesh.vtu --truth truth.npy")
@@ -71,7 +71,7 @@ def ball(work):
 
 
 # Pages with the functions that return their figures.
-QUICK = [("two-dimensions.md", plane), ("notes/published-methods.md", generations), ("canny.md", ball)]
+QUICK = [("how-to/two-dimensions.md", plane), ("notes/published-methods.md", generations), ("how-to/use-few-nodes.md", ball)]
 
 
 def slices(work):
@@ -91,7 +91,7 @@ def fractures(work):
 
 
 # Pages with figures of images of other projects.
-WITH_DATA = [("canny.md", slices), ("surfaces.md", fractures)]
+WITH_DATA = [("how-to/use-few-nodes.md", slices), ("how-to/take-surfaces-elsewhere.md", fractures)]
 
 UNIT = ["synth amplitude -o image.vti --dims 96,120,80 --count 1 --rng-seed 3 --signal-to-noise 8",
         "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons",

@@ -18,7 +18,7 @@
 # make deb    build a Debian package of the program, in target/debian
 # make package   build the crates as a registry would distribute them
 # make book   build the documentation as a site, target/book/index.html, and check its links
-# make figures   check figures of docs/ and write its pictures: DATA=folder of images of other projects
+# make figures   check figures of docs/, write its pictures and its page of options: DATA=folder of images of other projects
 # make fuzz   fuzz with random files and small jobs, guided by coverage: SECONDS=60 for each of three targets
 # make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
@@ -54,6 +54,7 @@ test: packages
 	python3 scripts/words.py
 	cargo test --package atomesh --package tetgen-sys --locked
 	python3 scripts/figures.py target/debug/atomesh --check
+	python3 scripts/reference.py target/debug/atomesh --check
 
 lint: packages
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
@@ -87,6 +88,7 @@ test-all: lint without-c validators
 	cargo test --workspace --locked
 	DATA="$(DATA)" scripts/ignored_tests.sh
 	python3 scripts/figures.py target/debug/atomesh --check
+	python3 scripts/reference.py target/debug/atomesh --check
 
 mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
@@ -133,6 +135,7 @@ validators:
 figures: packages
 	cargo build --locked
 	python3 scripts/figures.py target/debug/atomesh $(if $(DATA),--data $(DATA))
+	python3 scripts/reference.py target/debug/atomesh
 
 SECONDS = 60
 fuzz: packages

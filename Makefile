@@ -5,7 +5,7 @@
 # make lint   run the lints of every kind of build and build the documentation of the library
 # make without-c   test meshes, improvement and jobs in the build without TetGen and CGAL
 # make portable   check that the library and the program compile for Windows, macOS and WebAssembly
-# make bench   measure the table of docs/explanation/performance.md, some minutes
+# make bench   measure the table of docs/notes/measurements.md, some minutes
 # make bench-networks   measure meshes of twenty random fault networks, some minutes
 # make bench-labels   compare meshes of label images with those of CGAL: DATA=folder of images of other projects
 # make reservoir   run a study from a seismic volume to ten years of simulation, in target/reservoir

@@ -27,10 +27,6 @@ FILE = """## Options of mesh in a file
 
 `atomesh mesh --print-config` prints all options of `mesh` as TOML, with the values that the command line gives them.
 `--config FILE.toml` reads such a file. Options on the command line take precedence.
-
-```sh
-atomesh mesh survey.sgy --distance 6 --feature faults --print-config
-```
 """
 # A default at the end of a text or of a sentence.
 DEFAULT = r"\[default:\s+([^\]]*)\](?=\.?\s|\.?$)"

@@ -96,8 +96,16 @@ WITH_DATA = [("how-to/use-few-nodes.md", slices), ("how-to/take-surfaces-elsewhe
 UNIT = ["synth amplitude -o image.vti --dims 96,120,80 --count 1 --rng-seed 3 --signal-to-noise 8",
         "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons",
         "paint mesh.vtu --seed 62,75,40=1 --seed 62,14,40=1 -o painted.vtu --surface-out unit.vtp"]
-# Pictures with the commands of their pages.
+SURVEY = ["synth amplitude --dims 96,128,112 --count 2 --rng-seed 3 --signal-to-noise 8 -o survey.sgy",
+          "mesh survey.sgy -o mesh.vtu --feature faults+horizons --velocity 2500"]
+# Pictures with the commands of their pages. Those of the reservoir tutorial are made by `make reservoir`.
 PICTURES = {
+    "tutorial-survey-body.png": [*SURVEY, "slice survey.sgy mesh.vtu -o {} --view 3d"],
+    "tutorial-survey-surfaces.png": [*SURVEY, "surface mesh.vtu -o surfaces.vtp", "slice surfaces.vtp -o {} --view 3d"],
+    "tutorial-scan-body.png": ["synth blocks --dims 56,48,40 --count 2 --rng-seed 4 -o scan.nii.gz",
+                               "mesh scan.nii.gz -o mesh.vtu --distance 4 --label 0:name=fat --label 1:name=bone"
+                               " --label 2:name=muscle --label 3:name=cartilage",
+                               "slice scan.nii.gz mesh.vtu -o {} --view 3d --color region"],
     "two-dimensions-mesh.png": ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice.png",
                                 "mesh slice.png -o mesh.vtu --distance 6:18 --distance-from features",
                                 "slice slice.png mesh.vtu -o {}"],

@@ -5,7 +5,7 @@ Each figure here is a line of a page that the program must reproduce. A line tha
 the script fails. With `--check` it tests only figures that need nothing but the program and take seconds, that some
 pictures look as the program draws them, and that every picture is shown by a page and made by a script.
 Without it, the script also writes all pictures to docs/pictures. Pictures of images of other projects need the folder with
-these images (BrainT1Slice.png, FatMRISlice.png, 3_fractures_100x100x100_u8.raw, SEISMIC3D.sgy, mni_icbm152_t1.nii.gz, also in
+these images (BrainT1Slice.png, FatMRISlice.png, 3_fractures_100x100x100_u8.raw, mni_icbm152_t1.nii.gz, also in
 its subfolders), those of lattices the examples of the library beside the program, others OPM Flow or headless Chromium.
 They stay as they are where something is missing. The script needs no Python package.
 """
@@ -160,6 +160,8 @@ SLICE = ["synth faults --dims 256,256 --signal-to-noise 20 --rng-seed 1 -o slice
 SMALL_SLICE = ["synth faults --dims 192,132 --signal-to-noise 20 --rng-seed 1 -o slice.png"]
 BOTH = ["synth amplitude --dims 128,112,96 --count 3 -o amplitude.vti",
         "mesh amplitude.vti -o both.vtu --feature faults+horizons --distance 6"]
+SIMULATED = ["tool flow CASE.DATA --output-dir=out",
+             f"tool {ROOT}/.venv/bin/python {ROOT}/scripts/simulated.py CASE.vtu out CASE pressure.vtu"]
 # Pictures with the commands of their pages. Those of the reservoir tutorial are made by `make reservoir`.
 PICTURES = {
     "tutorial-survey-body.png": [*SURVEY, "slice survey.sgy mesh.vtu -o {0} --view 3d"],
@@ -228,9 +230,7 @@ PICTURES = {
     "reservoir.png": [f"mesh {ROOT}/data/faults.vti --cells voronoi --distance 6 -o cells.vtu",
                       "export cells.vtu --to opm -o CASE.DATA --down z --depth-at-top 2000 --no-gravity --porosity 0.2"
                       " --permeability 100 --permeability-unit mD --faults 0.001 --injector 10,10,10:5 --producer 70,60,55:190",
-                      "tool flow CASE.DATA --output-dir=out",
-                      f"tool .venv/bin/python {ROOT}/scripts/simulated.py CASE.vtu out CASE pressure.vtu",
-                      "slice pressure.vtu -o {0} --view 3d --cut y --color simulated_pressure"],
+                      *SIMULATED, "slice pressure.vtu -o {0} --view 3d --cut y --color simulated_pressure"],
     "canny.png": ["mesh data:BrainT1Slice.png -o brain.vtu --seeding canny --smooth odt",
                   "slice data:BrainT1Slice.png brain.vtu -o {0}"],
     "paths.png": ["feature data:FatMRISlice.png -o b.png --feature paths --object 128,128 --confidence-out confidence.vti",
@@ -243,8 +243,12 @@ PICTURES = {
                                "slice white.vtu -o {0} --color label"],
     "surfaces-fractures.png": ["mesh data:3_fractures_100x100x100_u8.raw --raw 100x100x100:u8 --feature mask -o mesh.vtu",
                                "surface mesh.vtu -o surfaces.vtp", "slice surfaces.vtp -o {0} --view 3d"],
-    "horizons.png": ["mesh data:SEISMIC3D.sgy -o mesh.vtu --feature horizons",
-                     "slice data:SEISMIC3D.sgy mesh.vtu -o {0} --view 3d"],
+    "columns.png": ["synth planes -o faultmap.png --dims 160,120 --count 3 --rng-seed 5",
+                    "mesh faultmap.png --cells voronoi --distance 8 --feature ridges -o map.vtu",
+                    "columns map.vtu --horizon 2000 --horizon 2012 --horizon 2020 --layers 3,5 -o cells.vtu",
+                    "export cells.vtu --to opm -o CASE.DATA --down z --porosity 0.2 --permeability 100,100,10"
+                    " --permeability-unit mD --faults 0.001 --injector 20,20,2010:50 --producer 140,100,2010:90",
+                    *SIMULATED, "slice pressure.vtu -o {0} --view 3d --up -z --color simulated_pressure"],
 }
 # Pictures that `--check` draws again.
 CHECKED = ("faults-image.png", "faults.png", "two-dimensions-mesh.png", "figures-potential.png", "flow-plane.png", "unit.png")

@@ -17,13 +17,14 @@
 # make python-test   build the Python package and run all its tests; check the program without C libraries
 # make deb    build a Debian package of the program, in target/debian
 # make package   build the crates as a registry would distribute them
+# make spelling   check the spelling of the documentation, with codespell
 # make book   build the documentation as a site, target/book/index.html, and check its links
 # make figures   check figures of docs/, write its pictures and its page of options: DATA=folder of images of other projects
 # make fuzz   fuzz with random files and small jobs, guided by coverage: SECONDS=60 for each of three targets
 # make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test test-all lint without-c portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures spelling fuzz soak help demo reservoir test test-all lint without-c portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -113,6 +114,10 @@ package: packages
 	cargo clean --quiet --locked -p tetgen-sys
 	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --locked --allow-dirty \
 	    --config profile.dev.package.atomesh.opt-level=0
+
+spelling:
+	@scripts/packages.sh codespell
+	codespell --ignore-words-list crate,trough --skip '*.png,*.svg' *.md docs data/README.md python/README.md
 
 book:
 	@scripts/book.sh

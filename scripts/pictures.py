@@ -49,7 +49,7 @@ class Picture:
             rows.append(bytes(row))
         return Picture(rows)
 
-    def beside(self, other, gap=20):
+    def joined(self, other, gap=20):
         """Returns both pictures side by side."""
         height = max(self.height, other.height)
         padded = [p.rows + [WHITE * p.width] * (height - p.height) for p in (self, other)]

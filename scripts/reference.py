@@ -160,7 +160,9 @@ def keys(report, depth=2):
     """Yields the names of the report's groups and of the values in them."""
     for name, value in report.items():
         yield name
-        if depth > 1 and isinstance(value, dict) and name != "parameters":
+        if isinstance(value, list) and value:
+            value = value[0]
+        if depth > 1 and isinstance(value, dict) and name not in ("parameters", "fields"):
             yield from keys(value, depth - 1)
 
 
@@ -182,11 +184,15 @@ def missing(program):
             work.run(f"mesh slice.vti -o cells.vtu --cells voronoi --json"))))
         work.run("mesh amplitude.vti -o polyhedra.vtu --cells voronoi")
         written["the report of quality"] = set(keys(json.loads(work.run("quality plane.vtu --truth truth.npy --json"))))
-        work.run("surface both.vtu -o surfaces.vtp")
-        work.run("flow mesh.vtu --source 15,60,20 --sink 60,12,20 --faults 0.01 -o flow.vtu --streamlines streamlines.vtp --lines 9")
-        work.run("paint both.vtu --seed 30,20,20 -o painted.vtu --surface-out unit.vtp")
-        work.run(f"segment {sample} mesh.vtu --object 40,36,32 --background 2,2,2 -o segmented.vtu")
-        work.run(f"feature {sample} -o b.vti --points points.vtp --lines rims.vtp")
+        for line in (f"info {sample}", "info mesh.vtu", f"convert {sample} sample.npy", "synth faults --dims 32,32,32 -o small.npy",
+                     f"feature {sample} -o b.vti --points points.vtp --lines rims.vtp", "surface both.vtu -o surfaces.vtp",
+                     "flow mesh.vtu --source 15,60,20 --sink 60,12,20 --faults 0.01 -o flow.vtu --streamlines streamlines.vtp --lines 9",
+                     "paint both.vtu --seed 30,20,20 -o painted.vtu --surface-out unit.vtp",
+                     f"segment {sample} mesh.vtu --object 40,36,32 --background 2,2,2 -o segmented.vtu",
+                     f"edit mesh.vtu {sample} -o edited.vtu --add 20.5,20,20",
+                     "columns cells.vtu --horizon 0 --horizon 10 -o columns.vtu", "export mesh.vtu --to inp -o mesh.inp",
+                     f"slice {sample} mesh.vtu -o sections.png", f"report {sample} mesh.vtu -o page.html", "validate mesh.vtu"):
+            written[f"{line.split()[0]} --json"] = set(keys(json.loads(work.run(f"{line} --json"))))
         for file in ("mesh.vtu", "lines.vtp", "both.vtu", "plane.vtu", "cells.vtu", "polyhedra.vtu", "surfaces.vtp", "flow.vtu",
                      "streamlines.vtp", "painted.vtu", "unit.vtp", "segmented.vtu", "points.vtp", "rims.vtp"):
             written[file] = work.arrays(file)

@@ -20,7 +20,7 @@ HEAD = """# Options
 <!-- Written by scripts/reference.py from the help of the program: `make figures`. -->
 
 `atomesh VERB --help` shows the options of a verb, and `atomesh VERB -h` shows them in short. A value in capitals stands for yours.
-In a [TOML file](#options-of-mesh-in-a-file) and in Python options have the same names.
+In a [TOML file](#options-of-mesh-in-a-file) and in [Python](python.md) options have the same names.
 
 """
 FILE = """## Options of mesh in a file

@@ -128,7 +128,7 @@ def ball(work):
 
 
 # Pages with the functions that return their figures.
-QUICK = [("how-to/two-dimensions.md", plane), ("notes/published-methods.md", generations), ("how-to/use-few-nodes.md", ball)]
+QUICK = [("how-to/two-dimensions.md", plane), ("notes/published-methods.md", generations), ("how-to/nodes-on-edges.md", ball)]
 
 
 def slices(work):
@@ -148,7 +148,7 @@ def fractures(work):
 
 
 # Pages with figures of images of other projects.
-WITH_DATA = [("how-to/use-few-nodes.md", slices), ("how-to/take-surfaces-elsewhere.md", fractures)]
+WITH_DATA = [("how-to/nodes-on-edges.md", slices), ("how-to/take-surfaces-elsewhere.md", fractures)]
 
 UNIT = ["synth amplitude -o image.vti --dims 96,120,80 --count 1 --rng-seed 3 --signal-to-noise 8",
         "mesh image.vti -o mesh.vtu --distance 5 --feature faults+horizons",

@@ -243,7 +243,8 @@ PICTURES = {
                                "segment data:mni_icbm152_t1.nii.gz mni.vtu --object -33,17,27:-27,23,33"
                                " --object 27,17,27:33,23,33 --background -98,120,-72:98,134,-60 --background -41,1,-6:-37,5,-2"
                                " --background -5,13,3:-1,17,7 --background -14,43,-21:-10,47,-17 -o white.vtu",
-                               "slice data:mni_icbm152_t1.nii.gz white.vtu -o {0} --color label"],
+                               "slice data:mni_icbm152_t1.nii.gz mni.vtu -o {0}",
+                               "slice data:mni_icbm152_t1.nii.gz white.vtu -o {1} --color label"],
     "surfaces-fractures.png": ["mesh data:3_fractures_100x100x100_u8.raw --raw 100x100x100:u8 --feature mask -o mesh.vtu",
                                "surface mesh.vtu -o surfaces.vtp", "slice surfaces.vtp -o {0} --view 3d"],
     "columns.png": ["synth planes -o faultmap.png --dims 160,120 --count 3 --rng-seed 5",

@@ -117,7 +117,7 @@ package: packages
 
 spelling:
 	@scripts/packages.sh codespell
-	codespell --ignore-words-list crate,trough --skip '*.png,*.svg' *.md docs data/README.md python/README.md
+	codespell --ignore-words-list crate,trough,multy,wel,equil --skip '*.png,*.svg' *.md docs data/README.md python/README.md
 
 book:
 	@scripts/book.sh

@@ -144,6 +144,11 @@ class Work:
         command = [self.program, *line.split(), "--quiet"]
         return subprocess.run(command, cwd=self.folder, check=True, stdout=subprocess.PIPE, text=True).stdout
 
+    def rows(self, line):
+        """Runs the program and returns the names of the rows of its report on the screen."""
+        done = subprocess.run([self.program, *line.split()], cwd=self.folder, check=True, capture_output=True, text=True)
+        return set(re.findall(r"^(\w+) {2,}", done.stdout, re.M))
+
     def error(self, line):
         """Runs the program, which must refuse, and returns its error."""
         done = subprocess.run([self.program, *line.split()], cwd=self.folder, capture_output=True, text=True)
@@ -196,6 +201,11 @@ def missing(program):
         for file in ("mesh.vtu", "lines.vtp", "both.vtu", "plane.vtu", "cells.vtu", "polyhedra.vtu", "surfaces.vtp", "flow.vtu",
                      "streamlines.vtp", "painted.vtu", "unit.vtp", "segmented.vtu", "points.vtp", "rims.vtp"):
             written[file] = work.arrays(file)
+        screen = (PAGES / "report.md").read_text(encoding="utf-8").partition("## On the screen")[2].partition("## ")[0]
+        rows = {row for cell in re.findall(r"^\| ([\w, ]+) \|", screen, re.M) for row in cell.split(", ")}
+        for line in (f"mesh {sample} -o mesh.vtu", "mesh slice.vti -o cells.vtu --cells voronoi", f"mesh {sample} -o mesh.vtu --pad above=80"):
+            for row in sorted(work.rows(line) - rows):
+                yield f"docs/reference/report.md does not describe the row {row} of the report"
         for place, found in written.items():
             for name in sorted(found - described):
                 yield f"docs/reference/report.md does not name {name} of {place}"

@@ -138,7 +138,7 @@ validators:
 	@scripts/validators.sh
 
 figures: packages
-	cargo build --locked
+	cargo build --locked --bins --examples
 	python3 scripts/figures.py target/debug/atomesh $(if $(DATA),--data $(DATA))
 	python3 scripts/reference.py target/debug/atomesh
 

@@ -9,7 +9,20 @@ use super::{MIN_FAULT_DIP, MissingData};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, LiveMask, MaskedImage, Modality};
 use crate::parallel::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+
+/// Evidence for faults in seismic amplitudes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum FaultEvidence {
+    /// The probability of a fault by a convolutional network, which was trained on synthetic images
+    #[default]
+    Network,
+    /// Layers that do not continue across a plane: low semblance
+    Semblance,
+}
 
 /// Options of feature detection.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +39,8 @@ pub struct DetectionOptions<const D: usize> {
     /// Smallest strength of a feature, or value of an isosurface, in units of the image; chosen from
     /// the image if `None`.
     pub threshold: Option<f32>,
+    /// How faults are recognised in seismic amplitudes.
+    pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault in the world, in degrees. Two-way time is converted to depth at 2,000
     /// m/s.
     pub min_dip: f64,
@@ -62,6 +77,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             scale: None,
             smoothing: None,
             threshold: None,
+            fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
             weights: [1.0; 2],

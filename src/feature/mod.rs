@@ -95,8 +95,8 @@ use volume::Volume;
 use windows::Samples;
 use world_dip::WorldDip;
 
-pub use detection::DetectionOptions;
 pub(crate) use detection::fills_gaps;
+pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
 pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};

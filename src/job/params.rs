@@ -418,6 +418,7 @@ impl<const D: usize> Params<D> {
             modality: self.modality,
             scale: spec.sigma,
             threshold: spec.threshold,
+            fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,
             weights: spec.feature_weights.0,

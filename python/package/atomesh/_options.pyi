@@ -40,6 +40,8 @@ class MeshOptions(TypedDict, total=False):
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
+    #: How faults are recognised in seismic amplitudes
+    fault_evidence: Literal["network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
     #: else at 2,000 m/s
     min_dip: _Number | None
@@ -192,6 +194,8 @@ class FeatureOptions(TypedDict, total=False):
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
+    #: How faults are recognised in seismic amplitudes
+    fault_evidence: Literal["network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
     min_dip: _Number | None
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at

@@ -43,8 +43,8 @@ impl<const D: usize> Detector<D> for Horizons {
         let samples = input.smoothed_in_layers()?;
         let (normals, rms) = NormalField::new(&samples, window, input.live_mask, input.cancel)?;
         let thresholds = input.thresholds().unwrap_or(Thresholds {
-            low: 0.8 * rms,
-            high: 1.3 * rms,
+            low: 0.8 * rms.smoothed,
+            high: 1.3 * rms.smoothed,
             origin: "1.3 times the rms",
         });
         notes.push(format!(

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::Report;
 use super::issues::{Issue, angle_range};
 use super::table::group_digits;
-use crate::feature::{KindOutcome, MIN_FAULT_DIP};
+use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP};
 
 /// Maximum fraction of the features of one kind that the mesh may drop. More is an issue.
 pub(super) const MAX_DROPPED_SHARE: f64 = 0.1;
@@ -237,6 +237,13 @@ fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
         dropped,
         ..
     } = outcome;
+    // The names of these options are no plurals.
+    let kind = match kind {
+        FeatureKind::Canny => "edges".to_string(),
+        FeatureKind::Isosurface => "parts of the isosurface".to_string(),
+        FeatureKind::Mask => "parts of the mask".to_string(),
+        other => other.to_string(),
+    };
     if *points == 0 {
         let count = group_digits(dropped.strong_count() + dropped.weak);
         lines.push(format!(
@@ -288,7 +295,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::feature::{Doubt, DroppedPoints, FeatureKind, MissingData};
+    use crate::feature::{Doubt, DroppedPoints, MissingData};
     use crate::image::LabelValue;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;

@@ -55,7 +55,11 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     let (count, mut fields) = (outcome.len(), outcome.to_json());
     let files = console.write_outcome_surfaces(output, outcome, spec)?;
     if let [only] = &files[..] {
-        text += &format!("\nwrote {}: {count} surfaces", only.display());
+        let what = match spec.number {
+            Some(number) => format!("surface {number}"),
+            None => format!("{count} surfaces"),
+        };
+        text += &format!("\nwrote {}: {what}", only.display());
     } else {
         for file in &files {
             text += &format!("\nwrote {}", file.display());

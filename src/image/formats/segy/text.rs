@@ -59,6 +59,18 @@ pub fn decode(bytes: &[u8]) -> String {
     bytes.iter().map(character).collect()
 }
 
+/// Encodes a textual header in EBCDIC: at most 40 lines of at most 80 characters of ASCII.
+pub fn encode(lines: &[&str]) -> [u8; TEXT_HEADER_BYTES] {
+    let mut header = [b'\x40'; TEXT_HEADER_BYTES];
+    for (row, line) in header.chunks_mut(80).zip(lines) {
+        for (byte, character) in row.iter_mut().zip(line.chars()) {
+            let encoded = (0x41..=u8::MAX).find(|&byte| ebcdic_to_char(byte) == character);
+            *byte = encoded.unwrap_or(b'\x40');
+        }
+    }
+    header
+}
+
 /// Returns the lines of a textual header that are not empty, without trailing blanks.
 pub fn lines(header: &[u8]) -> Vec<String> {
     header
@@ -71,6 +83,12 @@ pub fn lines(header: &[u8]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn encoded_lines_are_read_back() {
+        let text = ["C 1 Synthetic: 12.5 m x 4 ms", "C 2 bytes 189, 193"];
+        assert_eq!(lines(&encode(&text)), text);
+    }
 
     #[test]
     fn ebcdic_and_ascii_are_decoded() {

@@ -813,6 +813,11 @@ class SurfaceOptions(TypedDict, total=False):
     #: sticks per fault; for a grid the bins of the survey, or about the length of the surface's
     #: edges]
     step: _Number | None
+    #: Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
+    #: .ts, .obj, grids, sticks or points. All other surfaces get numbers that no earlier name has
+    names_from: _Path | None
+    #: Also write the mesh with the names of these surfaces, which every verb then uses
+    mesh_out: _Path | None
     #: Show in the table which surfaces meet (--json always does)
     meets: bool | None
     #: The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and

@@ -63,6 +63,8 @@ pub struct DetectionOptions<const D: usize> {
     pub step: [f64; D],
     /// `true` if common null values and traces that are zero throughout are data.
     pub keep_nulls: bool,
+    /// `true` if faults and horizons are sought in chaotic zones, too.
+    pub keep_chaos: bool,
     /// `true` if each rank gets only a share of the potential.
     pub is_distributed: bool,
     /// Surfaces that the user gives.
@@ -87,6 +89,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             labels: Vec::new(),
             step: [1.0; D],
             keep_nulls: false,
+            keep_chaos: false,
             is_distributed: false,
             given: None,
         }

@@ -6,6 +6,7 @@
 //! summed over cells of `cell_size`^3 samples and smoothed there, and normals are interpolated
 //! between cell centres.
 
+use super::chaos::ChaoticZones;
 use super::gaussian::smooth;
 use super::windows::{LayerWindow, Samples, layer_len};
 use crate::error::Result;
@@ -21,6 +22,7 @@ pub struct NormalField<const D: usize> {
     dims: [usize; D],
     cell_size: usize,
     vectors: Vec<[f32; D]>,
+    chaotic_zones: Option<ChaoticZones<D>>,
 }
 
 /// Root mean square of an image's samples.
@@ -102,6 +104,7 @@ impl<const D: usize> NormalField<D> {
         window: f64,
         cancel: &CancelToken<'_>,
     ) -> Self {
+        let chaotic_zones = ChaoticZones::find(dims, cell_size, &products, cancel);
         // Cells on the far sides hold fewer samples: their weight is smaller, their direction the
         // same.
         let products: Vec<Vec<f32>> = products
@@ -126,7 +129,13 @@ impl<const D: usize> NormalField<D> {
             dims,
             cell_size,
             vectors,
+            chaotic_zones,
         }
+    }
+
+    /// Returns the chaotic zones, if there are any.
+    pub fn chaotic_zones(&self) -> Option<&ChaoticZones<D>> {
+        self.chaotic_zones.as_ref()
     }
 
     /// Returns the axis to which most normals are nearest.

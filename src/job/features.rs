@@ -70,6 +70,9 @@ pub struct FeatureSpec {
     /// the square of it, in 2-D its length [default: 20]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES"))]
     pub min_fault_size: Option<f64>,
+    /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub keep_chaos: bool,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t))]
     pub feature_weights: FeatureWeights,
@@ -116,6 +119,7 @@ impl Default for FeatureSpec {
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
+            keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             object: Vec::new(),
             background: Vec::new(),
@@ -160,6 +164,7 @@ impl FeatureSpec {
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
+            keep_chaos: self.keep_chaos,
             feature_weights: self.feature_weights,
             object: self.object.clone(),
             background: self.background.clone(),

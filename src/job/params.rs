@@ -421,6 +421,7 @@ impl<const D: usize> Params<D> {
             fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,
+            keep_chaos: spec.keep_chaos,
             weights: spec.feature_weights.0,
             seeds: self.path_seeds.clone(),
             labels: spec.label.clone(),

@@ -179,6 +179,13 @@ impl Report {
             .into_iter()
             .collect();
         lines.extend(self.outcomes.iter().flat_map(outcome_lines));
+        let chaotic = self.outcomes.iter().filter_map(|outcome| outcome.chaotic);
+        if let Some(share) = chaotic.reduce(f64::max) {
+            lines.push(format!(
+                "{} % of the image is chaotic (salt, gas, noise), and no features are sought there",
+                percent(share)
+            ));
+        }
         if let Some(missing) = &self.missing {
             let total = percent(missing.bridged + missing.without_features);
             let gaps = match missing.without_features {
@@ -405,6 +412,7 @@ mod tests {
             },
             signal_to_noise: Some(6.0),
             gently_dipping: Some(0.05),
+            chaotic: None,
         };
         let report_with = |outcome: KindOutcome| Report {
             outcomes: vec![outcome],
@@ -551,6 +559,7 @@ mod tests {
             dropped: DroppedPoints::default(),
             signal_to_noise: None,
             gently_dipping: None,
+            chaotic: None,
         }];
         let option = Verdict::from_report(&featureless).unwrap().option;
         assert_eq!(option.as_deref(), Some("--feature ridges"));

@@ -48,6 +48,8 @@ class MeshOptions(TypedDict, total=False):
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
     #: least the square of it, in 2-D its length [default: 20]
     min_fault_size: _Number | None
+    #: Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
     #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
@@ -201,6 +203,8 @@ class FeatureOptions(TypedDict, total=False):
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
     #: least the square of it, in 2-D its length [default: 20]
     min_fault_size: _Number | None
+    #: Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
@@ -813,6 +817,11 @@ class SurfaceOptions(TypedDict, total=False):
     #: sticks per fault; for a grid the bins of the survey, or about the length of the surface's
     #: edges]
     step: _Number | None
+    #: Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
+    #: .ts, .obj, grids, sticks or points. All other surfaces get numbers that no earlier name has
+    names_from: _Path | None
+    #: Also write the mesh with the names of these surfaces, which every verb then uses
+    mesh_out: _Path | None
     #: Show in the table which surfaces meet (--json always does)
     meets: bool | None
     #: The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and

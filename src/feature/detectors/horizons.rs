@@ -57,10 +57,18 @@ impl<const D: usize> Detector<D> for Horizons {
         };
         let cancel = input.cancel;
         samples.for_each_window(1, None, &|_| 1, cancel, &mut collect, &mut |()| ())?;
-        Ok(DetectorOutput {
+        let mut output = DetectorOutput {
             layers: Some(layers.0),
             ..DetectorOutput::new(candidates, scale, thresholds)
-        })
+        };
+        let keep_chaos = input.options.keep_chaos;
+        output.drop_chaotic(
+            normals.chaotic_zones(),
+            FeatureKind::Horizons,
+            keep_chaos,
+            notes,
+        );
+        Ok(output)
     }
 
     fn is_streamable(&self) -> bool {

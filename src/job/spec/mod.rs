@@ -113,6 +113,10 @@ pub struct MeshSpec {
     /// the square of it, in 2-D its length [default: 20]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", help_heading = FEATURES))]
     pub min_fault_size: Option<f64>,
+    /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    #[cfg_attr(feature = "cli", arg(long, help_heading = FEATURES))]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub keep_chaos: bool,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(
         feature = "cli",
@@ -376,6 +380,7 @@ impl Default for MeshSpec {
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
+            keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
             object: Vec::new(),
@@ -574,6 +579,7 @@ impl MeshSpec {
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
+            keep_chaos: self.keep_chaos,
             weights: self.feature_weights.0,
             seeds: self.path_seeds()?,
             labels: self.label.clone(),

@@ -4,8 +4,10 @@ use super::kind::{SurfaceKind, surface_kinds};
 use super::names::{SurfaceNames, add_names, interface_name};
 use super::{Options, Surfaces, facet_selection};
 use crate::error::cause;
-use crate::geometry::sorted_distinct;
+use crate::geometry::{norm, normal, sorted_distinct};
 use crate::mesh::Mesh;
+use crate::mesh::complex::NONE;
+use crate::store::named_surfaces::NamedSurfaces;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 
@@ -125,7 +127,8 @@ fn number_surfaces<const D: usize, M: Storable<D>>(
     let parent: Vec<u32> = (0..named_count)
         .chain(parents.iter().map(|surface| surface + named_count))
         .collect();
-    let kept_count = named_count as usize + surfaces.count_above_min_area(nodes);
+    let kept_count =
+        named_count as usize + surfaces.count_above_min_area(nodes, named.largest_area);
     let surfaces = surfaces.append_to_named(named.names, named.facets, named.interfaces);
     let mut facets: Vec<([u32; D], u32)> = (surfaces.facets.iter())
         .zip(surfaces.labels())
@@ -161,6 +164,8 @@ struct NamedFacets<const D: usize> {
     facets: Vec<Vec<[u32; D]>>,
     /// The range of the surfaces that are interfaces between labels.
     interfaces: std::ops::Range<usize>,
+    /// Area in lattice space of the largest surface with a name in the file.
+    largest_area: f64,
 }
 
 /// Returns the facets of each surface with a name, and the surfaces of all other facets.
@@ -188,7 +193,17 @@ fn split_by_name<const D: usize, M: Storable<D>>(
         }
     }
     let horizons = horizon_facets(stored);
-    let others = Surfaces::find(stored.lattice.nodes(), others, &horizons, options);
+    let nodes = stored.lattice.nodes();
+    let area = |facet: &[u32; D]| norm(normal(&facet.map(|n| nodes[n as usize])));
+    let file_areas = named[..file_name_count].iter();
+    let largest_area = file_areas
+        .map(|facets| facets.iter().map(area).sum::<f64>())
+        .fold(0.0, f64::max);
+    let options = Options {
+        known_area: largest_area,
+        ..*options
+    };
+    let others = Surfaces::find(nodes, others, &horizons, &options);
     let names = stored
         .named_surfaces
         .names
@@ -206,6 +221,7 @@ fn split_by_name<const D: usize, M: Storable<D>>(
         names,
         facets,
         interfaces: interface_start..interface_end,
+        largest_area,
     };
     (named, others)
 }
@@ -290,6 +306,39 @@ fn facets_by_name<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Vec<
     }
     facets.sort_unstable();
     facets
+}
+
+/// Returns the faces of surfaces as a file of the mesh stores them, with a name for each surface.
+pub fn named_faces<const D: usize, M: Mesh<D>>(
+    stored: &StoredMesh<D, M>,
+    surfaces: &Surfaces<D>,
+    names: &[String],
+) -> NamedSurfaces {
+    let facets = surfaces.facets.iter().zip(surfaces.labels());
+    let mut facets: Vec<([u32; D], u32)> = facets
+        .map(|(facet, surface)| {
+            let mut sorted = *facet;
+            sorted.sort_unstable();
+            (sorted, surface)
+        })
+        .collect();
+    facets.sort_unstable();
+    let mut faces = Vec::new();
+    // A mesh with a face of three cells is refused elsewhere.
+    let cells = stored.lattice.cells_of_faces().unwrap_or_default();
+    for (face, mut cells) in cells.into_iter().enumerate() {
+        if cells.contains(&NONE) {
+            continue;
+        }
+        cells.sort_unstable();
+        stored.lattice.facets(face, |mut facet| {
+            facet.sort_unstable();
+            if let Ok(i) = facets.binary_search_by(|entry| entry.0.cmp(&facet)) {
+                faces.push((cells, facets[i].1));
+            }
+        });
+    }
+    NamedSurfaces::new(names, faces)
 }
 
 /// Returns the facets of a mesh that lie on horizons (nodes ascending, sorted).

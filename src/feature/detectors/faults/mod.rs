@@ -176,6 +176,13 @@ impl<const D: usize> Detector<D> for Faults {
         output
             .candidates
             .retain(|c| dips.degrees(c.normal.map(f64::from)) >= min_dip);
+        let keep_chaos = input.options.keep_chaos;
+        output.drop_chaotic(
+            layers.chaotic_zones(),
+            FeatureKind::Faults,
+            keep_chaos,
+            notes,
+        );
         output.vertical_axis = vertical;
         Ok(output)
     }

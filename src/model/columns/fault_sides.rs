@@ -182,7 +182,7 @@ impl CrossingNodes<'_> {
         let fraction = at_p / (at_p - at_q);
         let known = self.on_levels.get(&a).into_iter().flatten();
         let other = self.on_levels.get(&b).into_iter().flatten();
-        let mut other = other.map(|crossing| crossing.1);
+        let other = other.map(|crossing| crossing.1);
         let mut common = known.map(|crossing| crossing.1);
         if let Some(node) = common.find(|node| other.clone().any(|n| n == *node)) {
             return node;

@@ -783,10 +783,13 @@ mod tests {
         for (end, throw) in [(4.0, 7.0), (3.0, 5.0)] {
             let map = faulted_map(end);
             for is_z_up in [false, true] {
-                let z = |right: bool, y: f64| match right {
-                    true if end == 4.0 => throw * (2.0 - y),
-                    true => throw * (3.0 - y).max(0.0),
-                    false => 0.0,
+                let z = |right: bool, y: f64| {
+                    let length = if end == 4.0 {
+                        2.0 - y
+                    } else {
+                        (3.0 - y).max(0.0)
+                    };
+                    if right { throw * length } else { 0.0 }
                 };
                 let columns = torn_columns(&map, is_z_up, z);
                 let [low, high] = bounding_box(&columns.mesh.nodes);

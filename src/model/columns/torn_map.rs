@@ -160,7 +160,9 @@ impl<'a> TornMap<'a> {
                 sites: &sites,
                 cells_of_nodes: self.cells_of_nodes(),
             };
-            let near = (0..self.node_count()).into_par_iter().filter(|&n| is_continued[n]);
+            let near = (0..self.node_count())
+                .into_par_iter()
+                .filter(|&n| is_continued[n]);
             let continued: Vec<(usize, Option<f64>)> = near.map(|n| (n, fit.value_at(n))).collect();
             for (n, z) in continued {
                 known[n] = z;

@@ -69,7 +69,7 @@ pub fn report<'a>(
     progress: &mut dyn Progress,
 ) -> Result<PageStats> {
     let MeshInput { mesh, name, .. } = mesh.into();
-    let mut run = PageRun {
+    let run = PageRun {
         spec,
         name,
         image: image.into(),

@@ -120,7 +120,7 @@ pub fn segment<'a>(
         name,
         read_image,
     } = mesh.into();
-    let mut run = SegmentRun {
+    let run = SegmentRun {
         spec,
         name,
         image: image.into(),

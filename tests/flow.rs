@@ -313,6 +313,17 @@ fn multipliers_for_faults_by_number() {
             second > 0.2 * open && second < 0.9 * open,
             "{cells} {second} {open}"
         );
+        // Extended to the sides of the box, the second fault lets nothing pass either.
+        let extended = [
+            "--faults",
+            "open",
+            "--fault-multiplier",
+            "2:0",
+            "--extend-faults",
+            "100",
+        ];
+        let extended = throughput(dir, &extended);
+        assert!(extended < 1e-9 * open, "{cells} {extended} {open}");
         // Other options with the same meaning give the same rate.
         let assert_same_rate = |options: &[&str]| {
             let rate = throughput(dir, options);

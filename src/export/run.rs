@@ -86,7 +86,7 @@ pub fn export<'a>(
     };
     extended
         .iter()
-        .for_each(|fault| progress.note(&fault.note()));
+        .for_each(|fault| progress.note(&fault.note(3)));
     prepared.model.set_faults(&laws)?;
     if let Some(clay) = &spec.gouge.clay {
         let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;

@@ -449,6 +449,10 @@ class FlowOptions(TypedDict, total=False):
     #: pairs of regions and patterns as in --fault-multiplier. All others are open [default:
     #: faults]
     barriers: _Value | None
+    #: Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the
+    #: mesh, along the faces of cells. An extension has a name of its own, such as
+    #: fault1_extension, and the law of its fault
+    extend_faults: _Number | None
     #: Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     #: KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     permeability: _Value | None
@@ -522,6 +526,9 @@ class ColumnsOptions(TypedDict, total=False):
     layer_thickness: _Number | None
     #: Smallest thickness of a layer; thinner layers vanish at that place
     least_thickness: _Number | None
+    #: Let horizons be offset at the map's faults: z closer than DIST to a fault is continued from
+    #: the same side
+    throws: _Number | None
     #: Unit of z [default: the unit of the map's x]
     z_unit: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.

@@ -26,6 +26,7 @@
 //! - `facets`: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
 //! - `facet_selection`: the facets of a mesh that lie on features
 //! - `continuation_votes`: votes on which pieces continue each other
+//! - `fault_extension`: continues faults beyond their edges
 //! - `fault_separation`: horizons end on faults
 //! - `merging`: merges pieces into surfaces by their votes
 //! - `hole_patches`: fragments that close holes of a surface belong to it
@@ -45,6 +46,7 @@ pub(crate) mod continuation_votes;
 pub mod earlier_names;
 pub mod facet_selection;
 pub(crate) mod facets;
+pub(crate) mod fault_extension;
 pub(crate) mod fault_separation;
 pub(crate) mod hole_patches;
 pub(crate) mod kind;

@@ -1,13 +1,19 @@
 //! The surfaces of a mesh from a file.
 
+use super::fault_extension::{ExtendedFault, Extension, extensions};
 use super::kind::{SurfaceKind, surface_kinds};
 use super::names::{SurfaceNames, add_names, interface_name};
 use super::{Options, Surfaces, facet_selection};
 use crate::error::cause;
 use crate::geometry::{norm, normal, sorted_distinct};
 use crate::mesh::Mesh;
+<<<<<<< HEAD
 use crate::mesh::complex::NONE;
 use crate::store::named_surfaces::NamedSurfaces;
+=======
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+>>>>>>> res
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 
@@ -46,6 +52,17 @@ impl<const D: usize> NumberedSurfaces<D> {
         if names.is_empty() {
             return;
         }
+        self.add_surfaces(names, SurfaceKind::Interface, facet_lists);
+    }
+
+    /// Adds surfaces of one kind after those that are kept, with these names and facets, which lie
+    /// on no other surface.
+    fn add_surfaces(
+        &mut self,
+        names: Vec<String>,
+        kind: SurfaceKind,
+        facet_lists: Vec<Vec<[u32; D]>>,
+    ) {
         let (kept_count, count) = (self.kept_count as u32, names.len());
         for entry in self.facets.iter_mut().filter(|facet| facet.1 > kept_count) {
             entry.1 += count as u32;
@@ -57,10 +74,53 @@ impl<const D: usize> NumberedSurfaces<D> {
         self.facets.sort_unstable();
         self.names = self.all_names().names;
         self.names.extend(names);
-        let interfaces = std::iter::repeat_n(SurfaceKind::Interface, count);
-        self.kinds
-            .splice(self.kept_count..self.kept_count, interfaces);
+        let added = std::iter::repeat_n(kind, count);
+        self.kinds.splice(self.kept_count..self.kept_count, added);
         self.kept_count += count;
+    }
+
+    /// Extends all faults by up to `max_distance`, along the faces of these cells, which have the
+    /// nodes of the mesh. Each extension becomes a fault of its own. Returns the number of the
+    /// extended fault of each extension, and its description.
+    pub fn extend_faults(
+        &mut self,
+        cells: &PolyMesh<D>,
+        max_distance: f64,
+    ) -> Vec<(u32, ExtendedFault)> {
+        let graph = Graph::from_poly(cells);
+        let mut labels = facet_selection::labels_of_faces(cells, &self.facets);
+        labels.truncate(graph.connections.len());
+        let is_fault = |surface: &u32| self.kinds[*surface as usize - 1] == SurfaceKind::Fault;
+        let faults = (1..=self.kept_count as u32).filter(is_fault);
+        let faults: Vec<u32> = faults.collect();
+        let found = extensions(&graph, labels, &self.kinds, &faults, max_distance);
+        let mut names = self.all_names().names;
+        let known_count = names.len();
+        let fault_name = |extension: &Extension| names[extension.surface as usize - 1].clone();
+        let faults: Vec<String> = found.iter().map(fault_name).collect();
+        let new_names = faults.iter().map(|name| format!("{name}_extension"));
+        add_names(&mut names, new_names.collect::<Vec<_>>());
+        let new_names = names.split_off(known_count);
+        let facets_of = |extension: &Extension| {
+            let mut facets = Vec::new();
+            for &connection in &extension.connections {
+                cells.facets(connection, |mut facet| {
+                    facet.sort_unstable();
+                    facets.push(facet);
+                });
+            }
+            sorted_distinct(facets)
+        };
+        let lists: Vec<Vec<[u32; D]>> = found.iter().map(facets_of).collect();
+        // An extension goes on through horizons.
+        let taken = sorted_distinct(lists.concat());
+        self.facets
+            .retain(|(facet, _)| taken.binary_search(facet).is_err());
+        let described = (found.iter().zip(&faults).zip(&new_names))
+            .map(|((found, fault), name)| (found.surface, found.extended_fault(fault, name)));
+        let described = described.collect();
+        self.add_surfaces(new_names, SurfaceKind::Fault, lists);
+        described
     }
 }
 

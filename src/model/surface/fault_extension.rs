@@ -11,13 +11,11 @@ use std::collections::VecDeque;
 
 use serde::Serialize;
 
-use super::{FaceSurfaces, Model};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{add_scaled, bounding_box, dot, norm, sub, unit};
 use crate::mesh::graph::Graph;
 use crate::model::surface::SurfaceKind;
-use crate::model::surface::names::add_names;
 
 /// Largest distance of a cell from the continuation of a fault, in units of the cube root of its volume.
 const BAND_WIDTH: f64 = 2.5;
@@ -32,7 +30,7 @@ const MIN_FIT_RADIUS: f64 = 4.0;
 pub struct ExtendedFault {
     /// Name of the fault.
     pub name: String,
-    /// Area of its faces in m^2.
+    /// Area of its faces in m^2 (length in m in the plane).
     pub area: f64,
     /// Name of its extension, which is a surface of its own.
     pub extension: String,
@@ -43,42 +41,55 @@ pub struct ExtendedFault {
 }
 
 impl ExtendedFault {
-    /// Returns a line that describes the extension.
-    pub fn note(&self) -> String {
+    /// Returns a line that describes the extension in a mesh of this dimension.
+    pub fn note(&self, dimension: usize) -> String {
+        let unit = if dimension == 2 { "m" } else { "m^2" };
         format!(
-            "{} ({:.3e} m^2) is extended by {:.3e} m^2, {} faces: {}",
+            "{} ({:.3e} {unit}) is extended by {:.3e} {unit}, {} faces: {}",
             self.name, self.area, self.extension_area, self.faces, self.extension
         )
     }
 }
 
 /// The faces by which a fault continues.
-pub(super) struct Extension {
+pub(crate) struct Extension {
     /// Number of the fault.
     pub surface: u32,
+    /// Area of the fault.
+    pub fault_area: f64,
     /// The connections.
     pub connections: Vec<usize>,
     /// Their area, projected onto the continuation of the fault.
     pub area: f64,
 }
 
-/// Returns the extension of each of the `faults` (numbers of surfaces) that has one. No extension is
-/// farther than `max_distance` from its fault. An extension ends at those of the faults before.
-pub(super) fn extensions(
-    graph: &Graph<3>,
-    surfaces: &FaceSurfaces,
+impl Extension {
+    /// Describes the extension of a fault.
+    pub fn extended_fault(&self, fault: &str, name: &str) -> ExtendedFault {
+        ExtendedFault {
+            name: fault.into(),
+            area: self.fault_area,
+            extension: name.into(),
+            faces: self.connections.len(),
+            extension_area: self.area,
+        }
+    }
+}
+
+/// Returns the extension of each of the `faults` (numbers of surfaces) that has one. `labels` has the
+/// number of the surface of each connection, 0 for none, and `kinds` the kinds of surfaces 1, 2 ...
+/// No extension is farther than `max_distance` from its fault. An extension ends at those of the faults
+/// before.
+pub(crate) fn extensions<const D: usize>(
+    graph: &Graph<D>,
+    mut labels: Vec<u32>,
+    kinds: &[SurfaceKind],
     faults: &[u32],
     max_distance: f64,
 ) -> Vec<Extension> {
     let cell_connections = CellConnections::new(graph);
-    let mut labels = surfaces.merged_labels();
     let mut is_barrier: Vec<bool> = vec![false];
-    is_barrier.extend(
-        surfaces
-            .kinds
-            .iter()
-            .map(|kind| *kind != SurfaceKind::Horizon),
-    );
+    is_barrier.extend(kinds.iter().map(|kind| *kind != SurfaceKind::Horizon));
     let mut found = Vec::new();
     for &surface in faults {
         let Some(sheet) = FaultSheet::new(graph, &labels, surface) else {
@@ -87,6 +98,7 @@ pub(super) fn extensions(
         let sides = sheet.sides(graph, &cell_connections, &labels, &is_barrier, max_distance);
         let mut extension = Extension {
             surface,
+            fault_area: sheet.faces.iter().map(|face| face.2).sum(),
             connections: Vec::new(),
             area: 0.0,
         };
@@ -116,7 +128,7 @@ struct CellConnections {
 }
 
 impl CellConnections {
-    fn new(graph: &Graph<3>) -> Self {
+    fn new<const D: usize>(graph: &Graph<D>) -> Self {
         let cells = graph.connections.iter().flat_map(|c| c.cells);
         let (starts, sides) = sort_by_group(graph.volume.len(), cells.map(|cell| cell as usize));
         // Each connection has two sides.
@@ -134,28 +146,36 @@ impl CellConnections {
     }
 }
 
+/// Returns the edge of a cube (in the plane a square) of this volume.
+fn cell_size<const D: usize>(volume: f64) -> f64 {
+    match D {
+        2 => volume.sqrt(),
+        _ => volume.cbrt(),
+    }
+}
+
 /// A plane near a fault.
-struct FittedPlane {
-    normal: [f64; 3],
-    point: [f64; 3],
+struct FittedPlane<const D: usize> {
+    normal: [f64; D],
+    point: [f64; D],
     /// Distance of the position from the fault.
     distance: f64,
 }
 
 /// The faces of a fault.
-struct FaultSheet {
+struct FaultSheet<const D: usize> {
     surface: u32,
-    points: CellList<3>,
+    points: CellList<D>,
     /// Centre, normal and area of each face. The normals point to the same side.
-    faces: Vec<([f64; 3], [f64; 3], f64)>,
-    positions: Vec<[f64; 3]>,
+    faces: Vec<([f64; D], [f64; D], f64)>,
+    positions: Vec<[f64; D]>,
     min_radius: f64,
     size: f64,
 }
 
-impl FaultSheet {
+impl<const D: usize> FaultSheet<D> {
     /// Returns the faces of a surface, or `None` if it has none.
-    fn new(graph: &Graph<3>, labels: &[u32], surface: u32) -> Option<Self> {
+    fn new(graph: &Graph<D>, labels: &[u32], surface: u32) -> Option<Self> {
         let pairs = graph.connections.iter().zip(labels);
         let on_fault: Vec<_> = pairs
             .filter(|(_, l)| **l == surface)
@@ -165,7 +185,7 @@ impl FaultSheet {
         // The mean normal, up to its sign: each normal is turned to the side of the sum so far.
         let mut mean = first.normal;
         for _ in 0..2 {
-            mean = on_fault.iter().fold([0.0; 3], |sum, c| {
+            mean = on_fault.iter().fold([0.0; D], |sum, c| {
                 let sign = dot(c.normal, mean).signum();
                 add_scaled(sum, sign * c.area, c.normal)
             });
@@ -179,8 +199,8 @@ impl FaultSheet {
             .collect();
         let volumes = on_fault.iter().flat_map(|c| c.cells);
         let volume: f64 = volumes.map(|cell| graph.volume[cell as usize]).sum();
-        let mean_size = (volume / (2 * on_fault.len()) as f64).cbrt();
-        let positions: Vec<[f64; 3]> = faces.iter().map(|face| face.0).collect();
+        let mean_size = cell_size::<D>(volume / (2 * on_fault.len()) as f64);
+        let positions: Vec<[f64; D]> = faces.iter().map(|face| face.0).collect();
         let [low, high] = bounding_box(positions.iter().copied());
         Some(Self {
             surface,
@@ -193,7 +213,7 @@ impl FaultSheet {
     }
 
     /// Returns the distance of a position from the nearest face.
-    fn distance(&self, x: [f64; 3]) -> f64 {
+    fn distance(&self, x: [f64; D]) -> f64 {
         let mut radius = self.min_radius;
         loop {
             let mut nearest = f64::INFINITY;
@@ -208,10 +228,10 @@ impl FaultSheet {
     }
 
     /// Returns the plane that fits the part of the fault that is nearest to a position.
-    fn plane_at(&self, x: [f64; 3]) -> FittedPlane {
+    fn plane_at(&self, x: [f64; D]) -> FittedPlane<D> {
         let distance = self.distance(x);
         let radius = (distance + self.min_radius.max(distance)).min(distance + self.size);
-        let (mut normal, mut point, mut total) = ([0.0; 3], [0.0; 3], 0.0);
+        let (mut normal, mut point, mut total) = ([0.0; D], [0.0; D], 0.0);
         self.points.visit_within(x, radius, |i| {
             let (centre, n, area) = self.faces[i];
             // The nearest faces count most, and those at the radius not at all.
@@ -231,7 +251,7 @@ impl FaultSheet {
     /// Returns the side of each cell: -1 or 1 for cells near the fault or its continuation, 0 for others.
     fn sides(
         &self,
-        graph: &Graph<3>,
+        graph: &Graph<D>,
         cell_connections: &CellConnections,
         labels: &[u32],
         is_barrier: &[bool],
@@ -266,7 +286,7 @@ impl FaultSheet {
                 let plane = self.plane_at(site);
                 let offset = dot(sub(site, plane.point), plane.normal);
                 if plane.distance <= max_distance
-                    && offset.abs() <= BAND_WIDTH * graph.volume[other].cbrt()
+                    && offset.abs() <= BAND_WIDTH * cell_size::<D>(graph.volume[other])
                 {
                     sides[other] = if offset < 0.0 { -1 } else { 1 };
                     front.push_back(other as u32);
@@ -274,169 +294,5 @@ impl FaultSheet {
             }
         }
         sides
-    }
-}
-
-impl Model {
-    /// Extends all faults by up to `max_distance` metres. Each extension becomes a fault of its own.
-    pub fn extend_faults(&mut self, max_distance: f64) -> Vec<ExtendedFault> {
-        let names = self.surfaces.all_names().names;
-        let is_fault =
-            |surface: &u32| self.surfaces.kinds[*surface as usize - 1] == SurfaceKind::Fault;
-        let faults: Vec<u32> = (1..=self.surfaces.kept_count as u32)
-            .filter(is_fault)
-            .collect();
-        let found = extensions(&self.graph, &self.surfaces, &faults, max_distance);
-        let mut all_names = [super::reserved_names(), names.clone()].concat();
-        let known_count = all_names.len();
-        let fault_name = |extension: &Extension| names[extension.surface as usize - 1].clone();
-        let new_names = found.iter().map(|e| format!("{}_extension", fault_name(e)));
-        add_names(&mut all_names, new_names);
-        let new_names = all_names.split_off(known_count);
-        let extended = found
-            .iter()
-            .zip(&new_names)
-            .map(|(extension, new_name)| {
-                let pairs = self
-                    .graph
-                    .connections
-                    .iter()
-                    .zip(&self.surfaces.connection_surfaces);
-                let on_fault = pairs.filter(|(_, label)| **label == extension.surface);
-                ExtendedFault {
-                    name: fault_name(extension),
-                    area: on_fault.map(|(c, _)| c.area).sum(),
-                    extension: new_name.clone(),
-                    faces: extension.connections.len(),
-                    extension_area: extension.area,
-                }
-            })
-            .collect();
-        let mut extension_of = vec![None; self.graph.connections.len()];
-        for (number, extension) in found.iter().enumerate() {
-            for &index in &extension.connections {
-                extension_of[index] = Some(number);
-                // An extension goes on through horizons.
-                self.surfaces.connection_surfaces[index] = 0;
-            }
-        }
-        let first = self.surfaces.kept_count as u32 + 1;
-        let faults = found.iter().map(|extension| extension.surface);
-        self.surfaces.extensions = (first..).zip(faults).collect();
-        let kind = SurfaceKind::Fault;
-        (self.surfaces).add_surfaces(new_names, kind, |index| extension_of[index]);
-        extended
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::mesh::voronoi;
-    use crate::model::flow::FaultLaw;
-    use crate::model::reservoir::SealCheck;
-    use crate::progress::CancelToken;
-
-    const EXTENT: [f64; 3] = [12.0, 10.0, 8.0];
-
-    /// Returns a model of jittered cells with a site on each side of the plane x + 0.2 z = 6.4, as far
-    /// apart as cells are. `faults` tells which connections that cross the plane are the first fault.
-    fn model(faults: impl Fn([f64; 3]) -> bool) -> Model {
-        let mut state = 7u64;
-        let mut noise = || {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            (state >> 33) as f64 / (1u64 << 31) as f64 - 0.5
-        };
-        let mut atoms = Vec::new();
-        for i in 0..12 * 10 * 8 {
-            let index = [i % 12, i / 12 % 10, i / 120];
-            let mut x = index.map(|c| c as f64 + 0.5 + 0.2 * noise());
-            // Cells lean with the plane.
-            x[0] = (x[0] - 0.2 * (x[2] - 4.0)).clamp(0.05, 11.95);
-            atoms.push(x);
-        }
-        let mesh = voronoi::voronoi(&atoms, EXTENT).unwrap();
-        let mut model = Model::new(mesh, None);
-        let offset = |x: [f64; 3]| x[0] + 0.2 * (x[2] - 4.0) - 6.0;
-        let site = &model.graph.site;
-        let on_fault = model.graph.connections.iter().map(|c| {
-            let [a, b] = c.cells.map(|cell| offset(site[cell as usize]));
-            u32::from(a * b < 0.0 && faults(c.point))
-        });
-        model.surfaces.connection_surfaces = on_fault.collect();
-        model.surfaces.kinds = vec![SurfaceKind::Fault];
-        model.surfaces.kept_count = 1;
-        model
-    }
-
-    #[test]
-    fn a_fault_is_extended_to_the_sides_and_then_seals() {
-        // The fault ends in the middle of the box along y, and below its top.
-        let mut model = model(|x| x[1] < 5.0 && x[2] < 5.0);
-        let whole = self::model(|_| true);
-        let crossing = whole.surfaces.connection_surfaces;
-        model.set_faults(&FaultLaw::CLOSED.into()).unwrap();
-        let cancel = CancelToken::never();
-        let check = SealCheck::new(&model, &cancel).unwrap();
-        assert!(check.faults[0].passing_share > 0.3, "{check:?}");
-        let covered = check.faults[0].covered_share;
-        assert!((0.25..0.4).contains(&covered), "{covered}");
-        assert_eq!(check.compartments.len(), 1);
-
-        let extended = model.extend_faults(100.0);
-        let [fault] = &extended[..] else {
-            panic!("{extended:?}");
-        };
-        assert_eq!(
-            (&*fault.name, &*fault.extension),
-            ("fault1", "fault1_extension")
-        );
-        // The plane through the box, less the fault.
-        let area = 80.0 * 1.04f64.sqrt();
-        let total = fault.area + fault.extension_area;
-        assert!((total / area - 1.0).abs() < 0.1, "{total} {area}");
-        let labels = &model.surfaces.connection_surfaces;
-        let differing = labels.iter().zip(&crossing);
-        let differing = differing.filter(|(a, b)| (**a != 0) != (**b != 0)).count();
-        assert!(differing < 30, "{differing}");
-        model.set_faults(&FaultLaw::CLOSED.into()).unwrap();
-        let check = SealCheck::new(&model, &cancel).unwrap();
-        assert_eq!(check.faults.len(), 1, "{check:?}");
-        assert!(check.faults[0].passing_share < 1e-9, "{check:?}");
-        assert_eq!(check.faults[0].covered_share, 1.0);
-        assert_eq!(check.compartments.len(), 2);
-    }
-
-    #[test]
-    fn an_extension_ends_at_its_distance_and_at_the_next_fault() {
-        let mut near = model(|x| x[1] < 3.0);
-        let extended = near.extend_faults(2.0);
-        let sqrt = 1.04f64.sqrt();
-        let expected = 2.0 * 8.0 * sqrt;
-        assert!(
-            (extended[0].extension_area / expected - 1.0).abs() < 0.3,
-            "{extended:?}"
-        );
-        // Another fault across the box, y = 5.
-        let mut between = model(|x| x[1] < 3.0);
-        let sites = between.graph.site.clone();
-        let pairs = between.graph.connections.iter();
-        let labels = between.surfaces.connection_surfaces.clone();
-        let labels = pairs.zip(labels).map(|(c, label)| {
-            let [a, b] = c.cells.map(|cell| sites[cell as usize][1] - 5.0);
-            if a * b < 0.0 { 2 } else { label }
-        });
-        between.surfaces.connection_surfaces = labels.collect();
-        between.surfaces.kinds = vec![SurfaceKind::Fault; 2];
-        between.surfaces.kept_count = 2;
-        let extended = between.extend_faults(100.0);
-        assert_eq!(extended.len(), 1, "{extended:?}");
-        let expected = 2.0 * 8.0 * sqrt;
-        assert!(
-            (extended[0].extension_area / expected - 1.0).abs() < 0.2,
-            "{extended:?}"
-        );
     }
 }

@@ -158,7 +158,7 @@ pub fn without_padding<const D: usize, M: Simplices<D>>(file: MeshFile<M>) -> (M
     let (false, Some(space)) = (beyond.is_empty() || kept.is_empty(), space) else {
         return (file, 0);
     };
-    let left_out = file.mesh.len() - kept.len();
+    let dropped_count = file.mesh.len() - kept.len();
     let corners = |&cell: &u32| {
         let start = cell as usize * (D + 1);
         file.mesh.connectivity()[start..start + D + 1]
@@ -199,7 +199,7 @@ pub fn without_padding<const D: usize, M: Simplices<D>>(file: MeshFile<M>) -> (M
         cell_data: select(file.cell_data, &kept),
         field_data,
     };
-    (file, left_out)
+    (file, dropped_count)
 }
 
 #[cfg(test)]

@@ -7,13 +7,10 @@ use super::{Options, Surfaces, facet_selection};
 use crate::error::cause;
 use crate::geometry::{norm, normal, sorted_distinct};
 use crate::mesh::Mesh;
-<<<<<<< HEAD
 use crate::mesh::complex::NONE;
-use crate::store::named_surfaces::NamedSurfaces;
-=======
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
->>>>>>> res
+use crate::store::named_surfaces::NamedSurfaces;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 

@@ -75,8 +75,8 @@ pub struct Balls<const D: usize> {
 
 /// Two facets on a line where surfaces cross, which share the point in the sharp angle between them.
 ///
-/// The spheres round the ends of their common edge meet in a circle round the edge. The shared point
-/// is that of the circle which is as far from one facet as from the other. The spheres round the
+/// The spheres around the ends of their common edge meet in a circle around the edge. The shared point
+/// is that of the circle which is as far from one facet as from the other. The spheres around the
 /// opposite nodes pass through it, so the facets stay mirrors of their points.
 #[derive(Debug, Clone)]
 struct Wedge {

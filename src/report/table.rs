@@ -221,6 +221,9 @@ impl Report {
                 (dropped.in_narrow_parts, "in narrow parts"),
                 (dropped.weak, "weak"),
             ];
+            if parts.iter().all(|(count, _)| *count == 0) {
+                continue;
+            }
             let reasons = parts.map(|(count, why)| format!("{} {why}", group_digits(count)));
             let kind = outcome.kind;
             line(
@@ -569,8 +572,12 @@ fn format_samples(value: f64) -> String {
     }
 }
 
-/// Returns the text in lines of at most [`PROSE_WIDTH`] characters, broken between words.
+/// Returns the text in lines of at most `width` characters, broken between words.
 fn wrap_text(text: &str, width: usize) -> Vec<String> {
+    if text.starts_with(' ') {
+        // A row of a table.
+        return vec![text.to_owned()];
+    }
     let mut lines = vec![String::new()];
     for word in text.split(' ') {
         match lines.last_mut() {

@@ -199,7 +199,7 @@ fn offset_horizons_make_cells_of_different_layers_neighbours() {
         );
         for (format, output) in [
             ("opm", "CASE.DATA"),
-            ("mrst", "case.m"),
+            ("mrst", "case.mat"),
             ("pflotran", "case.uge"),
             ("tough2", "MESH"),
             ("openfoam", "case"),

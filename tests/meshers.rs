@@ -579,7 +579,7 @@ fn a_mesh_beyond_its_image_names_its_regions_in_exports_and_is_not_edited() {
         let seeds = "--object 20,20,20 --background 60,60,60 --quiet --json";
         let stdout = run(
             folder,
-            &format!("segment {mesh}.vtu {image} {seeds} -o s-{mesh}.vtu"),
+            &format!("segment {image} {mesh}.vtu {seeds} -o s-{mesh}.vtu"),
         );
         let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
         run(

@@ -157,8 +157,9 @@ class MeshOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -176,6 +177,8 @@ class MeshOptions(TypedDict, total=False):
     interval_byte: int | None
     #: A TOML file of options. Options on the command line take precedence
     config: _Path | None
+    #: Print the whole report, which --report writes as JSON in any case
+    details: bool | None
     #: Largest memory to use, such as 8G or 500M. A job that would need more is refused before it
     #: begins [default: the free memory]
     max_memory: int | None
@@ -241,8 +244,9 @@ class FeatureOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -287,8 +291,9 @@ class InfoOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -342,8 +347,9 @@ class ConvertOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -403,8 +409,9 @@ class ReportOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -498,8 +505,9 @@ class EditOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -555,8 +563,9 @@ class ColumnsOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -632,8 +641,9 @@ class ExportOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -785,8 +795,9 @@ class SliceOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -871,8 +882,9 @@ class SurfaceOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -930,8 +942,9 @@ class PaintOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -989,8 +1002,9 @@ class SegmentOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None

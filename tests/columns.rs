@@ -214,7 +214,8 @@ fn offset_horizons_make_cells_of_different_layers_neighbours() {
                 &format!("export {mesh} --to {format} -o {output} --down z {rock}"),
             );
         }
-        let disv = format!("export {mesh} --to disv -o disv --down z {ROCK}");
+        let rock = ROCK.replace("--quiet", "");
+        let disv = format!("export {mesh} --to disv -o disv --down z {rock}");
         let error = expect_refusal(folder, &disv.split_whitespace().collect::<Vec<_>>());
         assert!(
             error.contains("offset layers") && error.contains("--throws"),

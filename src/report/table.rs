@@ -64,29 +64,7 @@ impl Report {
             });
             add("size", format!("{count} {}{conforming}", voronoi.kind));
         }
-        if let Some(quality) = self.quality_physical.as_ref().or(self.quality.as_ref()) {
-            let (smallest, largest) = (quality.smallest_angle, quality.largest_angle);
-            add(
-                "angles",
-                format!(
-                    "from {:.1} to {:.1} degrees; in 99 % of the {} from {:.1} to {:.1}",
-                    smallest.worst, largest.worst, quality.kind, smallest.percent, largest.percent
-                ),
-            );
-        }
-        if let Some(faces) = self.fidelity.as_ref().and_then(|f| f.tagged_faces.as_ref()) {
-            add(
-                "faces",
-                format!(
-                    "{} faces on features cover {:.1} % of them within half a sample, {:.1} % within \
-                     one; {:.1} % of their area lies within one sample of a feature",
-                    group_digits(faces.faces),
-                    100.0 * faces.coverage_half,
-                    100.0 * faces.coverage_one,
-                    100.0 * faces.precision
-                ),
-            );
-        }
+        self.add_angles_and_faces(&mut add);
         if let Some(improvement) = &self.improvement {
             let count = group_digits(improvement.sealed.compartments);
             add(
@@ -119,6 +97,33 @@ impl Report {
             lines.push(format!("{:<12}{hidden} more lines: --details", "..."));
         }
         lines.join("\n")
+    }
+
+    /// Adds the extreme angles, and how much of the features the tagged faces cover.
+    fn add_angles_and_faces(&self, line: &mut impl FnMut(&str, String)) {
+        if let Some(quality) = self.quality_physical.as_ref().or(self.quality.as_ref()) {
+            let (smallest, largest) = (quality.smallest_angle, quality.largest_angle);
+            line(
+                "angles",
+                format!(
+                    "from {:.1} to {:.1} degrees; in 99 % of the {} from {:.1} to {:.1}",
+                    smallest.worst, largest.worst, quality.kind, smallest.percent, largest.percent
+                ),
+            );
+        }
+        if let Some(faces) = self.fidelity.as_ref().and_then(|f| f.tagged_faces.as_ref()) {
+            line(
+                "faces",
+                format!(
+                    "{} faces on features cover {:.1} % of them within half a sample, {:.1} % within \
+                     one; {:.1} % of their area lies within one sample of a feature",
+                    group_digits(faces.faces),
+                    100.0 * faces.coverage_half,
+                    100.0 * faces.coverage_one,
+                    100.0 * faces.precision
+                ),
+            );
+        }
     }
 
     /// Returns the whole report as a table of plain lines, about 80 columns wide. Sections without

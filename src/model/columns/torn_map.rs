@@ -329,7 +329,8 @@ fn plane_at(x: [f64; 2], points: &[([f64; 2], f64)]) -> Option<f64> {
         [(0, 0), (0, 1), (1, 1)].map(|(k, l)| mean(&|i| offset(i, k) * offset(i, l)));
     let [half_trace, half_difference] = [0.5 * (xx + yy), 0.5 * (xx - yy)];
     let spread = (half_difference * half_difference + xy * xy).sqrt();
-    if !(half_trace - spread > MIN_VARIANCE_RATIO * (half_trace + spread)) {
+    let is_wide = half_trace - spread > MIN_VARIANCE_RATIO * (half_trace + spread);
+    if !is_wide {
         return None;
     }
     let right = [0, 1].map(|k| mean(&|i| offset(i, k) * (points[i].1 - z)));

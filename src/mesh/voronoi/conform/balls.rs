@@ -384,6 +384,32 @@ impl<const D: usize> Balls<D> {
         deepest
     }
 
+    /// Gives node `n` the radius with the lowest penalty of `facets` among those tried, if it is below
+    /// `before`, and the nodes opposite it in `wedges` the radii that follow from it.
+    fn reduce_penalty(&mut self, n: usize, before: f64, facets: &[u32], wedges: &[usize]) {
+        let old_square = self.squared_radii[n];
+        let mut best = (before - ROUNDING_TOLERANCE, old_square);
+        for new_square in SQUARED_RADIUS_FACTORS.map(|factor| old_square * factor) {
+            if new_square > (MAX_RADIUS * self.edge_lengths[n]).powi(2) {
+                continue;
+            }
+            self.squared_radii[n] = new_square;
+            wedges.iter().for_each(|&w| self.set_opposite_radii(w));
+            let mut after = 0.0;
+            for &f in facets {
+                after += self.fault_score(f as usize);
+                if after >= best.0 {
+                    break;
+                }
+            }
+            if after < best.0 {
+                best = (after, new_square);
+            }
+        }
+        self.squared_radii[n] = best.1;
+        wedges.iter().for_each(|&w| self.set_opposite_radii(w));
+    }
+
     /// Changes radii, one after the other, as long as that reduces the penalty.
     fn adjust_radii(&mut self) {
         let (nodes, facets) = (self.surface.nodes.len(), self.surface.facets.len());
@@ -437,31 +463,8 @@ impl<const D: usize> Balls<D> {
             for n in (0..nodes).filter(|&n| is_selected[n] && !is_dependent[n]) {
                 let old_square = self.squared_radii[n];
                 let before: f64 = affected_facets[n].iter().map(|&f| faults[f as usize]).sum();
-                let mut best = (before - ROUNDING_TOLERANCE, old_square);
-                for new_square in SQUARED_RADIUS_FACTORS.map(|factor| old_square * factor) {
-                    if new_square > (MAX_RADIUS * self.edge_lengths[n]).powi(2) {
-                        continue;
-                    }
-                    self.squared_radii[n] = new_square;
-                    wedges_of_nodes[n]
-                        .iter()
-                        .for_each(|&w| self.set_opposite_radii(w));
-                    let mut after = 0.0;
-                    for &f in &affected_facets[n] {
-                        after += self.fault_score(f as usize);
-                        if after >= best.0 {
-                            break;
-                        }
-                    }
-                    if after < best.0 {
-                        best = (after, new_square);
-                    }
-                }
-                self.squared_radii[n] = best.1;
-                wedges_of_nodes[n]
-                    .iter()
-                    .for_each(|&w| self.set_opposite_radii(w));
-                if best.1 != old_square {
+                self.reduce_penalty(n, before, &affected_facets[n], &wedges_of_nodes[n]);
+                if self.squared_radii[n] != old_square {
                     improved = true;
                     for &f in &affected_facets[n] {
                         faults[f as usize] = self.fault_score(f as usize);

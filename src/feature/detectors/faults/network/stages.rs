@@ -74,7 +74,7 @@ impl Stage {
         match self.step {
             Step::Halving => 2 * z..(2 * z + 2).min(count),
             Step::Convolution(_) if source.is_doubled => {
-                z.saturating_sub(1) / 2..((z + 1) / 2 + 1).min(count)
+                z.saturating_sub(1) / 2..(z.div_ceil(2) + 1).min(count)
             }
             Step::Convolution(_) => z.saturating_sub(1)..(z + 2).min(count),
         }

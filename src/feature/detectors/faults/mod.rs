@@ -125,9 +125,12 @@ impl<const D: usize> Detector<D> for Faults {
         let evidence = input.options.fault_evidence;
         let likelihood = match evidence {
             FaultEvidence::Network => {
-                drop(samples);
-                let amplitude = input.samples(1.0)?;
-                network::likelihood(&amplitude, (vertical, rms.unsmoothed), cancel)?
+                // A given scale applies to the amplitudes; the network needs none.
+                let (amplitude, rms) = match input.options.scale {
+                    Some(_) => (samples, rms.smoothed),
+                    None => (input.samples(1.0)?, rms.unsmoothed),
+                };
+                network::likelihood(&amplitude, (vertical, rms), cancel)?
             }
             FaultEvidence::Semblance => {
                 let max_slope = |normal, crossed_axis| {

@@ -5,7 +5,7 @@
 
 The networks are convolutional networks of the U-Net form (Ronneberger et al. 2015; for faults: Wu et al. 2019,
 "FaultSeg3D"), one for volumes and one for sections. They learn from synthetic images that this script makes while it
-trains: layers of random reflectivity, folded, sheared, eroded and displaced by up to eight planar, listric or curved faults
+trains: layers of random reflectivity, folded, sheared, eroded and displaced by up to six planar, listric or curved faults
 that cross and end at one another; noise of several kinds, acquisition footprints, dead traces, bodies of chaos.
 No real image and no image of `scripts/fault_trials.py` or `atomesh synth` is used.
 

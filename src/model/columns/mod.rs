@@ -723,9 +723,20 @@ mod tests {
         extend(&torn, &z, &horizon_names(3), &division, 0.0).unwrap()
     }
 
+    /// Returns the rate into the side xmin of columns of uniform rock, with a pressure that is larger by 2
+    /// there than at xmax.
+    fn inflow(columns: &Columns) -> f64 {
+        use crate::model::flow::{CellFlow, FaultLaw, Rock, Tensor};
+        let graph = Graph::from_poly(&columns.mesh);
+        let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
+        let flow = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
+        let rates = vec![0.0; graph.volume.len()];
+        let solution = flow.solve(&rates, &[(0, 3.0), (1, 1.0)]).unwrap();
+        solution.inflow[graph.volume.len()]
+    }
+
     #[test]
     fn cells_of_offset_columns_share_exact_areas_and_flow_in_series() {
-        use crate::model::flow::{CellFlow, FaultLaw, Rock, Tensor};
         let map = faulted_map(4.0);
         for is_z_up in [false, true] {
             let columns = torn_columns(&map, is_z_up, |right, _| if right { 4.0 } else { 0.0 });
@@ -741,12 +752,7 @@ mod tests {
 
             // The layers are one flow path of five connections and two half cells, as nothing
             // distinguishes them: it has 20 high and 4 wide, and 16 high at the fault.
-            let graph = Graph::from_poly(&columns.mesh);
-            let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
-            let flow = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
-            let rates = vec![0.0; graph.volume.len()];
-            let solution = flow.solve(&rates, &[(0, 3.0), (1, 1.0)]).unwrap();
-            let inflow = solution.inflow[graph.volume.len()];
+            let inflow = inflow(&columns);
             let least = 2.0 * 2.0 / (4.0 / 80.0 + 1.0 / 64.0 + 2.0 * 0.5 / 80.0);
             // Flow between the layers is slow, so that the resistance is larger than in series.
             assert!(inflow < least && inflow > 0.9 * least, "{inflow} {least}");
@@ -764,12 +770,7 @@ mod tests {
             let division = LayerDivision::Counts(vec![1]);
             extend(&torn, &z, &horizon_names(2), &division, 0.0).unwrap()
         };
-        let graph = Graph::from_poly(&columns.mesh);
-        let rock = Rock::uniform(Tensor::isotropic(2.0), 1.0);
-        let flow = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
-        let rates = vec![0.0; graph.volume.len()];
-        let solution = flow.solve(&rates, &[(0, 3.0), (1, 1.0)]).unwrap();
-        let inflow = solution.inflow[graph.volume.len()];
+        let inflow = inflow(&columns);
         let expected = 2.0 * 2.0 / (4.0 / 40.0 + 1.0 / 24.0 + 2.0 * 0.5 / 40.0);
         assert!(
             (inflow / expected - 1.0).abs() < 1e-9,

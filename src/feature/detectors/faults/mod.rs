@@ -2,7 +2,7 @@
 //!
 //! 1. The structure tensor gives the normals of layers ([`NormalField`]).
 //! 2. The likelihood of a fault at each sample comes from a convolutional network
-//!    ([`network`]), or from semblance ([`FaultEvidence`]). `semblance` compares the waveforms of a layer
+//!    (`network`), or from semblance ([`FaultEvidence`]). `semblance` compares the waveforms of a layer
 //!    on the two sides of a possible fault (after Marfurt et al. 1998). `scan` smooths numerator and
 //!    denominator of the semblance over steep planes through each sample, and takes the plane with the
 //!    lowest ratio (Hale 2013). One minus its square is the fault likelihood.

@@ -14,11 +14,10 @@
 mod convolution;
 mod stages;
 
-use crate::progress::CancelToken;
-
 use super::semblance::balance_amplitudes;
 use crate::error::Result;
 use crate::feature::windows::Samples;
+use crate::progress::CancelToken;
 use convolution::{Convolution, SourceWeights};
 use half::f16;
 use stages::{Network, Source, Stage};

@@ -65,7 +65,7 @@ const MAX_LAYER_COSINE: f32 = 0.92;
 const MIN_HEIGHT_SHARE: f32 = 0.2;
 
 /// Width (samples) of the Gaussian under which ridges of the network's probability are sought: faults
-/// are marked by ridges that are as wide.
+/// are marked by ridges that are as wide (`RIDGE_SIGMA` in `scripts/train_fault_network.py`).
 const PROBABILITY_SCALE: f64 = 0.75;
 /// Strength of a ridge of the probability down to which a fault is followed, and the one that it must
 /// reach somewhere, in sections and in volumes. Measured with `scripts/fault_trials.py`, seeds 101 to 106.

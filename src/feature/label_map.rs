@@ -29,7 +29,7 @@ impl LabelOptions {
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
         let (label, settings) = text
             .split_once(':')
-            .ok_or_else(|| ("has no options after the label".into(), remedy))?;
+            .ok_or_else(|| ("gives a label, but no options for it".into(), remedy))?;
         let label = LabelValue::parse(label)
             .ok_or_else(|| (format!("'{label}' is not the value of a label"), remedy))?;
         let mut options = Self {

@@ -102,7 +102,12 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
             (1, [_]) | (3, [_, _]) => {}
             (5, &[i, j, k]) => foreign.triangles.push(([i, j, k], region)),
             (10, &[i, j, k, l]) => foreign.tets.push(([i, j, k, l], region)),
-            _ => return Err(file.error("has cells with a wrong number of nodes", "write it again")),
+            _ => {
+                return Err(file.error(
+                    "has cells with a wrong number of nodes",
+                    "copy the file again, or write it again with the program that made it",
+                ));
+            }
         }
     }
     foreign.into_mesh().map_err(|fault| fault.at(path))
@@ -120,7 +125,7 @@ impl FileProblem {
     fn damaged(problem: impl Into<String>) -> Self {
         Self {
             problem: problem.into(),
-            remedy: "write it again",
+            remedy: "copy the file again, or write it again with the program that made it",
         }
     }
 

@@ -288,7 +288,10 @@ fn intervals_and_counts_that_disagree_are_reported() {
     builder.set_field(0, 117, 2, 2000);
     builder.set_field(0, 115, 2, 99);
     let loaded = builder.read().unwrap();
-    assert!(has_note(&loaded, "4000 us, the first trace's 2000 us"));
+    assert!(has_note(
+        &loaded,
+        "4000 us by the file header and 2000 us by the first trace"
+    ));
     assert!(has_note(&loaded, "first trace gives 99 samples"));
     // The value of the first trace is used if that of the file header cannot be right.
     builder.fields.extend([(3217, 2, -4000), (3221, 2, 17)]);

@@ -64,7 +64,7 @@ impl LabelOptions {
                     let problem = format!("name '{value}' is not made of letters, digits, - and _");
                     return Err((problem, "give a name such as left_lung"));
                 }
-                _ => return Err((format!("'{part}' is not known"), remedy)),
+                _ => return Err((format!("'{part}' is not an option of a label"), remedy)),
             }
         }
         if options.merge_into.is_some() && (options.distance.is_some() || options.name.is_some()) {

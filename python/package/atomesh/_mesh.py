@@ -853,10 +853,12 @@ class Mesh:
 
         Examples
         --------
-        >>> import atomesh
-        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5, feature="none")
-        >>> [region.region for region in mesh.paint().regions]
-        [1]
+        >>> import atomesh, numpy as np
+        >>> labels = np.ones((20, 20, 20), dtype=np.uint8)
+        >>> labels[:, :, 10:] = 2
+        >>> mesh = atomesh.mesh(labels, feature="labels", distance=5)
+        >>> len(mesh.paint().regions)
+        2
         """
         words: dict[str, Any] = {"seed": seed, **options}
         objects = {}
@@ -992,7 +994,9 @@ class Mesh:
         >>> columns.n_cells == 4 * map.n_cells
         True
         """
-        return self._run("columns", [MESH], {"horizon": list(horizon), **options})
+        # As texts, so that two or three numbers are not taken for the coordinates of a point.
+        horizons = [str(z) if isinstance(z, (int, float, np.number)) else z for z in horizon]
+        return self._run("columns", [MESH], {"horizon": horizons, **options})
 
     def _needs_image(self, verb: str, image: Volume | None) -> Image:
         if image is not None:

@@ -210,7 +210,7 @@ impl Options<'_> {
             ));
         }
         if spec.rounds == Some(0) {
-            let problem = "would not move any atom";
+            let problem = "allows no move of any atom";
             return Err(option_error(
                 "rounds",
                 0,

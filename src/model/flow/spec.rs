@@ -318,7 +318,7 @@ impl FlowSpec {
                     "has {} coordinates, but the mesh has {D} axes",
                     position.len()
                 );
-                Error::Flow(cause(&name, problem, "give as many"))
+                Error::Flow(cause(&name, problem, "give one coordinate for each axis"))
             })?;
             Ok(PointWell {
                 name,

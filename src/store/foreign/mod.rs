@@ -39,7 +39,7 @@ use crate::{Error, Result};
 pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     use std::io::Read;
     let mut head = Vec::new();
-    let file = open(path, "give a mesh")?;
+    let file = open(path, "give the file of a mesh")?;
     let bytes_read = file.take(16).read_to_end(&mut head);
     bytes_read.map_err(|e| io_error(path, "read", e))?;
     let read_all = || fs::read(path).map_err(|e| io_error(path, "read", e));

@@ -490,8 +490,9 @@ impl SegySurvey {
             (_, None) => "",
         };
         if unit.is_empty() {
-            self.notes
-                .push("the file does not say whether X, Y are metres or feet".into());
+            self.notes.push(
+                "the file does not say whether X, Y are metres or feet (--unit says it)".into(),
+            );
         }
         unit
     }

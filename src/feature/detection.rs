@@ -363,7 +363,7 @@ mod tests {
             for dims in [[1 << 16, 1 << 16, (1 << 16) + 1], [usize::MAX; 3]] {
                 let error = check_count(dims, kind).unwrap_err().to_string();
                 assert!(
-                    error.contains("found among at most 281474976710656"),
+                    error.contains("found in at most 281474976710656"),
                     "{error}"
                 );
             }
@@ -466,6 +466,6 @@ mod tests {
         let empty = Image::new(dims, vec![f32::NAN; 16 * 15 * 14], Geometry::default());
         assert_refused(&empty, &|_| (), "no sample that holds data");
         let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
-        assert_refused(&flat, &|_| (), "constant");
+        assert_refused(&flat, &|_| (), "the same value everywhere");
     }
 }

@@ -367,7 +367,7 @@ mod tests {
             ("3:distance=nan", "not a positive"),
             ("3:into=3", "another label"),
             ("3:name=two words", "letters"),
-            ("3:colour=red", "not known"),
+            ("3:colour=red", "not an option"),
             ("3:into=4,name=x", "merged into another"),
         ] {
             let (problem, _) = LabelOptions::parse(text).unwrap_err();

@@ -405,7 +405,7 @@ mod tests {
                 .check("c")
                 .unwrap_err()
                 .to_string()
-                .contains("equal 7")
+                .contains("the value 7")
         );
     }
 }

@@ -91,7 +91,7 @@ impl Report {
             line(
                 "faces",
                 format!(
-                    "{} faces are to lie on features: {:.1} % of the features have a face within half \
+                    "{} faces are marked as lying on features: {:.1} % of the features have a face within half \
                      a sample, {:.1} % within one; {:.1} % of the area of these faces lies within one \
                      sample of a feature",
                     group_digits(faces.faces),

@@ -256,7 +256,7 @@ fn add_improvement(line: &mut impl FnMut(&str, String), improvement: &Improvemen
     line(
         "sealing",
         format!(
-            "the faces on features divide the mesh into {} compartments; {} faces (area {area:.0}) were added to close holes",
+            "{} compartments between the faces on features; {} faces (area {area:.0}) close holes",
             group_digits(compartments),
             group_digits(faces)
         ),

@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 from . import _native
 from ._call import call as _call
+from ._call import error as _error
 from ._call import options_of as _options_of
-from ._errors import Error
+from ._call import verbs as _verbs
+from ._errors import Error, MissingItemError
 from ._image import NAME as _NAME
 from ._image import Image, read
 from ._mesh import Mesh, Picture, Region, load, mesh, voronoi
@@ -210,8 +212,8 @@ def options(verb: str) -> dict[str, str]:
 
     Raises
     ------
-    KeyError
-        If there is no such verb.
+    MissingItemError
+        If there is no such verb. This is also a KeyError.
 
     Examples
     --------
@@ -221,6 +223,9 @@ def options(verb: str) -> dict[str, str]:
     >>> atomesh.options("mesh")["cells"].startswith("Kind of cells")
     True
     """
+    if verb not in _verbs():
+        remedy = f"give one of {', '.join(_verbs())}"
+        raise _error(f"options({verb!r})", "there is no such verb", remedy, MissingItemError)
 
     def help_text(option: dict[str, Any]) -> str:
         text = option["help"] or ""

@@ -101,8 +101,10 @@ class Image:
         array = _filled(source.array)
         if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
             is_other_type = array.dtype == object and array.ndim == 0
-            problem = f"is of type {type(volume).__name__}" if is_other_type else f"holds {array.dtype}"
-            raise error(NAME, problem, "give real numbers", ArgumentError)
+            if is_other_type:
+                remedy = "give an array of real numbers, the path of an image, or an image of another package"
+                raise error(NAME, f"is of type {type(volume).__name__}", remedy, ArgumentError)
+            raise error(NAME, f"holds {array.dtype}", "give real numbers", ArgumentError)
         if array.ndim == 3 and array.shape[0] == 1:
             array = array[0]
             source.origin, source.axes = source.origin[:2], source.axes[:2, :2]

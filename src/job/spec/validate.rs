@@ -232,7 +232,7 @@ impl Options<'_> {
                 "distance-from",
                 source,
                 &format!("makes the distance vary, but it is {d} everywhere"),
-                "omit it, or give a range such as --distance 5:15",
+                "omit it, or give a range MIN:MAX such as --distance 5:15",
             )),
             (NominalDistance::Range { .. }, DistanceSource::File(path)) if !names_image(path) => {
                 Err(option_error(

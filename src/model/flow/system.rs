@@ -262,11 +262,11 @@ impl Compartments {
                     "rates",
                     if is_single {
                         format!(
-                            "sources bring {net:.6e} m^3/s more than sinks take, and no pressure is given"
+                            "the rates of sources and sinks do not balance (their sum is {net:.6e} m^3/s), and no pressure is given"
                         )
                     } else {
                         format!(
-                            "in one of the {} parts of the mesh that closed faults separate, sources bring {net:.6e} m^3/s more than sinks take, and no pressure is given there",
+                            "in one of the {} parts of the mesh that closed faults separate, the rates of sources and sinks do not balance (their sum is {net:.6e} m^3/s), and no pressure is given there",
                             self.count
                         )
                     },

@@ -213,7 +213,7 @@ impl Row<'_> {
             let entry = known.iter().find(|(name, _)| *name == text);
             entry.map(|(_, value)| *value).ok_or_else(|| {
                 let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-                let problem = format!("column {column} has no '{text}'");
+                let problem = format!("'{text}' is not possible in column {column}");
                 self.error(problem, &format!("give one of {}", names.join(", ")))
             })
         };
@@ -242,7 +242,9 @@ impl Row<'_> {
             ("gas", rates[2].is_some() || injects_gas, has_gas),
         ] {
             if is_given && !exists {
-                let problem = format!("has a rate of {phase}, which the simulation has not");
+                let problem = format!(
+                    "has a rate of {phase}, which is not among the fluids of the simulation"
+                );
                 return Err(self.error(problem, "give other fluids (fluid), or leave it empty"));
             }
         }

@@ -294,10 +294,7 @@ fn mark_feature_faces<const D: usize>(mesh: &mut PolyMesh<D>, pairs: &[i64]) {
 
 fn damaged_error(file: &VtkFile, part: &str) -> Error {
     let problem = format!("its cells are damaged: {part}");
-    file.error(
-        problem,
-        "copy the file again, or write it again with the program that made it",
-    )
+    file.error(problem, crate::files::REWRITE_DAMAGED)
 }
 
 /// Returns the faces of polyhedra as a stream, and the end of each cell's faces in it. Other cells

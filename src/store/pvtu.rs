@@ -155,7 +155,7 @@ pub fn read_pvtu(path: &Path) -> Result<AnyMesh> {
         let Some(source) = piece.attribute("Source") else {
             return Err(file.error(
                 "has a piece without a Source",
-                "copy the file again, or write it again with the program that made it",
+                crate::files::REWRITE_DAMAGED,
             ));
         };
         count += 1;
@@ -166,10 +166,7 @@ pub fn read_pvtu(path: &Path) -> Result<AnyMesh> {
         }
     }
     match (triangles.len(), tetrahedra.len()) {
-        (0, 0) if count == 0 => Err(file.error(
-            "lists no parts",
-            "copy the file again, or write it again with the program that made it",
-        )),
+        (0, 0) if count == 0 => Err(file.error("lists no parts", crate::files::REWRITE_DAMAGED)),
         (parts, 0) if parts == count => concatenate(path, triangles).map(AnyMesh::Triangles),
         (0, parts) if parts == count => concatenate(path, tetrahedra).map(AnyMesh::Tetrahedra),
         _ => Err(file.error(

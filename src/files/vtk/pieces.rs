@@ -28,7 +28,7 @@ pub(crate) fn read_count(file: &VtkFile, piece: &Element, name: &str) -> Result<
         [n] => Ok(n),
         _ => Err(file.error(
             format!("{name} is not one number"),
-            "copy the file again, or write it again with the program that made it",
+            crate::files::REWRITE_DAMAGED,
         )),
     }
 }
@@ -49,18 +49,12 @@ pub(crate) fn read_nodes<const D: usize>(
     };
     if numbers.len() != points.saturating_mul(3) {
         let problem = format!("has {} coordinates for {points} points", numbers.len());
-        return Err(file.error(
-            problem,
-            "copy the file again, or write it again with the program that made it",
-        ));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     let (nodes, _) = numbers.as_chunks::<3>();
     if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
         let problem = format!("node {node} is not finite");
-        return Err(file.error(
-            problem,
-            "copy the file again, or write it again with the program that made it",
-        ));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     if let Some(coordinate) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
         let problem = format!("has cells off the plane z = 0 (at z = {coordinate})");
@@ -83,7 +77,7 @@ pub(crate) fn read_cell_values(file: &VtkFile, cells: &Element, name: &str) -> R
         .ok_or_else(|| {
             file.error(
                 format!("its cells have no array '{name}'"),
-                "copy the file again, or write it again with the program that made it",
+                crate::files::REWRITE_DAMAGED,
             )
         })?;
     Ok(file.array(element)?.values)

@@ -53,10 +53,7 @@ impl VtkFile {
             return Err(self.error("is not a VTK XML file", remedy));
         }
         let root = xml::parse(&self.bytes).map_err(|why| {
-            self.error(
-                format!("is damaged: {why}"),
-                "copy the file again, or write it again with the program that made it",
-            )
+            self.error(format!("is damaged: {why}"), crate::files::REWRITE_DAMAGED)
         })?;
         let found_kind = root.attribute("type").unwrap_or("nothing");
         if root.name != "VTKFile" || found_kind != kind || root.child(kind).is_none() {
@@ -101,10 +98,7 @@ impl VtkFile {
             .filter(|c| c.name == "Piece");
         match (pieces.next(), pieces.count()) {
             (Some(piece), 0) => Ok(piece),
-            (None, _) => Err(self.error(
-                "has no piece",
-                "copy the file again, or write it again with the program that made it",
-            )),
+            (None, _) => Err(self.error("has no piece", crate::files::REWRITE_DAMAGED)),
             (_, more) => Err(self.error(
                 format!("has {} pieces", more + 1),
                 "merge them into one (ParaView: Merge Blocks)",
@@ -117,12 +111,9 @@ impl VtkFile {
     /// # Errors
     /// Returns [`Error::Io`] with the name of the element if it is missing.
     pub fn child<'e>(&self, element: &'e Element, name: &str) -> Result<&'e Element> {
-        element.child(name).ok_or_else(|| {
-            self.error(
-                format!("has no {name}"),
-                "copy the file again, or write it again with the program that made it",
-            )
-        })
+        element
+            .child(name)
+            .ok_or_else(|| self.error(format!("has no {name}"), crate::files::REWRITE_DAMAGED))
     }
 
     /// Parses a required attribute that holds numbers separated by spaces.
@@ -143,10 +134,7 @@ impl VtkFile {
         .ok_or_else(|| {
             let value = text.map_or("missing".to_string(), |t| format!("'{t}'"));
             let problem = format!("the attribute {name} of {} is {value}", element.name);
-            self.error(
-                problem,
-                "copy the file again, or write it again with the program that made it",
-            )
+            self.error(problem, crate::files::REWRITE_DAMAGED)
         })
     }
 
@@ -159,7 +147,7 @@ impl VtkFile {
         let fault = |problem: String| {
             self.error(
                 format!("array '{name}' {problem}"),
-                "copy the file again, or write it again with the program that made it",
+                crate::files::REWRITE_DAMAGED,
             )
         };
         let kind = element.attribute("type").unwrap_or_default();
@@ -201,7 +189,7 @@ impl VtkFile {
         let fault = |problem: String| {
             self.error(
                 format!("array '{name}' {problem}"),
-                "copy the file again, or write it again with the program that made it",
+                crate::files::REWRITE_DAMAGED,
             )
         };
         let mut bytes = if element.attribute("format") == Some("ascii") {

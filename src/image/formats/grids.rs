@@ -70,7 +70,7 @@ pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
         Error::Io(cause(
             path.display(),
             format!("is a damaged {format} grid: {problem}"),
-            "copy the file again, or write it again with the program that made it",
+            crate::files::REWRITE_DAMAGED,
         ))
     };
     let grid = match format {

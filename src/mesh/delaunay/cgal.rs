@@ -104,7 +104,7 @@ pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
                 "a tetrahedron has the nodes {tet:?}, but there are {} nodes",
                 points.len()
             ),
-            "copy the file again, or write it again with the program that made it",
+            crate::files::REWRITE_DAMAGED,
         )));
     }
     // CGAL's structure numbers four faces for each tetrahedron, and four beyond each hull face,

@@ -105,7 +105,7 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
             _ => {
                 return Err(file.error(
                     "has cells with a wrong number of nodes",
-                    "copy the file again, or write it again with the program that made it",
+                    crate::files::REWRITE_DAMAGED,
                 ));
             }
         }
@@ -125,7 +125,7 @@ impl FileProblem {
     fn damaged(problem: impl Into<String>) -> Self {
         Self {
             problem: problem.into(),
-            remedy: "copy the file again, or write it again with the program that made it",
+            remedy: crate::files::REWRITE_DAMAGED,
         }
     }
 

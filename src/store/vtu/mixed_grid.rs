@@ -22,7 +22,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     let damaged = || {
         file.error(
             "has cells with a wrong number of nodes",
-            "copy the file again, or write it again with the program that made it",
+            crate::files::REWRITE_DAMAGED,
         )
     };
     let corners = read_cell_nodes(file, element, types.len())?;

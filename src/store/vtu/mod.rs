@@ -425,7 +425,7 @@ pub(crate) fn read_cell_nodes(file: &VtkFile, cells: &Element, count: usize) -> 
     let damaged = || {
         file.error(
             "has cells with a wrong number of nodes",
-            "copy the file again, or write it again with the program that made it",
+            crate::files::REWRITE_DAMAGED,
         )
     };
     let ends = read_cell_integers(file, cells, "offsets")?;
@@ -481,10 +481,7 @@ fn read_corners<const D: usize, M: Simplices<D>>(
             ends.len(),
             corners.len()
         );
-        return Err(file.error(
-            problem,
-            "copy the file again, or write it again with the program that made it",
-        ));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     if points > u32::MAX as usize {
         return Err(file.error(
@@ -494,10 +491,7 @@ fn read_corners<const D: usize, M: Simplices<D>>(
     }
     if let Some(node) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
         let problem = format!("a cell has node {node}, but there are {points} points");
-        return Err(file.error(
-            problem,
-            "copy the file again, or write it again with the program that made it",
-        ));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     Ok(corners.iter().map(|&c| c as u32).collect())
 }
@@ -521,10 +515,7 @@ pub(super) fn read_arrays(
                 array.values.len(),
                 array.components
             );
-            return Err(file.error(
-                problem,
-                "copy the file again, or write it again with the program that made it",
-            ));
+            return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
         }
         arrays.push(array);
     }

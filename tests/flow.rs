@@ -477,7 +477,10 @@ const REFUSED_JOBS: [(&str, &[&str]); 30] = [
     ("--source 8,10 --pressure xmin=0", &["2 coordinates"]),
     ("--source 8,10,x", &["not a number"]),
     ("--source 8,10,12:-1", &["not positive"]),
-    ("--source 8,10,12", &["balance", "pressure of a side"]),
+    (
+        "--source 8,10,12",
+        &["balance", "pressure of one of its sides"],
+    ),
     ("--sink 30,20,15", &["--sink 30,20,15", "no rate"]),
     ("--source 8,10,12 --sink 30,20,15:5", &["balance"]),
     ("--pressure top=1", &["not a side", "xmin"]),

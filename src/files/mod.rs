@@ -21,6 +21,6 @@ pub use atomic::{
 pub use open::open;
 pub use read_at::read_exact_at;
 
-/// What to do about a damaged file.
+/// The remedy for a damaged file.
 pub(crate) const REWRITE_DAMAGED: &str =
     "copy the file again, or write it again with the program that made it";

@@ -495,7 +495,7 @@ mod tests {
             ("P1,2000-01-01,,5,", ":2: has a rate of gas"),
             (
                 "P1,2000-01-01,5,,open it",
-                ":2: column status has no 'open it'",
+                ":2: 'open it' is not possible in column status",
             ),
         ] {
             let error = read(&format!("well,date,oil,gas,status\n{row}\n")).unwrap_err();

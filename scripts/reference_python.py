@@ -49,10 +49,6 @@ def public_methods(node):
     return [item for item in methods if not item.name.startswith("_") or item.name in described and ast.get_docstring(item)]
 
 
-def is_public_class(name, node):
-    return isinstance(node, ast.ClassDef) and not name.startswith("_")
-
-
 def parameters(node):
     """Returns the names of a function's parameters, with their stars."""
     arguments = node.args

@@ -47,6 +47,8 @@ const LIKELIHOOD_BYTES_PER_SAMPLE: f64 = 4.0;
 /// Memory (bytes) per sample that the network sees, besides its probability; and, for the layers in its
 /// reach, per sample of one layer.
 const NETWORK_BYTES_PER_SAMPLE: f64 = 8.0;
+/// Memory (bytes) per sample that the network sees in a section, with its copy of twice as many traces.
+const SECTION_NETWORK_BYTES_PER_SAMPLE: f64 = 44.0;
 const NETWORK_BYTES_PER_LAYER_SAMPLE: f64 = 2600.0;
 /// Memory (bytes) per sample that is scanned, besides its likelihood.
 const SCAN_BYTES_PER_SAMPLE: f64 = 22.0;
@@ -210,8 +212,13 @@ impl<const D: usize> Detector<D> for Faults {
             windows::min_mapped_samples(dims, network::HALO_LAYERS) as f64
         };
         let layer = samples / dims[D - 1].max(1) as f64;
+        let network_bytes = if D == 2 {
+            SECTION_NETWORK_BYTES_PER_SAMPLE
+        } else {
+            NETWORK_BYTES_PER_SAMPLE
+        };
         let evidence = (SCAN_BYTES_PER_SAMPLE * scanned)
-            .max(NETWORK_BYTES_PER_SAMPLE * scanned + NETWORK_BYTES_PER_LAYER_SAMPLE * layer);
+            .max(network_bytes * scanned + NETWORK_BYTES_PER_LAYER_SAMPLE * layer);
         // Each rank has its share, and that of its windows.
         let share = (2.0 / ranks as f64).min(1.0);
         share * LIKELIHOOD_BYTES_PER_SAMPLE * samples + evidence.max(layers_search_bytes(dims))

@@ -10,8 +10,13 @@
 //!
 //! Input are amplitudes divided by their root mean square around each sample. The axis across the
 //! layers must be known, because faults are steep: the network's weights are turned to it.
+//!
+//! In sections the probability is the mean of four: of the section and of the section with its traces
+//! twice as close (`section`), each also mirrored and with opposite sign. Traces of real sections
+//! are often far apart, so that faults lie closer together, and layers dip more, than in those of training.
 
 mod convolution;
+mod section;
 mod stages;
 
 use super::semblance::balance_amplitudes;
@@ -50,7 +55,13 @@ pub fn likelihood<'a, const D: usize>(
     (vertical, rms): (usize, f32),
     cancel: &CancelToken<'_>,
 ) -> Result<Samples<'a, D>> {
-    let network = fault_network::<D>(vertical);
+    if D == 2 {
+        let networks = section::Networks::new::<D>(vertical);
+        return amplitude.map_windows(HALO_LAYERS, cancel, |stack| {
+            networks.probabilities(stack.volume, rms, cancel)
+        });
+    }
+    let network = fault_network::<D>(vertical, false);
     amplitude.map_windows(HALO_LAYERS, cancel, |stack| {
         let balanced = balance_amplitudes(stack.volume, rms, cancel);
         network.probabilities(grid_dims(stack.volume.dims), &balanced, cancel)
@@ -62,15 +73,17 @@ fn grid_dims<const D: usize>(dims: [usize; D]) -> [usize; 3] {
     [dims[0], if D == 3 { dims[1] } else { 1 }, dims[D - 1]]
 }
 
-/// Returns the network for images of `D` dimensions whose layers lie across the axis `vertical`.
-fn fault_network<const D: usize>(vertical: usize) -> Network {
+/// Returns the network for images of `D` dimensions whose layers lie across the axis `vertical`; or
+/// its mirror image along the first of the other axes, which gives for a mirrored image the
+/// mirrored probabilities.
+fn fault_network<const D: usize>(vertical: usize, is_mirrored: bool) -> Network {
     let (bytes, channels) = match D {
         2 => (SECTION_WEIGHTS, SECTION_CHANNELS),
         _ => (VOLUME_WEIGHTS, VOLUME_CHANNELS),
     };
     let mut reader = WeightReader {
         bytes,
-        taps: tap_order::<D>(vertical),
+        taps: tap_order::<D>(vertical, is_mirrored),
     };
     let mut stages = Vec::new();
     let mut last = 0;
@@ -107,7 +120,7 @@ fn fault_network<const D: usize>(vertical: usize) -> Network {
 /// Returns for each tap of the file, whose last axis is the vertical one and the fastest, the number
 /// of the tap in the image's axes, whose first is the fastest. In a section, y has a single tap, the
 /// middle one.
-fn tap_order<const D: usize>(vertical: usize) -> Vec<usize> {
+fn tap_order<const D: usize>(vertical: usize, is_mirrored: bool) -> Vec<usize> {
     let mut axes: Vec<usize> = (0..D).rev().filter(|&axis| axis != vertical).collect();
     axes.push(vertical);
     // Strides of a tap's number along the image's axes.
@@ -122,7 +135,14 @@ fn tap_order<const D: usize>(vertical: usize) -> Vec<usize> {
     let middle = if D == 2 { 3 } else { 0 };
     (0..3usize.pow(D as u32))
         .map(|number| {
-            let digit = |place: usize| number / 3usize.pow((D - 1 - place) as u32) % 3;
+            let digit = |place: usize| {
+                let digit = number / 3usize.pow((D - 1 - place) as u32) % 3;
+                if is_mirrored && place == 0 {
+                    2 - digit
+                } else {
+                    digit
+                }
+            };
             let along: usize = (0..D).map(|place| digit(place) * stride(axes[place])).sum();
             middle + along
         })

@@ -1,5 +1,6 @@
 use super::*;
 use crate::feature::scenes::Noise;
+use crate::feature::volume::Volume;
 
 /// Returns layers of period 12 across x, displaced by 5 samples at y = 24.
 fn thrown_layers([nx, ny, nz]: [usize; 3]) -> Vec<f32> {
@@ -13,7 +14,7 @@ fn thrown_layers([nx, ny, nz]: [usize; 3]) -> Vec<f32> {
 }
 
 fn probabilities<const D: usize>(dims: [usize; D], vertical: usize, image: &[f32]) -> Vec<f32> {
-    fault_network::<D>(vertical).probabilities(grid_dims(dims), image, &CancelToken::never())
+    fault_network::<D>(vertical, false).probabilities(grid_dims(dims), image, &CancelToken::never())
 }
 
 #[test]
@@ -71,6 +72,38 @@ fn every_axis_can_be_the_vertical_one() {
     let q = probabilities(turned_dims, 2, &turned(&image));
     for (q, p) in q.iter().zip(turned(&p)) {
         assert!((q - p).abs() < 1e-4, "{q} {p}");
+    }
+}
+
+#[test]
+fn mirrored_sections_with_opposite_sign_have_mirrored_probabilities() {
+    // A multiple of the coarsest level's samples: its samples are then the same pairs from both ends.
+    let dims = [40, 48];
+    let image = thrown_layers([40, 48, 1]);
+    let mirrored_image: Vec<f32> = (0..image.len())
+        .map(|i| -image[i % 40 + 40 * (47 - i / 40)])
+        .collect();
+    let cancel = CancelToken::never();
+    let networks = section::Networks::new::<2>(0);
+    let p = networks.probabilities(Volume::new(dims, &image), 1.0, &cancel);
+    let q = networks.probabilities(Volume::new(dims, &mirrored_image), 1.0, &cancel);
+    for (i, p) in p.iter().enumerate() {
+        let q = q[i % 40 + 40 * (47 - i / 40)];
+        assert!((p - q).abs() < 1e-4, "{i}: {p} {q}");
+    }
+    let on_fault = p[20 + 40 * 24];
+    assert!(on_fault > 0.6, "{on_fault}");
+    // The same section with the other axis as the slowest one.
+    let turned = |values: &[f32]| -> Vec<f32> {
+        (0..values.len())
+            .map(|i| values[i / 48 + 40 * (i % 48)])
+            .collect()
+    };
+    let turned_image = turned(&image);
+    let networks = section::Networks::new::<2>(1);
+    let q = networks.probabilities(Volume::new([48, 40], &turned_image), 1.0, &cancel);
+    for (p, q) in turned(&p).iter().zip(&q) {
+        assert!((p - q).abs() < 1e-4, "{p} {q}");
     }
 }
 

@@ -157,6 +157,7 @@ struct TetImprover<'a> {
     slots: Vec<u32>,
     touched: Vec<bool>,
     star: Vec<u32>,
+    star_sines: Vec<f32>,
     link: smooth::NodeLink,
     smooth_scratch: smooth::SmoothScratch,
     scratch_pool: batch::ScratchPool,
@@ -246,6 +247,7 @@ impl<'a> TetImprover<'a> {
             slots: Vec::new(),
             touched: Vec::new(),
             star: Vec::new(),
+            star_sines: Vec::new(),
             link: smooth::NodeLink::default(),
             smooth_scratch: smooth::SmoothScratch::default(),
             scratch_pool: batch::ScratchPool::default(),
@@ -336,6 +338,11 @@ impl<'a> TetImprover<'a> {
     /// Measures a tetrahedron again and queues it if it is below target.
     fn measure(&mut self, t: u32) {
         let sine = min_sine(&self.complex.corners(t)) as f32;
+        self.set_sine(t, sine);
+    }
+
+    /// Sets the smallest sine of a tetrahedron and queues it if it is below target.
+    fn set_sine(&mut self, t: u32, sine: f32) {
         if t as usize == self.sines.len() {
             self.sines.push(f32::INFINITY);
         }
@@ -414,12 +421,30 @@ impl<'a> TetImprover<'a> {
             self.attempts.record_failure(AttemptKind::Smooth, node);
             return false;
         };
-        self.move_to(node, x, constraint);
+        let mut sines = std::mem::take(&mut self.star_sines);
+        smooth::link_sines(x, &self.link, &mut sines);
+        self.move_smoothed(node, (x, constraint), &sines);
+        self.star_sines = sines;
         true
+    }
+
+    /// Moves a node whose star has been collected, and whose tetrahedra have these sines then.
+    fn move_smoothed(&mut self, node: u32, (x, constraint): ConstrainedPoint, sines: &[f32]) {
+        self.place(node, x, constraint);
+        self.record_star_change();
+        for (i, &sine) in sines.iter().enumerate() {
+            self.set_sine(self.star[i], sine);
+        }
     }
 
     /// Moves a node whose star has been collected.
     fn move_to(&mut self, node: u32, x: [f64; 3], constraint: NodeConstraint) {
+        self.place(node, x, constraint);
+        self.measure_star();
+    }
+
+    /// Sets the position and the constraints of a node.
+    fn place(&mut self, node: u32, x: [f64; 3], constraint: NodeConstraint) {
         let i = node as usize;
         if let Some(undo) = &mut self.undo {
             undo.nodes
@@ -430,14 +455,18 @@ impl<'a> TetImprover<'a> {
         if !constraint.is_far {
             self.moved_nodes.push(node);
         }
-        self.measure_star();
+    }
+
+    /// Records that the tetrahedra in `star` have changed.
+    fn record_star_change(&mut self) {
+        let tets = &self.complex.tets;
+        let around = self.star.iter().flat_map(|&t| tets[t as usize]);
+        self.attempts.record_change(around);
     }
 
     /// Measures the tetrahedra in `star`, which have changed.
     fn measure_star(&mut self) {
-        let tets = &self.complex.tets;
-        let around = self.star.iter().flat_map(|&t| tets[t as usize]);
-        self.attempts.record_change(around);
+        self.record_star_change();
         for i in 0..self.star.len() {
             self.measure(self.star[i]);
         }

@@ -23,6 +23,9 @@ const MIN_SPLIT_DISTANCE: f64 = 0.35;
 /// Smallest sine that snapping a node onto a feature may leave.
 const MIN_SNAP_SINE: f64 = 0.05;
 
+/// Number of edges for which one task searches a change.
+const EDGES_PER_TASK: usize = 32;
+
 /// Number of tetrahedra that one task searches for intersecting edges.
 const TETS_PER_CHUNK: usize = 1 << 14;
 /// Number of edges that such a task remembers.
@@ -94,18 +97,8 @@ impl TetImprover<'_> {
         nodes.dedup();
         // Some recorded nodes belong to changes that were rolled back.
         nodes.retain(|&n| (n as usize) < self.complex.nodes.len());
-        let tets = self.tets_at_nodes(nodes);
+        let tets = self.collect_node_tets(&nodes).into_distinct_tets();
         self.find_intersecting_edges(&tets, cancel).len()
-    }
-
-    /// Returns the tetrahedra at any of the nodes, each once.
-    fn tets_at_nodes(&mut self, nodes: impl IntoIterator<Item = u32>) -> Vec<u32> {
-        let mut tets = Vec::new();
-        for node in nodes {
-            self.complex.star(node, &mut self.star);
-            tets.extend_from_slice(&self.star);
-        }
-        sorted_distinct(tets)
     }
 
     /// Makes the mesh follow the features.
@@ -119,7 +112,7 @@ impl TetImprover<'_> {
         self.counts.intersecting_before = edges.len();
         for (round, floor) in MIN_FLIP_SINES.into_iter().enumerate() {
             // Flips never create an intersecting edge. Only moved and new nodes need another test.
-            let changed_nodes: Vec<u32> = edges.iter().flat_map(|&(a, b)| [a, b]).collect();
+            let changed_nodes = sorted_distinct(edges.iter().flat_map(|&(a, b)| [a, b]));
             let count = edges.len() as f64;
             while !edges.is_empty() {
                 let done = 1.0 - edges.len() as f64 / count;
@@ -131,7 +124,7 @@ impl TetImprover<'_> {
                     return Ok(());
                 }
             }
-            let tets = self.tets_at_nodes(changed_nodes);
+            let tets = self.collect_node_tets(&changed_nodes).into_distinct_tets();
             edges = self.find_intersecting_edges(&tets, cancel);
         }
         self.unrecovered_edges = edges;
@@ -147,10 +140,15 @@ impl TetImprover<'_> {
         may_split: bool,
         cancel: &CancelToken<'_>,
     ) -> Result<Vec<(u32, u32)>> {
-        let outcomes = self.search_each("intersecting edges", &edges, |s, edge, scratch| {
-            let is_cancelled = cancel.is_cancelled();
-            (!is_cancelled).then(|| s.find_recovery(edge, floor, may_split, scratch))
-        })?;
+        let outcomes = self.search_each(
+            "intersecting edges",
+            EDGES_PER_TASK,
+            &edges,
+            |s, edge, scratch| {
+                let is_cancelled = cancel.is_cancelled();
+                (!is_cancelled).then(|| s.find_recovery(edge, floor, may_split, scratch))
+            },
+        )?;
         let mut changed = ChangedTets::new(self);
         let mut remaining = Vec::new();
         for (edge, outcome) in edges.into_iter().zip(outcomes) {

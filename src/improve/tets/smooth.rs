@@ -197,6 +197,25 @@ pub fn worst_sine(x: [f64; 3], link: &NodeLink, cutoff: f64) -> f64 {
     worst
 }
 
+/// Writes the smallest sine of each tetrahedron of the link, for node 0 at `x`, to `sines`.
+pub fn link_sines(x: [f64; 3], link: &NodeLink, sines: &mut Vec<f32>) {
+    sines.clear();
+    dispatch_simd(
+        #[inline(always)]
+        || {
+            for group in &link.groups {
+                let mut values = [0.0; LANES];
+                for l in 0..LANES {
+                    let [p, q, r] = lane(group, l);
+                    values[l] = min_sine(&[x, p, q, r]) as f32;
+                }
+                sines.extend_from_slice(&values);
+            }
+        },
+    );
+    sines.truncate(link.count);
+}
+
 /// Returns the shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
 fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     let mut g = vectors.iter().copied().fold(vectors[0], |best, v| {

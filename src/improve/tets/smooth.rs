@@ -243,6 +243,10 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
 /// Smallest gain in sine of a move.
 const MIN_SINE_GAIN: f64 = 1e-3;
 
+/// Smallest gain in sine of one step of a move, as a share of what is missing to 1 at its start. With
+/// a fifth of it, smoothing takes up to a third more time and gives no better meshes.
+const MIN_STEP_GAIN: f64 = 5e-3;
+
 /// Scratch space of [`best_position`].
 #[derive(Default)]
 pub struct SmoothScratch {
@@ -322,7 +326,7 @@ pub fn best_position(
                 }
                 // Test the straight step first: a position that is not better there is not worth
                 // snapping onto the surfaces.
-                let required = best + 1e-3 * (1.0 - start_sine).max(0.1);
+                let required = best + MIN_STEP_GAIN * (1.0 - start_sine).max(0.1);
                 let worthwhile =
                     constraint.surface_count == 0 || worst_sine(trial, link, required) > required;
                 let mut trial_constraint = *constraint;

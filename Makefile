@@ -5,7 +5,7 @@
 # make lint   run the lints of every kind of build and build the documentation of the library
 # make without-c   test meshes, improvement and jobs in the build without TetGen and CGAL
 # make portable   check that the library and the program compile for Windows, macOS and WebAssembly
-# make bench   measure the table of docs/benchmarks.md, some minutes
+# make bench   measure the table of docs/notes/measurements.md, some minutes
 # make bench-networks   measure meshes of twenty random fault networks, some minutes
 # make bench-labels   compare meshes of label images with those of CGAL: DATA=folder of images of other projects
 # make reservoir   run a study from a seismic volume to ten years of simulation, in target/reservoir
@@ -17,13 +17,14 @@
 # make python-test   build the Python package and run all its tests; check the program without C libraries
 # make deb    build a Debian package of the program, in target/debian
 # make package   build the crates as a registry would distribute them
+# make spelling   check the spelling of the documentation, with codespell
 # make book   build the documentation as a site, target/book/index.html, and check its links
-# make figures   check figures of docs/ and write its pictures: DATA=folder of images of other projects
+# make figures   check figures of docs/, write its pictures and its page of options: DATA=folder of images of other projects
 # make fuzz   fuzz with random files and small jobs, guided by coverage: SECONDS=60 for each of three targets
 # make soak   test kills, interrupts, full disks and too little memory: RUNS=100 of each
 
 .POSIX:
-.PHONY: figures fuzz soak help demo reservoir test test-all lint without-c portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
+.PHONY: figures spelling fuzz soak help demo reservoir test test-all lint without-c portable web web-test mpi-test wheel python-stubs python-test deb package book bench bench-networks bench-labels validators packages
 
 SAMPLE = data/faults.vti
 
@@ -54,6 +55,7 @@ test: packages
 	python3 scripts/words.py
 	cargo test --package atomesh --package tetgen-sys --locked
 	python3 scripts/figures.py target/debug/atomesh --check
+	python3 scripts/reference.py target/debug/atomesh --check
 
 lint: packages
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
@@ -87,6 +89,7 @@ test-all: lint without-c validators
 	cargo test --workspace --locked
 	DATA="$(DATA)" scripts/ignored_tests.sh
 	python3 scripts/figures.py target/debug/atomesh --check
+	python3 scripts/reference.py target/debug/atomesh --check
 
 mpi-test:
 	@scripts/packages.sh libopenmpi-dev openmpi-bin
@@ -112,6 +115,10 @@ package: packages
 	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --locked --allow-dirty \
 	    --config profile.dev.package.atomesh.opt-level=0
 
+spelling:
+	@scripts/packages.sh codespell
+	codespell --ignore-words-list crate,trough,multy,wel,equil --skip '*.png,*.svg' *.md docs data/README.md python/README.md
+
 book:
 	@scripts/book.sh
 
@@ -131,8 +138,9 @@ validators:
 	@scripts/validators.sh
 
 figures: packages
-	cargo build --locked
+	cargo build --locked --bins --examples
 	python3 scripts/figures.py target/debug/atomesh $(if $(DATA),--data $(DATA))
+	python3 scripts/reference.py target/debug/atomesh
 
 SECONDS = 60
 fuzz: packages

@@ -1,4 +1,4 @@
-//! Measures the table of docs/benchmarks.md by running atomesh on the command line: `make bench`,
+//! Measures the table of docs/notes/measurements.md by running atomesh on the command line: `make bench`,
 //! or `cargo bench --bench whole`. Takes some minutes and 2 GB of memory.
 //!
 //! Volumes of other projects are looked for in the folder that `ATOMESH_DATA` names, else in

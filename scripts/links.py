@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """Checks the links of the documentation: scripts/links.py (Python's standard library only).
 
-Every relative link and image of README.md, ARCHITECTURE.md, CHANGELOG.md, CONTRIBUTING.md, data/README.md and docs/*.md
-must lead to a file, and every #anchor to a heading of its page. The pages of docs/ are also the book: they must
+Every relative link and image of README.md, the other pages in `OTHERS`, and the pages of docs/ must lead to a file, and every #anchor to a heading of its page. The pages of docs/ are also the book: they must
 all be in docs/SUMMARY.md, and must not link to files outside docs/, which the book does not contain.
 Links to the web are not checked. Prints a line for each broken link and exits with 1 if there is one.
 """
@@ -13,6 +12,15 @@ from urllib.parse import unquote
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
+OTHERS = (
+    "README.md",
+    "ARCHITECTURE.md",
+    "CHANGELOG.md",
+    "CODE_OF_CONDUCT.md",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    "data/README.md",
+)
 FENCE = re.compile(r"^ *(```|~~~)")
 HEADING = re.compile(r"^#{1,6} +(.*?)(?: +#+)? *$")
 LINK = re.compile(r"\]\(\s*<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\s*\)")
@@ -54,22 +62,21 @@ def faults(page):
             place = f"{page.relative_to(ROOT)}:{number}: {target}"
             if not file.exists():
                 yield f"{place}: no such file"
-            elif page.parent == DOCS and not file.is_relative_to(DOCS):
+            elif page.is_relative_to(DOCS) and not file.is_relative_to(DOCS):
                 yield f"{place}: outside docs/, so it is missing in the book"
             elif anchor and anchor not in set(anchors(file)):
                 yield f"{place}: no such heading"
 
 
 def main():
-    pages = sorted(DOCS.glob("*.md"))
+    pages = sorted(DOCS.rglob("*.md"))
     summary = (DOCS / "SUMMARY.md").read_text(encoding="utf-8")
     errors = [
-        f"docs/SUMMARY.md: {page.name} is missing"
+        f"docs/SUMMARY.md: {page.relative_to(DOCS)} is missing"
         for page in pages
-        if page.name != "SUMMARY.md" and f"({page.name})" not in summary
+        if page.name != "SUMMARY.md" and f"({page.relative_to(DOCS)})" not in summary
     ]
-    others = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "data/README.md")]
-    for page in others + pages:
+    for page in [ROOT / name for name in OTHERS] + pages:
         errors += faults(page)
     for error in errors:
         print(f"error: {error}", file=sys.stderr)

@@ -4,7 +4,7 @@
 A synthetic survey is written as SEG-Y. Its fault and horizons become a mesh, and the layers between them have rock
 properties. OPM Flow simulates ten years of water injection. Then every available solver computes the steady pressures
 of the same cells, which are compared. The script prints each command and the figures, which are also in
-FOLDER/figures.json. See docs/reservoir-case.md. It needs the Python modules in .venv, which `make validators`
+FOLDER/figures.json. See docs/tutorials/reservoir.md. It needs the Python modules in .venv, which `make validators`
 installs, and OPM Flow as `flow`.
 """
 import argparse
@@ -17,13 +17,12 @@ import sys
 
 import numpy as np
 import resfo
-import segyio
 
 import simulated
 
 VALIDATORS = pathlib.Path(__file__).resolve().parent.parent / "tests/data/export"
 # The survey has samples of 12.5 m x 12.5 m x 4 ms, or 6 m at 3000 m/s.
-CORNER, SPACING, INTERVAL, VELOCITY = (600_000.0, 6_000_000.0), 12.5, 4, 3000
+SPACING, VELOCITY = 12.5, 3000
 # Metric in which rock with a vertical permeability of a tenth of the horizontal one is isotropic.
 METRIC = f"{6 / SPACING * 10 ** 0.5:.5f},1,1"
 WEST, EAST = (600_300, 6_000_500), (601_150, 6_000_300)
@@ -77,16 +76,7 @@ class Case:
 
 def survey(case):
     """Writes a survey with two to three clear reflectors and a steep fault as SEG-Y."""
-    case.atomesh("synth amplitude -o amplitude.npy --dims 64,100,80 --count 1 --signal-to-noise 8")
-    volume = np.load(case.folder / "amplitude.npy")
-    path = case.folder / "survey.sgy"
-    segyio.tools.from_array3D(path, volume, dt=1000 * INTERVAL)
-    inlines, crosslines, _ = volume.shape
-    with segyio.open(path, "r+") as file:
-        for trace in range(inlines * crosslines):
-            x, y = CORNER[0] + SPACING * (trace % crosslines), CORNER[1] + SPACING * (trace // crosslines)
-            file.header[trace].update({segyio.su.scalco: -100, segyio.su.cdpx: round(100 * x),
-                                       segyio.su.cdpy: round(100 * y)})
+    case.atomesh("synth amplitude -o survey.sgy --dims 64,100,80 --count 1 --signal-to-noise 8")
 
 
 def model(case, distance):
@@ -96,8 +86,7 @@ def model(case, distance):
     surfaces = case.atomesh("surface cells.vtu -o surfaces.vtp")["surfaces"]
     seeds = [f"--seed {x},{y},{z}={layer}" for layer, places in LAYERS.items() for (x, y), z in places]
     layers = case.atomesh(f"paint cells.vtu -o layers.vtu {' '.join(seeds)}")["regions"]
-    for view in ("sections", "3d"):
-        case.atomesh(f"slice survey.sgy layers.vtu -o {view}.png --view {view}")
+    case.atomesh("slice survey.sgy layers.vtu -o layers.png --color region")
     case.table("porosity.csv", ["porosity"], lambda rock: rock[:1])
     case.table("permeability.csv", ["kx", "ky", "kz"], lambda rock: (rock[1], rock[1], rock[2]))
     for name, (x, y, top, bottom) in WELLS.items():

@@ -123,6 +123,112 @@ fn columns_between_horizons_suit_every_verb() {
     );
 }
 
+/// Writes a map with a fault across it, horizons that are offset by 5 at the fault, and horizons of the
+/// same throw at a fault that dips: each is offset at another place.
+fn write_offset_horizons(path: &Path) {
+    write_map_and_horizons(path);
+    let is_beyond = |[x, y]: [usize; 2], shift: f32| 0.8 * x as f32 - 0.6 * y as f32 - 9.0 > shift;
+    for (name, z, shift) in [
+        ("upright-top", 1000.0, 0.0),
+        ("upright-base", 1020.0, 0.0),
+        ("dipping-top", 1000.0, -1.6),
+        ("dipping-base", 1020.0, 1.6),
+    ] {
+        write_npy_2d(&path.join(format!("{name}.npy")), [60, 50], |at| {
+            z + if is_beyond(at, shift) { 5.0 } else { 0.0 }
+        });
+    }
+}
+
+#[test]
+fn offset_horizons_make_cells_of_different_layers_neighbours() {
+    static FILES: SharedFiles = SharedFiles::new();
+    let folder = FILES.folder(write_offset_horizons);
+    let folder = folder.path();
+    let map = map_of(&folder.join("map.vtu"));
+    let fault_faces = (0..map.inner_face_count()).filter(|&f| map.on_feature[f]);
+    let length: f64 = fault_faces.map(|f| map.face_shape(f).area()).sum();
+    for fault in ["upright", "dipping"] {
+        let horizons = format!("--horizon {fault}-top.npy --horizon {fault}-base.npy");
+        let columns = format!("columns map.vtu {horizons} --layers 2 -o {fault}.vtu --quiet");
+        let stdout = run(folder, &format!("{columns} --throws 4 --json"));
+        let report: Value = serde_json::from_str(&stdout).unwrap();
+        // Layers of 10 with a throw of 5: each meets its own layer over 5, and one the other over 5.
+        let faces = &report["juxtaposed"];
+        let area = |name: &str| faces[name].as_f64().unwrap();
+        assert!(
+            (area("area") / (15.0 * length) - 1.0).abs() < 1e-6,
+            "{fault} {faces} {length}"
+        );
+        assert!(
+            (area("exposed_area") / (10.0 * length) - 1.0).abs() < 1e-6,
+            "{fault} {faces}"
+        );
+        assert_eq!(
+            faces["same_layer"],
+            2 * faces["other_layer"].as_u64().unwrap()
+        );
+
+        let mesh = format!("{fault}.vtu");
+        let valid: Value =
+            serde_json::from_str(&run(folder, &format!("validate {mesh} --json --quiet"))).unwrap();
+        assert_eq!(valid["valid"], true, "{valid}");
+        // The transmissibility across the fault is that of the map, per unit of height.
+        let graph = Graph::from_poly(&cells(&folder.join(&mesh)).mesh);
+        let plane = Graph::from_poly(&map);
+        let across = |graph: &Graph<3>| -> f64 {
+            let on_fault = graph.connections.iter().filter(|c| c.on_feature);
+            on_fault.map(|c| c.unit_transmissibility()).sum()
+        };
+        let on_fault = plane.connections.iter().filter(|c| c.on_feature);
+        let expected: f64 = on_fault.map(|c| 15.0 * c.unit_transmissibility()).sum();
+        assert!((across(&graph) / expected - 1.0).abs() < 1e-6, "{fault}");
+
+        // Faces beside no cell are closed: all that enters leaves at the other side.
+        let flow = format!("flow {mesh} -o flow.vtu --pressure xmin=2e5 --pressure xmax=1e5");
+        let flow = format!("{flow} --faults open --quiet --json");
+        let report: Value = serde_json::from_str(&run(folder, &flow)).unwrap();
+        let exchange = report["exchange"].as_array().unwrap();
+        let rates: Vec<f64> = exchange
+            .iter()
+            .map(|e| e["rate"].as_f64().unwrap())
+            .collect();
+        assert!(
+            rates[0] > 0.0 && (rates[0] + rates[1]).abs() < 1e-6 * rates[0],
+            "{report}"
+        );
+        for (format, output) in [
+            ("opm", "CASE.DATA"),
+            ("mrst", "case.mat"),
+            ("pflotran", "case.uge"),
+            ("tough2", "MESH"),
+            ("openfoam", "case"),
+        ] {
+            let rock = if format == "openfoam" {
+                "--quiet"
+            } else {
+                ROCK
+            };
+            run(
+                folder,
+                &format!("export {mesh} --to {format} -o {output} --down z {rock}"),
+            );
+        }
+        let rock = ROCK.replace("--quiet", "");
+        let disv = format!("export {mesh} --to disv -o disv --down z {rock}");
+        let error = expect_refusal(folder, &disv.split_whitespace().collect::<Vec<_>>());
+        assert!(
+            error.contains("offset layers") && error.contains("--throws"),
+            "{error}"
+        );
+    }
+    // Without the option, the same horizons make ramps.
+    let horizons = "--horizon upright-top.npy --horizon upright-base.npy";
+    let ramps = format!("columns map.vtu {horizons} -o ramps.vtu --quiet --json");
+    let report: Value = serde_json::from_str(&run(folder, &ramps)).unwrap();
+    assert_eq!(report["juxtaposed"], Value::Null);
+}
+
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
 fn openfoam_accepts_columns() {
@@ -325,6 +431,10 @@ fn impossible_columns_are_refused() {
             "not positive",
         ),
         ("triangles.vtu --horizon 0 --horizon 1", "triangles"),
+        (
+            "map.vtu --horizon 0 --horizon 1 --throws -1",
+            "--throws -1: is no distance",
+        ),
     ] {
         let line = format!("columns {line} -o out.vtu");
         let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());

@@ -116,8 +116,13 @@ fn cells(sites: &ConformingSites<3>) -> (PolyMesh<3>, usize) {
 }
 
 /// Returns the face between the two sites of the `i`-th facet that has sites.
-fn face<const D: usize>(mesh: &PolyMesh<D>, first: usize, i: usize) -> usize {
-    let cells = [first + 2 * i, first + 2 * i + 1].map(|c| c as u32);
+fn face<const D: usize>(
+    sites: &ConformingSites<D>,
+    mesh: &PolyMesh<D>,
+    first: usize,
+    i: usize,
+) -> usize {
+    let cells = sites.site_pairs()[i].map(|site| first as u32 + site);
     let inner = &mesh.face_cells[..mesh.inner_face_count()];
     inner
         .binary_search(&cells)
@@ -142,7 +147,7 @@ fn count_exact_faces(sites: &ConformingSites<3>, mesh: &PolyMesh<3>, first: usiz
         {
             continue;
         }
-        let face = face(mesh, first, i);
+        let face = face(sites, mesh, first, i);
         assert!(on_surface[face]);
         let corners = surface.corners(f as usize);
         let error = mesh.face_shape(face).area() / area(corners) - 1.0;
@@ -268,7 +273,7 @@ fn edges_are_faces_in_the_plane() {
     let on_surface = sites.faces_on_surface(&mesh, first);
     assert_eq!(on_surface.iter().filter(|on| **on).count(), 8);
     for i in 0..8 {
-        let nodes = mesh.faces.get(face(&mesh, first, i)).iter();
+        let nodes = mesh.faces.get(face(&sites, &mesh, first, i)).iter();
         for x in sites.surface().corners(i) {
             let mut ends = nodes
                 .clone()

@@ -216,7 +216,7 @@ fn impossible_splits_are_refused() {
     let error = expect_refusal(
         folder,
         &[
-            "export", "mesh.vtu", "--to", "inp", "-o", "b.inp", "--split", "horizons",
+            "export", "mesh.vtu", "--to", "abaqus", "-o", "b.inp", "--split", "horizons",
         ],
     );
     assert!(

@@ -313,6 +313,17 @@ fn multipliers_for_faults_by_number() {
             second > 0.2 * open && second < 0.9 * open,
             "{cells} {second} {open}"
         );
+        // Extended to the sides of the box, the second fault lets nothing pass either.
+        let extended = [
+            "--faults",
+            "open",
+            "--fault-multiplier",
+            "2:0",
+            "--extend-faults",
+            "100",
+        ];
+        let extended = throughput(dir, &extended);
+        assert!(extended < 1e-9 * open, "{cells} {extended} {open}");
         // Other options with the same meaning give the same rate.
         let assert_same_rate = |options: &[&str]| {
             let rate = throughput(dir, options);
@@ -340,16 +351,11 @@ fn multipliers_for_faults_by_number() {
             ],
         );
         let by_fault = report["by_fault"].as_array().unwrap();
-        let multipliers: Vec<(u64, f64)> = by_fault
-            .iter()
-            .map(|f| {
-                (
-                    f["surface"].as_u64().unwrap(),
-                    f["multiplier"].as_f64().unwrap(),
-                )
-            })
-            .collect();
-        assert_eq!(multipliers, [(1, 0.5), (2, 0.25)]);
+        for (fault, (surface, multiplier)) in by_fault.iter().zip([(1, 0.5), (2, 0.25)]) {
+            assert_eq!(fault["surface"], surface);
+            assert_eq!(fault["multiplier"], multiplier);
+        }
+        assert_eq!(by_fault.len(), 2);
         // The whole flow crosses the first fault.
         let (through_first, total) = (
             &by_fault[0]["total_rate_across"],

@@ -25,7 +25,7 @@ fn labels_become_regions_closed_surfaces_and_named_sets() {
     write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
     let stdout = run(
         folder,
-        "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core",
+        "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core --details",
     );
     let expected =
         "LOST of label 7: a part of 1 samples at (34, 30, 27); --label 7:distance=0.55 keeps it";

@@ -41,6 +41,7 @@ mod modflow;
 mod options;
 mod page;
 mod plane;
+mod readme;
 mod refusals;
 mod reservoir;
 mod scans;

@@ -570,6 +570,28 @@ fn a_mesh_beyond_its_image_names_its_regions_in_exports_and_is_not_edited() {
     ];
     let error = expect_refusal(folder, &arguments);
     assert!(error.contains("without --pad"), "{error}");
+    // Verbs that compare the mesh with its image see the part inside the image.
+    run(
+        folder,
+        &format!("mesh {image} --distance 9 -o plain.vtu --quiet"),
+    );
+    let [plain, padded] = ["plain", "padded"].map(|mesh| {
+        let seeds = "--object 20,20,20 --background 60,60,60 --quiet --json";
+        let stdout = run(
+            folder,
+            &format!("segment {image} {mesh}.vtu {seeds} -o s-{mesh}.vtu"),
+        );
+        let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        run(
+            folder,
+            &format!("report {image} {mesh}.vtu -o {mesh}.html --quiet"),
+        );
+        assert!(folder.join(format!("{mesh}.html")).exists());
+        let file = read_vtu(&folder.join(format!("s-{mesh}.vtu"))).unwrap();
+        let labels = file.cell_array("label").unwrap().values.to_i64();
+        (report["cells"]["object"].clone(), file.mesh.tets, labels)
+    });
+    assert!(plain == padded);
     let plane = ["mesh", "plane.npy", "--pad", "above=10", "-o", "p.vtu"];
     write_npy_2d(&folder.join("plane.npy"), [40, 40], |[x, _]| {
         (x > 20) as u8 as f32

@@ -552,10 +552,17 @@ fn no_pair_of_options_is_accepted_and_then_ignored() {
 /// Returns the commands of each page of the documentation, in their order.
 fn pages() -> Vec<Vec<String>> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let entries = std::fs::read_dir(root.join("docs")).unwrap();
-    let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|e| e == "md"));
-    paths.push(root.join("README.md"));
+    let (mut folders, mut paths) = (vec![root.join("docs")], vec![root.join("README.md")]);
+    while let Some(folder) = folders.pop() {
+        let entries = std::fs::read_dir(folder).unwrap();
+        for path in entries.map(|entry| entry.unwrap().path()) {
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "md") {
+                paths.push(path);
+            }
+        }
+    }
     paths.sort();
     let command = |line: &str| {
         let line = line.trim().trim_start_matches("$ ");

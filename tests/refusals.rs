@@ -90,7 +90,7 @@ fn a_side_shorter_than_two_distances() {
         [64, 64, 3],
         planar_fault([64, 64, 3]),
     );
-    expect_refusal(folder.path(), &["mesh", "thin.npy"]);
+    expect_refusal(folder.path(), &["mesh", "thin.npy", "--distance", "3"]);
 }
 
 #[test]

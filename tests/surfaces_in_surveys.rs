@@ -106,3 +106,53 @@ fn a_mask_leaves_a_body_out() {
         "{error}"
     );
 }
+
+#[test]
+fn names_of_an_earlier_interpretation_last() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let run = |line: &str| run_args(dir, &line.split_whitespace().collect::<Vec<_>>());
+    run("synth amplitude -o image.vti --dims 56,64,48 --count 1 --rng-seed 3 --quiet");
+    for distance in ["5", "7"] {
+        run(&format!(
+            "mesh image.vti -o {distance}.vtu --distance {distance} --feature faults+horizons --quiet"
+        ));
+    }
+    // The interpreter gives a name of the field.
+    run("surface 5.vtu -o earlier.obj");
+    let text = std::fs::read_to_string(dir.join("earlier.obj")).unwrap();
+    assert!(text.contains("g fault"), "{text}");
+    let fault = text
+        .lines()
+        .find_map(|line| line.strip_prefix("g fault"))
+        .unwrap();
+    let text = text.replace(&format!("g fault{fault}\n"), "g Main\n");
+    std::fs::write(dir.join("earlier.obj"), text).unwrap();
+    let line = "surface 7.vtu -o later.vtp --names-from earlier.obj --mesh-out named.vtu --json";
+    let report = json(&run(line));
+    let names = |report: &Value| -> Vec<String> {
+        let surfaces = report["surfaces"].as_array().unwrap().iter();
+        surfaces
+            .filter_map(|s| s["name"].as_str().map(str::to_string))
+            .collect()
+    };
+    let later = names(&report);
+    assert!(later.contains(&"Main".to_string()), "{later:?}");
+    let distinct: std::collections::BTreeSet<&String> = later.iter().collect();
+    assert_eq!(distinct.len(), later.len(), "{later:?}");
+    // The mesh with these names gives the same surfaces, and other verbs know them.
+    assert_eq!(
+        names(&json(&run("surface named.vtu -o s.ts --json"))),
+        later
+    );
+    let text = std::fs::read_to_string(dir.join("s.ts")).unwrap();
+    assert!(text.contains("name:Main"));
+    run("export named.vtu --to msh -o named.msh --quiet");
+    let text = std::fs::read(dir.join("named.msh")).unwrap();
+    assert!(text.windows(6).any(|bytes| bytes == b"\"Main\""));
+    let error = expect_refusal(
+        dir,
+        &["surface", "7.vtu", "-o", "s.vtp", "--names-from", "no"],
+    );
+    assert!(error.contains("no"), "{error}");
+}

@@ -76,6 +76,7 @@ impl Options {
                 Verb::Mesh(Box::new(MeshArgs {
                     image: arguments.first().cloned(),
                     config,
+                    details: false,
                     print_config: false,
                     spec: Typed {
                         names: self.0.keys().cloned().collect(),

@@ -60,7 +60,10 @@ fn version() -> &'static str {
     version = version(),
     about = "Images, above all seismic volumes, straight to feature-aligned meshes",
     propagate_version = true,
-    arg_required_else_help = true
+    arg_required_else_help = true,
+    after_help = "Examples:\n  atomesh synth amplitude -o survey.sgy\n  \
+                  atomesh mesh survey.sgy -o mesh.vtu --feature faults+horizons\n  \
+                  atomesh surface mesh.vtu --survey survey.sgy -o surfaces.vtp"
 )]
 pub struct CommandLine {
     /// The verb to run.

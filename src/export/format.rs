@@ -128,13 +128,29 @@ pub fn formats() -> impl Iterator<Item = &'static ExportFormat> {
     folders.into_iter().flatten().copied()
 }
 
+/// Programs whose name stands for the format that they read.
+const PROGRAMS: [(&str, &str); 5] = [
+    ("abaqus", "inp"),
+    ("calculix", "inp"),
+    ("eclipse", "opm"),
+    ("gmsh", "msh"),
+    ("modflow", "disv"),
+];
+
 impl ExportFormat {
-    /// Returns the format with the given name.
+    /// Returns the programs whose name stands for the format.
+    pub fn programs(&self) -> impl Iterator<Item = &'static str> {
+        let programs = PROGRAMS.iter().filter(|(_, format)| *format == self.name);
+        programs.map(|(program, _)| *program)
+    }
+
+    /// Returns the format with the given name, or that a program with this name reads.
     ///
     /// # Errors
     /// Returns [`Error::Export`] with the list of known names if there is no such format.
     pub fn from_name(name: &str) -> Result<&'static Self> {
-        formats().find(|f| f.name == name).ok_or_else(|| {
+        let named = |f: &&ExportFormat| f.name == name || f.programs().any(|p| p == name);
+        formats().find(named).ok_or_else(|| {
             let names: Vec<&str> = formats().map(|f| f.name).collect();
             Error::Export(cause(
                 format!("format {name}"),

@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::error::{cause, io_error};
 use crate::image::formats::{AnyImage, InputOptions};
+use crate::model::input::image_part;
 use crate::model::quality::{measure_cells, measure_simplices};
 use crate::model::{ImageInput, MeshInput};
 use crate::progress::{Progress, Stage};
@@ -76,7 +77,10 @@ pub fn report<'a>(
         progress,
     };
     with_mesh!(mesh,
-        simplices file => run.write(file, |stored| measure_simplices(stored, None)),
+        simplices file => {
+            let file = image_part(file, &mut *run.progress);
+            run.write(file, |stored| measure_simplices(stored, None))
+        },
         cells file => run.write(file, |stored| Ok(measure_cells(stored, None)))
     )
 }

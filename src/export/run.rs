@@ -86,7 +86,7 @@ pub fn export<'a>(
     };
     extended
         .iter()
-        .for_each(|fault| progress.note(&fault.note()));
+        .for_each(|fault| progress.note(&fault.note(3)));
     prepared.model.set_faults(&laws)?;
     if let Some(clay) = &spec.gouge.clay {
         let clay = (spec.rock).cell_values("clay", clay, &prepared, read_image, progress)?;
@@ -209,18 +209,22 @@ fn note_checks(
     format: &ExportFormat,
     progress: &mut dyn Progress,
 ) -> Result<()> {
-    if format.is_flow_format() {
+    // A resampled grid has other cells than the mesh.
+    let is_resampled = format.supported_content.contains(&ExportContent::Grid);
+    if !format.is_flow_format() {
+        if prepared.unit != "m" {
+            let unit = &prepared.unit;
+            progress.note(&format!(
+                "coordinates are in {unit}, as in the image; --length-unit {unit} writes metres"
+            ));
+        }
+    } else if !is_resampled {
         checks.notes().iter().for_each(|note| progress.note(note));
         if checks.is_rough() {
             let ratios = prepared.axis_ratios()?;
             let note = ratios.and_then(|ratios| ratios.note());
             note.iter().for_each(|note| progress.note(note));
         }
-    } else if prepared.unit != "m" {
-        let unit = &prepared.unit;
-        progress.note(&format!(
-            "coordinates are in {unit}, as in the image; --length-unit {unit} writes metres"
-        ));
     }
     Ok(())
 }

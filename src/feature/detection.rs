@@ -9,7 +9,20 @@ use super::{MIN_FAULT_DIP, MissingData};
 use crate::error::{Error, Result, cause};
 use crate::image::{Image, LiveMask, MaskedImage, Modality};
 use crate::parallel::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+
+/// Evidence for faults in seismic amplitudes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum FaultEvidence {
+    /// The probability of a fault by a convolutional network, which was trained on synthetic images
+    #[default]
+    Network,
+    /// Layers that do not continue across a plane: low semblance
+    Semblance,
+}
 
 /// Options of feature detection.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +39,8 @@ pub struct DetectionOptions<const D: usize> {
     /// Smallest strength of a feature, or value of an isosurface, in units of the image; chosen from
     /// the image if `None`.
     pub threshold: Option<f32>,
+    /// How faults are recognised in seismic amplitudes.
+    pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault in the world, in degrees. Two-way time is converted to depth at 2,000
     /// m/s.
     pub min_dip: f64,
@@ -48,6 +63,8 @@ pub struct DetectionOptions<const D: usize> {
     pub step: [f64; D],
     /// `true` if common null values and traces that are zero throughout are data.
     pub keep_nulls: bool,
+    /// `true` if faults and horizons are sought in chaotic zones, too.
+    pub keep_chaos: bool,
     /// `true` if each rank gets only a share of the potential.
     pub is_distributed: bool,
     /// Surfaces that the user gives.
@@ -62,6 +79,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             scale: None,
             smoothing: None,
             threshold: None,
+            fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
             weights: [1.0; 2],
@@ -71,6 +89,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             labels: Vec::new(),
             step: [1.0; D],
             keep_nulls: false,
+            keep_chaos: false,
             is_distributed: false,
             given: None,
         }

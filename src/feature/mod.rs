@@ -23,6 +23,7 @@
 //! - `gaussian`: Gaussian smoothing
 //! - `hessian`: second differences of whole rows at once
 //! - `structure_tensor`: normals of layers
+//! - `chaos`: chaotic zones, in which there are no layers
 //! - `distance_transform`: signed distances to the surface of a mask
 //! - `components`: connected components of labels
 //! - `label_map`: labels at samples and between them
@@ -48,6 +49,7 @@
 pub(crate) mod boundary_extension;
 pub(crate) mod candidate;
 mod candidate_slab;
+pub(crate) mod chaos;
 pub(crate) mod components;
 pub(crate) mod corners;
 mod detection;
@@ -95,8 +97,8 @@ use volume::Volume;
 use windows::Samples;
 use world_dip::WorldDip;
 
-pub use detection::DetectionOptions;
 pub(crate) use detection::fills_gaps;
+pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
 pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
@@ -441,6 +443,7 @@ fn run_detector<const D: usize>(
         points: surfaces.total_points,
         dropped: surfaces.dropped,
         signal_to_noise: output.signal_to_noise,
+        chaotic: output.chaotic_share,
         gently_dipping: if detector.is_fault() {
             let dips = WorldDip::new(input.source.geometry(), output.vertical_axis);
             outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm)?

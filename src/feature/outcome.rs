@@ -24,6 +24,9 @@ pub struct KindOutcome {
     /// For faults, the share of the points that dip by less than [`MIN_FAULT_DIP`]. Two-way time is
     /// converted to depth at 2,000 m/s.
     pub gently_dipping: Option<f64>,
+    /// Share of the image that lies in chaotic zones, in which none is sought; `None` if there are no
+    /// such zones, or features are sought in them.
+    pub chaotic: Option<f64>,
 }
 
 impl KindOutcome {

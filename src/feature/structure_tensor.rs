@@ -6,6 +6,7 @@
 //! summed over cells of `cell_size`^3 samples and smoothed there, and normals are interpolated
 //! between cell centres.
 
+use super::chaos::ChaoticZones;
 use super::gaussian::smooth;
 use super::windows::{LayerWindow, Samples, layer_len};
 use crate::error::Result;
@@ -21,12 +22,20 @@ pub struct NormalField<const D: usize> {
     dims: [usize; D],
     cell_size: usize,
     vectors: Vec<[f32; D]>,
+    chaotic_zones: Option<ChaoticZones<D>>,
+}
+
+/// Root mean square of an image's samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RootMeanSquares {
+    pub smoothed: f32,
+    pub unsmoothed: f32,
 }
 
 impl<const D: usize> NormalField<D> {
     /// Computes the normals of an image (smoothed to the scale of its derivatives) under a Gaussian
-    /// window of width `window` samples, and the root mean square of its samples. Samples that are
-    /// not `live` are left out of both.
+    /// window of width `window` samples, and the root mean square of its samples, smoothed and
+    /// unsmoothed. Samples that are not `live` are left out of all.
     ///
     /// # Errors
     /// Returns the errors of reading layers.
@@ -35,7 +44,7 @@ impl<const D: usize> NormalField<D> {
         window: f64,
         live: Option<&LiveMask<D>>,
         cancel: &CancelToken<'_>,
-    ) -> Result<(Self, f32)> {
+    ) -> Result<(Self, RootMeanSquares)> {
         // Windows of layers begin at the edge of a cell.
         let factor = match window {
             8.0.. => 4,
@@ -44,19 +53,25 @@ impl<const D: usize> NormalField<D> {
         };
         let dims = samples.dims().map(|n| n.div_ceil(factor));
         let mut products = vec![Vec::new(); D * (D + 1) / 2];
-        let mut sum = 0.0;
+        let mut sums = [0.0; 2];
         let mut measure = |window: &LayerWindow<'_, D>| {
-            let layers = window.smoothed.layers(&window.interior.layers);
-            let squares = layers.par_chunks(layer_len(window.dims).max(1)).enumerate();
-            let squares = squares.map(|(number, layer)| match live {
-                None => square_sum(layer),
-                Some(live) => live_square_sum(layer, window.interior.layers.start + number, live),
+            let squares = [window.smoothed, window.raw].map(|stack| -> Vec<f64> {
+                let layers = stack.layers(&window.interior.layers);
+                let layers = layers.par_chunks(layer_len(window.dims).max(1)).enumerate();
+                let squares = layers.map(|(number, layer)| match live {
+                    None => square_sum(layer),
+                    Some(live) => {
+                        live_square_sum(layer, window.interior.layers.start + number, live)
+                    }
+                });
+                squares.collect()
             });
-            let squares: Vec<f64> = squares.collect();
             (squares, interior_products(window, factor, live, cancel))
         };
-        let mut take = |(squares, window_products): (Vec<f64>, Vec<Vec<f32>>)| {
-            sum = squares.iter().fold(sum, |sum, square| sum + square);
+        let mut take = |(squares, window_products): ([Vec<f64>; 2], Vec<Vec<f32>>)| {
+            for (sum, squares) in sums.iter_mut().zip(&squares) {
+                *sum = squares.iter().fold(*sum, |sum, square| sum + square);
+            }
             for (component, part) in products.iter_mut().zip(window_products) {
                 component.extend(part);
             }
@@ -71,10 +86,13 @@ impl<const D: usize> NormalField<D> {
             None => count.max(1) as f64,
             Some(live) => (count as f64 * (1.0 - live.gap_shares().iter().sum::<f64>())).max(1.0),
         };
-        let rms = (sum / count).sqrt() as f32;
+        let [smoothed, unsmoothed] = sums.map(|sum| (sum / count).sqrt() as f32);
         Ok((
             Self::from_products(dims, factor, products, window, cancel),
-            rms,
+            RootMeanSquares {
+                smoothed,
+                unsmoothed,
+            },
         ))
     }
 
@@ -86,6 +104,7 @@ impl<const D: usize> NormalField<D> {
         window: f64,
         cancel: &CancelToken<'_>,
     ) -> Self {
+        let chaotic_zones = ChaoticZones::find(dims, cell_size, &products, cancel);
         // Cells on the far sides hold fewer samples: their weight is smaller, their direction the
         // same.
         let products: Vec<Vec<f32>> = products
@@ -110,7 +129,13 @@ impl<const D: usize> NormalField<D> {
             dims,
             cell_size,
             vectors,
+            chaotic_zones,
         }
+    }
+
+    /// Returns the chaotic zones, if there are any.
+    pub fn chaotic_zones(&self) -> Option<&ChaoticZones<D>> {
+        self.chaotic_zones.as_ref()
     }
 
     /// Returns the axis to which most normals are nearest.
@@ -253,7 +278,7 @@ mod tests {
                 samples.smooth(1.0, &CancelToken::never());
                 let (normals, rms) =
                     NormalField::new(&samples, 4.0, None, &CancelToken::never()).unwrap();
-                assert!((0.55..0.75).contains(&rms), "{rms}");
+                assert!((0.55..0.75).contains(&rms.smoothed), "{rms:?}");
                 for p in [[20.0, 18.0, 22.0], [19.3, 17.6, 21.2], [24.0, 15.0, 20.5]] {
                     let w = normals.normal_at(p);
                     let c: f64 = (0..3).map(|k| f64::from(w[k]) * n[k]).sum();

@@ -11,8 +11,8 @@ use super::spec::{FeatureWeights, NominalDistance, PointValue};
 use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{
-    FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP, MIN_LENGTH, detect_with_cancel,
-    lines_with_cancel,
+    FaultEvidence, FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP, MIN_LENGTH,
+    detect_with_cancel, lines_with_cancel,
 };
 use crate::image::formats::{InputOptions, LoadedImage};
 use crate::image::{ImageSource, Modality};
@@ -54,6 +54,12 @@ pub struct FeatureSpec {
         arg(long, value_name = "T", allow_negative_numbers = true)
     )]
     pub threshold: Option<f32>,
+    /// How faults are recognised in seismic amplitudes
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "EVIDENCE", default_value_t, value_enum)
+    )]
+    pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
     #[cfg_attr(
         feature = "cli",
@@ -64,6 +70,9 @@ pub struct FeatureSpec {
     /// the square of it, in 2-D its length [default: 20]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES"))]
     pub min_fault_size: Option<f64>,
+    /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub keep_chaos: bool,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t))]
     pub feature_weights: FeatureWeights,
@@ -107,8 +116,10 @@ impl Default for FeatureSpec {
             distance: 8.0,
             sigma: None,
             threshold: None,
+            fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
+            keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             object: Vec::new(),
             background: Vec::new(),
@@ -150,8 +161,10 @@ impl FeatureSpec {
             feature: self.feature,
             sigma: self.sigma,
             threshold: self.threshold,
+            fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
+            keep_chaos: self.keep_chaos,
             feature_weights: self.feature_weights,
             object: self.object.clone(),
             background: self.background.clone(),

@@ -508,6 +508,9 @@ where
     })
 }
 
+/// Smallest distance, in samples, to which the default is reduced: that of three slices.
+const MIN_THIN_DISTANCE: f64 = 1.0;
+
 /// Returns the parameters with the default distance reduced to what a thin image, such as one of a
 /// few slices, has room for. Returns `None` if the distance fits, or is not the default.
 fn params_for_thin_image<const D: usize>(
@@ -516,12 +519,16 @@ fn params_for_thin_image<const D: usize>(
 ) -> Option<Params<D>> {
     let [min, max] = DEFAULT_DISTANCES;
     let largest = 0.5 * box_extent.iter().copied().fold(f64::INFINITY, f64::min);
-    let fits = largest >= max || largest < min;
+    let fits = largest >= max || largest < MIN_THIN_DISTANCE;
     if fits || params.spacing() != (Spacing::FromFeatureGaps { min, max }) {
         return None;
     }
     let mut params = params.clone();
-    params.spec.distance = NominalDistance::Range { min, max: largest };
+    params.spec.distance = if largest > min {
+        NominalDistance::Range { min, max: largest }
+    } else {
+        NominalDistance::Constant(largest)
+    };
     Some(params)
 }
 

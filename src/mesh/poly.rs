@@ -268,30 +268,39 @@ impl<const D: usize> PolyMesh<D> {
     /// face that lies in no side (the top and the base of columns) gets the side whose outward
     /// normal is nearest to its own.
     pub fn assign_sides(&mut self, low: [f64; D], high: [f64; D]) {
-        let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
         for f in self.inner_face_count()..self.face_cells.len() {
             let normal = self.face_shape(f).area_vector;
             let outward_component =
-                |side: usize| normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
-            let max_offset = |side: usize| {
-                let plane = if side.is_multiple_of(2) { low } else { high }[side / 2];
-                let nodes = self.faces.get(f).iter();
-                nodes.fold(0.0, |max: f64, &n| {
-                    max.max((self.nodes[n as usize][side / 2] - plane).abs())
-                })
-            };
-            let sides = 0..2 * D;
-            let nearest = sides
-                .clone()
-                .min_by(|&s, &t| max_offset(s).total_cmp(&max_offset(t)));
-            let side = match nearest {
-                Some(side) if max_offset(side) > 1e-6 * longest => {
-                    sides.max_by(|&s, &t| outward_component(s).total_cmp(&outward_component(t)))
-                }
-                nearest => nearest,
-            };
+                |side: &usize| normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
+            let side = self.containing_side(f, low, high).or_else(|| {
+                (0..2 * D).max_by(|s, t| outward_component(s).total_cmp(&outward_component(t)))
+            });
             self.face_cells[f][1] = FIRST_SIDE + side.unwrap_or(0) as u32;
         }
+    }
+
+    /// Takes the side from every upright face on the boundary that lies in no side of the box
+    /// `[low, high]`. Such faces are at faults that offset columns.
+    pub fn release_fault_sides(&mut self, low: [f64; D], high: [f64; D]) {
+        for f in self.inner_face_count()..self.face_cells.len() {
+            if self.is_upright(f) && self.containing_side(f, low, high).is_none() {
+                self.face_cells[f][1] = NO_CELL;
+            }
+        }
+    }
+
+    /// Returns the side of the box `[low, high]` in which a face lies, within a millionth of the box.
+    fn containing_side(&self, f: usize, low: [f64; D], high: [f64; D]) -> Option<usize> {
+        let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+        let max_offset = |side: &usize| {
+            let plane = if side.is_multiple_of(2) { low } else { high }[side / 2];
+            let nodes = self.faces.get(f).iter();
+            nodes.fold(0.0, |max: f64, &n| {
+                max.max((self.nodes[n as usize][side / 2] - plane).abs())
+            })
+        };
+        let nearest = (0..2 * D).min_by(|s, t| max_offset(s).total_cmp(&max_offset(t)));
+        nearest.filter(|side| max_offset(side) <= 1e-6 * longest)
     }
 
     /// Returns the mesh after an affine map of all nodes and sites. `mirrored` says that the map

@@ -2,6 +2,7 @@
 //! faces above or below a site.
 
 use super::poly::PolyMesh;
+use crate::geometry::{distance2, dot, sub};
 
 impl<const D: usize> PolyMesh<D> {
     /// Returns `true` if the cells form columns (or prisms): every face between two cells is
@@ -15,17 +16,24 @@ impl<const D: usize> PolyMesh<D> {
             })
     }
 
-    /// Returns `true` if all nodes of a face lie on two vertical lines.
+    /// Returns `true` if all nodes of a face lie on two vertical lines, or between them in their
+    /// plane.
     pub fn is_upright(&self, f: usize) -> bool {
-        let horizontal = |n: u32| &self.nodes[n as usize][..2];
+        let horizontal = |n: &u32| {
+            let node = &self.nodes[*n as usize];
+            [node[0], node[1]]
+        };
         let ring = self.faces.get(f);
-        let first = horizontal(ring[0]);
-        let other = ring.iter().map(|&n| horizontal(n)).find(|x| *x != first);
+        let first = horizontal(&ring[0]);
+        let Some(other) = ring.iter().map(horizontal).find(|x| *x != first) else {
+            return false;
+        };
         D == 3
-            && other.is_some_and(|other| {
-                ring.iter()
-                    .all(|&n| horizontal(n) == first || horizontal(n) == other)
-            })
+            && (ring
+                .iter()
+                .map(horizontal)
+                .all(|x| x == first || x == other)
+                || is_on_line(ring.iter().map(horizontal)))
     }
 
     /// Returns the point of face `f`, taken as a fan of triangles, directly above or below `x`.
@@ -83,4 +91,26 @@ impl<const D: usize> PolyMesh<D> {
         }
         volume
     }
+}
+
+/// Returns `true` if points of the plane lie on a line, within a billionth of their distance.
+fn is_on_line(points: impl Iterator<Item = [f64; 2]> + Clone) -> bool {
+    let farthest = |from: [f64; 2]| {
+        let mut points = points.clone();
+        let first = points.next().unwrap_or(from);
+        points.fold(first, |far, x| {
+            if distance2(&x, &from) > distance2(&far, &from) {
+                x
+            } else {
+                far
+            }
+        })
+    };
+    let start = farthest(farthest([0.0; 2]));
+    let along = sub(farthest(start), start);
+    let square = dot(along, along);
+    points.clone().all(|x| {
+        let offset = sub(x, start);
+        (along[0] * offset[1] - along[1] * offset[0]).abs() <= 1e-9 * square
+    })
 }

@@ -7,8 +7,9 @@ use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options
 use crate::image::{Geometry, Image};
 use crate::job::depth::read_velocities;
 use crate::job::spec::NumberOrFile;
+use crate::mesh::Simplices;
 use crate::progress::Progress;
-use crate::store::{self, AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
+use crate::store::{self, AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh, without_padding};
 use crate::{Error, Result};
 
 /// A mesh, and how to read the images that options name.
@@ -116,6 +117,18 @@ pub(crate) fn mesh_in_depth<const D: usize, M: Storable<D>>(
             Ok(stored)
         }
     }
+}
+
+/// Returns the mesh of the image alone, without the cells beyond it, and notes how many it leaves out.
+pub(crate) fn image_part<const D: usize, M: Simplices<D>>(
+    file: MeshFile<M>,
+    progress: &mut dyn Progress,
+) -> MeshFile<M> {
+    let (file, left_out) = without_padding(file);
+    if left_out > 0 {
+        progress.note(&format!("leaves out {left_out} cells beyond the image"));
+    }
+    file
 }
 
 /// Reads the image of a mesh, and checks that it fills the mesh's box.

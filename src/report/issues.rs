@@ -299,26 +299,26 @@ impl Report {
     /// Returns the issue of parts of labels that are not in the mesh.
     fn lost_part_issue(&self) -> Option<Issue> {
         let lost = &self.regions.as_ref()?.lost;
-        let largest = lost
+        // Smaller cells for a whole small label cost less than for a tiny part of a large one.
+        let worst = lost
             .iter()
-            .max_by_key(|of_label| of_label.largest_samples)?;
-        let is_label_lost = lost.iter().any(|lost| lost.is_whole_label);
-        if !is_label_lost && largest.largest_samples < FRAGMENT_SAMPLES {
-            return None;
-        }
+            .filter(|lost| lost.is_whole_label || lost.largest_samples >= FRAGMENT_SAMPLES)
+            .max_by_key(|lost| (lost.is_whole_label, lost.largest_samples))?;
         let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
         let parts = match parts {
             1 => "a part of a label is".to_string(),
             parts => format!("{} parts of labels are", group_digits(parts)),
         };
+        let samples = group_digits(worst.largest_samples);
+        let largest = if worst.is_whole_label {
+            format!("all of label {}, {samples} samples", worst.label)
+        } else {
+            format!("the largest {samples} samples of label {}", worst.label)
+        };
         Some(Issue {
-            message: format!(
-                "{parts} lost, the largest {} samples of label {}",
-                group_digits(largest.largest_samples),
-                largest.label
-            ),
-            option: largest.remedy(),
-            suggestion: match largest.remedy() {
+            message: format!("{parts} lost, {largest}"),
+            option: worst.remedy(),
+            suggestion: match worst.remedy() {
                 Some(_) => "makes cells of that label smaller, which keeps the part",
                 None => regions::RESAMPLING_ADVICE,
             },

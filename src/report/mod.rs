@@ -15,7 +15,8 @@
 //! - `padding`: cells beyond the image
 //! - `regions`: regions that the labels of an image become
 //! - [`cost`]: seconds and memory of each stage
-//! - `table`: a report on one screen
+//! - `summary`: what everybody needs to know, for a small terminal
+//! - `table`: a whole report on one screen
 //! - `verdict`: a report in three lines
 //! - `issues`: what is wrong with a mesh, and what helps
 
@@ -34,6 +35,7 @@ mod padding;
 pub(crate) mod quality;
 pub(crate) mod reference;
 mod regions;
+mod summary;
 pub(crate) mod table;
 mod tally;
 mod verdict;

@@ -1,4 +1,4 @@
-//! Formats a report for one screen.
+//! Formats a whole report for one screen; `summary` has what everybody needs to know.
 
 use super::quality::{Quality, Quantiles};
 use super::{
@@ -15,7 +15,7 @@ const MAX_SHOWN_GROUPS: usize = 4;
 const MAX_SHOWN_LATTICES: usize = 10;
 
 /// Adds the cells beyond the image.
-fn add_padding(line: &mut impl FnMut(&str, String), padding: &PaddingReport) {
+pub(super) fn add_padding(line: &mut impl FnMut(&str, String), padding: &PaddingReport) {
     let regions = padding.regions.iter();
     let counts = regions.map(|region| format!("{} {}", group_digits(region.cells), region.name));
     let counts = counts.collect::<Vec<_>>().join(", ");
@@ -31,7 +31,7 @@ fn add_padding(line: &mut impl FnMut(&str, String), padding: &PaddingReport) {
 }
 
 impl Report {
-    /// Returns the report as a table of plain lines, about 80 columns wide. Sections without
+    /// Returns the whole report as a table of plain lines, about 80 columns wide. Sections without
     /// measures are omitted.
     pub fn table(&self) -> String {
         let mut lines = Vec::new();
@@ -89,7 +89,7 @@ impl Report {
     fn add_verdict_and_size(&self, line: &mut impl FnMut(&str, String)) {
         if let Some(verdict) = Verdict::from_report(self) {
             for (name, text) in verdict.lines() {
-                for (number, text) in wrap_text(&text).into_iter().enumerate() {
+                for (number, text) in wrap_text(&text, PROSE_WIDTH).into_iter().enumerate() {
                     line(if number == 0 { name } else { "" }, text);
                 }
             }
@@ -122,7 +122,7 @@ impl Report {
     }
 
     /// Adds the numbers of points that the mesh does not follow, with the reasons.
-    fn add_dropped_points(&self, line: &mut impl FnMut(&str, String)) {
+    pub(super) fn add_dropped_points(&self, line: &mut impl FnMut(&str, String)) {
         for outcome in &self.outcomes {
             let dropped = outcome.dropped;
             let parts = [
@@ -131,6 +131,9 @@ impl Report {
                 (dropped.in_narrow_parts, "in narrow parts"),
                 (dropped.weak, "weak"),
             ];
+            if parts.iter().all(|(count, _)| *count == 0) {
+                continue;
+            }
             let reasons = parts.map(|(count, why)| format!("{} {why}", group_digits(count)));
             let kind = outcome.kind;
             line(
@@ -479,13 +482,17 @@ fn format_samples(value: f64) -> String {
     }
 }
 
-/// Returns the text in lines of at most [`PROSE_WIDTH`] characters, broken between words.
-fn wrap_text(text: &str) -> Vec<String> {
+/// Returns the text in lines of at most `width` characters, broken between words.
+pub(super) fn wrap_text(text: &str, width: usize) -> Vec<String> {
+    if text.starts_with(' ') {
+        // A row of a table.
+        return vec![text.to_owned()];
+    }
     let mut lines = vec![String::new()];
     for word in text.split(' ') {
         match lines.last_mut() {
             Some(line) if line.is_empty() => line.push_str(word),
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= PROSE_WIDTH => {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
                 *line += " ";
                 line.push_str(word);
             }
@@ -519,14 +526,14 @@ fn bar_chart(bins: &[u64]) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::*;
     use super::*;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
     use crate::progress::Stage;
 
-    fn full_report() -> Report {
+    pub(crate) fn full_report() -> Report {
         let mesh = kuhn_box([8, 8, 8], 2.0);
         let truth = crate::image::synth::make(
             crate::image::synth::SyntheticKind::Sphere,

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::Report;
 use super::issues::{Issue, angle_range};
 use super::table::group_digits;
-use crate::feature::{KindOutcome, MIN_FAULT_DIP};
+use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP};
 
 /// Maximum fraction of the features of one kind that the mesh may drop. More is an issue.
 pub(super) const MAX_DROPPED_SHARE: f64 = 0.1;
@@ -179,6 +179,13 @@ impl Report {
             .into_iter()
             .collect();
         lines.extend(self.outcomes.iter().flat_map(outcome_lines));
+        let chaotic = self.outcomes.iter().filter_map(|outcome| outcome.chaotic);
+        if let Some(share) = chaotic.reduce(f64::max) {
+            lines.push(format!(
+                "{} % of the image is chaotic (salt, gas, noise), and no features are sought there",
+                percent(share)
+            ));
+        }
         if let Some(missing) = &self.missing {
             let total = percent(missing.bridged + missing.without_features);
             let gaps = match missing.without_features {
@@ -237,6 +244,13 @@ fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
         dropped,
         ..
     } = outcome;
+    // The names of these options are no plurals.
+    let kind = match kind {
+        FeatureKind::Canny => "edges".to_string(),
+        FeatureKind::Isosurface => "parts of the isosurface".to_string(),
+        FeatureKind::Mask => "parts of the mask".to_string(),
+        other => other.to_string(),
+    };
     if *points == 0 {
         let count = group_digits(dropped.strong_count() + dropped.weak);
         lines.push(format!(
@@ -288,7 +302,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::feature::{Doubt, DroppedPoints, FeatureKind, MissingData};
+    use crate::feature::{Doubt, DroppedPoints, MissingData};
     use crate::image::LabelValue;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
@@ -398,6 +412,7 @@ mod tests {
             },
             signal_to_noise: Some(6.0),
             gently_dipping: Some(0.05),
+            chaotic: None,
         };
         let report_with = |outcome: KindOutcome| Report {
             outcomes: vec![outcome],
@@ -544,6 +559,7 @@ mod tests {
             dropped: DroppedPoints::default(),
             signal_to_noise: None,
             gently_dipping: None,
+            chaotic: None,
         }];
         let option = Verdict::from_report(&featureless).unwrap().option;
         assert_eq!(option.as_deref(), Some("--feature ridges"));

@@ -41,7 +41,7 @@ pub use foreign::read_any_mesh;
 pub use info::{FileInfo, info};
 pub use labels::{LabelledRegion, read_labels};
 pub use lines::{write_feature_lines, write_lines};
-pub use padding::{NamedRegion, read_named_regions};
+pub use padding::{NamedRegion, read_named_regions, without_padding};
 pub use points::write_feature_points;
 pub use polyhedra::{CellStreams, write_cells_vtu};
 pub use pvd::PvdSeries;

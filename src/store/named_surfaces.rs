@@ -56,6 +56,12 @@ impl NamedSurfaces {
         ]
     }
 
+    /// Puts the surfaces in the place of those that a file has.
+    pub fn replace_in(self, fields: &mut Vec<(String, FieldValue)>) {
+        fields.retain(|(name, _)| name != SURFACE_NAMES_FIELD && name != SURFACE_FACES_FIELD);
+        fields.extend(self.into_fields());
+    }
+
     /// Reads the surfaces of a file.
     pub(super) fn from_file<M>(file: &MeshFile<M>) -> Self {
         let (Some(FieldValue::Text(names)), Some(FieldValue::Ints(numbers))) = (

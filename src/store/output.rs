@@ -344,6 +344,9 @@ pub(crate) const HORIZON_FACES_ARRAY: &str = "horizon_faces";
 pub(crate) const DISTANCE_ARRAY: &str = "distance";
 /// Field of welded Voronoi cells: the fraction of their size within which nodes are merged.
 pub(crate) const WELD_FIELD: &str = "weld";
+/// Field of meshes of columns that are offset at faults: upright faces with one cell that lie in no side
+/// of the box are at faults.
+pub(crate) const THROWS_FIELD: &str = "throws";
 /// Returns the unit of one of our arrays, from its name and the units of the coordinates; empty for
 /// numbers without unit, or if the unit is not known.
 pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> String {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::depth::velocity_file;
 use super::labels::remove_labels;
 use super::named_surfaces::NamedSurfaces;
-use super::output::{HORIZON_FACES_ARRAY, UNITS_FIELD, WELD_FIELD};
+use super::output::{HORIZON_FACES_ARRAY, THROWS_FIELD, UNITS_FIELD, WELD_FIELD};
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
@@ -101,8 +101,9 @@ pub trait Storable<const D: usize>: Mesh<D> {
     /// `None` if the file does not have them. The mesh is in lattice space.
     fn feature_marks(&self, feature_faces: Option<&[u8]>) -> Option<Vec<bool>>;
 
-    /// Assigns boundary faces to the sides of the box `[0, extent]`, for meshes that store sides.
-    fn find_sides(&mut self, extent: [f64; D]);
+    /// Assigns boundary faces to the sides of the box `[0, extent]`, for meshes that store sides. In
+    /// columns with throws, upright faces that lie in no side get none.
+    fn find_sides(&mut self, extent: [f64; D], has_throws: bool);
 
     /// Returns the region of each cell; `None` if the file does not have regions.
     fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>>;
@@ -131,7 +132,7 @@ impl<const D: usize, M: Simplices<D>> Storable<D> for M {
         Some(marks_from_bits::<D>(feature_faces?).collect())
     }
 
-    fn find_sides(&mut self, _: [f64; D]) {}
+    fn find_sides(&mut self, _: [f64; D], _: bool) {}
 
     fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>> {
         let regions = arrays.cell_array(REGION_ARRAY)?.values.to_i64();
@@ -184,8 +185,11 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
         Some(self.on_feature.clone())
     }
 
-    fn find_sides(&mut self, extent: [f64; D]) {
+    fn find_sides(&mut self, extent: [f64; D], has_throws: bool) {
         self.assign_sides([0.0; D], extent);
+        if has_throws {
+            self.release_fault_sides([0.0; D], extent);
+        }
     }
 
     fn regions(&self, _: &MeshFile<()>) -> Option<Vec<i32>> {
@@ -338,12 +342,13 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
             Some(FieldValue::F64s(weld)) => weld.first().copied(),
             _ => None,
         };
+        let has_throws = file.field_value(THROWS_FIELD).is_some();
         let feature_faces = M::feature_faces(&file, mirrored);
         let horizons = M::horizons(&file, mirrored);
         let named = NamedSurfaces::from_file(&file);
         let (mut lattice, arrays) = file.into_parts();
         lattice.swap_positions(&mut positions, mirrored);
-        lattice.find_sides(space.extent);
+        lattice.find_sides(space.extent, has_throws);
         Ok(Self {
             lattice,
             world: positions,

@@ -40,12 +40,16 @@ class MeshOptions(TypedDict, total=False):
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
+    #: How faults are recognised in seismic amplitudes
+    fault_evidence: Literal["network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
     #: else at 2,000 m/s
     min_dip: _Number | None
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
     #: least the square of it, in 2-D its length [default: 20]
     min_fault_size: _Number | None
+    #: Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
     #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
@@ -153,8 +157,9 @@ class MeshOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -172,6 +177,8 @@ class MeshOptions(TypedDict, total=False):
     interval_byte: int | None
     #: A TOML file of options. Options on the command line take precedence
     config: _Path | None
+    #: Print the whole report, which --report writes as JSON in any case
+    details: bool | None
     #: Largest memory to use, such as 8G or 500M. A job that would need more is refused before it
     #: begins [default: the free memory]
     max_memory: int | None
@@ -192,11 +199,15 @@ class FeatureOptions(TypedDict, total=False):
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
+    #: How faults are recognised in seismic amplitudes
+    fault_evidence: Literal["network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
     min_dip: _Number | None
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
     #: least the square of it, in 2-D its length [default: 20]
     min_fault_size: _Number | None
+    #: Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
@@ -233,8 +244,9 @@ class FeatureOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -279,8 +291,9 @@ class InfoOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -334,8 +347,9 @@ class ConvertOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -395,8 +409,9 @@ class ReportOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -441,6 +456,10 @@ class FlowOptions(TypedDict, total=False):
     #: pairs of regions and patterns as in --fault-multiplier. All others are open [default:
     #: faults]
     barriers: _Value | None
+    #: Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the
+    #: mesh, along the faces of cells. An extension has a name of its own, such as
+    #: fault1_extension, and the law of its fault
+    extend_faults: _Number | None
     #: Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     #: KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     permeability: _Value | None
@@ -486,8 +505,9 @@ class EditOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -514,6 +534,9 @@ class ColumnsOptions(TypedDict, total=False):
     layer_thickness: _Number | None
     #: Smallest thickness of a layer; thinner layers vanish at that place
     least_thickness: _Number | None
+    #: Let horizons be offset at the map's faults: z closer than DIST to a fault is continued from
+    #: the same side
+    throws: _Number | None
     #: Unit of z [default: the unit of the map's x]
     z_unit: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
@@ -540,8 +563,9 @@ class ColumnsOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -617,8 +641,9 @@ class ExportOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -770,8 +795,9 @@ class SliceOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -809,6 +835,11 @@ class SurfaceOptions(TypedDict, total=False):
     #: sticks per fault; for a grid the bins of the survey, or about the length of the surface's
     #: edges]
     step: _Number | None
+    #: Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
+    #: .ts, .obj, grids, sticks or points. All other surfaces get numbers that no earlier name has
+    names_from: _Path | None
+    #: Also write the mesh with the names of these surfaces, which every verb then uses
+    mesh_out: _Path | None
     #: Show in the table which surfaces meet (--json always does)
     meets: bool | None
     #: The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and
@@ -851,8 +882,9 @@ class SurfaceOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -910,8 +942,9 @@ class PaintOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None
@@ -969,8 +1002,9 @@ class SegmentOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
-    #: SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    #: are in thousandths of a metre or foot, and the first sample in metres or feet
+    #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
+    #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
+    #: first sample in metres or feet
     domain: Literal["time", "depth"] | None
     #: SEG-Y: trace header byte of the inline number [default: 189]
     inline_byte: int | None

@@ -31,11 +31,10 @@ pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path
     let place = format!("{option} {}", path.display());
     if !ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
         let known: Vec<String> = endings.iter().map(|ending| format!(".{ending}")).collect();
-        let known = known.join(" or ");
         return Err(Error::Job(cause(
             place,
-            format!("does not end in {known}, the format that is written here"),
-            format!("give a name that ends in {known}"),
+            format!("does not end in {}", known.join(" or ")),
+            "give a name with such an ending, which is that of the format to write",
         )));
     }
     if inputs.iter().any(|input| same_file(input, path)) {

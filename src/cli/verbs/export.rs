@@ -32,7 +32,11 @@ pub struct ExportArgs {
 
 /// Returns the names of the formats with their descriptions.
 fn format_names() -> PossibleValuesParser {
-    let named = |format: &ExportFormat| PossibleValue::new(format.name).help(format.description);
+    let named = |format: &ExportFormat| {
+        PossibleValue::new(format.name)
+            .help(format.description)
+            .aliases(format.programs())
+    };
     PossibleValuesParser::new(formats().map(named))
 }
 

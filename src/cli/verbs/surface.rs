@@ -36,6 +36,7 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(spec.image.as_deref());
     inputs.extend(spec.survey.as_deref());
+    inputs.extend(spec.names_from.as_deref());
     let endings = [
         &SURFACE_EXTENSIONS[..],
         &STICK_EXTENSIONS,
@@ -44,18 +45,31 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     ]
     .concat();
     check_output(output, "--output", &endings, &inputs)?;
+    if let Some(path) = &spec.mesh_out {
+        inputs.push(output);
+        check_output(path, "--mesh-out", &["vtu"], &inputs)?;
+    }
     spec.check_target(output)
         .and_then(|()| spec.validate())
         .map_err(with_option_name::<SurfaceSpec>)?;
-    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
+    let mut outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
         crate::surfaces(input, spec, progress).map_err(with_option_name::<SurfaceSpec>)
     })?;
     console.begin_stage(Stage::Writing);
     let mut text = outcome.table(spec.meets);
     let (count, mut fields) = (outcome.len(), outcome.to_json());
+    if let (Some(path), Some(mesh)) = (&spec.mesh_out, outcome.mesh.take()) {
+        console.write_any_mesh(path, mesh)?;
+        text += &format!("\nwrote {}: the mesh with these names", path.display());
+        fields["mesh"] = path_text(path).into();
+    }
     let files = console.write_outcome_surfaces(output, outcome, spec)?;
     if let [only] = &files[..] {
-        text += &format!("\nwrote {}: {count} surfaces", only.display());
+        let what = match spec.number {
+            Some(number) => format!("surface {number}"),
+            None => format!("{count} surfaces"),
+        };
+        text += &format!("\nwrote {}: {what}", only.display());
     } else {
         for file in &files {
             text += &format!("\nwrote {}", file.display());

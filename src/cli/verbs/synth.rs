@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::Result;
 use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, report_written_image};
 use crate::cli::console::Console;
+use crate::error::cause;
+use crate::image::formats::AnyImage;
+use crate::image::formats::segy::write_synthetic;
 use crate::image::synth::{SynthSpec, SyntheticKind};
+use crate::{Error, Result};
 
 /// Arguments of `atomesh synth`.
 #[derive(Debug, Args)]
@@ -15,7 +18,8 @@ pub struct SynthArgs {
     /// The kind of image
     #[arg(value_name = "KIND", value_parser = synth_kind())]
     pub kind: String,
-    /// The image to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D
+    /// The image to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz; .png in 2-D; .sgy in 3-D, a
+    /// survey with samples of 12.5 m x 12.5 m x 4 ms
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Options of the image.
@@ -30,7 +34,8 @@ fn synth_kind() -> clap::builder::PossibleValuesParser {
 /// Runs the verb.
 pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
     let spec = &args.spec;
-    check_output(&args.output, "--output", &IMAGE_EXTENSIONS, &[])?;
+    let endings = [&IMAGE_EXTENSIONS[..], &["sgy"]].concat();
+    check_output(&args.output, "--output", &endings, &[])?;
     let mut others = vec![args.output.as_path()];
     for (path, option) in [(&spec.truth, "--truth"), (&spec.layers, "--layers")] {
         if let Some(path) = path {
@@ -40,7 +45,22 @@ pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
     }
     let image = crate::synth(args.kind.parse()?, spec)?;
     let dims = image.dims();
-    console.write_any_image(&args.output, image)?;
+    let is_segy = args
+        .output
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("sgy"));
+    match image {
+        AnyImage::Space(loaded) if is_segy => write_synthetic(&args.output, &loaded.image)?,
+        AnyImage::Plane(_) if is_segy => {
+            let remedy = "give three dimensions, or another ending";
+            return Err(Error::Job(cause(
+                format!("--output {}", args.output.display()),
+                "a survey has three axes, and this image has two",
+                remedy,
+            )));
+        }
+        image => console.write_any_image(&args.output, image)?,
+    }
     report_written_image(console, &args.output, &dims);
     Ok(())
 }

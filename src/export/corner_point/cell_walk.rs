@@ -3,6 +3,7 @@
 use crate::geometry::{dot, sub};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{Lists, PolyMesh};
+use crate::parallel::prelude::*;
 
 /// Maximum number of steps of a walk.
 const MAX_STEPS: usize = 10_000;
@@ -24,6 +25,8 @@ pub struct LineSegment {
 pub struct CellWalker<'a> {
     graph: &'a Graph<3>,
     faces: Lists,
+    /// Distance within which a point lies in each cell, because coordinates are rounded.
+    rounding: Vec<f64>,
 }
 
 /// Face of a cell, seen from the cell.
@@ -37,13 +40,16 @@ struct CellSide {
 impl<'a> CellWalker<'a> {
     /// Creates a walker for the cells of a mesh and their graph.
     pub fn new(mesh: &PolyMesh<3>, graph: &'a Graph<3>) -> Self {
+        let volumes = graph.volume.par_iter();
         Self {
             graph,
             faces: mesh.faces_of_cells(),
+            rounding: volumes.map(|volume| 1e-9 * volume.cbrt()).collect(),
         }
     }
 
     /// Returns the sides of a cell, each with its face number.
+    #[inline]
     fn sides(&self, cell: u32) -> impl Iterator<Item = (u32, CellSide)> + '_ {
         let (inner, outer) = (&self.graph.connections, &self.graph.boundary);
         self.faces.get(cell as usize).iter().map(move |&f| {
@@ -76,7 +82,7 @@ impl<'a> CellWalker<'a> {
     pub fn cell_at(&self, point: [f64; 3], start_cell: u32) -> u32 {
         let mut cell = start_cell;
         for _ in 0..MAX_STEPS {
-            let mut farthest = (1e-9 * self.graph.volume[cell as usize].cbrt(), None);
+            let mut farthest = (self.rounding[cell as usize], None);
             for (_, side) in self.sides(cell) {
                 let distance = dot(sub(point, side.point), side.normal);
                 if side.neighbour.is_some() && distance > farthest.0 {
@@ -91,31 +97,33 @@ impl<'a> CellWalker<'a> {
         cell
     }
 
-    /// Returns where a line enters a cell and where it leaves it, each with the face.
+    /// Returns where a line enters a cell, and where it leaves it, with the face through which it
+    /// does and the cell beyond.
+    #[inline]
     fn cell_crossing(
         &self,
         cell: u32,
         origin: [f64; 3],
         direction: [f64; 3],
-    ) -> [(f64, Option<(u32, CellSide)>); 2] {
-        let [mut enters, mut leaves] = [(f64::NEG_INFINITY, None), (f64::INFINITY, None)];
-        let parallel = 1e-12 * dot(direction, direction).sqrt();
-        let rounding = 1e-9 * self.graph.volume[cell as usize].cbrt();
+        parallel: f64,
+    ) -> (f64, f64, Option<(u32, Option<u32>)>) {
+        let (mut enters, mut leaves) = (f64::NEG_INFINITY, (f64::INFINITY, None));
+        let rounding = self.rounding[cell as usize];
         for (f, side) in self.sides(cell) {
             let speed = dot(direction, side.normal);
             let distance = dot(sub(side.point, origin), side.normal);
             if speed.abs() <= parallel && distance < -rounding {
                 // The line is parallel to this face and outside the cell.
-                return [enters, (f64::NEG_INFINITY, None)];
+                return (enters, f64::NEG_INFINITY, None);
             }
             let fraction = distance / speed;
             if speed > parallel && fraction < leaves.0 {
-                leaves = (fraction, Some((f, side)));
-            } else if speed < -parallel && fraction > enters.0 {
-                enters = (fraction, Some((f, side)));
+                leaves = (fraction, Some((f, side.neighbour)));
+            } else if speed < -parallel && fraction > enters {
+                enters = fraction;
             }
         }
-        [enters, leaves]
+        (enters, leaves.0, leaves.1)
     }
 
     /// Returns the segments, in order, in which the line from `origin` along `direction` crosses
@@ -152,27 +160,25 @@ impl<'a> CellWalker<'a> {
     ) -> Vec<LineSegment> {
         let middle = std::array::from_fn(|k| origin[k] + 0.5 * direction[k]);
         let first = self.cell_at(middle, start_cell);
+        let parallel = 1e-12 * dot(direction, direction).sqrt();
         // Traces the line from a cell in one direction.
         let trace = |first: u32, direction: [f64; 3], origin: [f64; 3]| {
             let mut segments: Vec<LineSegment> = Vec::new();
             let (mut cell, mut reached) = (first, f64::NEG_INFINITY);
             for _ in 0..MAX_STEPS {
-                let [enters, leaves] = self.cell_crossing(cell, origin, direction);
-                let start = enters.0.max(reached);
-                let exit = leaves.1.filter(|_| leaves.0 > f64::NEG_INFINITY);
-                if leaves.0 > start {
-                    reached = leaves.0;
+                let (enters, leaves, exit) = self.cell_crossing(cell, origin, direction, parallel);
+                let start = enters.max(reached);
+                let next = exit.and_then(|(_, neighbour)| neighbour);
+                if leaves > start {
+                    reached = leaves;
                     segments.push(LineSegment {
                         cell,
                         start,
-                        end: leaves.0,
-                        exit_connection: exit
-                            .as_ref()
-                            .filter(|o| o.1.neighbour.is_some())
-                            .map(|o| o.0),
+                        end: leaves,
+                        exit_connection: exit.filter(|_| next.is_some()).map(|exit| exit.0),
                     });
                 }
-                match exit.and_then(|(_, side)| side.neighbour) {
+                match next {
                     Some(next) if reached < limit => cell = next,
                     _ => break,
                 }

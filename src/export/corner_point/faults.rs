@@ -27,8 +27,8 @@ use super::cell_walk::CellWalker;
 use super::grid::CornerPointGrid;
 use crate::export::containers::text::write_numbers;
 use crate::export::containers::text::{FileWriter, WriteResult};
-use crate::geometry::sub;
 use crate::geometry::union_find::UnionFind;
+use crate::geometry::{bounding_box, norm, sorted_distinct, sub};
 use crate::model::reservoir::Model;
 use crate::model::surface::SurfaceKind;
 
@@ -71,14 +71,14 @@ pub struct FaultResistances {
     edits: Vec<([[usize; 3]; 2], f64)>,
 }
 
-/// The connections of each face of a grid. Each cell has a number for its face towards larger
-/// indices along each axis, and one for the opposite face.
+/// The connections of each face of a grid through which a connection crosses a surface. Each cell
+/// has a number for its face towards larger indices along each axis, and one for the opposite face.
 struct FaceConnections<'a> {
     grid: &'a CornerPointGrid<'a>,
     cells: usize,
     connections: &'a [GridConnection],
-    /// Indices of the connections of each face.
-    by_face: BTreeMap<usize, Vec<usize>>,
+    /// Pairs of a face and the index of one of its connections, ascending.
+    by_face: Vec<(usize, usize)>,
 }
 
 impl<'a> FaceConnections<'a> {
@@ -87,13 +87,19 @@ impl<'a> FaceConnections<'a> {
             grid,
             cells: grid.dims().iter().product(),
             connections,
-            by_face: BTreeMap::new(),
+            by_face: Vec::new(),
         };
-        for (index, c) in connections.iter().enumerate() {
-            for face in [faces.lower(c), faces.upper(c)] {
-                faces.by_face.entry(face).or_default().push(index);
-            }
-        }
+        let faces_of = |c: &GridConnection| [faces.lower(c), faces.upper(c)];
+        let crossing = connections.iter().filter(|c| c.crossed_surface.is_some());
+        let crossed = sorted_distinct(crossing.flat_map(faces_of));
+        let pairs = connections.iter().enumerate().flat_map(|(index, c)| {
+            let is_crossed = |face: &usize| crossed.binary_search(face).is_ok();
+            let selected = faces_of(c).into_iter().filter(is_crossed);
+            selected.map(move |face| (face, index)).collect::<Vec<_>>()
+        });
+        let mut by_face: Vec<(usize, usize)> = pairs.collect();
+        by_face.par_sort_unstable();
+        faces.by_face = by_face;
         faces
     }
 
@@ -110,7 +116,11 @@ impl<'a> FaceConnections<'a> {
     /// Returns the connections of a face to cells that share it.
     fn touching(&self, face: usize) -> impl Iterator<Item = &'a GridConnection> {
         let connections = self.connections;
-        let of_face = self.by_face[&face].iter().map(move |&at| &connections[at]);
+        let start = self.by_face.partition_point(|pair| pair.0 < face);
+        let of_face = self.by_face[start..]
+            .iter()
+            .take_while(move |pair| pair.0 == face);
+        let of_face = of_face.map(move |&(_, at)| &connections[at]);
         of_face.filter(|c| c.shares_face)
     }
 
@@ -419,7 +429,89 @@ fn adjacent_layers(grid: &CornerPointGrid, axis: usize, [i, j, k]: [usize; 3]) -
             .into_iter()
             .any(|fraction| contact_height(fraction) > min_height)
     };
+    if pillars.iter().all(|[this, next]| this == next) {
+        // Where the pillars are not split, only cells of one layer can touch.
+        return (k..=k).filter(|&l| touches(l)).collect();
+    }
     (0..layers).filter(|&l| touches(l)).collect()
+}
+
+/// Boxes of space near surfaces. Lines outside them cross no surface.
+struct SurfaceBoxes {
+    low: [f64; 3],
+    edge: f64,
+    dims: [usize; 3],
+    is_near: Vec<bool>,
+}
+
+/// Number of boxes near surfaces for each cell of the model.
+const BOXES_PER_CELL: f64 = 4.0;
+/// Margin of the box of a face, relative to its size, because faces may be bent a little.
+const FACE_MARGIN: f64 = 0.1;
+
+impl SurfaceBoxes {
+    /// Marks the boxes near all faces on surfaces.
+    fn new(model: &Model) -> Self {
+        let [low, high] = bounding_box(&model.mesh.nodes);
+        let size = sub(high, low);
+        let count = BOXES_PER_CELL * model.len() as f64;
+        // A flat model has boxes in two directions, and a long one in one.
+        let mut sorted = size;
+        sorted.sort_by(f64::total_cmp);
+        let [c, b, a] = sorted;
+        let edge = (a / count)
+            .max((a * b / count).sqrt())
+            .max((a * b * c / count).cbrt());
+        let dims = size.map(|length| (length / edge) as usize + 1);
+        let mut boxes = Self {
+            low,
+            edge,
+            dims,
+            is_near: vec![false; dims.iter().product()],
+        };
+        for (f, &surface) in model.surfaces.connection_surfaces.iter().enumerate() {
+            if surface != 0 {
+                let nodes = model
+                    .mesh
+                    .faces
+                    .get(model.graph.connections[f].face as usize);
+                let nodes = nodes.iter().map(|&n| model.mesh.nodes[n as usize]);
+                let bounds @ [low, high] = bounding_box(nodes);
+                let margin = FACE_MARGIN * norm(sub(high, low));
+                boxes.for_each(bounds, margin, |is_near| *is_near = true);
+            }
+        }
+        boxes
+    }
+
+    /// Calls a function for all boxes that a box touches which is larger by `margin`.
+    fn for_each(&mut self, bounds: [[f64; 3]; 2], margin: f64, mut call: impl FnMut(&mut bool)) {
+        self.indices(bounds, margin)
+            .for_each(|index| call(&mut self.is_near[index]));
+    }
+
+    /// Returns `true` if a line may cross a surface.
+    fn may_cross(&self, ends: [[f64; 3]; 2]) -> bool {
+        let mut indices = self.indices(bounding_box(ends), 0.0);
+        indices.any(|index| self.is_near[index])
+    }
+
+    /// Returns the indices of all boxes that a box touches which is larger by `margin`.
+    fn indices(
+        &self,
+        [low, high]: [[f64; 3]; 2],
+        margin: f64,
+    ) -> impl Iterator<Item = usize> + use<> {
+        let dims = self.dims;
+        let index = |k: usize, x: f64| (((x - self.low[k]) / self.edge) as usize).min(dims[k] - 1);
+        let [i, j, k] =
+            std::array::from_fn(|k| index(k, low[k] - margin)..=index(k, high[k] + margin));
+        k.flat_map(move |k| {
+            let i = i.clone();
+            j.clone()
+                .flat_map(move |j| i.clone().map(move |i| (k * dims[1] + j) * dims[0] + i))
+        })
+    }
 }
 
 /// Returns all connections near surfaces, with the surface that each crosses, ordered by axis,
@@ -438,6 +530,7 @@ fn find_connections(
         return Vec::new();
     }
     let dims = grid.dims();
+    let boxes = SurfaceBoxes::new(model);
     let row_connections = |row: usize| {
         let (axis, row) = (row / (dims[1] * dims[2]), row % (dims[1] * dims[2]));
         let mut start_cell = 0;
@@ -450,9 +543,13 @@ fn find_connections(
                 continue;
             }
             let p = grid.point(cell, [0.5; 3]);
-            start_cell = walker.cell_at(p, start_cell);
-            let crosses = |other: [usize; 3]| {
-                let line = walker.trace_between(p, sub(grid.point(other, [0.5; 3]), p), start_cell);
+            let mut crosses = |other: [usize; 3]| {
+                let q = grid.point(other, [0.5; 3]);
+                if !boxes.may_cross([p, q]) {
+                    return None;
+                }
+                start_cell = walker.cell_at(p, start_cell);
+                let line = walker.trace_between(p, sub(q, p), start_cell);
                 let crossings = line
                     .iter()
                     .filter(|segment| (0.0..1.0).contains(&segment.end));
@@ -473,7 +570,7 @@ fn find_connections(
             } else {
                 vec![next[2]]
             };
-            let connection = |upper: [usize; 3], touches: bool| GridConnection {
+            let mut connection = |upper: [usize; 3], touches: bool| GridConnection {
                 axis,
                 lower: cell,
                 upper,

@@ -115,13 +115,14 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let pillars = Pillars::new(&outline, [n, m], graph);
     let walker = CellWalker::new(&model.mesh, graph);
     let layers = GridLayers::new(model, &walker, &pillars, layers);
+    let rock = RockLogarithms::new(model, &pillars);
     let columns: Vec<Vec<CellSum>> = (0..m)
         .into_par_iter()
         .flat_map_iter(|j| {
             let mut start_cell = 0;
             let sums = |i| {
                 column_sums(
-                    model,
+                    &rock,
                     &walker,
                     &pillars,
                     &layers,
@@ -444,9 +445,36 @@ fn default_dims(model: &Model, outline: &Outline) -> [usize; 3] {
     })
 }
 
+/// A model, and the logarithms of the permeability of its cells along i, j and z. (Many lines pass
+/// each cell.)
+struct RockLogarithms<'a> {
+    model: &'a Model,
+    /// Empty without permeability. Cells that are not active have none.
+    permeability: Vec<[f64; 3]>,
+}
+
+impl<'a> RockLogarithms<'a> {
+    fn new(model: &'a Model, pillars: &Pillars) -> Self {
+        let logarithms = |at: usize| {
+            let (Some(permeability), true) = (&model.permeability, model.is_active(at)) else {
+                return [0.0; 3];
+            };
+            let net = model.net_to_gross.as_ref().map_or(1.0, |ratios| ratios[at]);
+            let k = permeability.rock.mobility(at);
+            let [i, j] = pillars.axes.map(|[x, y]| k.normal_component([x, y, 0.0]));
+            [i / net, j / net, k.0[2]].map(f64::ln)
+        };
+        let cells = model.permeability.as_ref().map_or(0, |_| model.len());
+        Self {
+            model,
+            permeability: (0..cells).into_par_iter().map(logarithms).collect(),
+        }
+    }
+}
+
 /// Returns the sums over the contents of each cell of a column.
 fn column_sums(
-    model: &Model,
+    rock: &RockLogarithms,
     walker: &CellWalker,
     pillars: &Pillars,
     layers: &GridLayers,
@@ -477,7 +505,7 @@ fn column_sums(
             loop {
                 let length = top.min(tops[k]) - bottom.max(tops[k + 1]);
                 if length > 0.0 {
-                    sums[k].add(model, pillars, segment.cell, length);
+                    sums[k].add(rock, segment.cell, length);
                 }
                 if k + 1 < layers.count && tops[k + 1] > bottom {
                     k += 1;
@@ -505,8 +533,8 @@ impl CellSum {
         }
     }
 
-    fn add(&mut self, model: &Model, pillars: &Pillars, cell: u32, weight: f64) {
-        let at = cell as usize;
+    fn add(&mut self, rock: &RockLogarithms, cell: u32, weight: f64) {
+        let (model, at) = (rock.model, cell as usize);
         self.weight += weight;
         // The porosity is that of the reservoir rock, so that pore volumes are those of the lines.
         let net = model.net_to_gross.as_ref().map_or(1.0, |ratios| ratios[at]);
@@ -516,11 +544,9 @@ impl CellSum {
         }
         let is_active = model.is_active(at);
         self.active_weight += if is_active { weight } else { 0.0 };
-        if let Some(permeability) = model.permeability.as_ref().filter(|_| is_active) {
-            let k = permeability.rock.mobility(at);
-            let [i, j] = pillars.axes.map(|[x, y]| k.normal_component([x, y, 0.0]));
-            for (sum, k) in self.permeability.iter_mut().zip([i / net, j / net, k.0[2]]) {
-                *sum += weight * k.ln();
+        if let Some(logarithms) = rock.permeability.get(at).filter(|_| is_active) {
+            for (sum, k) in self.permeability.iter_mut().zip(logarithms) {
+                *sum += weight * k;
             }
         }
         let keywords = model.deck_regions.keywords();

@@ -214,14 +214,16 @@ fn join_corners(
                 .get(segments.len() / 2)
                 .map_or(0, |segment| segment.cell);
             let direction = std::array::from_fn(|k| q[k] - p[k]);
-            let line = walker.trace_line(p, direction, start_cell);
+            let line = walker.trace_between(p, direction, start_cell);
             let mut crossings = line
                 .iter()
                 .filter(|segment| (0.0..1.0).contains(&segment.end));
             crossings.any(|segment| segment.exit_connection.is_some_and(is_steep_feature))
         })
     };
-    for pillar in 0..(n + 1) * (m + 1) {
+    // Each corner belongs to one pillar, so the mean depths at a pillar depend on no other pillar.
+    let joined = |pillar: usize| {
+        let mut joined: Vec<(usize, f64)> = Vec::new();
         let (i, j) = (pillar % (n + 1), pillar / (n + 1));
         // Columns around the pillar, in order around it, each with its corner on the pillar.
         let adjacent = [(0, 0, 3), (1, 0, 2), (1, 1, 0), (0, 1, 1)];
@@ -255,9 +257,15 @@ fn join_corners(
                 };
                 let sum: f64 = members().map(|(c, k)| horizons[index(c, k, horizon)]).sum();
                 let mean = sum / members().count().max(1) as f64;
-                members().for_each(|(c, k)| horizons[index(c, k, horizon)] = mean);
+                joined.extend(members().map(|(c, k)| (index(c, k, horizon), mean)));
             }
         }
+        joined
+    };
+    let pillars = (0..(n + 1) * (m + 1)).into_par_iter();
+    let joined: Vec<(usize, f64)> = pillars.flat_map_iter(joined).collect();
+    for (index, mean) in joined {
+        horizons[index] = mean;
     }
     // Averaging must not turn thin layers upside down.
     for tops in horizons.chunks_exact_mut(size) {

@@ -8,6 +8,7 @@
 use crate::parallel::prelude::*;
 
 use crate::error::cause;
+use crate::geometry::simd::dispatch_simd;
 use crate::geometry::{add_scaled, dot, hypot, sorted_distinct, sub};
 use crate::mesh::graph::{Connection, Graph};
 use crate::{Error, Result};
@@ -18,6 +19,8 @@ type Point2 = [f64; 2];
 const MAX_PILLAR_NORMAL_Z: f64 = 0.5;
 /// Minimum area of a column in a horizontal section, relative to its area without features.
 const MIN_COLUMN_AREA_RATIO: f64 = 0.25;
+/// Number of pillars that are compared with the steep faces at a time, in vector registers.
+const BLOCK_SIZE: usize = 8;
 
 /// Pillars of a grid, ordered along i first.
 #[derive(Debug, Clone, PartialEq)]
@@ -118,11 +121,21 @@ impl Outline {
 /// Steep face on a feature.
 struct SteepFace {
     point: Point2,
+    /// z, relative to the middle of the grid.
     z: f64,
     /// Unit normal in map view.
     normal: Point2,
     slope: Point2,
     area: f64,
+    /// Place in map view at which the plane of the face, continued along the slope, has the z of the
+    /// middle.
+    middle: Point2,
+    /// The axis that is more nearly along the normal.
+    axis: usize,
+    /// Spacing of the pillars along that axis, measured along the normal.
+    reach: f64,
+    /// Distance across that axis within which a pillar may lie in the face.
+    width: f64,
 }
 
 /// Returns `true` if a pillar can lie in a face with this normal.
@@ -131,17 +144,26 @@ pub fn is_steep(normal: [f64; 3]) -> bool {
 }
 
 impl SteepFace {
-    fn new(c: &Connection<3>) -> Option<Self> {
+    /// Creates the face of a connection, for pillars at this spacing along the axes.
+    fn new(c: &Connection<3>, middle_z: f64, axes: [Point2; 2], spacing: Point2) -> Option<Self> {
         let [x, y, z] = c.normal;
         let horizontal = hypot(x, y);
         (c.on_feature && is_steep(c.normal)).then(|| {
             let normal = [x / horizontal, y / horizontal];
+            let slope = normal.map(|n| -n * z / horizontal);
+            let point = [c.point[0], c.point[1]];
+            let reach = [0, 1].map(|k| dot(normal, axes[k]) * spacing[k]);
+            let axis = usize::from(reach[1].abs() > reach[0].abs());
             Self {
-                point: [c.point[0], c.point[1]],
-                z: c.point[2],
+                point,
+                z: c.point[2] - middle_z,
                 normal,
-                slope: normal.map(|n| -n * z / horizontal),
+                slope,
                 area: c.area,
+                middle: add_scaled(point, middle_z - c.point[2], slope),
+                axis,
+                reach: reach[axis],
+                width: spacing[1 - axis].max(c.area.sqrt()),
             }
         })
     }
@@ -172,19 +194,20 @@ impl Pillars {
         };
         let count = (n + 1) * (m + 1);
         let middle: Vec<Point2> = (0..count).map(upright).collect();
-        let steep: Vec<SteepFace> = graph
-            .connections
-            .iter()
-            .filter_map(SteepFace::new)
-            .collect();
         let spacing = [lengths[0] / n as f64, lengths[1] / m as f64];
-        let adjustment =
-            |p: usize| pillars.pillar_adjustment(p, middle[p], &steep, spacing, lengths);
+        let middle_z = 0.5 * (outline.z[0] + outline.z[1]);
+        let steep: Vec<SteepFace> = (graph.connections.iter())
+            .filter_map(|c| SteepFace::new(c, middle_z, axes, spacing))
+            .collect();
+        let adjustments = |block: usize| {
+            pillars.adjustments(block * BLOCK_SIZE, &middle, &steep, spacing, lengths)
+        };
         // Shift of the centre of each pillar, and its slope.
         let mut moves: Vec<[Point2; 2]> = if steep.is_empty() {
             vec![[[0.0; 2]; 2]; count]
         } else {
-            (0..count).into_par_iter().map(adjustment).collect()
+            let blocks = (0..count.div_ceil(BLOCK_SIZE)).into_par_iter();
+            blocks.flat_map_iter(adjustments).collect()
         };
         let half_height = 0.5 * (outline.z[0] - outline.z[1]);
         let ends = |moves: &[[Point2; 2]]| -> Vec<[Point2; 2]> {
@@ -262,73 +285,140 @@ impl Pillars {
         sorted_distinct(narrow)
     }
 
-    /// Returns the shift of the centre of a pillar, and its slope, for the steep features around
-    /// it.
-    fn pillar_adjustment(
+    /// Returns the shift of the centre of each pillar of a block that begins at `first`, and its
+    /// slope, for the steep features around it.
+    fn adjustments(
         &self,
-        pillar: usize,
-        position: Point2,
+        first: usize,
+        positions: &[Point2],
         steep: &[SteepFace],
         spacing: Point2,
         lengths: [f64; 3],
-    ) -> [Point2; 2] {
+    ) -> Vec<[Point2; 2]> {
         let row = self.columns[0] + 1;
-        let index = [pillar % row, pillar / row];
-        let middle = 0.5 * (self.z[0] + self.z[1]);
         let softening = spacing[0] * spacing[1];
-        // The slope is the mean slope of all steep faces, with weights that decrease with distance.
-        let (mut slope, mut weight) = ([0.0; 2], 0.0);
-        for face in steep {
-            let offset = sub(
-                add_scaled(face.point, middle - face.z, face.slope),
-                position,
-            );
-            let w = face.area / (dot(offset, offset) + softening).powi(2);
-            slope = add_scaled(slope, w, face.slope);
-            weight += w;
+        let count = BLOCK_SIZE.min(positions.len() - first);
+        let mut x = [[0.0; BLOCK_SIZE]; 2];
+        for i in 0..BLOCK_SIZE {
+            let position = positions[first + i.min(count - 1)];
+            (0..2).for_each(|k| x[k][i] = position[k]);
         }
-        slope = slope.map(|s| s / weight);
-        // The slope is reduced towards the sides of the grid, which are vertical.
+        // The slope is the mean slope of all steep faces, with weights that decrease with distance.
+        let (mut slopes, mut weights) = ([[0.0; BLOCK_SIZE]; 2], [0.0; BLOCK_SIZE]);
+        dispatch_simd(
+            #[inline(always)]
+            || {
+                for face in steep {
+                    for i in 0..BLOCK_SIZE {
+                        let offset = [face.middle[0] - x[0][i], face.middle[1] - x[1][i]];
+                        let square = offset[0] * offset[0] + offset[1] * offset[1] + softening;
+                        let w = face.area / (square * square);
+                        slopes[0][i] += w * face.slope[0];
+                        slopes[1][i] += w * face.slope[1];
+                        weights[i] += w;
+                    }
+                }
+            },
+        );
+        for i in 0..BLOCK_SIZE {
+            let pillar = first + i.min(count - 1);
+            let slope = [0, 1].map(|k| slopes[k][i] / weights[i]);
+            let slope = self.slope_inside([pillar % row, pillar / row], slope, spacing, lengths[2]);
+            (0..2).for_each(|k| slopes[k][i] = slope[k]);
+        }
+        let sums = self.line_sums(x, slopes, steep);
+        let adjustment = |i: usize| {
+            let slope = [slopes[0][i], slopes[1][i]];
+            let index = [(first + i) % row, (first + i) / row];
+            self.fitted_line(index, slope, &sums[i], spacing, lengths[2])
+        };
+        (0..count).map(adjustment).collect()
+    }
+
+    /// Returns the slope of a pillar, reduced towards the sides of the grid, which are vertical.
+    fn slope_inside(
+        &self,
+        index: [usize; 2],
+        slope: Point2,
+        spacing: Point2,
+        height: f64,
+    ) -> Point2 {
         let mut components = [0, 1].map(|k| {
             let other = self.axes[1 - k];
             signed_area(slope, other) / signed_area(self.axes[k], other)
         });
         for k in 0..2 {
             let distance = index[k].min(self.columns[k] - index[k]) as f64 * spacing[k];
-            let required = 0.75 * components[k].abs() * lengths[2];
+            let required = 0.75 * components[k].abs() * height;
             components[k] *= if distance < required {
                 distance / required
             } else {
                 1.0
             };
         }
-        let slope = add_scaled(
+        add_scaled(
             self.axes[0].map(|a| a * components[0]),
             components[1],
             self.axes[1],
+        )
+    }
+
+    /// Returns the sums by which a line is fitted to the faces near each pillar of a block, along
+    /// each axis. A face is near if the pillar is the nearest of its row, or the next.
+    fn line_sums(
+        &self,
+        x: [[f64; BLOCK_SIZE]; 2],
+        slopes: [[f64; BLOCK_SIZE]; 2],
+        steep: &[SteepFace],
+    ) -> [[[f64; 5]; 2]; BLOCK_SIZE] {
+        let mut sums = [[[0.0; 5]; 2]; BLOCK_SIZE];
+        dispatch_simd(
+            #[inline(always)]
+            || {
+                let mut fractions = [0.0; BLOCK_SIZE];
+                let mut is_near = [false; BLOCK_SIZE];
+                for face in steep {
+                    let across = self.axes[1 - face.axis];
+                    for i in 0..BLOCK_SIZE {
+                        let offset: Point2 = std::array::from_fn(|k| {
+                            face.point[k] - (x[k][i] + face.z * slopes[k][i])
+                        });
+                        let fraction = dot(face.normal, offset) / face.reach;
+                        fractions[i] = fraction;
+                        is_near[i] =
+                            (fraction.abs() <= 1.0) & (dot(offset, across).abs() < face.width);
+                    }
+                    if is_near == [false; BLOCK_SIZE] {
+                        continue;
+                    }
+                    let z = face.z;
+                    for i in (0..BLOCK_SIZE).filter(|&i| is_near[i]) {
+                        let terms = [1.0, z, z * z, fractions[i], fractions[i] * z];
+                        (0..5).for_each(|t| sums[i][face.axis][t] += face.area * terms[t]);
+                    }
+                }
+            },
         );
-        // The pillar is moved onto the feature if it is the nearest pillar of its row: a line is
-        // fitted to the faces.
-        let mut sums = [[0.0; 5]; 2];
-        for face in steep {
-            let offset = sub(face.point, add_scaled(position, face.z - middle, slope));
-            let reach = [0, 1].map(|k| dot(face.normal, self.axes[k]) * spacing[k]);
-            let k = usize::from(reach[1].abs() > reach[0].abs());
-            let fraction = dot(face.normal, offset) / reach[k];
-            let lateral_distance = dot(offset, self.axes[1 - k]).abs();
-            if fraction.abs() <= 1.0 && lateral_distance < spacing[1 - k].max(face.area.sqrt()) {
-                let z = face.z - middle;
-                let terms = [1.0, z, z * z, fraction, fraction * z];
-                (0..5).for_each(|i| sums[k][i] += face.area * terms[i]);
-            }
-        }
+        sums
+    }
+
+    /// Returns the shift of a pillar onto the feature nearest to it, and its slope there: of the line
+    /// that [`line_sums`](Self::line_sums) fit.
+    fn fitted_line(
+        &self,
+        index: [usize; 2],
+        slope: Point2,
+        sums: &[[f64; 5]; 2],
+        spacing: Point2,
+        height: f64,
+    ) -> [Point2; 2] {
         let k = usize::from(sums[1][0] > sums[0][0]);
         let [w, z, zz, s, sz] = sums[k];
         if w == 0.0 || index[k] == 0 || index[k] == self.columns[k] {
             return [[0.0; 2], slope];
         }
         let variance = zz / w - (z / w).powi(2);
-        let lean = if variance > (lengths[2] / 6.0).powi(2) {
+        let lean = if variance > (height / 6.0).powi(2) {
             (sz / w - s * z / (w * w)) / variance
         } else {
             0.0

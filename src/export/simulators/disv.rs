@@ -306,6 +306,17 @@ impl DisvGrid {
             ));
         }
         let (column, layer) = columns_and_layers(model).map_err(refuse)?;
+        let inner = &mesh.face_cells[..mesh.inner_face_count()];
+        let is_offset = |(f, [a, b]): (usize, &[u32; 2])| {
+            layer[*a as usize] != layer[*b as usize] && mesh.is_upright(f)
+        };
+        if inner.iter().enumerate().any(is_offset) {
+            return Err(Error::Export(cause(
+                ERROR_PLACE,
+                "cannot hold faults that offset layers: cells of different layers are neighbours",
+                "make the columns without --throws, or export to opm, mrst, pflotran or tough",
+            )));
+        }
         let layers = layer.iter().max().map_or(0, |l| l + 1);
         let columns = column.iter().max().map_or(0, |c| c + 1);
         if layers.saturating_mul(columns) > 1 << 31 {

@@ -5,25 +5,32 @@ use std::path::Path;
 
 use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
 use super::survey_grid::SurveyGrid;
+use super::vtp::read_shapes;
 use super::{AnySurfaces, SurfaceFile};
 use crate::error::cause;
 use crate::feature::{self, DetectionOptions};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
-use crate::image::Image;
 use crate::image::formats;
+use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
 use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
+use crate::model::slice::OverlayShape;
 use crate::model::surface::amplitude::{AmplitudeMeasures, measure_amplitudes, split_horizons};
+use crate::model::surface::earlier_names::{EarlierSurface, match_names};
 use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
-use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
+use crate::model::surface::stored_surfaces::{
+    group_facets, horizon_facets, named_faces, tagged_facets,
+};
 use crate::model::surface::{
     GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
 };
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, LabelledRegion, MeshFile, Storable, StoredMesh, read_labels};
+use crate::surface_file::has_extension;
+use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::{Error, Result};
 
 /// Default depth of the valleys of b(x) from which faces count as lying on features.
@@ -94,6 +101,7 @@ impl Extraction<'_> {
         let distance = min_distance(&file);
         let labels = read_labels(&file);
         let velocity = spec.velocity.as_ref();
+        let original = spec.mesh_out.is_some().then(|| file.clone());
         let mut stored = mesh_in_depth(file, velocity, self.name, self.read_image, self.progress)?;
         if spec.by == GroupBy::Regions {
             let (file, measures) = extract_interfaces(&stored, &labels, self.name)?;
@@ -101,6 +109,7 @@ impl Extraction<'_> {
                 surfaces: any(file.with_space(&stored.space.geometry, z_up)),
                 report: SurfaceReport::Regions(measures),
                 survey: None,
+                mesh: None,
             });
         }
         // All other arrays are no longer needed, except for regions that are labels.
@@ -145,6 +154,16 @@ impl Extraction<'_> {
                 measure.amplitudes = Some(amplitudes);
             }
         }
+        if let Some(path) = &spec.names_from {
+            let (nodes, geometry) = (nodes_in_samples(&stored), &stored.space.geometry);
+            self.names_from(path, &surfaces, &mut measures, &nodes, geometry)?;
+            file.names = measures.iter().map(surface_name).collect();
+        }
+        let mesh = original.and_then(|mut original| {
+            let named = named_faces(&stored, &surfaces, &file.names);
+            named.replace_in(&mut original.field_data);
+            AnyMesh::from_any(Box::new(original))
+        });
         Ok(SurfaceOutcome {
             surfaces: any(file),
             report: SurfaceReport::Bends {
@@ -154,7 +173,40 @@ impl Extraction<'_> {
                 dropped_share: surfaces.dropped_share(stored.lattice.nodes()),
             },
             survey,
+            mesh,
         })
+    }
+
+    /// Names surfaces by those of an earlier interpretation.
+    fn names_from<const D: usize>(
+        &mut self,
+        path: &Path,
+        surfaces: &Surfaces<D>,
+        measures: &mut [SurfaceMeasure],
+        nodes: &[[f64; D]],
+        geometry: &Geometry<D>,
+    ) -> Result<()> {
+        let earlier = read_earlier_surfaces(path, geometry)?;
+        let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
+        let matched = match_names(surfaces, &kinds, nodes, &surfaces.names, &earlier);
+        let place = path.display();
+        if matched.matched_count == 0 && surfaces.len() > surfaces.names.len() {
+            self.progress.note(&format!(
+                "names-from {place}: none of its surfaces lies near one of this mesh; check that both \
+                 have the same coordinates, and the same sign of z"
+            ));
+        } else {
+            self.progress.note(&format!(
+                "names-from {place}: {} of {} surfaces have a name of its {}",
+                matched.matched_count,
+                surfaces.len() - surfaces.names.len(),
+                earlier.len()
+            ));
+        }
+        for (measure, name) in measures.iter_mut().zip(matched.names) {
+            measure.name = Some(name);
+        }
+        Ok(())
     }
 
     /// Returns the facets on the features of the image at `path`.
@@ -190,6 +242,46 @@ impl Extraction<'_> {
         }
         Ok(facets)
     }
+}
+
+/// Reads the surfaces of an earlier interpretation, in samples.
+fn read_earlier_surfaces<const D: usize>(
+    path: &Path,
+    geometry: &Geometry<D>,
+) -> Result<Vec<EarlierSurface<D>>> {
+    let surfaces: Vec<(String, Vec<Vec<[f64; 3]>>)> = if has_extension(path, &["vtp"]) {
+        let of_shape = |shape: OverlayShape| {
+            let triangles = shape.triangles.iter().map(|triangle| triangle.to_vec());
+            let lines = shape.lines.iter().flat_map(|line| line.windows(2));
+            let simplices = triangles.chain(lines.map(<[_]>::to_vec)).collect();
+            (shape.name, simplices)
+        };
+        read_shapes(path)?.into_iter().map(of_shape).collect()
+    } else {
+        let of_picks = |surface: PickedSurface| {
+            let simplices = match surface.shape {
+                PickedShape::Triangles(triangles) => {
+                    triangles.iter().map(|triangle| triangle.to_vec()).collect()
+                }
+                PickedShape::Points(points) => points.iter().map(|x| vec![*x]).collect(),
+            };
+            (surface.name, simplices)
+        };
+        read_interpretation(path)?
+            .into_iter()
+            .map(of_picks)
+            .collect()
+    };
+    let in_samples = |x: &[f64; 3]| geometry.to_index(std::array::from_fn(|k| x[k]));
+    let is_finite = |simplex: &Vec<[f64; D]>| simplex.as_flattened().iter().all(|c| c.is_finite());
+    let of_surface = |(name, simplices): (String, Vec<Vec<[f64; 3]>>)| EarlierSurface {
+        name,
+        simplices: (simplices.iter())
+            .filter_map(|simplex| simplex.iter().map(in_samples).collect())
+            .filter(is_finite)
+            .collect(),
+    };
+    Ok(surfaces.into_iter().map(of_surface).collect())
 }
 
 /// Returns the smallest nominal distance between nodes, if the mesh records it.

@@ -12,6 +12,7 @@ use super::{AnySurfaces, SurfaceFile, table};
 use crate::error::cause;
 use crate::image::formats;
 use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
+use crate::store::AnyMesh;
 use crate::surface_file::has_extension;
 use crate::{Error, Result};
 
@@ -38,6 +39,8 @@ pub struct SurfaceOutcome {
     pub report: SurfaceReport,
     /// The bins of the survey, if it is given.
     pub survey: Option<SurveyGrid>,
+    /// The mesh with the names of its surfaces, if [`SurfaceSpec::mesh_out`] is given.
+    pub mesh: Option<AnyMesh>,
 }
 
 /// The measures of the surfaces of a mesh.

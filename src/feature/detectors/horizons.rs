@@ -43,8 +43,8 @@ impl<const D: usize> Detector<D> for Horizons {
         let samples = input.smoothed_in_layers()?;
         let (normals, rms) = NormalField::new(&samples, window, input.live_mask, input.cancel)?;
         let thresholds = input.thresholds().unwrap_or(Thresholds {
-            low: 0.8 * rms,
-            high: 1.3 * rms,
+            low: 0.8 * rms.smoothed,
+            high: 1.3 * rms.smoothed,
             origin: "1.3 times the rms",
         });
         notes.push(format!(
@@ -57,10 +57,18 @@ impl<const D: usize> Detector<D> for Horizons {
         };
         let cancel = input.cancel;
         samples.for_each_window(1, None, &|_| 1, cancel, &mut collect, &mut |()| ())?;
-        Ok(DetectorOutput {
+        let mut output = DetectorOutput {
             layers: Some(layers.0),
             ..DetectorOutput::new(candidates, scale, thresholds)
-        })
+        };
+        let keep_chaos = input.options.keep_chaos;
+        output.drop_chaotic(
+            normals.chaotic_zones(),
+            FeatureKind::Horizons,
+            keep_chaos,
+            notes,
+        );
+        Ok(output)
     }
 
     fn is_streamable(&self) -> bool {

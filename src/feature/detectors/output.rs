@@ -6,7 +6,9 @@ use std::ops::Range;
 use super::labels;
 use crate::comm::{Comm, concatenate};
 use crate::error::Result;
+use crate::feature::FeatureKind;
 use crate::feature::candidate::Candidate;
+use crate::feature::chaos::ChaoticZones;
 use crate::feature::label_map::LabelMap;
 use crate::image::Image;
 
@@ -54,6 +56,8 @@ pub struct DetectorOutput<const D: usize> {
     pub mask_value: Option<f32>,
     /// For labels: the winning labels, and the distance between atoms in each component.
     pub labels: Option<(LabelMap<D>, labels::LabelSpacing<D>)>,
+    /// Share of the image in chaotic zones, whose candidates are dropped; `None` if there are none.
+    pub chaotic_share: Option<f64>,
     /// For paths: the share of the paths that pass each sample.
     pub confidence: Option<Vec<f32>>,
 }
@@ -71,6 +75,7 @@ impl<const D: usize> DetectorOutput<D> {
             vertical_axis: D - 1,
             mask_value: None,
             labels: None,
+            chaotic_share: None,
             confidence: None,
         }
     }
@@ -85,6 +90,30 @@ impl<const D: usize> DetectorOutput<D> {
             Some(_) => Ok(concatenate(comm.all_gather("candidates", local)?)),
             None => Ok(local),
         }
+    }
+
+    /// Drops candidates in chaotic zones, unless `keep_chaos` is set. `kind` is what is sought.
+    pub fn drop_chaotic(
+        &mut self,
+        zones: Option<&ChaoticZones<D>>,
+        kind: FeatureKind,
+        keep_chaos: bool,
+        notes: &mut Vec<String>,
+    ) {
+        let Some(zones) = zones else { return };
+        let share = 100.0 * zones.share;
+        if keep_chaos {
+            notes.push(format!(
+                "{share:.1} % of the image is chaotic: {kind} there mean little"
+            ));
+            return;
+        }
+        self.candidates.retain(|c| !zones.contains(c.position));
+        self.chaotic_share = Some(zones.share);
+        notes.push(format!(
+            "{share:.1} % of the image is chaotic (salt, gas, noise): no {kind} are sought there \
+             (--keep-chaos seeks them)"
+        ));
     }
 
     /// Drops candidates at missing traces, and those so near that smoothing mixes real samples with

@@ -95,8 +95,9 @@ pub struct InputOptions {
     /// left out, and neither they nor their edge are features
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub mask: Option<PathBuf>,
-    /// SEG-Y: time or depth, in which the samples are [default: time]. In depth, sample intervals
-    /// are in thousandths of a metre or foot, and the first sample in metres or feet
+    /// SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual header
+    /// says so]. In depth, sample intervals are in thousandths of a metre or foot, and the first
+    /// sample in metres or feet
     #[cfg_attr(feature = "cli", arg(long, value_name = "DOMAIN"))]
     pub domain: Option<SampleDomain>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
@@ -153,7 +154,7 @@ impl InputOptions {
             scalar: self.scalar_byte.unwrap_or(standard.scalar),
             delay: self.delay_byte.unwrap_or(standard.delay),
             dt: self.interval_byte.unwrap_or(standard.dt),
-            is_depth: self.domain == Some(SampleDomain::Depth),
+            is_depth: self.domain.map(|domain| domain == SampleDomain::Depth),
         };
         segy.check()?;
         let raw = |text: &String| -> Result<_> {

@@ -24,7 +24,7 @@ codec_fields! {
     @(const D: usize) SparseField<D> as SparseField { dims, step, slots, masks, samples, is_distributed, miss_flag }
     Doubt as Doubt { question, assumed, other }
     PointCounts as PointCounts { points, on_horizon }
-    KindOutcome as KindOutcome { kind, points, dropped, signal_to_noise, gently_dipping }
+    KindOutcome as KindOutcome { kind, points, dropped, signal_to_noise, gently_dipping, chaotic }
     MissingData as MissingData { bridged, without_features }
     DroppedPoints as DroppedPoints { near_another_surface, in_small_pieces, in_narrow_parts, weak }
     ResolvedOptions as ResolvedOptions { kind, scale, low, high, min_area, mask }

@@ -18,7 +18,9 @@ use serde::{Deserialize, Serialize};
 
 use super::params::Evaluator;
 use crate::error::cause;
-use crate::feature::{DetectionOptions, FeatureKind, LabelOptions, MIN_FAULT_DIP, PathSeeds};
+use crate::feature::{
+    DetectionOptions, FaultEvidence, FeatureKind, LabelOptions, MIN_FAULT_DIP, PathSeeds,
+};
 use crate::image::formats::InputOptions;
 use crate::improve::triangles::relax::Scheme;
 use crate::improve::{SliverMethod, Target};
@@ -88,6 +90,18 @@ pub struct MeshSpec {
         arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)
     )]
     pub threshold: Option<f32>,
+    /// How faults are recognised in seismic amplitudes
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "EVIDENCE",
+            default_value_t = defaults().fault_evidence,
+            value_enum,
+            help_heading = FEATURES
+        )
+    )]
+    pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or else
     /// at 2,000 m/s
     #[cfg_attr(
@@ -99,6 +113,10 @@ pub struct MeshSpec {
     /// the square of it, in 2-D its length [default: 20]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", help_heading = FEATURES))]
     pub min_fault_size: Option<f64>,
+    /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
+    #[cfg_attr(feature = "cli", arg(long, help_heading = FEATURES))]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub keep_chaos: bool,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
     #[cfg_attr(
         feature = "cli",
@@ -359,8 +377,10 @@ impl Default for MeshSpec {
             surface: Vec::new(),
             sigma: None,
             threshold: None,
+            fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
+            keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
             object: Vec::new(),
@@ -556,8 +576,10 @@ impl MeshSpec {
             kind: self.feature,
             scale: self.sigma,
             threshold: self.threshold,
+            fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
+            keep_chaos: self.keep_chaos,
             weights: self.feature_weights.0,
             seeds: self.path_seeds()?,
             labels: self.label.clone(),

@@ -409,6 +409,17 @@ impl Options<'_> {
                 "follow faults, or omit it",
             )?;
         }
+        if !matches!(
+            kind,
+            FeatureKind::Auto
+                | FeatureKind::Faults
+                | FeatureKind::Horizons
+                | FeatureKind::FaultsAndHorizons
+        ) {
+            let problem = format!("applies to layers, but {kind} are followed");
+            let remedy = "follow faults or horizons, or omit it";
+            self.refuse(&["keep-chaos"], &problem, remedy)?;
+        }
         if kind.threshold_meaning() == ThresholdMeaning::Unused {
             let problem = format!("applies to the strength of features, but {kind} have none");
             self.refuse(

@@ -1,5 +1,5 @@
 //! Methods as others have published them, kept to compare the default methods with them. Nothing
-//! here is used by default; `docs/guide-tables.md` has figures.
+//! here is used by default; `docs/notes/published-methods.md` has figures.
 //!
 //! - [`genetic`]: optimises a population of lattices, instead of L-BFGS (`--optimizer genetic`)
 //! - [`laplacian`]: adds Laplacian coordinates to the energy (`--kappa`)

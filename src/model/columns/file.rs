@@ -5,8 +5,8 @@ use crate::geometry::bounding_box;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::{COLUMN, Columns, LAYER};
-use crate::store::output::{Provenance, common_fields};
-use crate::store::{LatticeSpace, MeshFile};
+use crate::store::output::{Provenance, THROWS_FIELD, common_fields};
+use crate::store::{FieldValue, LatticeSpace, MeshFile};
 
 /// Converts columns on the cells of a map to a mesh file. `regions` holds the region of each cell
 /// of the map. The lattice space is that of the map, with z from the lowest node upwards; `z_unit`
@@ -37,10 +37,14 @@ pub fn columns_to_file(
             map_region.collect::<Vec<i32>>(),
         ));
     }
+    let mut field_data = common_fields(&geometry, step, extent, provenance);
+    if columns.juxtaposed.is_some() {
+        field_data.push((THROWS_FIELD.into(), FieldValue::Ints(vec![1])));
+    }
     MeshFile {
         mesh: columns.mesh,
         point_data: Vec::new(),
         cell_data,
-        field_data: common_fields(&geometry, step, extent, provenance),
+        field_data,
     }
 }

@@ -1,12 +1,9 @@
 //! Horizons as functions z(x, y), and their values at the nodes of a map.
 
-use crate::error::cause;
 use crate::geometry::box_tree::BoxTree;
 use crate::geometry::grid_index::for_each_corner;
 use crate::geometry::{bounding_box, norm, sub};
 use crate::image::{Geometry, Image};
-use crate::mesh::poly::PolyMesh;
-use crate::{Error, Result};
 
 /// Distance, in samples, by which a grid extends beyond its outermost samples, because coordinates
 /// are rounded.
@@ -83,24 +80,6 @@ impl Horizon {
             Self::Surface(triangles) => triangles.z_at(x),
         }
     }
-
-    /// Returns z at every node of a map, and the number of nodes at which it is not known; there z
-    /// is extrapolated smoothly. `place` names the horizon in errors.
-    ///
-    /// # Errors
-    /// Returns [`Error::Image`] if z is known at no node.
-    pub fn z_at_nodes(&self, map: &PolyMesh<2>, place: &str) -> Result<(Vec<f64>, usize)> {
-        let known: Vec<Option<f64>> = map.nodes.iter().map(|&x| self.z_at(x)).collect();
-        let missing = known.iter().filter(|z| z.is_none()).count();
-        if missing == known.len() {
-            return Err(Error::Image(cause(
-                place,
-                "covers no node of the map",
-                "give a horizon in the map's coordinates (`atomesh info` shows the map's extent)",
-            )));
-        }
-        Ok((fill_missing(map, &known), missing))
-    }
 }
 
 /// Interpolates the samples of an image bilinearly at `x`. Returns `None` outside the image or next
@@ -127,16 +106,18 @@ fn bilinear_value(image: &Image<2>, geometry: &Geometry<2>, x: [f64; 2]) -> Opti
     sum.is_finite().then_some(sum)
 }
 
-/// Returns the known values, and smooth ones in between and beyond: each is the mean of its
-/// neighbours' values along the edges of the map.
-fn fill_missing(map: &PolyMesh<2>, known: &[Option<f64>]) -> Vec<f64> {
+/// Returns the known values at `count` nodes, and smooth ones in between and beyond: each is the mean
+/// of its neighbours' values along the edges. `None` if no path leads from a node to a known value.
+pub(super) fn fill_missing(
+    count: usize,
+    edges: impl Iterator<Item = [u32; 2]>,
+    known: &[Option<f64>],
+) -> Option<Vec<f64>> {
     let mut value = known.to_vec();
-    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); known.len()];
-    for f in 0..map.face_cells.len() {
-        if let [p, q] = *map.faces.get(f) {
-            neighbours[p as usize].push(q);
-            neighbours[q as usize].push(p);
-        }
+    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); count];
+    for [p, q] in edges {
+        neighbours[p as usize].push(q);
+        neighbours[q as usize].push(p);
     }
     let unknown: Vec<usize> = (0..known.len()).filter(|&n| known[n].is_none()).collect();
     // The front of known values advances by one edge at a time.
@@ -152,15 +133,15 @@ fn fill_missing(map: &PolyMesh<2>, known: &[Option<f64>]) -> Vec<f64> {
             }
         }
         if is_unchanged {
-            break;
+            return None;
         }
     }
-    let mut value: Vec<f64> = value.into_iter().map(|z| z.unwrap_or(0.0)).collect();
+    let mut value: Vec<f64> = value.into_iter().collect::<Option<_>>()?;
     for _ in 0..SMOOTHING_SWEEPS {
         for &n in &unknown {
             let sum: f64 = neighbours[n].iter().map(|&m| value[m as usize]).sum();
             value[n] = sum / neighbours[n].len() as f64;
         }
     }
-    value
+    Some(value)
 }

@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use super::file::columns_to_file;
 use super::horizon::Horizon;
 use super::spec::ColumnsSpec;
-use super::{Columns, extend};
+use super::torn_map::{TornHorizon, TornMap};
+use super::{Columns, Juxtaposed, extend};
 use crate::error::cause;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
@@ -42,6 +43,8 @@ pub struct ColumnsOutcome {
     pub missing_counts: Vec<usize>,
     /// `true` if z increases upwards, from the last horizon to the first.
     pub is_z_up: bool,
+    /// The faces at faults where horizons are offset; `None` if no map was torn.
+    pub juxtaposed: Option<Juxtaposed>,
 }
 
 /// Extends the Voronoi cells of a map down through layers between horizons, as `atomesh columns`
@@ -81,20 +84,29 @@ pub fn columns(
 ) -> Result<ColumnsOutcome> {
     spec.validate()?;
     let (map, space) = prepare_map(input.map, input.name)?;
-    let (mut names, mut z) = (Vec::new(), Vec::new());
+    let torn = match spec.throws {
+        Some(distance) => TornMap::torn(&map, distance),
+        None => TornMap::whole(&map),
+    };
+    if spec.throws.is_some() && torn.node_count() == map.nodes.len() {
+        progress.note("no fault divides the map: --throws has no effect");
+    }
+    let (mut names, mut horizons) = (Vec::new(), Vec::new());
     for (name, horizon) in input.horizons {
-        let (values, missing) = placed(horizon, &space).z_at_nodes(&map, &name)?;
-        if missing > 0 {
+        let values = torn.horizon(&placed(horizon, &space), &name)?;
+        if values.missing > 0 {
             progress.note(&format!(
-                "{name} is not known at {missing} of the map's {} nodes: extrapolated smoothly there",
-                values.len()
+                "{name} is not known at {} of the map's {} nodes: extrapolated smoothly there",
+                values.missing,
+                torn.node_count()
             ));
         }
         names.push(name);
-        z.push(values);
+        horizons.push(values);
     }
+    let z = uncrossed(horizons);
     progress.stage(Stage::BuildingColumns);
-    let built = extend(&map, &z, &names, &spec.division(), spec.least_thickness)?;
+    let built = extend(&torn, &z, &names, &spec.division(), spec.least_thickness)?;
     let provenance = Provenance {
         parameters: format!("columns = {names:?}"),
         input_sha256: input.sha256,
@@ -111,8 +123,33 @@ pub fn columns(
         layer_counts,
         missing_counts,
         is_z_up,
+        juxtaposed: built.juxtaposed,
         mesh: columns_to_file(built, &map.region, &space, z_unit, &provenance),
     })
+}
+
+/// Returns z of horizons at torn nodes. Horizons that cross because they were continued to a fault end
+/// at the one above.
+fn uncrossed(horizons: Vec<TornHorizon>) -> Vec<Vec<f64>> {
+    let total = |horizon: &TornHorizon| horizon.z.iter().sum::<f64>();
+    let [first, last] = [horizons.first(), horizons.last()].map(|horizon| horizon.map(total));
+    let is_z_up = first > last;
+    let mut z: Vec<Vec<f64>> = Vec::new();
+    for horizon in horizons {
+        let mut values = horizon.z;
+        if let Some(above) = z.last() {
+            let continued = horizon.is_continued.iter().zip(above);
+            for (value, (_, &above)) in values.iter_mut().zip(continued).filter(|v| *v.1.0) {
+                *value = if is_z_up {
+                    value.min(above)
+                } else {
+                    value.max(above)
+                };
+            }
+        }
+        z.push(values);
+    }
+    z
 }
 
 /// Returns the cells of a map and its lattice space.
@@ -164,6 +201,13 @@ impl ColumnsOutcome {
             ),
             format!("z              grows {direction}"),
         ];
+        if let Some(faces) = &self.juxtaposed {
+            lines.push(format!(
+                "at faults      {} faces between cells of one layer, {} between those of two; area {:.6}, \
+                 {:.6} beside no cell",
+                faces.same_layer, faces.other_layer, faces.area, faces.exposed_area
+            ));
+        }
         let missing = self.missing_counts.iter().enumerate().filter(|m| *m.1 > 0);
         let missing: Vec<String> = missing
             .map(|(layer, count)| format!("layer {layer} in {count} columns"))
@@ -182,6 +226,7 @@ impl ColumnsOutcome {
             "layers": self.layer_counts,
             "missing": self.missing_counts,
             "z_grows": if self.is_z_up { "upwards" } else { "downwards" },
+            "juxtaposed": self.juxtaposed,
         })
     }
 }

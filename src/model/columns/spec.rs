@@ -40,6 +40,13 @@ pub struct ColumnsSpec {
         )
     )]
     pub least_thickness: f64,
+    /// Let horizons be offset at the map's faults: z closer than DIST to a fault is continued from the
+    /// same side
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "DIST", allow_hyphen_values = true)
+    )]
+    pub throws: Option<f64>,
     /// Unit of z [default: the unit of the map's x]
     #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
     pub z_unit: Option<String>,
@@ -93,6 +100,14 @@ impl ColumnsSpec {
             let remedy = "give 0 or more, in the unit of z";
             return Err(Error::Job(cause(place, "is not a thickness", remedy)));
         }
+        if let Some(throws) = self.throws.filter(|d| !(*d > 0.0 && d.is_finite())) {
+            let remedy = "give a positive distance in the unit of the map";
+            return Err(Error::Job(cause(
+                format!("throws {throws}"),
+                "is no distance",
+                remedy,
+            )));
+        }
         Ok(())
     }
 
@@ -126,6 +141,7 @@ mod tests {
         for (json, expected) in [
             (r#"{"layers": 4, "layer-thickness": 1}"#, "layers: is given"),
             (r#"{"least-thickness": -1}"#, "least-thickness -1: is not"),
+            (r#"{"throws": 0}"#, "throws 0: is no distance"),
         ] {
             let error = spec(json).validate().unwrap_err().to_string();
             assert!(error.starts_with(expected), "{error}");

@@ -250,7 +250,7 @@ impl<'a, const D: usize> CellFlow<'a, D> {
         for well in wells {
             well.check()?;
             let cell = locator.cell_at(well.position);
-            let cell = cell.ok_or_else(|| well.outside_error())?;
+            let cell = cell.ok_or_else(|| well.outside_error(&self.graph.centroid))?;
             rates[cell] += well.rate;
         }
         Ok(rates)

@@ -18,6 +18,7 @@ use crate::model::flow::{
 };
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::facet_selection;
+use crate::model::surface::fault_extension::ExtendedFault;
 use crate::model::surface::names::{NO_MATCH_PROBLEM, NO_MATCH_REMEDY, Selector, SurfaceNames};
 use crate::model::surface::stored_surfaces::{find_interfaces, numbered_surfaces};
 use crate::progress::CancelToken;
@@ -183,9 +184,19 @@ impl FaultLaws {
     }
 }
 
+/// The barriers of a mesh.
+pub(super) struct MeshBarriers {
+    /// The barriers on the faces of the mesh.
+    pub barriers: Barriers,
+    /// `true` if the mesh has surfaces but none to which the laws apply.
+    pub is_idle: bool,
+    /// The faults that were extended.
+    pub extended: Vec<ExtendedFault>,
+}
+
 /// Returns the barriers on the faces of a mesh in world coordinates, one label for each of its
-/// [`numbered_surfaces`]. The second value is `true` if the mesh has surfaces but none to which
-/// `laws` apply.
+/// [`numbered_surfaces`]. Faults are extended by up to a distance if it is given with the cells of the
+/// mesh in world coordinates; an extension has the law of its fault.
 ///
 /// # Errors
 /// Returns [`Error::Flow`](crate::Error::Flow) with the names of all surfaces if a selected surface
@@ -194,7 +205,8 @@ pub(super) fn barriers<const D: usize, M: Storable<D>>(
     stored: &mut StoredMesh<D, M>,
     marks: &[bool],
     laws: &FaultLaws,
-) -> Result<(Barriers, bool)> {
+    extend: Option<(f64, &PolyMesh<D>)>,
+) -> Result<MeshBarriers> {
     let mut surfaces = numbered_surfaces(stored, marks);
     if let Some(region) = stored.regions() {
         surfaces.add_interfaces(find_interfaces(stored, &region), |name| {
@@ -202,14 +214,23 @@ pub(super) fn barriers<const D: usize, M: Storable<D>>(
         });
     }
     let names = surfaces.all_names();
-    let no_effect = laws.has_no_effect(&names);
-    let laws = laws.surface_laws(&names, "barriers")?;
+    let is_idle = laws.has_no_effect(&names);
+    let mut laws = laws.surface_laws(&names, "barriers")?;
+    let mut extended = Vec::new();
+    if let Some((distance, cells)) = extend {
+        let kept_count = surfaces.kept_count;
+        let found = surfaces.extend_faults(cells, distance);
+        let new_laws: Vec<FaultLaw> = found.iter().map(|f| laws[f.0 as usize - 1]).collect();
+        laws.splice(kept_count..kept_count, new_laws);
+        extended = found.into_iter().map(|found| found.1).collect();
+    }
     let label =
         stored.with_world_mesh(|mesh| facet_selection::labels_of_faces(mesh, &surfaces.facets));
-    Ok((
-        Barriers::new(label, laws)?.with_names(names.names),
-        no_effect,
-    ))
+    Ok(MeshBarriers {
+        barriers: Barriers::new(label, laws)?.with_names(surfaces.all_names().names),
+        is_idle,
+        extended,
+    })
 }
 
 /// A computed flow: the file to write and the report.

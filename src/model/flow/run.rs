@@ -99,7 +99,8 @@ impl FlowRun<'_> {
         let mut stored = self.prepare(file)?;
         let rock = self.spec.rock(&stored)?;
         let conditions = self.spec.conditions()?;
-        let barriers = self.barriers(&mut stored)?;
+        let to_cells = |mesh: &M| PolyMesh::from_simplices(mesh, &[], &[]);
+        let barriers = self.barriers(&mut stored, to_cells)?;
         let lines = self.line_count();
         let computed = self.solve(|cancel| {
             flow_through_elements(stored, rock, &barriers, &conditions, lines, cancel)
@@ -119,7 +120,7 @@ impl FlowRun<'_> {
         let mut stored = self.prepare(file)?;
         let rock = self.spec.rock(&stored)?;
         let conditions = self.spec.conditions()?;
-        let barriers = self.barriers(&mut stored)?;
+        let barriers = self.barriers(&mut stored, |mesh: &PolyMesh<D>| Ok(mesh.clone()))?;
         let lines = self.line_count();
         let (computed, notes) = self.solve(|cancel| {
             flow_through_cells(stored, &rock, &barriers, &conditions, lines, cancel)
@@ -162,10 +163,11 @@ impl FlowRun<'_> {
         CancelToken::run_with_progress(callback, work)
     }
 
-    /// Returns the faces that resist flow.
+    /// Returns the faces that resist flow. `to_cells` converts the mesh if faults are extended.
     fn barriers<const D: usize, M: Storable<D>>(
         &mut self,
         stored: &mut StoredMesh<D, M>,
+        to_cells: impl FnOnce(&M) -> Result<PolyMesh<D>>,
     ) -> Result<Barriers> {
         let options = &self.spec.fault_options;
         let laws = options.laws(FaultResistance::Closed)?;
@@ -176,13 +178,21 @@ impl FlowRun<'_> {
         match stored.feature_marks() {
             Some(marks) => {
                 self.progress.stage(Stage::GroupingFaults);
-                let (barriers, idle) = barriers(stored, &marks, &laws)?;
-                if idle {
+                let distance = self.spec.extend_faults;
+                let cells = distance
+                    .map(|_| stored.with_world_mesh(to_cells))
+                    .transpose()?;
+                let extend = distance.zip(cells.as_ref());
+                let found = barriers(stored, &marks, &laws, extend)?;
+                if found.is_idle {
                     self.progress.note(&format!(
                         "{name} has surfaces, but no faults, so that nothing resists flow; --barriers says which surfaces resist"
                     ));
                 }
-                Ok(barriers)
+                for fault in &found.extended {
+                    self.progress.note(&fault.note(D));
+                }
+                Ok(found.barriers)
             }
             None if options.faults.is_some() || !laws.overrides.is_empty() => {
                 let remedy = "give a mesh that atomesh mesh wrote, or open faults";

@@ -45,6 +45,14 @@ pub struct FlowSpec {
     /// Options that say how faults resist flow; they are closed by default.
     #[cfg_attr(feature = "cli", command(flatten))]
     pub fault_options: FaultOptions,
+    /// Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the mesh,
+    /// along the faces of cells. An extension has a name of its own, such as fault1_extension, and the law
+    /// of its fault
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "DIST", allow_hyphen_values = true)
+    )]
+    pub extend_faults: Option<f64>,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     #[cfg_attr(
@@ -90,6 +98,7 @@ impl Default for FlowSpec {
             sink: Vec::new(),
             pressure: Vec::new(),
             fault_options: FaultOptions::default(),
+            extend_faults: None,
             permeability: FlowPermeability::default(),
             velocity: None,
             viscosity: 0.001,
@@ -234,6 +243,18 @@ impl FlowSpec {
         }
         let laws = self.fault_options.laws(FaultResistance::Closed)?;
         laws.check_resistance()?;
+        if let Some(distance) = self.extend_faults {
+            let place = format!("extend-faults {distance}");
+            if !(distance.is_finite() && distance > 0.0) {
+                let remedy = "give a distance, or omit it";
+                let problem = "is not a positive number of metres";
+                return Err(Error::Job(cause(place, problem, remedy)));
+            }
+            if laws.law.is_open() && laws.overrides.is_empty() {
+                let problem = "has no effect, because faults let flow through (open)";
+                return Err(Error::Job(cause(place, problem, "omit it")));
+            }
+        }
         if !(self.viscosity > 0.0 && self.viscosity.is_finite()) {
             return Err(Error::Job(cause(
                 format!("viscosity {}", self.viscosity),

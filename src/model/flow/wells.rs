@@ -4,7 +4,7 @@ use crate::parallel::prelude::*;
 
 use super::shape_functions::{corners, gradients};
 use crate::error::cause;
-use crate::geometry::dot;
+use crate::geometry::{bounding_box, dot};
 use crate::mesh::Simplices;
 use crate::{Error, Result};
 
@@ -53,13 +53,20 @@ impl<const D: usize> PointWell<D> {
         Ok(())
     }
 
-    /// Returns the error for a well outside the mesh.
-    pub(super) fn outside_error(&self) -> Error {
-        Error::Flow(cause(
-            &self.name,
-            format!("{:?} lies outside the mesh", self.position),
-            "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)",
-        ))
+    /// Returns the error for a well outside the mesh with these nodes.
+    pub(super) fn outside_error(&self, nodes: &[[f64; D]]) -> Error {
+        let [low, high] = bounding_box(nodes);
+        let mut turned = self.position;
+        turned[D - 1] = -turned[D - 1];
+        // Programs differ in the sign of depths and times.
+        let is_turned = (0..D).all(|k| (low[k]..=high[k]).contains(&turned[k]));
+        let remedy = if is_turned {
+            "give z with the other sign, as the mesh has it (`atomesh info` shows its extent)"
+        } else {
+            "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)"
+        };
+        let problem = format!("{:?} lies outside the mesh", self.position);
+        Error::Flow(cause(&self.name, problem, remedy))
     }
 
     /// Finds the tetrahedron or triangle that contains the well.
@@ -86,7 +93,7 @@ impl<const D: usize> PointWell<D> {
             .collect();
         let (depth, cell) = chunk_best.into_iter().fold((f64::NEG_INFINITY, 0), deeper);
         if depth < -BARYCENTRIC_TOLERANCE {
-            return Err(self.outside_error());
+            return Err(self.outside_error(mesh.nodes()));
         }
         let shares = barycentric(&corners(mesh, cell), self.position).map(|s| s.max(0.0));
         let sum: f64 = shares.iter().sum();

@@ -17,7 +17,7 @@
 //! - `trajectory`: the segments of wells in cells
 //! - `completion`: well indices
 //! - `gouge`: fault rock from clay and throw
-//! - `fault_extension`: continues faults beyond their edges
+//! - `extended_faults`: faults continued beyond their edges
 //! - `seal_check`: the flow that passes closed faults
 //! - `surface_sides`: the two sides of surfaces, and meshes split along them
 
@@ -28,7 +28,7 @@ pub(crate) mod check;
 pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod equilibrium;
-mod fault_extension;
+mod extended_faults;
 pub(crate) mod frame;
 pub(crate) mod gouge;
 pub(crate) mod prepared_model;
@@ -57,13 +57,13 @@ use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 
+pub use crate::model::surface::fault_extension::ExtendedFault;
 pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
 pub use averaging::{MeanKind, SamplePositions};
 pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
-pub use fault_extension::ExtendedFault;
 pub use frame::{DepthAxis, ModelFrame};
 pub use gouge::{FaultRock, FaultThrow, GougeOptions};
 pub use rock_options::{

@@ -4,11 +4,11 @@
 use serde::Serialize;
 
 use super::Model;
-use super::fault_extension::extensions;
 use crate::Result;
 use crate::geometry::union_find::UnionFind;
 use crate::mesh::poly::SIDE_NAMES;
 use crate::model::flow::{Barriers, CellFlow, FaultLaw, Rock, Tensor};
+use crate::model::surface::fault_extension::extensions;
 use crate::progress::CancelToken;
 
 /// Share of the flow that a fault must pass to count as leaking.
@@ -150,7 +150,8 @@ fn sealed_faults(model: &Model, cancel: &CancelToken<'_>) -> Result<Vec<SealedFa
         let on_closed = (0..graph.connections.len()).map(is_on);
         let closed = rate(&Barriers::uniform(on_closed, FaultLaw::CLOSED))?;
         let area = on_fault.iter().map(|(_, c)| c.area).sum();
-        let missing = extensions(graph, &model.surfaces, &[surface], f64::INFINITY);
+        let (labels, kinds) = (model.surfaces.merged_labels(), &model.surfaces.kinds);
+        let missing = extensions(graph, labels, kinds, &[surface], f64::INFINITY);
         let missing: f64 = missing.iter().map(|extension| extension.area).sum();
         faults.push(SealedFault {
             name: names

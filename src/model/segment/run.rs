@@ -10,7 +10,7 @@ use crate::Result;
 use crate::files::vtk::DataArray;
 use crate::image::formats::{AnyImage, InputOptions, LoadedImage, ReadImage};
 use crate::image::{Geometry, Image};
-use crate::model::input::{ImageInput, MeshInput, read_mesh_image};
+use crate::model::input::{ImageInput, MeshInput, image_part, read_mesh_image};
 use crate::model::surface::adjacency::CellAdjacency;
 use crate::model::surface::{AnySurfaces, SurfaceFile};
 use crate::progress::{Progress, Stage};
@@ -137,7 +137,10 @@ pub fn segment<'a>(
     };
     match mesh {
         AnyMesh::Triangles(file) => run.segment(file, AnyMesh::Triangles, plane),
-        AnyMesh::Tetrahedra(file) => run.segment(file, AnyMesh::Tetrahedra, space),
+        AnyMesh::Tetrahedra(file) => {
+            let file = image_part(file, &mut *run.progress);
+            run.segment(file, AnyMesh::Tetrahedra, space)
+        }
         AnyMesh::Polygons(file) => run.segment(file, AnyMesh::Polygons, plane),
         AnyMesh::Polyhedra(file) => run.segment(file, AnyMesh::Polyhedra, space),
     }

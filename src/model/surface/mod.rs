@@ -26,12 +26,14 @@
 //! - `facets`: facets and their ridges: triangles and edges in 3-D, edges and nodes in 2-D
 //! - `facet_selection`: the facets of a mesh that lie on features
 //! - `continuation_votes`: votes on which pieces continue each other
+//! - `fault_extension`: continues faults beyond their edges
 //! - `fault_separation`: horizons end on faults
 //! - `merging`: merges pieces into surfaces by their votes
 //! - `hole_patches`: fragments that close holes of a surface belong to it
 //! - `kind`: faults, horizons, and interfaces between labels
 //! - `spec`: all options of `atomesh surface`, as one value
 //! - `names`: names of surfaces, and selectors
+//! - `earlier_names`: names that an earlier interpretation has
 //! - `stored_surfaces`: the surfaces of a mesh from a file
 //! - `measure`: area, orientation, extent, rim
 //! - `amplitude`: throw, polarity, amplitude and confidence, from the amplitudes of an image
@@ -41,8 +43,10 @@
 pub mod adjacency;
 pub mod amplitude;
 pub(crate) mod continuation_votes;
+pub mod earlier_names;
 pub mod facet_selection;
 pub(crate) mod facets;
+pub(crate) mod fault_extension;
 pub(crate) mod fault_separation;
 pub(crate) mod hole_patches;
 pub(crate) mod kind;
@@ -74,6 +78,8 @@ pub struct Options {
     /// `None`, it is the area of ten facets or a fiftieth of the largest surface, whichever is
     /// larger.
     pub min_area: Option<f64>,
+    /// Area of the largest surface that is known already, in the space of the nodes.
+    pub known_area: f64,
 }
 
 impl Default for Options {
@@ -82,6 +88,7 @@ impl Default for Options {
             max_bend: 25.0,
             max_gap: 2.0,
             min_area: None,
+            known_area: 0.0,
         }
     }
 }
@@ -158,7 +165,7 @@ impl<const D: usize> Surfaces<D> {
             areas[s as usize] += norm(facets.normal(f));
         }
         let mean = areas.iter().sum::<f64>() / facets.len().max(1) as f64;
-        let largest = areas.iter().copied().fold(0.0, f64::max);
+        let largest = areas.iter().copied().fold(options.known_area, f64::max);
         let min_area = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest);
         let min_area = options.min_area.unwrap_or(min_area);
         let mut order: Vec<usize> = (0..count).collect();
@@ -210,14 +217,14 @@ impl<const D: usize> Surfaces<D> {
     }
 
     /// Returns the number of surfaces, from the first, whose area is at least the default of
-    /// [`Options::min_area`].
-    pub fn count_above_min_area(&self, nodes: &[[f64; D]]) -> usize {
+    /// [`Options::min_area`], beside a known surface of area `known_area`.
+    pub fn count_above_min_area(&self, nodes: &[[f64; D]], known_area: f64) -> usize {
         let area = |f: &[u32; D]| norm(crate::geometry::normal(&f.map(|n| nodes[n as usize])));
         let areas: Vec<f64> = (0..self.len())
             .map(|s| self.facets_of(s).iter().map(area).sum())
             .collect();
         let mean = areas.iter().sum::<f64>() / self.facets.len().max(1) as f64;
-        let largest = areas.iter().copied().fold(0.0, f64::max);
+        let largest = areas.iter().copied().fold(known_area, f64::max);
         // The sums have another order than in `find`.
         let min_area = (min_facet_count::<D>() * mean).max(MIN_AREA_RATIO * largest) * (1.0 - 1e-9);
         areas.iter().take_while(|&&area| area >= min_area).count()

@@ -48,6 +48,13 @@ pub struct SurfaceSpec {
         arg(long, value_name = "LENGTH", allow_negative_numbers = true)
     )]
     pub step: Option<f64>,
+    /// Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
+    /// .ts, .obj, grids, sticks or points. All other surfaces get numbers that no earlier name has
+    #[cfg_attr(feature = "cli", arg(long, value_name = "EARLIER.vtp"))]
+    pub names_from: Option<PathBuf>,
+    /// Also write the mesh with the names of these surfaces, which every verb then uses
+    #[cfg_attr(feature = "cli", arg(long, value_name = "NAMED.vtu"))]
+    pub mesh_out: Option<PathBuf>,
     /// Show in the table which surfaces meet (--json always does)
     #[cfg_attr(feature = "cli", arg(long))]
     pub meets: bool,
@@ -207,10 +214,12 @@ impl SurfaceSpec {
             && (self.image.is_some()
                 || self.survey.is_some()
                 || self.min_area.is_some()
+                || self.names_from.is_some()
+                || self.mesh_out.is_some()
                 || self.meets)
         {
             let problem = "is not for surfaces between regions, all of which are written";
-            let remedy = "omit images, the smallest area, and which surfaces meet";
+            let remedy = "omit images, the smallest area, names, and which surfaces meet";
             return Err(Error::Job(cause("by regions", problem, remedy)));
         }
         if self.image.is_some() {

@@ -1,11 +1,16 @@
 //! The surfaces of a mesh from a file.
 
+use super::fault_extension::{ExtendedFault, Extension, extensions};
 use super::kind::{SurfaceKind, surface_kinds};
 use super::names::{SurfaceNames, add_names, interface_name};
 use super::{Options, Surfaces, facet_selection};
 use crate::error::cause;
-use crate::geometry::sorted_distinct;
+use crate::geometry::{norm, normal, sorted_distinct};
 use crate::mesh::Mesh;
+use crate::mesh::complex::NONE;
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+use crate::store::named_surfaces::NamedSurfaces;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 
@@ -44,6 +49,17 @@ impl<const D: usize> NumberedSurfaces<D> {
         if names.is_empty() {
             return;
         }
+        self.add_surfaces(names, SurfaceKind::Interface, facet_lists);
+    }
+
+    /// Adds surfaces of one kind after those that are kept, with these names and facets, which lie
+    /// on no other surface.
+    fn add_surfaces(
+        &mut self,
+        names: Vec<String>,
+        kind: SurfaceKind,
+        facet_lists: Vec<Vec<[u32; D]>>,
+    ) {
         let (kept_count, count) = (self.kept_count as u32, names.len());
         for entry in self.facets.iter_mut().filter(|facet| facet.1 > kept_count) {
             entry.1 += count as u32;
@@ -55,10 +71,53 @@ impl<const D: usize> NumberedSurfaces<D> {
         self.facets.sort_unstable();
         self.names = self.all_names().names;
         self.names.extend(names);
-        let interfaces = std::iter::repeat_n(SurfaceKind::Interface, count);
-        self.kinds
-            .splice(self.kept_count..self.kept_count, interfaces);
+        let added = std::iter::repeat_n(kind, count);
+        self.kinds.splice(self.kept_count..self.kept_count, added);
         self.kept_count += count;
+    }
+
+    /// Extends all faults by up to `max_distance`, along the faces of these cells, which have the
+    /// nodes of the mesh. Each extension becomes a fault of its own. Returns the number of the
+    /// extended fault of each extension, and its description.
+    pub fn extend_faults(
+        &mut self,
+        cells: &PolyMesh<D>,
+        max_distance: f64,
+    ) -> Vec<(u32, ExtendedFault)> {
+        let graph = Graph::from_poly(cells);
+        let mut labels = facet_selection::labels_of_faces(cells, &self.facets);
+        labels.truncate(graph.connections.len());
+        let is_fault = |surface: &u32| self.kinds[*surface as usize - 1] == SurfaceKind::Fault;
+        let faults = (1..=self.kept_count as u32).filter(is_fault);
+        let faults: Vec<u32> = faults.collect();
+        let found = extensions(&graph, labels, &self.kinds, &faults, max_distance);
+        let mut names = self.all_names().names;
+        let known_count = names.len();
+        let fault_name = |extension: &Extension| names[extension.surface as usize - 1].clone();
+        let faults: Vec<String> = found.iter().map(fault_name).collect();
+        let new_names = faults.iter().map(|name| format!("{name}_extension"));
+        add_names(&mut names, new_names.collect::<Vec<_>>());
+        let new_names = names.split_off(known_count);
+        let facets_of = |extension: &Extension| {
+            let mut facets = Vec::new();
+            for &connection in &extension.connections {
+                cells.facets(connection, |mut facet| {
+                    facet.sort_unstable();
+                    facets.push(facet);
+                });
+            }
+            sorted_distinct(facets)
+        };
+        let lists: Vec<Vec<[u32; D]>> = found.iter().map(facets_of).collect();
+        // An extension goes on through horizons.
+        let taken = sorted_distinct(lists.concat());
+        self.facets
+            .retain(|(facet, _)| taken.binary_search(facet).is_err());
+        let described = (found.iter().zip(&faults).zip(&new_names))
+            .map(|((found, fault), name)| (found.surface, found.extended_fault(fault, name)));
+        let described = described.collect();
+        self.add_surfaces(new_names, SurfaceKind::Fault, lists);
+        described
     }
 }
 
@@ -125,7 +184,8 @@ fn number_surfaces<const D: usize, M: Storable<D>>(
     let parent: Vec<u32> = (0..named_count)
         .chain(parents.iter().map(|surface| surface + named_count))
         .collect();
-    let kept_count = named_count as usize + surfaces.count_above_min_area(nodes);
+    let kept_count =
+        named_count as usize + surfaces.count_above_min_area(nodes, named.largest_area);
     let surfaces = surfaces.append_to_named(named.names, named.facets, named.interfaces);
     let mut facets: Vec<([u32; D], u32)> = (surfaces.facets.iter())
         .zip(surfaces.labels())
@@ -161,6 +221,8 @@ struct NamedFacets<const D: usize> {
     facets: Vec<Vec<[u32; D]>>,
     /// The range of the surfaces that are interfaces between labels.
     interfaces: std::ops::Range<usize>,
+    /// Area in lattice space of the largest surface with a name in the file.
+    largest_area: f64,
 }
 
 /// Returns the facets of each surface with a name, and the surfaces of all other facets.
@@ -188,7 +250,17 @@ fn split_by_name<const D: usize, M: Storable<D>>(
         }
     }
     let horizons = horizon_facets(stored);
-    let others = Surfaces::find(stored.lattice.nodes(), others, &horizons, options);
+    let nodes = stored.lattice.nodes();
+    let area = |facet: &[u32; D]| norm(normal(&facet.map(|n| nodes[n as usize])));
+    let file_areas = named[..file_name_count].iter();
+    let largest_area = file_areas
+        .map(|facets| facets.iter().map(area).sum::<f64>())
+        .fold(0.0, f64::max);
+    let options = Options {
+        known_area: largest_area,
+        ..*options
+    };
+    let others = Surfaces::find(nodes, others, &horizons, &options);
     let names = stored
         .named_surfaces
         .names
@@ -206,6 +278,7 @@ fn split_by_name<const D: usize, M: Storable<D>>(
         names,
         facets,
         interfaces: interface_start..interface_end,
+        largest_area,
     };
     (named, others)
 }
@@ -290,6 +363,39 @@ fn facets_by_name<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Vec<
     }
     facets.sort_unstable();
     facets
+}
+
+/// Returns the faces of surfaces as a file of the mesh stores them, with a name for each surface.
+pub fn named_faces<const D: usize, M: Mesh<D>>(
+    stored: &StoredMesh<D, M>,
+    surfaces: &Surfaces<D>,
+    names: &[String],
+) -> NamedSurfaces {
+    let facets = surfaces.facets.iter().zip(surfaces.labels());
+    let mut facets: Vec<([u32; D], u32)> = facets
+        .map(|(facet, surface)| {
+            let mut sorted = *facet;
+            sorted.sort_unstable();
+            (sorted, surface)
+        })
+        .collect();
+    facets.sort_unstable();
+    let mut faces = Vec::new();
+    // A mesh with a face of three cells is refused elsewhere.
+    let cells = stored.lattice.cells_of_faces().unwrap_or_default();
+    for (face, mut cells) in cells.into_iter().enumerate() {
+        if cells.contains(&NONE) {
+            continue;
+        }
+        cells.sort_unstable();
+        stored.lattice.facets(face, |mut facet| {
+            facet.sort_unstable();
+            if let Ok(i) = facets.binary_search_by(|entry| entry.0.cmp(&facet)) {
+                faces.push((cells, facets[i].1));
+            }
+        });
+    }
+    NamedSurfaces::new(names, faces)
 }
 
 /// Returns the facets of a mesh that lie on horizons (nodes ascending, sorted).

@@ -24,6 +24,8 @@ where
 {
     pub(super) spec: &'a MeshSpec,
     pub(super) output: &'a Path,
+    /// `true` if the whole report is printed.
+    pub(super) shows_details: bool,
     pub(super) outcome: Outcome<D>,
 }
 
@@ -41,6 +43,7 @@ where
         let Self {
             spec,
             output,
+            shows_details,
             mut outcome,
         } = self;
         if let Some(path) = &spec.lines {
@@ -59,7 +62,12 @@ where
         if let Some(path) = &spec.report {
             crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
         }
-        let mut text = format!("{}\nwrote {}", report.table().trim_end(), output.display());
+        let table = if shows_details {
+            report.table()
+        } else {
+            report.summary()
+        };
+        let mut text = format!("{}\nwrote {}", table.trim_end(), output.display());
         if let Some(path) = &spec.page {
             let written = write_page(path, output, &*image.to_image()?, &outcome, json.clone())?;
             text = format!("{text}\n{}", written_message(path, written));

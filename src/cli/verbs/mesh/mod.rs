@@ -47,6 +47,9 @@ pub struct MeshArgs {
     /// A TOML file of options. Options on the command line take precedence
     #[arg(long, value_name = "FILE.toml", help_heading = None)]
     pub config: Option<PathBuf>,
+    /// Print the whole report, which --report writes as JSON in any case
+    #[arg(long, help_heading = None)]
+    pub details: bool,
     /// Print the effective options as TOML and stop
     #[arg(long, help_heading = None)]
     pub print_config: bool,
@@ -85,6 +88,7 @@ pub(crate) fn mesh(
     let run = MeshRun {
         path: image,
         spec: &spec,
+        shows_details: args.details,
         interrupts,
         clock,
         comm,
@@ -160,6 +164,7 @@ fn read_spec(args: &MeshArgs) -> Result<MeshSpec> {
 struct MeshRun<'a> {
     path: &'a Path,
     spec: &'a MeshSpec,
+    shows_details: bool,
     interrupts: &'a Interrupts,
     clock: Clock,
     comm: &'a dyn Comm,
@@ -229,6 +234,7 @@ impl MeshRun<'_> {
         let Self {
             path,
             spec,
+            shows_details,
             interrupts,
             mut clock,
             comm,
@@ -296,6 +302,7 @@ impl MeshRun<'_> {
         let written = WrittenMesh {
             spec,
             output: &output,
+            shows_details,
             outcome,
         };
         written.write_others(image, clock, console)?;

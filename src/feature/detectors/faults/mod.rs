@@ -1,32 +1,35 @@
 //! Faults: places where layers of seismic amplitude do not continue.
 //!
 //! 1. The structure tensor gives the normals of layers ([`NormalField`]).
-//! 2. `semblance` compares the waveforms of a layer on the two sides of a possible fault (after
-//!    Marfurt et al. 1998). `scan` smooths numerator and denominator of the semblance over steep
-//!    planes through each sample, and takes the plane with the lowest ratio (Hale 2013). One minus
-//!    its square is the fault likelihood.
-//!    Planes that dip less than [`min_dip`](crate::feature::DetectionOptions::min_dip) in the world
-//!    are left out.
+//! 2. The likelihood of a fault at each sample comes from a convolutional network
+//!    (`network`), or from semblance ([`FaultEvidence`]). `semblance` compares the waveforms of a layer
+//!    on the two sides of a possible fault (after Marfurt et al. 1998). `scan` smooths numerator and
+//!    denominator of the semblance over steep planes through each sample, and takes the plane with the
+//!    lowest ratio (Hale 2013). One minus its square is the fault likelihood.
 //! 3. Ridges of the likelihood ([`ridges`](super::ridges)) are fault points, except those that run
 //!    along the layers, that dip too little, or that stand out too little: the likelihood must be
 //!    low on both sides.
 //!
-//! Scale: one sample for derivatives; 12 samples for the tensor's window, so that a throw is not
+//! Faults that dip less than [`min_dip`](crate::feature::DetectionOptions::min_dip) in the world are
+//! left out.
+//!
+//! Scale of semblance: one sample for derivatives; 12 samples for the tensor's window, so that a throw is not
 //! mistaken for a dip. Planes have weights of 6 samples along strike and 12 along dip. A given
 //! scale applies to amplitudes, never to the ridges of the likelihood. Assumptions: the throw is
 //! about two samples or more (and no multiple of the period of layers); faults dip by 25 degrees or
 //! more against layers that lie across one axis, and by 36 degrees or more against the samples; noise is not correlated along layers.
 
+mod network;
 pub(crate) mod scan;
 pub(crate) mod semblance;
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput, layers_search_bytes, sample_count};
 use crate::error::Result;
-use crate::feature::FeatureKind;
 use crate::feature::structure_tensor::NormalField;
 use crate::feature::windows::{self, MAX_WHOLE_SAMPLES};
 use crate::feature::world_dip::WorldDip;
+use crate::feature::{FaultEvidence, FeatureKind};
 use crate::geometry::dot;
 use crate::image::ImageSource;
 
@@ -41,6 +44,10 @@ const SLOPE_BISECTIONS: usize = 20;
 
 /// Memory (bytes) per sample of the likelihood.
 const LIKELIHOOD_BYTES_PER_SAMPLE: f64 = 4.0;
+/// Memory (bytes) per sample that the network sees, besides its probability; and, for the layers in its
+/// reach, per sample of one layer.
+const NETWORK_BYTES_PER_SAMPLE: f64 = 8.0;
+const NETWORK_BYTES_PER_LAYER_SAMPLE: f64 = 2600.0;
 /// Memory (bytes) per sample that is scanned, besides its likelihood.
 const SCAN_BYTES_PER_SAMPLE: f64 = 22.0;
 
@@ -57,8 +64,46 @@ const MAX_LAYER_COSINE: f32 = 0.92;
 /// noise and in chaotic parts the likelihood is high everywhere.
 const MIN_HEIGHT_SHARE: f32 = 0.2;
 
+/// Width (samples) of the Gaussian under which ridges of the network's probability are sought: faults
+/// are marked by ridges that are as wide.
+const PROBABILITY_SCALE: f64 = 1.0;
+/// Strength of a ridge of the probability down to which a fault is followed, and the one that it must
+/// reach somewhere, in sections and in volumes. Measured with `scripts/fault_trials.py`, seeds 101 to 106.
+/// In sections the network is less certain.
+const PROBABILITY_THRESHOLDS: [(f32, f32); 2] = [(0.04, 0.1), (0.08, 0.2)];
+
 /// Smallest share of a small surface that must be strong.
 const MIN_STRONG_SHARE: f64 = 0.15;
+
+/// Returns the largest slope of scanned planes, whose horizontal normal is `normal` and which are sheared
+/// along the axis `crossed_axis`, at which the fault still dips by `min_dip` degrees.
+fn max_scan_slope<const D: usize>(
+    (dips, vertical): (&WorldDip<D>, usize),
+    min_dip: f64,
+    normal: [f64; D],
+    crossed_axis: usize,
+) -> f64 {
+    let is_steep = |slope: f64| {
+        [slope, -slope].into_iter().any(|slope| {
+            let mut sheared = normal;
+            sheared[vertical] = -slope * normal[crossed_axis];
+            dips.degrees(sheared) >= min_dip
+        })
+    };
+    let (mut low, mut high) = (0.0, scan::MAX_DIP_SLOPE);
+    if is_steep(high) {
+        return high;
+    }
+    for _ in 0..SLOPE_BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if is_steep(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
 
 impl<const D: usize> Detector<D> for Faults {
     fn kind(&self) -> FeatureKind {
@@ -70,52 +115,54 @@ impl<const D: usize> Detector<D> for Faults {
         input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
+        let (live, cancel) = (input.live_mask, input.cancel);
         let window = input.options.smoothing.unwrap_or(TENSOR_WINDOW);
         let samples = input.smoothed_in_layers()?;
-        let (layers, rms) = NormalField::new(&samples, window, input.live_mask, input.cancel)?;
+        let (layers, rms) = NormalField::new(&samples, window, live, cancel)?;
         let vertical = layers.main_axis();
         let dips = WorldDip::new(input.source.geometry(), vertical);
         let min_dip = input.options.min_dip;
-        // The steepest slope of the scan at which the fault's dip is still large enough.
-        let max_slope = |fault_normal: [f64; D], crossed_axis: usize| {
-            let is_steep = |slope: f64| {
-                [slope, -slope].into_iter().any(|slope| {
-                    let mut normal = fault_normal;
-                    normal[vertical] = -slope * fault_normal[crossed_axis];
-                    dips.degrees(normal) >= min_dip
-                })
-            };
-            let (mut low, mut high) = (0.0, scan::MAX_DIP_SLOPE);
-            if is_steep(high) {
-                return high;
+        let evidence = input.options.fault_evidence;
+        let likelihood = match evidence {
+            FaultEvidence::Network => {
+                // A given scale applies to the amplitudes; the network needs none.
+                let (amplitude, rms) = match input.options.scale {
+                    Some(_) => (samples, rms.smoothed),
+                    None => (input.samples(1.0)?, rms.unsmoothed),
+                };
+                network::likelihood(&amplitude, (vertical, rms), cancel)?
             }
-            for _ in 0..SLOPE_BISECTIONS {
-                let middle = 0.5 * (low + high);
-                if is_steep(middle) {
-                    low = middle;
-                } else {
-                    high = middle;
-                }
+            FaultEvidence::Semblance => {
+                let max_slope = |normal, crossed_axis| {
+                    max_scan_slope((&dips, vertical), min_dip, normal, crossed_axis)
+                };
+                semblance::likelihood(&samples, (&layers, rms.smoothed), live, max_slope, cancel)?
             }
-            low
         };
-        let live = input.live_mask;
-        let likelihood =
-            semblance::likelihood(&samples, (&layers, rms), live, max_slope, input.cancel)?;
-        drop(samples);
         notes.push(format!(
-            "faults: least semblance along layers over planes that dip by {min_dip} degrees or more{}, at \
-             scale {}, normals averaged over {window}",
+            "faults: {}, that dip by {min_dip} degrees or more{}; normals of layers averaged over {window}",
+            match evidence {
+                FaultEvidence::Network => "probability by a network".to_owned(),
+                FaultEvidence::Semblance => format!(
+                    "least semblance along layers over planes, at scale {}",
+                    input.scale()
+                ),
+            },
             if input.source.geometry().time_coordinate().is_some() {
                 " (with a velocity of 2000 m/s)"
             } else {
                 ""
             },
-            input.scale()
         ));
         let search = RidgeSearch {
-            scale: None,
-            auto_thresholds: semblance::thresholds,
+            scale: match evidence {
+                FaultEvidence::Network => Some(PROBABILITY_SCALE),
+                FaultEvidence::Semblance => None,
+            },
+            auto_thresholds: match evidence {
+                FaultEvidence::Network => |_| PROBABILITY_THRESHOLDS[D - 2],
+                FaultEvidence::Semblance => semblance::thresholds,
+            },
             // Weak ridges of the likelihood are mostly ends of layers.
             weak_share: 1.0,
             // The likelihood varies along a fault much more than the values of a fault image: the
@@ -132,6 +179,13 @@ impl<const D: usize> Detector<D> for Faults {
         output
             .candidates
             .retain(|c| dips.degrees(c.normal.map(f64::from)) >= min_dip);
+        let keep_chaos = input.options.keep_chaos;
+        output.drop_chaotic(
+            layers.chaotic_zones(),
+            FeatureKind::Faults,
+            keep_chaos,
+            notes,
+        );
         output.vertical_axis = vertical;
         Ok(output)
     }
@@ -153,22 +207,24 @@ impl<const D: usize> Detector<D> for Faults {
         let scanned = if is_whole {
             samples
         } else {
-            windows::min_mapped_samples(dims, semblance::HALO_LAYERS) as f64
+            windows::min_mapped_samples(dims, network::HALO_LAYERS) as f64
         };
+        let layer = samples / dims[D - 1].max(1) as f64;
+        let evidence = (SCAN_BYTES_PER_SAMPLE * scanned)
+            .max(NETWORK_BYTES_PER_SAMPLE * scanned + NETWORK_BYTES_PER_LAYER_SAMPLE * layer);
         // Each rank has its share, and that of its windows.
         let share = (2.0 / ranks as f64).min(1.0);
-        share * LIKELIHOOD_BYTES_PER_SAMPLE * samples
-            + (SCAN_BYTES_PER_SAMPLE * scanned).max(layers_search_bytes(dims))
+        share * LIKELIHOOD_BYTES_PER_SAMPLE * samples + evidence.max(layers_search_bytes(dims))
     }
 
     fn min_strong_share(&self) -> f64 {
         MIN_STRONG_SHARE
     }
 
-    /// Returns the reach of normals averaged over 12 samples, amplitudes balanced over 6, and
-    /// planes of 12 samples.
+    /// Returns the reach of normals averaged over 12 samples, amplitudes balanced over 6, planes of 12
+    /// samples, and the network.
     fn reach(&self, _scale: f64) -> usize {
-        60
+        80
     }
 }
 
@@ -234,18 +290,21 @@ mod tests {
                 },
             )
             .unwrap();
-            let features = detect(
-                &synthetic.image,
-                &DetectionOptions::with_kind(FeatureKind::Faults, 8.0),
-            )
-            .unwrap();
-            let dims = synthetic.image.dims();
-            let scores = recall_and_precision(dims, &synthetic.truth.distance, &features.points);
-            assert!(
-                scores[0] > recall && scores[1] > precision,
-                "{seed} {signal_to_noise} {scores:?} {:?}",
-                features.notes
-            );
+            for fault_evidence in [FaultEvidence::Network, FaultEvidence::Semblance] {
+                let options = DetectionOptions {
+                    fault_evidence,
+                    ..DetectionOptions::with_kind(FeatureKind::Faults, 8.0)
+                };
+                let features = detect(&synthetic.image, &options).unwrap();
+                let dims = synthetic.image.dims();
+                let scores =
+                    recall_and_precision(dims, &synthetic.truth.distance, &features.points);
+                assert!(
+                    scores[0] > recall && scores[1] > precision,
+                    "{fault_evidence:?} {seed} {signal_to_noise} {scores:?} {:?}",
+                    features.notes
+                );
+            }
         }
     }
 
@@ -364,7 +423,8 @@ mod tests {
                 assert_eq!(normals.main_axis(), vertical);
                 let max_slope = |_, _| super::scan::MAX_DIP_SLOPE;
                 let likelihood =
-                    likelihood(&samples, (&normals, rms), None, max_slope, cancel).unwrap();
+                    likelihood(&samples, (&normals, rms.smoothed), None, max_slope, cancel)
+                        .unwrap();
                 let at = normals.normal_at([20.3, 17.7, 155.5]);
                 (likelihood.as_slice().to_vec(), rms, at)
             };

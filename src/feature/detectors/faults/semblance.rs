@@ -33,6 +33,8 @@ const MIN_WEIGHT_SHARE: f32 = 0.1;
 
 /// Width (samples) of the Gaussian under which the root mean square of amplitudes is taken.
 const BALANCE_SIGMA: f64 = 6.0;
+/// Distance (samples) at which samples influence balanced amplitudes.
+pub const BALANCE_REACH: usize = 4 * BALANCE_SIGMA as usize;
 
 /// Energy, as a share of the image's mean, that is added before amplitudes are balanced: where the
 /// energy is lower, there is only noise.
@@ -51,7 +53,7 @@ const LANES: usize = 8;
 /// Number of layers of the halo: the reach of planes ([`scan::SCAN_REACH`]), plus that of the disc,
 /// plus that of balancing.
 pub const HALO_LAYERS: usize =
-    (scan::SCAN_REACH + 3 * DISC_RADIUS as usize + 4 * BALANCE_SIGMA as usize).next_multiple_of(8);
+    (scan::SCAN_REACH + 3 * DISC_RADIUS as usize + BALANCE_REACH).next_multiple_of(8);
 
 /// Computes the fault likelihood at each sample, in [0, 1]; each rank gets a share of it. See
 /// [`scan::likelihood`].
@@ -74,7 +76,7 @@ pub fn likelihood<'a, const D: usize>(
     amplitude.map_windows(HALO_LAYERS, cancel, |stack| {
         let dims = stack.volume.dims;
         let mut balanced = balance_amplitudes(stack.volume, rms, cancel);
-        let weights = live.map(|live| weights(stack, live));
+        let weights = live.map(|live| live_weights(stack, live));
         if let Some(weights) = &weights {
             balanced.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
         }
@@ -99,7 +101,7 @@ pub fn likelihood<'a, const D: usize>(
 }
 
 /// Returns 1 for each live sample and 0 for others.
-fn weights<const D: usize>(stack: LayerStack<'_, D>, live: &LiveMask<D>) -> Vec<f32> {
+fn live_weights<const D: usize>(stack: LayerStack<'_, D>, live: &LiveMask<D>) -> Vec<f32> {
     let count = stack.volume.samples.len();
     let is_live = |i: usize| live.is_live(stack.to_volume(stack.volume.coordinates(i)));
     (0..count)
@@ -110,7 +112,7 @@ fn weights<const D: usize>(stack: LayerStack<'_, D>, live: &LiveMask<D>) -> Vec<
 
 /// Divides amplitudes by their root mean square around each sample, so that all layers have the
 /// same influence; `rms` is that of the whole image.
-fn balance_amplitudes<const D: usize>(
+pub fn balance_amplitudes<const D: usize>(
     amplitude: Volume<'_, D>,
     rms: f32,
     cancel: &CancelToken<'_>,

@@ -25,8 +25,9 @@ pub struct SegyBytes {
     pub delay: usize,
     /// Sample interval in microseconds, 2 bytes; used where the file header has none; optional.
     pub dt: usize,
-    /// `true` if the samples are in depth: intervals are then in thousandths of a metre or foot.
-    pub is_depth: bool,
+    /// `true` if the samples are in depth: intervals are then in thousandths of a metre or foot. If
+    /// `None`, they are in two-way time unless the textual header says otherwise.
+    pub is_depth: Option<bool>,
 }
 
 impl Default for SegyBytes {
@@ -40,7 +41,7 @@ impl Default for SegyBytes {
             scalar: 71,
             delay: 109,
             dt: 117,
-            is_depth: false,
+            is_depth: None,
         }
     }
 }

@@ -15,6 +15,7 @@
 //! - `line`: 2-D lines
 //! - `load`: reads the samples as those of an image
 //! - `write`: writes a volume with the headers of another file
+//! - `synthetic`: writes a volume as a survey with headers of its own
 
 pub(crate) mod bytes;
 mod file_header;
@@ -24,6 +25,7 @@ mod line;
 mod load;
 mod survey;
 pub(crate) mod survey_fit;
+mod synthetic;
 mod text;
 mod trace_headers;
 mod write;
@@ -44,6 +46,7 @@ pub use file_header::{FILE_HEADER_BYTES, looks_like};
 pub use grid::LineNumbers;
 pub use survey::SegySurvey;
 pub use survey_fit::SurveyFit;
+pub use synthetic::write_synthetic;
 pub use write::{SegyFloat, write_like};
 
 /// Contents of a SEG-Y file.

@@ -9,6 +9,7 @@ use super::grid::TraceGrid;
 use super::infer;
 use super::line::is_line;
 use super::survey_fit::SurveyFit;
+use super::text::says_depth;
 use super::trace_headers::{HeaderField, TraceHeaders};
 use crate::error::{Cause, Result, cause, io_error};
 use crate::image::Geometry;
@@ -73,12 +74,20 @@ impl SegySurvey {
         let headers = TraceHeaders::read(&layout, &header_fields(bytes))
             .map_err(|e| io_error(path, "read", e))?;
         let (major, minor) = layout.revision;
+        let depth_line = layout.text_lines.iter().find(|line| says_depth(line));
+        let mut notes = layout.notes.clone();
+        if let (None, Some(line)) = (bytes.is_depth, depth_line) {
+            notes.push(format!(
+                "the textual header says that samples are in depth ({}); --domain time reads two-way time",
+                line.trim()
+            ));
+        }
         let info = SegyInfo {
             encoding: layout.encoding.to_string(),
             revision: format!("{major}.{minor}"),
             traces: layout.trace_count,
             samples: layout.samples_per_trace,
-            is_depth: bytes.is_depth,
+            is_depth: bytes.is_depth.unwrap_or(depth_line.is_some()),
             dt_ms: None,
             t0_ms: 0.0,
             line_bytes: [bytes.inline, bytes.crossline],
@@ -93,7 +102,7 @@ impl SegySurvey {
         };
         let mut survey = Self {
             info,
-            notes: layout.notes.clone(),
+            notes,
             problem: None,
             file: layout,
             grid: None,
@@ -231,13 +240,13 @@ impl SegySurvey {
         // Intervals in depth are in thousandths of the unit, but some writers give whole units.
         const MIN_THOUSANDTHS: f64 = 100.0;
         self.info.dt_ms = dt.map(|interval| {
-            if bytes.is_depth && interval < MIN_THOUSANDTHS {
+            if self.info.is_depth && interval < MIN_THOUSANDTHS {
                 interval
             } else {
                 interval / 1000.0
             }
         });
-        if let (true, Some(dt)) = (bytes.is_depth, self.info.dt_ms) {
+        if let (true, Some(dt)) = (self.info.is_depth, self.info.dt_ms) {
             self.notes.push(format!("samples are in depth, {dt} apart"));
         }
 

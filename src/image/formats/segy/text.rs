@@ -59,6 +59,18 @@ pub fn decode(bytes: &[u8]) -> String {
     bytes.iter().map(character).collect()
 }
 
+/// Encodes a textual header in EBCDIC: at most 40 lines of at most 80 characters of ASCII.
+pub fn encode(lines: &[&str]) -> [u8; TEXT_HEADER_BYTES] {
+    let mut header = [b'\x40'; TEXT_HEADER_BYTES];
+    for (row, line) in header.chunks_mut(80).zip(lines) {
+        for (byte, character) in row.iter_mut().zip(line.chars()) {
+            let encoded = (0x41..=u8::MAX).find(|&byte| ebcdic_to_char(byte) == character);
+            *byte = encoded.unwrap_or(b'\x40');
+        }
+    }
+    header
+}
+
 /// Returns the lines of a textual header that are not empty, without trailing blanks.
 pub fn lines(header: &[u8]) -> Vec<String> {
     header
@@ -68,9 +80,51 @@ pub fn lines(header: &[u8]) -> Vec<String> {
         .collect()
 }
 
+/// Returns `true` if a line of a textual header says that samples are in depth: it names the domain,
+/// or gives the sample interval in metres or feet. Words on depth migration do not count, because many
+/// such volumes are converted back to time.
+pub fn says_depth(line: &str) -> bool {
+    let upper = line.to_uppercase();
+    let words: Vec<&str> = (upper.split(|c: char| !c.is_ascii_alphanumeric() && c != '.'))
+        .filter(|word| !word.is_empty())
+        .collect();
+    let has = |word: &str| words.contains(&word);
+    if has("TIME") || has("BYTE") || has("BYTES") {
+        return false;
+    }
+    if has("DOMAIN") && has("DEPTH") {
+        return true;
+    }
+    // The first number after the name of the interval, and the unit that follows it.
+    let keyword = words
+        .iter()
+        .position(|word| matches!(*word, "INTERVAL" | "RATE"));
+    let Some(keyword) = keyword.filter(|_| has("SAMPLE")) else {
+        return false;
+    };
+    let mut rest = words[keyword + 1..].iter();
+    let number = rest.find(|word| word.starts_with(|c: char| c.is_ascii_digit()));
+    let suffix =
+        number.map(|word| word.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.'));
+    let unit = match suffix {
+        Some("") => rest.next().copied(),
+        suffix => suffix,
+    };
+    matches!(
+        unit,
+        Some("M" | "METER" | "METERS" | "METRE" | "METRES" | "FT" | "FOOT" | "FEET")
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn encoded_lines_are_read_back() {
+        let text = ["C 1 Synthetic: 12.5 m x 4 ms", "C 2 bytes 189, 193"];
+        assert_eq!(lines(&encode(&text)), text);
+    }
 
     #[test]
     fn ebcdic_and_ascii_are_decoded() {
@@ -80,5 +134,30 @@ mod tests {
         assert!(is_text(ebcdic) && is_text(b"C 1 Inline: 189"));
         let numbers: Vec<u8> = (0..400u32).flat_map(|i| (i as f32).to_le_bytes()).collect();
         assert!(!is_text(&numbers) && !is_text(&[0; 100]));
+    }
+
+    #[test]
+    fn lines_that_name_the_domain_or_a_length_say_depth() {
+        for line in [
+            "C 5 DOMAIN: DEPTH",
+            "C 6 Z-Domain is depth, in metres",
+            "C 7 SAMPLE INTERVAL 5 M",
+            "C 7 Sample rate: 2.5m",
+            "C 8 SAMPLE INTERVAL: 10 FEET  NUMBER OF SAMPLES 500",
+        ] {
+            assert!(says_depth(line), "{line}");
+        }
+        for line in [
+            "C 5 DOMAIN: TIME",
+            "C 5 DEPTH MIGRATION, CONVERTED TO TIME DOMAIN",
+            "C 9 PRESTACK DEPTH MIGRATION",
+            "C 7 SAMPLE INTERVAL 4 MS, TRACES 12.5 M APART",
+            "C 7 SAMPLE INTERVAL 4  SAMPLES/TRACE 462  BITS/IN  BYTES/SAMPLE",
+            "C17 Sample interval             : bytes 17-18",
+            "C27 Trace start time/depth      : bytes 109-110",
+            "C 4 DEPTH OF SOURCE 5 M, SAMPLE CODE 1",
+        ] {
+            assert!(!says_depth(line), "{line}");
+        }
     }
 }

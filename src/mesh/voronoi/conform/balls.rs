@@ -7,7 +7,10 @@
 //! 1. Each ball starts with the radius that gives its facets' points the target height; sizes and
 //!    radii are smoothed over neighbours.
 //! 2. Balls grow where the spheres of a facet do not meet.
-//! 3. Radii are adjusted, one ball at a time, as long as fewer points are covered by other balls or
+//! 3. Where two surfaces cross, two facets beside the line share the point in the sharp angle between
+//!    them. The balls on the line determine it, and it determines the balls around the nodes opposite
+//!    the line (see [`Wedge`]).
+//! 4. Radii are adjusted, one ball at a time, as long as fewer points are covered by other balls or
 //!    too close to their facet or the box's sides.
 //!
 //! Facets whose points are still not usable get no sites.
@@ -16,7 +19,7 @@ use crate::parallel::prelude::*;
 
 use super::surface::FacetSurface;
 use crate::geometry::cell_list::CellList;
-use crate::geometry::{add_scaled, distance2, dot, sub, unit};
+use crate::geometry::{add_scaled, distance2, dot, sorted_distinct, sub, unit};
 use crate::mesh::poly::Lists;
 
 /// Height of the points over their facets that the radii aim at, in edge lengths.
@@ -66,6 +69,22 @@ pub struct Balls<const D: usize> {
     facets_of_nodes: Lists,
     /// For each facet the nodes, except its own, whose balls may cover its points.
     candidate_nodes: Lists,
+    /// The pairs of facets that share a point.
+    wedges: Vec<Wedge>,
+}
+
+/// Two facets on a line where surfaces cross, which share the point in the sharp angle between them.
+///
+/// The spheres around the ends of their common edge meet in a circle around the edge. The shared point
+/// is that of the circle which is as far from one facet as from the other. The spheres around the
+/// opposite nodes pass through it, so the facets stay mirrors of their points.
+#[derive(Debug, Clone)]
+struct Wedge {
+    facets: [u32; 2],
+    /// The ends of the common edge.
+    edge: [u32; 2],
+    /// The nodes of the facets opposite the edge.
+    opposite: [u32; 2],
 }
 
 impl<const D: usize> Balls<D> {
@@ -77,6 +96,7 @@ impl<const D: usize> Balls<D> {
             edge_lengths: smooth_values(&surface, surface.edge_lengths()),
             facets_of_nodes: surface.facets_of_nodes(),
             candidate_nodes: Lists::default(),
+            wedges: Vec::new(),
             surface,
         };
         let radii = (0..balls.edge_lengths.len()).map(|n| balls.initial_radius(n));
@@ -87,6 +107,8 @@ impl<const D: usize> Balls<D> {
                 break;
             }
         }
+        balls.wedges = balls.find_wedges();
+        (0..balls.wedges.len()).for_each(|w| balls.set_opposite_radii(w));
         balls.candidate_nodes = balls.find_candidates();
         balls.adjust_radii();
         balls
@@ -183,8 +205,101 @@ impl<const D: usize> Balls<D> {
         grown
     }
 
+    /// Returns the pairs of facets in the sharp angles of lines at which four facets meet. Each ball
+    /// opposite a line belongs to one pair.
+    fn find_wedges(&self) -> Vec<Wedge> {
+        let surface = &self.surface;
+        let ridges = surface.ridges();
+        let crossings: Vec<_> = ridges.iter().filter(|r| D == 3 && r.1.len() == 4).collect();
+        let mut is_on_line = vec![false; surface.nodes.len()];
+        for &n in crossings.iter().flat_map(|crossing| crossing.0) {
+            is_on_line[n as usize] = true;
+        }
+        let mut wedges = Vec::new();
+        for (edge, facets) in crossings {
+            let foot = surface.nodes[edge[0] as usize];
+            let along = unit(sub(surface.nodes[edge[1] as usize], foot));
+            let opposite = |f: u32| {
+                surface.facets[f as usize]
+                    .into_iter()
+                    .find(|n| !edge.contains(n))
+            };
+            let direction = |f: u32| {
+                let inward = sub(surface.nodes[opposite(f).unwrap_or(f) as usize], foot);
+                unit(add_scaled(inward, -dot(inward, along), along))
+            };
+            let directions: Vec<[f64; D]> = facets.iter().map(|&f| direction(f)).collect();
+            // The facets in order around the edge, by the angle from the first.
+            let first = directions[0];
+            let mut across = [0.0; D];
+            for k in 0..D {
+                let (i, j) = ((k + 1) % D, (k + 2) % D);
+                across[k] = along[i] * first[j] - along[j] * first[i];
+            }
+            let angle = |d: &[f64; D]| dot(*d, across).atan2(dot(*d, first));
+            let mut order: Vec<(f64, u32)> = directions
+                .iter()
+                .map(angle)
+                .zip(facets.iter().copied())
+                .collect();
+            order.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let gap =
+                |i: usize| (order[(i + 1) % 4].0 - order[i].0).rem_euclid(std::f64::consts::TAU);
+            let start = usize::from(gap(1) + gap(3) < gap(0) + gap(2));
+            for i in [start, start + 2] {
+                let facets = [order[i].1, order[(i + 1) % 4].1];
+                if let [Some(a), Some(b)] = facets.map(opposite) {
+                    wedges.push(Wedge {
+                        facets,
+                        edge: *edge,
+                        opposite: [a, b],
+                    });
+                }
+            }
+        }
+        let mut uses = vec![0; surface.nodes.len()];
+        for &n in wedges.iter().flat_map(|wedge| &wedge.opposite) {
+            uses[n as usize] += 1;
+        }
+        let is_free = |&n: &u32| uses[n as usize] == 1 && !is_on_line[n as usize];
+        wedges.retain(|wedge| wedge.opposite.iter().all(is_free));
+        wedges
+    }
+
+    /// Sets the radii of the balls opposite the edge of a wedge.
+    fn set_opposite_radii(&mut self, wedge: usize) {
+        let Wedge {
+            edge: [a, b],
+            opposite,
+            ..
+        } = self.wedges[wedge];
+        let nodes = &self.surface.nodes;
+        let [x, y] = [a, b].map(|n| nodes[n as usize]);
+        let [wa, wb] = [a, b].map(|n| self.squared_radii[n as usize]);
+        let edge = sub(y, x);
+        let (length2, along) = (dot(edge, edge), unit(edge));
+        let foot = add_scaled(x, 0.5 * (length2 + wa - wb) / length2, edge);
+        let square = wa - distance2(&foot, &x);
+        if square <= 0.0 {
+            return;
+        }
+        let [d, e] = opposite.map(|n| {
+            let inward = sub(nodes[n as usize], foot);
+            unit(add_scaled(inward, -dot(inward, along), along))
+        });
+        let point = add_scaled(foot, square.sqrt(), unit(add_scaled(d, 1.0, e)));
+        let squares = opposite.map(|n| distance2(&point, &nodes[n as usize]));
+        for (n, square) in opposite.into_iter().zip(squares) {
+            self.squared_radii[n as usize] = square;
+        }
+    }
+
     fn find_candidates(&self) -> Lists {
         let nodes = &self.surface.nodes;
+        let mut partners: Vec<(u32, u32)> = (self.wedges.iter())
+            .flat_map(|w| [(w.facets[0], w.opposite[1]), (w.facets[1], w.opposite[0])])
+            .collect();
+        partners.sort_unstable();
         let largest = self
             .squared_radii
             .iter()
@@ -198,7 +313,12 @@ impl<const D: usize> Balls<D> {
                 grid.visit_within(centre, MAX_GROWTH_FACTOR * (largest + height), |n| {
                     let distance = MAX_GROWTH_FACTOR * (self.squared_radii[n].sqrt() + height);
                     let is_own_node = self.surface.facets[f].contains(&(n as u32));
-                    if !is_own_node && distance2(&nodes[n], &centre) < distance * distance {
+                    // The sphere of the other facet's node passes through the shared point.
+                    let is_partner = partners.binary_search(&(f as u32, n as u32)).is_ok();
+                    if !is_own_node
+                        && !is_partner
+                        && distance2(&nodes[n], &centre) < distance * distance
+                    {
                         candidates.push(n as u32);
                     }
                 });
@@ -264,6 +384,32 @@ impl<const D: usize> Balls<D> {
         deepest
     }
 
+    /// Gives node `n` the radius with the lowest penalty of `facets` among those tried, if it is below
+    /// `before`, and the nodes opposite it in `wedges` the radii that follow from it.
+    fn reduce_penalty(&mut self, n: usize, before: f64, facets: &[u32], wedges: &[usize]) {
+        let old_square = self.squared_radii[n];
+        let mut best = (before - ROUNDING_TOLERANCE, old_square);
+        for new_square in SQUARED_RADIUS_FACTORS.map(|factor| old_square * factor) {
+            if new_square > (MAX_RADIUS * self.edge_lengths[n]).powi(2) {
+                continue;
+            }
+            self.squared_radii[n] = new_square;
+            wedges.iter().for_each(|&w| self.set_opposite_radii(w));
+            let mut after = 0.0;
+            for &f in facets {
+                after += self.fault_score(f as usize);
+                if after >= best.0 {
+                    break;
+                }
+            }
+            if after < best.0 {
+                best = (after, new_square);
+            }
+        }
+        self.squared_radii[n] = best.1;
+        wedges.iter().for_each(|&w| self.set_opposite_radii(w));
+    }
+
     /// Changes radii, one after the other, as long as that reduces the penalty.
     fn adjust_radii(&mut self) {
         let (nodes, facets) = (self.surface.nodes.len(), self.surface.facets.len());
@@ -274,6 +420,29 @@ impl<const D: usize> Balls<D> {
             let candidates = self.candidate_nodes.get(f).iter();
             candidates.for_each(|&n| affected_facets[n as usize].push(f as u32));
         }
+        // A ball on a line changes those opposite the line.
+        let mut wedges_of_nodes: Vec<Vec<usize>> = vec![Vec::new(); nodes];
+        let mut is_dependent = vec![false; nodes];
+        for (w, wedge) in self.wedges.iter().enumerate() {
+            wedge
+                .edge
+                .iter()
+                .for_each(|&n| wedges_of_nodes[n as usize].push(w));
+            wedge
+                .opposite
+                .iter()
+                .for_each(|&n| is_dependent[n as usize] = true);
+        }
+        let dependents: Vec<Vec<u32>> = (wedges_of_nodes.iter())
+            .map(|wedges| sorted_distinct(wedges.iter().flat_map(|&w| self.wedges[w].opposite)))
+            .collect();
+        for n in (0..nodes).filter(|&n| !dependents[n].is_empty()) {
+            let own = affected_facets[n].iter();
+            let others = dependents[n]
+                .iter()
+                .flat_map(|&m| &affected_facets[m as usize]);
+            affected_facets[n] = sorted_distinct(own.chain(others).copied());
+        }
         let mut faults: Vec<f64> = (0..facets).map(|f| self.fault_score(f)).collect();
         for _ in 0..ADJUSTMENT_ROUNDS {
             let mut is_selected = vec![false; nodes];
@@ -283,29 +452,19 @@ impl<const D: usize> Balls<D> {
                     .chain(self.candidate_nodes.get(f));
                 nodes.for_each(|&n| is_selected[n as usize] = true);
             }
+            for wedge in &self.wedges {
+                let moves = wedge.opposite.iter().any(|&n| is_selected[n as usize]);
+                wedge
+                    .edge
+                    .iter()
+                    .for_each(|&n| is_selected[n as usize] |= moves);
+            }
             let mut improved = false;
-            for n in (0..nodes).filter(|&n| is_selected[n]) {
+            for n in (0..nodes).filter(|&n| is_selected[n] && !is_dependent[n]) {
                 let old_square = self.squared_radii[n];
                 let before: f64 = affected_facets[n].iter().map(|&f| faults[f as usize]).sum();
-                let mut best = (before - ROUNDING_TOLERANCE, old_square);
-                for new_square in SQUARED_RADIUS_FACTORS.map(|factor| old_square * factor) {
-                    if new_square > (MAX_RADIUS * self.edge_lengths[n]).powi(2) {
-                        continue;
-                    }
-                    self.squared_radii[n] = new_square;
-                    let mut after = 0.0;
-                    for &f in &affected_facets[n] {
-                        after += self.fault_score(f as usize);
-                        if after >= best.0 {
-                            break;
-                        }
-                    }
-                    if after < best.0 {
-                        best = (after, new_square);
-                    }
-                }
-                self.squared_radii[n] = best.1;
-                if best.1 != old_square {
+                self.reduce_penalty(n, before, &affected_facets[n], &wedges_of_nodes[n]);
+                if self.squared_radii[n] != old_square {
                     improved = true;
                     for &f in &affected_facets[n] {
                         faults[f as usize] = self.fault_score(f as usize);

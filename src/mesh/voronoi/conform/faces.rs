@@ -15,10 +15,11 @@ impl<const D: usize> ConformingSites<D> {
     pub fn faces_on_surface(&self, mesh: &PolyMesh<D>, first_site: usize) -> Vec<bool> {
         let mut on_surface = vec![false; mesh.face_cells.len()];
         let facets = FacetGrid::new(self.surface());
+        let pairs = self.sorted_pairs();
         let inner = mesh.inner_face_count();
         let is_on_surface = |f: usize| {
             let [a, b] = mesh.face_cells[f].map(|c| mesh.sites[c as usize]);
-            self.is_between_sites(mesh, f, first_site) || facets.separates(a, b)
+            is_between_sites(&pairs, mesh, f, first_site) || facets.separates(a, b)
         };
         let marks: Vec<bool> = (0..inner).into_par_iter().map(is_on_surface).collect();
         on_surface[..inner].copy_from_slice(&marks);
@@ -30,8 +31,9 @@ impl<const D: usize> ConformingSites<D> {
     pub fn covered_share(&self, mesh: &PolyMesh<D>, first_site: usize) -> f64 {
         let surface = self.surface();
         let areas = (0..surface.facets.len()).map(|f| norm(normal(&surface.corners(f))));
+        let pairs = self.sorted_pairs();
         let faces =
-            (0..mesh.inner_face_count()).filter(|&f| self.is_between_sites(mesh, f, first_site));
+            (0..mesh.inner_face_count()).filter(|&f| is_between_sites(&pairs, mesh, f, first_site));
         let covered: f64 = faces.map(|f| mesh.face_shape(f).area()).sum();
         match areas.sum::<f64>() {
             all if all > 0.0 => covered / all,
@@ -39,11 +41,24 @@ impl<const D: usize> ConformingSites<D> {
         }
     }
 
-    /// Returns `true` if a face is between the two sites of one facet.
-    fn is_between_sites(&self, mesh: &PolyMesh<D>, face: usize, first_site: usize) -> bool {
-        let [a, b] = mesh.face_cells[face].map(|c| c as usize);
-        let facet_sites = first_site..first_site + 2 * self.facets().len();
-        facet_sites.contains(&a) && (a - first_site).is_multiple_of(2) && b == a + 1
+    fn sorted_pairs(&self) -> Vec<[u32; 2]> {
+        let mut pairs = self.site_pairs();
+        pairs.par_sort_unstable();
+        pairs
+    }
+}
+
+/// Returns `true` if a face is between the two sites of one facet, which `pairs` holds ascending.
+fn is_between_sites<const D: usize>(
+    pairs: &[[u32; 2]],
+    mesh: &PolyMesh<D>,
+    face: usize,
+    first_site: usize,
+) -> bool {
+    let cells = mesh.face_cells[face].map(|c| (c as usize).checked_sub(first_site));
+    match cells {
+        [Some(a), Some(b)] => pairs.binary_search(&[a as u32, b as u32]).is_ok(),
+        _ => false,
     }
 }
 

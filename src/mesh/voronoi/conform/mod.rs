@@ -29,7 +29,8 @@ mod surface;
 
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
-use crate::geometry::{distance2, norm, normal};
+use crate::geometry::union_find::UnionFind;
+use crate::geometry::{add_scaled, distance2, norm, normal, sorted_distinct};
 use crate::mesh::complex::NONE;
 use balls::Balls;
 pub use faces::FacetGrid;
@@ -38,6 +39,9 @@ pub use surface::FacetSurface;
 
 /// Smallest distance between sites, in mean edge lengths of their facets.
 const MIN_SITE_DISTANCE: f64 = 0.25;
+/// Distance, in mean edge lengths, below which two facets with a common edge where surfaces meet share
+/// one site. The faces then deviate from the facets by at most a twentieth of an edge.
+const SHARED_SITE_DISTANCE: f64 = 0.12;
 
 /// Sites on both sides of the facets of a surface, and the balls that other atoms must not enter.
 #[derive(Debug)]
@@ -48,6 +52,12 @@ pub struct ConformingSites<const D: usize> {
     max_radius: f64,
     /// The facets that have two sites, ascending.
     facets: Vec<u32>,
+    /// The pairs of facets that have a common edge where more than two meet, ascending.
+    junctions: Vec<[u32; 2]>,
+    /// The positions of the facets' sites.
+    positions: Vec<[f64; D]>,
+    /// The sites of each of the facets, above and below it.
+    pairs: Vec<[u32; 2]>,
     /// The sites ahead of rims: the facet, and the index of its node opposite the rim.
     rims: Vec<(u32, usize)>,
 }
@@ -73,10 +83,14 @@ impl<const D: usize> ConformingSites<D> {
             max_radius,
             site_region: region,
             facets: Vec::new(),
+            junctions: junctions(&balls.surface),
+            positions: Vec::new(),
+            pairs: Vec::new(),
             rims: Vec::new(),
             balls,
         };
         conforming.facets = conforming.separated_facets(existing);
+        conforming.place_sites();
         conforming.rims = conforming.rims_with_sites();
         conforming
     }
@@ -91,15 +105,56 @@ impl<const D: usize> ConformingSites<D> {
         &self.facets
     }
 
-    /// Returns the sites: two for each of the [`facets`](Self::facets), above and below it, then
-    /// those ahead of rims.
+    /// Returns the sites: those of the [`facets`](Self::facets), then those ahead of rims.
     pub fn sites(&self) -> Vec<[f64; D]> {
+        let rims = self.rims.iter().filter_map(|&rim| self.site_ahead_of(rim));
+        self.positions.iter().copied().chain(rims).collect()
+    }
+
+    /// Returns for each of the [`facets`](Self::facets) the two [`sites`](Self::sites) above and below
+    /// it, in ascending order. Facets that meet where surfaces cross may share a site.
+    pub fn site_pairs(&self) -> Vec<[u32; 2]> {
+        let pairs = self.pairs.iter().map(|&[a, b]| [a.min(b), a.max(b)]);
+        pairs.collect()
+    }
+
+    /// Places the sites of the facets.
+    fn place_sites(&mut self) {
         let points = self
             .facets
             .iter()
             .filter_map(|&f| self.balls.facet_points(f as usize));
-        let rims = self.rims.iter().filter_map(|&rim| self.site_ahead_of(rim));
-        points.flatten().chain(rims).collect()
+        let points: Vec<[f64; D]> = points.flatten().collect();
+        let mut sets = UnionFind::new(points.len());
+        for pair in &self.junctions {
+            let [Ok(i), Ok(j)] = pair.map(|f| self.facets.binary_search(&f)) else {
+                continue;
+            };
+            for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                let (a, b) = (2 * i + a, 2 * j + b);
+                if self.junction_distance(*pair, [points[a], points[b]]) < SHARED_SITE_DISTANCE {
+                    sets.unite(a as u32, b as u32);
+                }
+            }
+        }
+        let (labels, count) = sets.into_labels();
+        let mut sums = vec![([0.0; D], 0.0); count];
+        for (x, &label) in points.iter().zip(&labels) {
+            let (sum, weight) = &mut sums[label as usize];
+            *sum = add_scaled(*sum, 1.0, *x);
+            *weight += 1.0;
+        }
+        self.positions = sums
+            .into_iter()
+            .map(|(sum, weight)| sum.map(|c| c / weight))
+            .collect();
+        self.pairs = labels.as_chunks::<2>().0.to_vec();
+    }
+
+    /// Returns the distance between points of two facets, in the mean edge length of the smaller one.
+    fn junction_distance(&self, facets: [u32; 2], [x, y]: [[f64; D]; 2]) -> f64 {
+        let [a, b] = facets.map(|f| self.balls.edge_length(f as usize));
+        distance2(&x, &y).sqrt() / a.min(b)
     }
 
     /// Returns the region where sites and other atoms may be.
@@ -122,13 +177,14 @@ impl<const D: usize> ConformingSites<D> {
     /// Returns `true` if any were removed.
     pub fn remove_unfit(&mut self, is_unfit: impl Fn(usize) -> bool) -> bool {
         let (facets, rims) = (self.facets.len(), self.rims.len());
-        let mut indices = 0..facets;
-        let has_unfit_site = |i: usize| is_unfit(2 * i) || is_unfit(2 * i + 1);
+        let mut pairs = self.pairs.iter();
+        let has_unfit_site = |pair: &[u32; 2]| pair.iter().any(|&site| is_unfit(site as usize));
         self.facets
-            .retain(|_| indices.next().is_none_or(|i| !has_unfit_site(i)));
-        let mut indices = 2 * facets..;
+            .retain(|_| pairs.next().is_none_or(|pair| !has_unfit_site(pair)));
+        let mut indices = self.positions.len()..;
         self.rims
             .retain(|_| indices.next().is_none_or(|i| !is_unfit(i)));
+        self.place_sites();
         self.facets.len() < facets || self.rims.len() < rims
     }
 
@@ -161,7 +217,9 @@ impl<const D: usize> ConformingSites<D> {
             grid.visit_within(*x, radius, |j| {
                 let (f, g) = (i / 2, j / 2);
                 let distance = distance2(x, &points[j]).sqrt() / sizes[f].min(sizes[g]);
-                if f < g && distance < MIN_SITE_DISTANCE {
+                let pair = [facets[f], facets[g]];
+                let is_junction = || self.junctions.binary_search(&pair).is_ok();
+                if f < g && distance < MIN_SITE_DISTANCE && !is_junction() {
                     close_pairs.push((distance, f, g));
                 }
             });
@@ -237,4 +295,27 @@ impl<const D: usize> ConformingSites<D> {
         }
         kept
     }
+}
+
+/// Returns the pairs of facets that have a common ridge where more than two facets meet, ascending.
+fn junctions<const D: usize>(surface: &FacetSurface<D>) -> Vec<[u32; 2]> {
+    let ridges = surface
+        .ridges()
+        .into_values()
+        .filter(|facets| facets.len() > 2);
+    let pairs = ridges.flat_map(|mut facets| {
+        facets.sort_unstable();
+        let others = |(i, &f): (usize, &u32)| {
+            facets[i + 1..]
+                .iter()
+                .map(move |&g| [f, g])
+                .collect::<Vec<_>>()
+        };
+        facets
+            .iter()
+            .enumerate()
+            .flat_map(others)
+            .collect::<Vec<_>>()
+    });
+    sorted_distinct(pairs)
 }

@@ -485,7 +485,7 @@ fn a_survey_without_line_numbers_gets_lines_from_its_coordinates() {
 #[test]
 fn samples_in_depth_are_in_metres_or_feet() {
     let bytes = SegyBytes {
-        is_depth: true,
+        is_depth: Some(true),
         ..SegyBytes::default()
     };
     for (interval, system, step, unit) in [(5000, 1, 5.0, "m"), (20, 2, 20.0, "ft")] {
@@ -499,6 +499,31 @@ fn samples_in_depth_are_in_metres_or_feet() {
         assert_eq!((geometry.origin[2], geometry.axes[0][2]), (-48.0, -step));
         assert!(loaded.survey.unwrap().is_depth);
     }
+}
+
+#[test]
+fn a_textual_header_may_say_that_samples_are_in_depth() {
+    let builder = SegyBuilder {
+        fields: vec![(3217, 2, 5000), (3255, 2, 1)],
+        ..survey()
+    };
+    let mut file = builder.to_bytes();
+    let line = format!("{:80}", "C 1 DOMAIN: DEPTH");
+    file[..80].copy_from_slice(line.as_bytes());
+    let read = |is_depth| {
+        let bytes = SegyBytes {
+            is_depth,
+            ..SegyBytes::default()
+        };
+        with_file(&file, |path| segy::read(path, &bytes).unwrap())
+    };
+    let loaded = read(None);
+    assert_eq!(loaded.image.geometry.units[2], "m");
+    assert_eq!(loaded.image.geometry.axes[0][2], -5.0);
+    assert!(has_note(&loaded, "(C 1 DOMAIN: DEPTH); --domain time"));
+    let loaded = read(Some(false));
+    assert_eq!(loaded.image.geometry.units[2], "ms");
+    assert!(!has_note(&loaded, "DOMAIN"));
 }
 
 #[test]

@@ -66,7 +66,7 @@ const MIN_HEIGHT_SHARE: f32 = 0.2;
 
 /// Width (samples) of the Gaussian under which ridges of the network's probability are sought: faults
 /// are marked by ridges that are as wide.
-const PROBABILITY_SCALE: f64 = 1.0;
+const PROBABILITY_SCALE: f64 = 0.75;
 /// Strength of a ridge of the probability down to which a fault is followed, and the one that it must
 /// reach somewhere, in sections and in volumes. Measured with `scripts/fault_trials.py`, seeds 101 to 106.
 /// In sections the network is less certain.

@@ -39,7 +39,7 @@ use self::attempt_cache::{AttemptCache, AttemptKind};
 use super::constraint::{NodeConstraint, SurfaceProximity};
 use super::feature_planes::{FeaturePlanes, LocalPlane};
 use super::intersect::find_intersection;
-use super::{ImproveReport, OperationCounts, Target};
+use super::{Effort, ImproveReport, OperationCounts, Target};
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
 use crate::geometry::sub;
@@ -67,6 +67,11 @@ const RECOVERY_WORK_SHARE: f64 = 0.15;
 /// Largest number of rounds of flips and smoothing: while nodes stay on their features, and while
 /// they may leave them, when many nodes move little by little.
 const MAX_ROUNDS: [usize; 2] = [8, 12];
+/// Largest numbers of these rounds in a draft.
+const DRAFT_ROUNDS: [usize; 2] = [2, 4];
+
+/// Degrees above the target at which improvement aims at the best effort, once the target is reached.
+const BEST_EXTRA_ANGLE: f64 = 5.0;
 
 /// The box of a mesh, the features in it, and what its improvement aims at.
 #[derive(Debug, Clone, Copy)]
@@ -135,6 +140,8 @@ struct TetImprover<'a> {
     /// Tetrahedra to be processed.
     queue: Vec<u32>,
     target_sine: f64,
+    /// How much work goes into reaching the target.
+    effort: Effort,
     /// Sine at which smoothing of a node stops.
     smoothing_target: f64,
     /// Largest distance, in samples, of smoothed nodes from the surfaces that hold them.
@@ -212,6 +219,7 @@ impl<'a> TetImprover<'a> {
             sines,
             constraints,
             proximities,
+            effort: context.target.effort,
             ..Self::empty(extent, planes, distance, context.target_sine())
         }
     }
@@ -233,6 +241,7 @@ impl<'a> TetImprover<'a> {
             distance,
             queue: Vec::new(),
             target_sine,
+            effort: Effort::Normal,
             smoothing_target: 1.0,
             max_deviation: 0.0,
             comm: &SelfComm,
@@ -506,6 +515,17 @@ impl<'a> TetImprover<'a> {
 }
 
 impl TetImprover<'_> {
+    /// Improves tetrahedra above target, too. None of them becomes worse than the target.
+    fn raise_angles(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
+        let target_sine = self.target_sine;
+        self.target_sine = (target_sine.asin() + BEST_EXTRA_ANGLE.to_radians()).sin();
+        self.attempts.clear();
+        self.flip_and_smooth(MAX_ROUNDS[1], cancel)?;
+        self.repair(cancel)?;
+        self.target_sine = target_sine;
+        Ok(())
+    }
+
     /// Runs all steps in order.
     ///
     /// # Errors
@@ -514,27 +534,40 @@ impl TetImprover<'_> {
         let below_target_before = self.tets_below_target().len();
         cancel.set_range(0.0, RECOVERY_WORK_SHARE);
         self.recover(cancel)?;
-        let stage_share = (1.0 - RECOVERY_WORK_SHARE) / (1 + MAX_DEVIATIONS.len()) as f64;
+        let deviations = match self.effort {
+            Effort::Draft => &MAX_DEVIATIONS[1..],
+            Effort::Normal | Effort::Best => &MAX_DEVIATIONS,
+        };
+        let stage_count = 1 + deviations.len() + usize::from(self.effort == Effort::Best);
+        let stage_share = (1.0 - RECOVERY_WORK_SHARE) / stage_count as f64;
         let start_stage = |stages_done: usize| {
             let start = RECOVERY_WORK_SHARE + stages_done as f64 * stage_share;
             cancel.set_range(start, start + stage_share);
         };
+        let rounds = match self.effort {
+            Effort::Draft => DRAFT_ROUNDS,
+            Effort::Normal | Effort::Best => MAX_ROUNDS,
+        };
         start_stage(0);
-        self.flip_and_smooth(MAX_ROUNDS[0], cancel)?;
+        self.flip_and_smooth(rounds[0], cancel)?;
         // Where features leave the lattice too little room, more tetrahedra are below target than
         // can be repaired one by one. Most of these need only that nodes leave their features a
         // little, so that comes first.
-        if !self.has_too_many(self.tets_below_target().len()) {
+        if self.effort != Effort::Draft && !self.has_too_many(self.tets_below_target().len()) {
             self.repair(cancel)?;
         }
-        for (number, deviation) in MAX_DEVIATIONS.into_iter().enumerate() {
+        for (number, deviation) in deviations.iter().enumerate() {
             start_stage(1 + number);
             self.max_deviation = deviation.min(MAX_DEVIATION_RATIO * self.distance.min());
             self.attempts.clear();
-            self.flip_and_smooth(MAX_ROUNDS[1], cancel)?;
+            self.flip_and_smooth(rounds[1], cancel)?;
             self.repair(cancel)?;
         }
         self.release_nodes(cancel)?;
+        if self.effort == Effort::Best {
+            start_stage(stage_count - 1);
+            self.raise_angles(cancel)?;
+        }
         self.counts.intersecting_left = self.count_intersecting_edges(cancel);
         let blocked = self.blocked_cells();
         Ok(ImproveReport {

@@ -121,10 +121,11 @@ class MeshOptions(TypedDict, total=False):
     weld: _Number | None
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     smooth: Literal["cvt", "odt"] | None
-    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical, shape
-    #: (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-
-    #: point fluxes in rock with these permeabilities along x, y and z; only their ratios count),
-    #: or a scale per axis SX,SY,SZ (SX,SY in 2-D)
+    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance
+    #: is then in physical units, not in samples), shape (physical proportions, with as many
+    #: samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
+    #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
+    #: (SX,SY in 2-D)
     metric: _Value | None
     #: Continue the mesh beyond the image, with cells that coarsen away from it:
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
@@ -144,7 +145,8 @@ class MeshOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -231,7 +233,8 @@ class FeatureOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -278,7 +281,8 @@ class InfoOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -334,7 +338,8 @@ class ConvertOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -396,7 +401,8 @@ class ReportOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -492,7 +498,8 @@ class EditOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -550,7 +557,8 @@ class ColumnsOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -628,7 +636,8 @@ class ExportOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -782,7 +791,8 @@ class SliceOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -869,7 +879,8 @@ class SurfaceOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -929,7 +940,8 @@ class PaintOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -989,7 +1001,8 @@ class SegmentOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline

@@ -434,9 +434,10 @@ fn are_horizons_upright(measures: &[SurfaceMeasure], up: &[f64]) -> bool {
 }
 
 /// Returns arrays with the measures of each face in an image of amplitudes.
-fn amplitude_arrays(measures: &AmplitudeMeasures) -> [DataArray; 4] {
+fn amplitude_arrays(measures: &AmplitudeMeasures) -> [DataArray; 5] {
     [
         DataArray::scalars("throw", measures.throws.clone()),
+        DataArray::scalars("throw_by_horizons", measures.horizon_throws.clone()),
         DataArray::scalars("throw_correlation", measures.correlations.clone()),
         DataArray::scalars("amplitude", measures.amplitudes.clone()),
         DataArray::scalars("confidence", measures.confidences.clone()),

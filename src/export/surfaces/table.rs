@@ -76,7 +76,7 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
     let mut lines = vec![
         "throw, in the unit of the vertical coordinate, is positive where the hanging wall is lower".into(),
         format!(
-            "{:>7} {:>7} {:>9} {:>9} {:>8} {:>8} {:>8} {:>11} {:>8} {:>9} {:>10}",
+            "{:>7} {:>7} {:>9} {:>9} {:>8} {:>8} {:>8} {:>11} {:>11} {:>5} {:>8} {:>9} {:>10}",
             "surface",
             "kind",
             "from",
@@ -85,6 +85,8 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
             "mean",
             "95%",
             "correlation",
+            "by horizons",
+            "pairs",
             "polarity",
             "amplitude",
             "confidence"
@@ -98,7 +100,7 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
         };
         let throw = |value: fn(&Throw) -> f64| number(amplitudes.throw.as_ref().map(value));
         lines.push(format!(
-            "{:>7} {:>7} {:>9.5} {:>9.5} {:>8} {:>8} {:>8} {:>11} {:>8} {:>9} {:>10}",
+            "{:>7} {:>7} {:>9.5} {:>9.5} {:>8} {:>8} {:>8} {:>11} {:>11} {:>5} {:>8} {:>9} {:>10}",
             m.surface,
             m.kind.name(),
             ShortNumber(m.vertical_range[0]),
@@ -107,6 +109,8 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
             throw(|t| t.mean),
             throw(|t| t.max),
             (amplitudes.throw).map_or("-".into(), |t| format!("{:.2}", t.correlation)),
+            number(amplitudes.horizon_throw.map(|t| t.mean)),
+            (amplitudes.horizon_throw).map_or("-".into(), |t| t.pairs.to_string()),
             amplitudes.polarity.map_or("-", Polarity::name),
             number(amplitudes.amplitude),
             (amplitudes.confidence).map_or("-".into(), |c| format!("{c:.1}")),

@@ -65,7 +65,7 @@ const MAX_LAYER_COSINE: f32 = 0.92;
 const MIN_HEIGHT_SHARE: f32 = 0.2;
 
 /// Width (samples) of the Gaussian under which ridges of the network's probability are sought: faults
-/// are marked by ridges that are as wide.
+/// are marked by ridges that are as wide (`RIDGE_SIGMA` in `scripts/train_fault_network.py`).
 const PROBABILITY_SCALE: f64 = 0.75;
 /// Strength of a ridge of the probability down to which a fault is followed, and the one that it must
 /// reach somewhere, in sections and in volumes. Measured with `scripts/fault_trials.py`, seeds 101 to 106.
@@ -140,18 +140,18 @@ impl<const D: usize> Detector<D> for Faults {
             }
         };
         notes.push(format!(
-            "faults: {}, that dip by {min_dip} degrees or more{}; normals of layers averaged over {window}",
-            match evidence {
-                FaultEvidence::Network => "probability by a network".to_owned(),
-                FaultEvidence::Semblance => format!(
-                    "least semblance along layers over planes, at scale {}",
-                    input.scale()
-                ),
-            },
+            "faults that dip by {min_dip} degrees or more{}, by {}; dips of layers are averaged over {window} samples",
             if input.source.geometry().time_coordinate().is_some() {
-                " (with a velocity of 2000 m/s)"
+                " (at 2000 m/s, as the image is in time)"
             } else {
                 ""
+            },
+            match evidence {
+                FaultEvidence::Network => "the probability that a neural network gives".to_owned(),
+                FaultEvidence::Semblance => format!(
+                    "the planes across which layers are least alike (semblance), after smoothing over {} samples",
+                    input.scale()
+                ),
             },
         ));
         let search = RidgeSearch {

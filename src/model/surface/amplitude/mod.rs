@@ -4,7 +4,9 @@
 //! on both sides of each face are correlated along the fault's dip (`traces`). The correlations are
 //! averaged over neighbouring faces, in two steps: a wide average decides which reflectors belong
 //! together, a narrow one near that lag gives the throw. The hanging wall lies above a fault that dips;
-//! of a vertical fault it is the side that its faces show.
+//! of a vertical fault it is the side that its faces show. Horizons that end on both sides give the throw
+//! a second time (`horizon_pairs`). Where the two differ much, the correlation is sought near the throw of
+//! the horizons, because layers that repeat also match a wavelength too high or too low.
 //!
 //! *Polarity* of a horizon is the sign of its mean amplitude: peak or trough.
 //!
@@ -12,6 +14,7 @@
 //! fault is how much better traces on one side agree than those on both sides do; at a horizon it is
 //! the amplitude, with the horizon's sign. It is about 1 where an image has only noise.
 
+mod horizon_pairs;
 mod reflectors;
 mod traces;
 
@@ -25,6 +28,7 @@ use crate::geometry::random::Random;
 use crate::geometry::{dot, norm, normal, unit};
 use crate::image::{Geometry, Image};
 use crate::parallel::prelude::*;
+use horizon_pairs::{HorizonFaces, PairThrows};
 use traces::{FaultPoint, MAX_LAG, best_lag};
 
 /// Passes over neighbouring faces that average correlations before reflectors are matched, and
@@ -34,6 +38,10 @@ const NARROW_PASSES: usize = 4;
 
 /// Largest difference (samples) of the throw at a face from that of the wide average.
 const MAX_LAG_CHANGE: isize = 5;
+
+/// Largest difference (samples) of the throw at a face from that by pairs of horizons. If it is larger, the
+/// correlation is sought near the throw by pairs.
+const MAX_PAIR_DIFFERENCE: f64 = 6.0;
 
 /// Smallest correlation of both sides at which a throw counts.
 const MIN_CORRELATION: f64 = 0.7;
@@ -83,11 +91,25 @@ pub struct Throw {
     pub area_share: f64,
 }
 
+/// Throw of a fault by pairs of horizons that end on both sides of it, in the unit of the vertical
+/// coordinate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct HorizonThrow {
+    /// The mean throw.
+    pub mean: f64,
+    /// Number of pairs of horizons.
+    pub pairs: usize,
+    /// The share of the fault's area at which they give a throw.
+    pub area_share: f64,
+}
+
 /// Measures of a surface from amplitudes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct AmplitudeMeasure {
     /// Throw of a fault; `None` for other surfaces, and where it cannot be measured.
     pub throw: Option<Throw>,
+    /// Throw of a fault by pairs of horizons, if there are any.
+    pub horizon_throw: Option<HorizonThrow>,
     /// Polarity of a horizon.
     pub polarity: Option<Polarity>,
     /// Mean amplitude of a horizon.
@@ -103,6 +125,8 @@ pub struct AmplitudeMeasures {
     pub surfaces: Vec<AmplitudeMeasure>,
     /// The throw at each face, NaN where there is none.
     pub throws: Vec<f32>,
+    /// The throw at each face by pairs of horizons, NaN where there is none.
+    pub horizon_throws: Vec<f32>,
     /// The correlation of both sides at each face, NaN away from faults.
     pub correlations: Vec<f32>,
     /// The amplitude at each face.
@@ -126,15 +150,20 @@ pub fn measure_amplitudes<const D: usize>(
     let mut measures = AmplitudeMeasures {
         surfaces: Vec::with_capacity(surfaces.len()),
         throws: vec![f32::NAN; count],
+        horizon_throws: vec![f32::NAN; count],
         correlations: vec![f32::NAN; count],
         amplitudes: vec![f32::NAN; count],
         confidences: vec![f32::NAN; count],
     };
+    let complex = |s: usize| FacetComplex::new(nodes, surfaces.facets_of(s).to_vec());
+    let are_horizons = kinds.iter().map(|kind| *kind == SurfaceKind::Horizon);
+    let horizons = (are_horizons.enumerate()).filter(|(_, is_horizon)| *is_horizon);
+    let horizons = HorizonFaces::new(horizons.map(|(s, _)| (s, complex(s))));
     for (s, kind) in kinds.iter().enumerate() {
-        let facets = FacetComplex::new(nodes, surfaces.facets_of(s).to_vec());
+        let facets = complex(s);
         let start = surfaces.start[s];
         let faces = match kind {
-            SurfaceKind::Fault => space.fault(&facets),
+            SurfaceKind::Fault => space.fault(&facets, &horizons),
             SurfaceKind::Horizon => space.horizon(&facets),
             SurfaceKind::Interface => Faces::default(),
         };
@@ -142,6 +171,7 @@ pub fn measure_amplitudes<const D: usize>(
             array[start..start + values.len()].copy_from_slice(values);
         };
         fill(&mut measures.throws, &faces.throws);
+        fill(&mut measures.horizon_throws, &faces.horizon_throws);
         fill(&mut measures.correlations, &faces.correlations);
         fill(&mut measures.amplitudes, &faces.amplitudes);
         fill(&mut measures.confidences, &faces.confidences);
@@ -208,6 +238,7 @@ pub fn split_horizons<const D: usize>(
 struct Faces {
     measure: AmplitudeMeasure,
     throws: Vec<f32>,
+    horizon_throws: Vec<f32>,
     correlations: Vec<f32>,
     amplitudes: Vec<f32>,
     confidences: Vec<f32>,
@@ -276,6 +307,7 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
                 amplitude: Some(mean),
                 confidence: Some(confidence(mean)),
                 throw: None,
+                horizon_throw: None,
             },
             confidences: amplitudes.iter().map(|&a| confidence(a) as f32).collect(),
             amplitudes: amplitudes.iter().map(|&a| a as f32).collect(),
@@ -284,8 +316,9 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
     }
 
     /// Measures a fault.
-    fn fault(&self, facets: &FacetComplex<'_, D>) -> Faces {
+    fn fault(&self, facets: &FacetComplex<'_, D>, horizons: &HorizonFaces<D>) -> Faces {
         let points = self.fault_points(facets);
+        let pairs = self.pair_throws(&points, horizons);
         let correlations: Vec<_> = (points.par_iter())
             .map(|point| point.correlate(self.image, self.vertical, self.mean))
             .collect();
@@ -298,10 +331,20 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
         let wide =
             average_over_neighbours(narrow.clone(), &neighbours, WIDE_PASSES - NARROW_PASSES);
         let coarse = coarse_lags(&wide, &neighbours);
+        let lag_near = |f: usize, centre: f64, min_share: f64| {
+            let centre = centre.round() as isize;
+            let range = [centre - MAX_LAG_CHANGE, centre + MAX_LAG_CHANGE];
+            best_lag(narrow[f].as_ref()?, range[0], range[1], min_share)
+        };
         let lag = |f: usize| {
-            let coarse = coarse[f]?.round() as isize;
-            let range = [coarse - MAX_LAG_CHANGE, coarse + MAX_LAG_CHANGE];
-            best_lag(narrow[f].as_ref()?, range[0], range[1], 1.0)
+            let lag = coarse[f].and_then(|coarse| lag_near(f, coarse, 1.0));
+            match (pairs.throws[f], lag) {
+                (None, lag) => lag,
+                (Some(pair), Some((lag, peak))) if (lag - pair).abs() <= MAX_PAIR_DIFFERENCE => {
+                    Some((lag, peak))
+                }
+                (Some(pair), _) => lag_near(f, pair, 0.5),
+            }
         };
         let lags: Vec<Option<(f64, f64)>> = (0..facets.len()).map(lag).collect();
         let areas: Vec<f64> = (0..facets.len()).map(|f| norm(facets.normal(f))).collect();
@@ -321,6 +364,7 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
         Faces {
             measure: AmplitudeMeasure {
                 throw: throw_of(measured, areas.iter().sum()),
+                horizon_throw: horizon_throw_of(&pairs, &areas, scale),
                 confidence: has_contrast.then(|| confidence(mean_contrast)),
                 ..AmplitudeMeasure::default()
             },
@@ -329,6 +373,9 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
                     Some((lag, peak)) if *peak >= MIN_CORRELATION => (lag * scale) as f32,
                     _ => f32::NAN,
                 })
+                .collect(),
+            horizon_throws: (pairs.throws.iter())
+                .map(|throw| throw.map_or(f32::NAN, |throw| (throw * scale) as f32))
                 .collect(),
             correlations: (lags.iter())
                 .map(|lag| lag.map_or(f32::NAN, |(_, peak)| peak as f32))
@@ -448,6 +495,19 @@ fn throw_of(mut faces: Vec<[f64; 3]>, total_area: f64) -> Option<Throw> {
         max: quantile(0.95)?,
         correlation: mean_of(1),
         area_share: area / total_area,
+    })
+}
+
+/// Returns the throw of a fault by pairs of horizons. `scale` converts samples to the unit of throws.
+fn horizon_throw_of(pairs: &PairThrows, areas: &[f64], scale: f64) -> Option<HorizonThrow> {
+    let throws = pairs.throws.iter().zip(areas);
+    let (throws, known_areas): (Vec<f64>, Vec<f64>) = throws
+        .filter_map(|(throw, area)| Some((scale * (*throw)?, *area)))
+        .unzip();
+    (!throws.is_empty()).then(|| HorizonThrow {
+        mean: weighted_mean(&throws, &known_areas),
+        pairs: pairs.pairs,
+        area_share: known_areas.iter().sum::<f64>() / areas.iter().sum::<f64>(),
     })
 }
 

@@ -144,6 +144,71 @@ fn throws_of_planar_faults_are_exact_to_half_a_sample() {
     }
 }
 
+/// Returns the part of a layer at this depth (before displacement) on one side of a fault, at least 4
+/// samples off it, as triangles with edges of 4 samples.
+fn layer_sheet(fault: Plane, depth: f64, hanging: bool) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let throw = (fault.throw)(0.0);
+    let shift = throw * (1.0 + 0.12 / fault.dip.to_radians().tan());
+    let level = depth + if hanging { shift } else { 0.0 };
+    let node = |i: u32, j: u32| {
+        let (x, y) = (2.0 + 4.0 * f64::from(i), 1.0 + 4.0 * f64::from(j));
+        [x, y, level - 0.12 * x + 0.08 * y]
+    };
+    let nodes: Vec<[f64; 3]> = (0..24)
+        .flat_map(|i| (0..12).map(move |j| node(i, j)))
+        .collect();
+    let squares = (0..23u32).flat_map(|i| (0..11u32).map(move |j| 12 * i + j));
+    let facets = squares.flat_map(|a| [[a, a + 12, a + 13], [a, a + 13, a + 1]]);
+    let is_on_side = |facet: &[u32; 3]| {
+        facet.iter().all(|&n| {
+            let distance = fault.distance(nodes[n as usize]);
+            if hanging {
+                distance > 4.0
+            } else {
+                distance < -4.0
+            }
+        })
+    };
+    let facets = facets.filter(is_on_side).collect();
+    (nodes, facets)
+}
+
+#[test]
+fn horizons_on_both_sides_give_the_throw() {
+    let fault = Plane {
+        x: 50.0,
+        dip: 60.0,
+        throw: |_| 7.3,
+    };
+    let mut sheets = vec![fault.sheet()];
+    for depth in [46.0, 57.0, 66.0] {
+        sheets.push(layer_sheet(fault, depth, false));
+        sheets.push(layer_sheet(fault, depth, true));
+    }
+    let (mut nodes, mut surfaces) = (Vec::new(), Surfaces::default());
+    surfaces.start.push(0);
+    for (sheet, facets) in sheets {
+        let first = nodes.len() as u32;
+        nodes.extend(sheet);
+        surfaces
+            .facets
+            .extend(facets.iter().map(|f| f.map(|n| n + first)));
+        surfaces.start.push(surfaces.facets.len());
+    }
+    let mut kinds = vec![SurfaceKind::Horizon; 7];
+    kinds[0] = SurfaceKind::Fault;
+    let image = displaced(&[fault], 0.25);
+    let up = [0.0, 0.0, 1.0];
+    let measures = measure_amplitudes(&surfaces, &kinds, &nodes, &image, &geometry(), up);
+    let measure = measures.surfaces[0];
+    let throw = measure.horizon_throw.unwrap();
+    // Samples are 4 apart.
+    assert!((throw.mean / 4.0 - 7.3).abs() < 0.6, "{throw:?}");
+    assert!(throw.pairs >= 2 && throw.area_share > 0.6, "{throw:?}");
+    assert!((measure.throw.unwrap().mean / 4.0 - 7.3).abs() < 0.5);
+    assert!(measures.surfaces[1].horizon_throw.is_none());
+}
+
 #[test]
 fn two_faults_have_throws_of_opposite_sign() {
     let faults = [

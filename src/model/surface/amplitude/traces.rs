@@ -32,6 +32,10 @@ const SLOPE_STEP: f64 = 0.05;
 /// Smallest share of a window that must lie in the image.
 const MIN_WINDOW_SHARE: f64 = 0.9;
 
+/// Smallest square of the horizontal component of a fault's normal; with a smaller one, the fault is too
+/// flat.
+const MIN_HORIZONTAL_SQUARE: f64 = 0.03;
+
 /// The place and the directions of a pair of traces, in samples.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FaultPoint<const D: usize> {
@@ -65,13 +69,13 @@ impl<const D: usize> FaultPoint<D> {
     pub fn correlate(&self, image: &Image<D>, vertical: usize, mean: f64) -> Option<Correlation> {
         let rise = self.normal[vertical];
         let horizontal_square = 1.0 - rise * rise;
-        if horizontal_square < 0.03 {
+        if horizontal_square < MIN_HORIZONTAL_SQUARE {
             return None;
         }
         let mut axis = [0.0; D];
         axis[vertical] = 1.0;
-        // Along the dip, one sample along the vertical axis; and across, one sample off the fault.
-        let along = add_scaled(axis, -rise, self.normal).map(|c| c / horizontal_square);
+        // Across, one sample off the fault.
+        let along = self.down_dip(vertical);
         let across = add_scaled(self.normal, -rise, axis).map(|c| c / horizontal_square);
         let side = |sign: f64| self.side(image, along, across.map(|c| sign * c), mean);
         let (foot, hanging) = (side(-1.0)?, side(1.0)?);
@@ -83,6 +87,15 @@ impl<const D: usize> FaultPoint<D> {
                 .collect(),
             contrast: 0.5 * (foot.coherence + hanging.coherence) - unshifted,
         })
+    }
+
+    /// Returns the step along the dip of the fault that is one sample along the vertical axis.
+    pub fn down_dip(&self, vertical: usize) -> [f64; D] {
+        let rise = self.normal[vertical];
+        let mut axis = [0.0; D];
+        axis[vertical] = 1.0;
+        let along = add_scaled(axis, -rise, self.normal);
+        along.map(|c| c / (1.0 - rise * rise).max(MIN_HORIZONTAL_SQUARE))
     }
 
     /// Returns the traces of a side. `across` is the step away from the fault.

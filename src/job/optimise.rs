@@ -118,7 +118,7 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
 }
 
 /// Divisor of the number of evaluations in a draft.
-const DRAFT_EVALUATION_DIVISOR: usize = 4;
+const DRAFT_EVALUATION_DIVISOR: usize = 6;
 /// Factor of the number of rounds, and of evaluations, at the best effort.
 const BEST_ROUND_FACTOR: usize = 3;
 

@@ -70,6 +70,11 @@ const MAX_ROUNDS: [usize; 2] = [8, 12];
 /// Largest numbers of these rounds in a draft.
 const DRAFT_ROUNDS: [usize; 2] = [2, 4];
 
+/// Smallest gain in sine of one step of smoothing, as a share of what is missing to 1 at its start. A
+/// draft takes a quarter less time with its larger gain, but covers features less well.
+const MIN_STEP_GAIN: f64 = 1e-3;
+const DRAFT_MIN_STEP_GAIN: f64 = 5e-3;
+
 /// Degrees above the target at which improvement aims at the best effort, once the target is reached.
 const BEST_EXTRA_ANGLE: f64 = 5.0;
 
@@ -272,6 +277,10 @@ impl<'a> TetImprover<'a> {
             planes: self.planes,
             max_deviation: self.max_deviation,
             target_sine: self.smoothing_target,
+            min_step_gain: match self.effort {
+                Effort::Draft => DRAFT_MIN_STEP_GAIN,
+                Effort::Normal | Effort::Best => MIN_STEP_GAIN,
+            },
         }
     }
 
@@ -515,13 +524,28 @@ impl<'a> TetImprover<'a> {
 }
 
 impl TetImprover<'_> {
+    /// Flips and smooths while nodes may leave the surfaces that hold them by up to `max_deviation`
+    /// samples.
+    fn flip_and_smooth_within(
+        &mut self,
+        max_deviation: f64,
+        rounds: usize,
+        cancel: &CancelToken<'_>,
+    ) -> Result<()> {
+        self.max_deviation = max_deviation.min(MAX_DEVIATION_RATIO * self.distance.min());
+        self.attempts.clear();
+        self.flip_and_smooth(rounds, cancel)
+    }
+
     /// Improves tetrahedra above target, too. None of them becomes worse than the target.
     fn raise_angles(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
         let target_sine = self.target_sine;
         self.target_sine = (target_sine.asin() + BEST_EXTRA_ANGLE.to_radians()).sin();
-        self.attempts.clear();
-        self.flip_and_smooth(MAX_ROUNDS[1], cancel)?;
-        self.repair(cancel)?;
+        // Nodes move along their features first, so that fewer need to leave them.
+        for deviation in [&[0.0], &MAX_DEVIATIONS[..]].concat() {
+            self.flip_and_smooth_within(deviation, MAX_ROUNDS[1], cancel)?;
+            self.repair(cancel)?;
+        }
         self.target_sine = target_sine;
         Ok(())
     }
@@ -558,9 +582,7 @@ impl TetImprover<'_> {
         }
         for (number, deviation) in deviations.iter().enumerate() {
             start_stage(1 + number);
-            self.max_deviation = deviation.min(MAX_DEVIATION_RATIO * self.distance.min());
-            self.attempts.clear();
-            self.flip_and_smooth(rounds[1], cancel)?;
+            self.flip_and_smooth_within(*deviation, rounds[1], cancel)?;
             self.repair(cancel)?;
         }
         self.release_nodes(cancel)?;

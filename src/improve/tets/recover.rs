@@ -3,7 +3,7 @@
 
 use super::batch::{BatchChange, ChangedTets, SearchScratch};
 use super::flips::Flip;
-use super::{ConstrainedPoint, NodeConstraint, TetImprover, smooth};
+use super::{ConstrainedPoint, Effort, NodeConstraint, TetImprover, smooth};
 use crate::Result;
 use crate::geometry::{dot, norm, sorted_distinct, sub};
 use crate::mesh::EDGES;
@@ -15,6 +15,9 @@ use crate::progress::CancelToken;
 /// Smallest sines that a flip of an intersecting edge may leave, round by round. The first rounds
 /// accept only good tetrahedra, so that surfaces are not spanned by long chords. Smoothing follows.
 const MIN_FLIP_SINES: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
+/// These sines in a draft. Where surfaces cross, many of its edges cannot be recovered, however often
+/// that is tried.
+const DRAFT_MIN_FLIP_SINES: [f64; 2] = [0.15, 0.05];
 
 /// Smallest distance, in units of d, of a node on a feature from the ends of the edge that it
 /// splits.
@@ -110,13 +113,17 @@ impl TetImprover<'_> {
         let mut edges = self.find_intersecting_edges(&all, cancel);
         self.proximities = Vec::new();
         self.counts.intersecting_before = edges.len();
-        for (round, floor) in MIN_FLIP_SINES.into_iter().enumerate() {
+        let floors = match self.effort {
+            Effort::Draft => &DRAFT_MIN_FLIP_SINES[..],
+            Effort::Normal | Effort::Best => &MIN_FLIP_SINES,
+        };
+        for (round, &floor) in floors.iter().enumerate() {
             // Flips never create an intersecting edge. Only moved and new nodes need another test.
             let changed_nodes = sorted_distinct(edges.iter().flat_map(|&(a, b)| [a, b]));
             let count = edges.len() as f64;
             while !edges.is_empty() {
                 let done = 1.0 - edges.len() as f64 / count;
-                cancel.set_fraction((round as f64 + done) / MIN_FLIP_SINES.len() as f64);
+                cancel.set_fraction((round as f64 + done) / floors.len() as f64);
                 edges = self.recover_edges(edges, floor, round > 0, cancel)?;
                 if cancel.is_cancelled() {
                     // The remaining edges are only counted.

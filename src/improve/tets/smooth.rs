@@ -243,10 +243,6 @@ fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
 /// Smallest gain in sine of a move.
 const MIN_SINE_GAIN: f64 = 1e-3;
 
-/// Smallest gain in sine of one step of a move, as a share of what is missing to 1 at its start. With
-/// a fifth of it, smoothing takes up to a third more time and gives no better meshes.
-const MIN_STEP_GAIN: f64 = 5e-3;
-
 /// Scratch space of [`best_position`].
 #[derive(Default)]
 pub struct SmoothScratch {
@@ -266,6 +262,8 @@ pub struct SmoothingLimits<'a> {
     pub max_deviation: f64,
     /// Sine at which smoothing of a node stops.
     pub target_sine: f64,
+    /// Smallest gain in sine of one step, as a share of what is missing to 1 at the start.
+    pub min_step_gain: f64,
 }
 
 /// Climbs from `start` to a position where the smallest sine around the node is larger, within the
@@ -326,7 +324,7 @@ pub fn best_position(
                 }
                 // Test the straight step first: a position that is not better there is not worth
                 // snapping onto the surfaces.
-                let required = best + MIN_STEP_GAIN * (1.0 - start_sine).max(0.1);
+                let required = best + limits.min_step_gain * (1.0 - start_sine).max(0.1);
                 let worthwhile =
                     constraint.surface_count == 0 || worst_sine(trial, link, required) > required;
                 let mut trial_constraint = *constraint;
@@ -436,6 +434,7 @@ mod tests {
                 planes: &planes,
                 max_deviation: 0.0,
                 target_sine: 1.0,
+                min_step_gain: 1e-3,
             },
             &mut SmoothScratch::default(),
         )

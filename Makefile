@@ -1,4 +1,4 @@
-# make demo   install missing packages, build, mesh the sample volume and print which files to open
+# make demo   build without TetGen and CGAL, mesh the sample volume and print which files to open: needs only Rust
 # make test   install missing packages and run the checks that need nothing but this repository
 # make test-all   run all tests, also those against other programs (VTK, OPM Flow, Gmsh, ...), with MPI, and on
 #                 images of other projects: DATA=folder
@@ -34,8 +34,8 @@ help:
 packages:
 	@scripts/packages.sh
 
-demo: packages
-	cargo build --release --locked
+demo:
+	cargo build --release --locked --no-default-features --features cli
 	@mkdir -p out
 	target/release/atomesh mesh $(SAMPLE) -o out/faults.vtu --report out/faults.json --potential-out out/potential.vti
 	@echo

@@ -485,7 +485,7 @@ pub fn cell_fidelity<const D: usize>(
     cancel: &CancelToken<'_>,
 ) -> report::Fidelity {
     let in_samples = mesh.mapped(|x| std::array::from_fn(|k| x[k] / step[k]), false);
-    report::fidelity_of_cells_with_cancel(&in_samples, reference, cancel)
+    report::fidelity_of_cells(&in_samples, reference, cancel)
 }
 
 /// Returns cells in physical coordinates from cells in lattice space.

@@ -7,12 +7,12 @@
 //! - [`optimize`]: moves atoms to lower the energy
 //! - [`comparison`]: methods of others, kept to compare the default methods with them
 //! - `partition`: distribution of the atoms over ranks
-//! - [`halo`]: owned atoms and ghosts of a rank while atoms move
+//! - `halo`: owned atoms and ghosts of a rank while atoms move
 
 pub mod comparison;
 pub mod distance;
 pub mod energy;
-pub mod halo;
+pub(crate) mod halo;
 pub mod optimize;
 pub(crate) mod partition;
 pub mod seeding;

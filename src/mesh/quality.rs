@@ -5,9 +5,9 @@ use crate::geometry::simd::dispatch_simd;
 use crate::geometry::{cross, dot, sub, volume6};
 
 /// Number of tetrahedra that are measured together.
-pub const BLOCK_SIZE: usize = 64;
+pub(crate) const BLOCK_SIZE: usize = 64;
 
-/// The corners of up to [`BLOCK_SIZE`] tetrahedra, stored by node, axis and tetrahedron so that
+/// The corners of up to 64 tetrahedra, stored by node, axis and tetrahedron so that
 /// SIMD instructions can measure them.
 pub struct CornerBlock([[[f64; BLOCK_SIZE]; 3]; 4]);
 
@@ -18,7 +18,7 @@ impl Default for CornerBlock {
 }
 
 impl CornerBlock {
-    /// Copies the corners of at most [`BLOCK_SIZE`] tetrahedra. Unused entries keep their old
+    /// Copies the corners of at most 64 tetrahedra. Unused entries keep their old
     /// values.
     pub fn gather(&mut self, nodes: &[[f64; 3]], tets: &[[u32; 4]]) {
         for (i, tet) in tets.iter().enumerate().take(BLOCK_SIZE) {
@@ -241,7 +241,7 @@ fn cube_root(x: f64) -> f64 {
     y
 }
 
-/// Shape measures of up to [`BLOCK_SIZE`] tetrahedra, stored as arrays; see [`SimplexShape`].
+/// Shape measures of up to 64 tetrahedra, stored as arrays; see [`SimplexShape`].
 pub struct SimplexShapeBlock {
     cosines: [[f64; BLOCK_SIZE]; 6],
     mean_ratio: [f64; BLOCK_SIZE],

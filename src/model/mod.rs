@@ -2,7 +2,7 @@
 //! pictures.
 //!
 //! - [`surface`]: surfaces made of the faces on features, labelled as faults or horizons
-//! - [`geodesics`]: shortest paths through a mesh
+//! - `geodesics`: shortest paths through a mesh
 //! - [`paint`](mod@paint): regions between surfaces, and regions grown from seeds
 //! - [`segment`](mod@segment): object and background, separated by a minimum cut
 //! - [`columns`]: the cells of a map, extended vertically between horizons
@@ -16,7 +16,7 @@
 pub mod columns;
 pub mod edit;
 pub mod flow;
-pub mod geodesics;
+pub(crate) mod geodesics;
 pub(crate) mod input;
 pub mod paint;
 pub mod quality;

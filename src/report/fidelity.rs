@@ -168,17 +168,8 @@ pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>>(
 
 /// Compares polyhedra (polygons) with the features, by the rules of [`fidelity`]. Faces are cut
 /// into fans of triangles around their mean, and the tagged faces are those that the mesh marks as
-/// faces on features.
-pub fn fidelity_of_cells<const D: usize>(
-    mesh: &PolyMesh<D>,
-    reference: &Reference<'_, D>,
-) -> Fidelity {
-    fidelity_of_cells_with_cancel(mesh, reference, &CancelToken::never())
-}
-
-/// Compares polyhedra with the features, as [`fidelity_of_cells`] does, until `cancel` is
-/// cancelled. The result of a cancelled call is meaningless.
-pub(crate) fn fidelity_of_cells_with_cancel<const D: usize>(
+/// faces on features. The result of a cancelled call is meaningless.
+pub(crate) fn fidelity_of_cells<const D: usize>(
     mesh: &PolyMesh<D>,
     reference: &Reference<'_, D>,
     cancel: &CancelToken<'_>,

@@ -1,8 +1,8 @@
 //! Measures how evenly the atoms are spread.
 
 use crate::Result;
+use crate::comm::Comm;
 use crate::comm::selection::order_statistics;
-use crate::comm::{Comm, SelfComm};
 use crate::geometry::distance2;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
@@ -58,17 +58,9 @@ pub struct TracedLattice {
     pub energy_image: f64,
 }
 
-/// Returns the lattice report of a mesh in lattice space. `distance` returns the nominal distance
-/// at a position. Neighbours are nodes joined by an edge. In a Delaunay mesh the nearest atom is
-/// among them.
-pub fn measure_lattice<const D: usize, M: Simplices<D>>(
-    mesh: &M,
-    distance: impl Fn([f64; D]) -> f64,
-) -> LatticeReport {
-    lattice_of_partition(&MeshView::from_mesh(mesh), distance).expect(SelfComm::NEVER_FAILS)
-}
-
-/// Returns the lattice report of a distributed mesh. Collective.
+/// Returns the lattice report of a distributed mesh in lattice space. `distance` returns the nominal
+/// distance at a position. Neighbours are nodes joined by an edge: in a Delaunay mesh the nearest
+/// atom is among them. Collective.
 ///
 /// # Errors
 /// Returns the communication errors of the mesh's `comm`.
@@ -131,20 +123,24 @@ mod tests {
     use crate::mesh::TetMesh;
     use crate::mesh::boxes::kuhn_box;
 
+    fn lattice_of_mesh(mesh: &TetMesh, distance: impl Fn([f64; 3]) -> f64) -> LatticeReport {
+        lattice_of_partition(&MeshView::from_mesh(mesh), distance).unwrap()
+    }
+
     #[test]
     fn spacing_is_the_shortest_edge_over_the_nominal_distance() {
         let mut mesh = kuhn_box([6, 6, 6], 2.0);
-        assert_eq!(measure_lattice(&mesh, |_| 4.0).spacing, [0.5; 3]);
+        assert_eq!(lattice_of_mesh(&mesh, |_| 4.0).spacing, [0.5; 3]);
         // One atom is halfway to its neighbour: its value and that of the neighbour fall to a
         // quarter.
         let middle = 3 * 49 + 3 * 7 + 3;
         mesh.nodes[middle][0] += 1.0;
-        let report = measure_lattice(&mesh, |_| 4.0);
+        let report = lattice_of_mesh(&mesh, |_| 4.0);
         assert_eq!(report.spacing, [0.5; 3]);
         assert_eq!(report.atoms, 343);
         // The nominal distance of half the atoms is twice as large.
-        let report = measure_lattice(&mesh, |p| if p[0] > 6.0 { 4.0 } else { 2.0 });
+        let report = lattice_of_mesh(&mesh, |p| if p[0] > 6.0 { 4.0 } else { 2.0 });
         assert_eq!((report.spacing[0], report.spacing[2]), (0.5, 1.0));
-        assert!(measure_lattice(&TetMesh::default(), |_| 1.0).spacing[1].is_nan());
+        assert!(lattice_of_mesh(&TetMesh::default(), |_| 1.0).spacing[1].is_nan());
     }
 }

@@ -575,7 +575,8 @@ pub(super) mod tests {
                 },
             ],
         };
-        let mut lattice = measure_lattice(&mesh, |_| 2.0);
+        let view = crate::mesh::view::MeshView::from_mesh(&mesh);
+        let mut lattice = lattice::lattice_of_partition(&view, |_| 2.0).unwrap();
         lattice.optimisation = Some(Optimisation {
             energy_lattice: -0.3,
             energy_image: -0.1,

@@ -77,7 +77,6 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for well in &model.case.wells {
             let (control, value) = match well.control {
                 Control::Inject(rate) => ("inject", rate * DAY),
-                Control::Produce(rate) => ("produce", rate * DAY),
                 // Formats without schedules have no such wells.
                 Control::Scheduled => ("inject", 0.0),
                 Control::Pressure(pressure) => ("pressure", pressure / BAR),

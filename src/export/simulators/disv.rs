@@ -213,7 +213,6 @@ impl WellCells {
                 let id = grid.id(cell);
                 match well.control {
                     Control::Inject(rate) => wells.rates.push((id, rate * index / total_index)),
-                    Control::Produce(rate) => wells.rates.push((id, -rate * index / total_index)),
                     // Formats without schedules have no such wells.
                     Control::Scheduled => {}
                     Control::Pressure(pressure) => {

@@ -241,7 +241,6 @@ fn face_transmissibility<'a>(model: &'a Model, permeability: &'a Permeability) -
 fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
     let (kind, value) = match well.control {
         Control::Inject(rate) => ("rate", rate),
-        Control::Produce(rate) => ("rate", -rate),
         // Formats without schedules have no such wells.
         Control::Scheduled => ("rate", 0.0),
         Control::Pressure(pressure) => ("bhp", pressure),

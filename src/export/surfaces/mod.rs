@@ -13,9 +13,9 @@
 
 pub(crate) mod extract;
 pub(crate) mod file;
-pub mod heights;
+pub(crate) mod heights;
 pub(crate) mod outcome;
-pub mod survey_grid;
+pub(crate) mod survey_grid;
 mod table;
 pub mod vtp;
 

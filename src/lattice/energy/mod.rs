@@ -24,7 +24,7 @@ pub mod pairwise;
 
 pub use super::comparison::laplacian::RegularisedEnergy;
 pub use super::comparison::sampled::SampledEnergy;
-pub use neighbours::CHUNK_ATOMS;
+pub(crate) use neighbours::CHUNK_ATOMS;
 pub use pairwise::PairwiseEnergy;
 
 use crate::error::Result;

@@ -27,7 +27,7 @@ pub mod file;
 pub mod horizon;
 mod run;
 mod spec;
-pub mod torn_map;
+pub(crate) mod torn_map;
 
 pub use run::{ColumnsInput, ColumnsOutcome, columns};
 pub use spec::{ColumnsSpec, LayerCounts};

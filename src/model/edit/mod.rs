@@ -17,8 +17,8 @@
 //! - `run`: the whole edit, from a mesh, its image and the options
 //! - `cells`: local edits of Voronoi cells
 
-pub mod cells;
-pub mod editable_mesh;
+pub(crate) mod cells;
+pub(crate) mod editable_mesh;
 pub(crate) mod local_fields;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;

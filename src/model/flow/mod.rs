@@ -42,10 +42,10 @@
 //! - `multigrid`: the preconditioner
 //! - `sparse_matrix`: sparse matrices
 
-pub mod anisotropy;
+pub(crate) mod anisotropy;
 pub(crate) mod barriers;
 pub(crate) mod cells;
-pub mod driver;
+pub(crate) mod driver;
 pub(crate) mod elements;
 pub(crate) mod face_rates;
 pub(crate) mod faults;

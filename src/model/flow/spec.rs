@@ -151,7 +151,7 @@ impl Display for FlowPoint {
 /// The pressure on a side of the box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SidePressure {
-    /// The number of the side in [`SIDE_NAMES`].
+    /// The number of the side: 0 to 5 are xmin, xmax, ymin, ymax, zmin and zmax.
     pub side: u8,
     /// The pressure in Pa.
     pub pressure: f64,

@@ -138,7 +138,7 @@ impl ModelChecks {
     }
 
     /// Returns `true` if two-point fluxes are rough: their mean angle error exceeds
-    /// [`ROUGH_ANGLE_DEGREES`].
+    /// one degree.
     pub fn is_rough(&self) -> bool {
         self.angle[0] > ROUGH_ANGLE_DEGREES
     }

@@ -78,19 +78,19 @@ pub use well_options::{ScheduledWell, WellOption, WellPlace};
 /// One millidarcy in m^2.
 pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
 /// One bar in Pa.
-pub const BAR: f64 = 1e5;
+pub(crate) const BAR: f64 = 1e5;
 /// One day in seconds.
-pub const DAY: f64 = 86_400.0;
+pub(crate) const DAY: f64 = 86_400.0;
 /// Pressure of the air in Pa, which is that at depth 0.
-pub const SURFACE_PRESSURE: f64 = 1.013_25 * BAR;
+pub(crate) const SURFACE_PRESSURE: f64 = 1.013_25 * BAR;
 /// Density of water in kg/m^3.
-pub const WATER_DENSITY: f64 = 1000.0;
+pub(crate) const WATER_DENSITY: f64 = 1000.0;
 /// Density of oil in kg/m^3.
-pub const OIL_DENSITY: f64 = 850.0;
+pub(crate) const OIL_DENSITY: f64 = 850.0;
 /// Density of gas at the surface in kg/m^3.
-pub const GAS_DENSITY: f64 = 0.8;
+pub(crate) const GAS_DENSITY: f64 = 0.8;
 /// Acceleration of gravity in m/s^2.
-pub const GRAVITY: f64 = 9.806_65;
+pub(crate) const GRAVITY: f64 = 9.806_65;
 
 /// A mesh with all the data that a simulator needs, in SI units. All arrays by cell have the order
 /// of the mesh's cells.
@@ -362,8 +362,6 @@ pub struct Well {
 pub enum Control {
     /// Injects water at this rate, in m^3/s.
     Inject(f64),
-    /// Produces at this rate, in m^3/s.
-    Produce(f64),
     /// Produces at this pressure in the well, in Pa.
     Pressure(f64),
     /// Does what the schedule says.

@@ -345,8 +345,8 @@ impl PreparedModel {
     /// and the permeability is known; otherwise `None`.
     ///
     /// # Errors
-    /// Returns the errors of [`AxisRatios`].
-    pub fn axis_ratios(&self) -> Result<Option<AxisRatios<3>>> {
+    /// Returns the errors of [`CellFlow`](crate::model::flow::CellFlow).
+    pub(crate) fn axis_ratios(&self) -> Result<Option<AxisRatios<3>>> {
         let model = &self.model;
         let is_voronoi = model.tets.is_none() && !model.mesh.is_columnar();
         let Some(permeability) = model.permeability.as_ref().filter(|_| is_voronoi) else {

@@ -21,10 +21,10 @@ pub mod boundary;
 pub(crate) mod costs;
 pub(crate) mod maxflow;
 mod places;
-pub mod raster;
+pub(crate) mod raster;
 mod run;
 mod spec;
-pub mod superpixels;
+pub(crate) mod superpixels;
 
 pub use run::{CutResult, SegmentOutcome, segment};
 pub use spec::{PlaceValue, SegmentSpec};

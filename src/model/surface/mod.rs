@@ -40,10 +40,10 @@
 //! - `region_interfaces`: the interfaces between every two regions
 //! - `adjacency`: cells and the faces between them
 
-pub mod adjacency;
+pub(crate) mod adjacency;
 pub mod amplitude;
 pub(crate) mod continuation_votes;
-pub mod earlier_names;
+pub(crate) mod earlier_names;
 pub mod facet_selection;
 pub(crate) mod facets;
 pub(crate) mod fault_extension;
@@ -52,10 +52,10 @@ pub(crate) mod hole_patches;
 pub(crate) mod kind;
 pub(crate) mod measure;
 pub(crate) mod merging;
-pub mod names;
-pub mod region_interfaces;
+pub(crate) mod names;
+pub(crate) mod region_interfaces;
 pub(crate) mod spec;
-pub mod stored_surfaces;
+pub(crate) mod stored_surfaces;
 
 use crate::geometry::{norm, sorted_distinct};
 use crate::mesh::complex::NONE;

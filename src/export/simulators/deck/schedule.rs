@@ -93,9 +93,6 @@ fn write_wells(
                 "WCONINJE\n {name} WATER OPEN RATE {} 1* 1E5 /\n/",
                 rate * DAY
             )?,
-            Control::Produce(rate) => {
-                writeln!(out, "WCONPROD\n {name} OPEN LRAT 3* {} /\n/", rate * DAY)?;
-            }
             Control::Pressure(pressure) => {
                 writeln!(out, "WCONPROD\n {name} OPEN BHP 5* {} /\n/", pressure / BAR)?;
             }

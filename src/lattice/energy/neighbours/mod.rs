@@ -31,7 +31,7 @@ use scratch::RowScratch;
 use search::{AtomCells, NeighbourSearch};
 
 /// Atoms per unit of parallel work. Fixed, so that sums do not depend on the number of threads.
-pub const CHUNK_ATOMS: usize = 1024;
+pub(crate) const CHUNK_ATOMS: usize = 1024;
 
 /// Neighbours are listed and processed in groups of this size.
 pub const LANES: usize = 8;

@@ -3,14 +3,14 @@
 //!
 //! - [`triangulation`]: weighted Delaunay triangulations to which points are added one by one
 //! - [`predicates`]: signs of determinants without rounding errors, and the rule for ties
-//! - [`mod@insertion_order`]: the order in which points are inserted
+//! - `insertion_order`: the order in which points are inserted
 //! - `sphere`: the spheres of cells as rounded numbers
 //! - `wide`: integers of 384 bits
 //!
 //! A triangulation is unique, because ties are broken by the points' numbers: it depends neither on
 //! the order of insertion nor on the kernel. TetGen's is the same.
 
-pub mod insertion_order;
+pub(crate) mod insertion_order;
 pub mod predicates;
 mod sphere;
 pub mod triangulation;

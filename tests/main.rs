@@ -21,6 +21,7 @@ mod compartments;
 mod conforming;
 mod corner_points;
 mod edit;
+mod effort;
 mod export;
 mod export_options;
 mod fault_exports;

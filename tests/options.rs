@@ -47,6 +47,8 @@ const fn option_on_image(
 /// All options of `mesh`, some with more than one value.
 const CASES: &[OptionCase] = &[
     option("--distance 6"),
+    option("--effort draft"),
+    option("--effort best"),
     option_with("--distance 5:9", "--distance-from image"),
     option_with("--distance 5:9", "--distance-from features"),
     option_with("--distance 5:9", "--distance-from laplacian"),

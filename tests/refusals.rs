@@ -235,6 +235,10 @@ fn options_without_an_effect() {
         ("--object 1,2,3", "--object"),
         ("--feature-weights 1,0.5", "--feature-weights 1,0.5"),
         ("--min-dihedral 20 --slivers none", "--min-dihedral 20"),
+        (
+            "--effort draft --seeding canny --slivers none",
+            "--effort draft",
+        ),
     ] {
         assert_contains(&mesh(extra), &[name]);
     }

@@ -35,8 +35,8 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let (slivers, min_dihedral) = match min_dihedral {
-        Some(angle) => (Slivers::Joe, angle),
-        None => (Slivers::None, 30.0),
+        Some(angle) => (Slivers::Joe, Some(angle)),
+        None => (Slivers::None, None),
     };
     let params = Params::new(MeshSpec {
         seeding: SeedingKind::Canny,

@@ -65,6 +65,9 @@ pub struct DetectionOptions<const D: usize> {
     pub keep_nulls: bool,
     /// `true` if faults and horizons are sought in chaotic zones, too.
     pub keep_chaos: bool,
+    /// `true` if ridges are sought at all orientations where surfaces may cross or run close to each
+    /// other.
+    pub seeks_crossings: bool,
     /// `true` if each rank gets only a share of the potential.
     pub is_distributed: bool,
     /// Surfaces that the user gives.
@@ -90,6 +93,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             step: [1.0; D],
             keep_nulls: false,
             keep_chaos: false,
+            seeks_crossings: true,
             is_distributed: false,
             given: None,
         }

@@ -567,7 +567,7 @@ fn point_spacing<const D: usize>(
     // Edges do not cross at small angles, but noise scatters their normals, so that points of one
     // edge are told apart by the number of their surface. Other surfaces may run as near to each
     // other as points of one surface do: they are told apart by their normals.
-    let has_scattered_normals = detector.has_scattered_normals();
+    let has_scattered_normals = detector.has_scattered_normals() || !input.options.seeks_crossings;
     let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
     let gap_spacing = |[min, max]: [f64; 2]| {
         let spacing =

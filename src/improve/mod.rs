@@ -46,5 +46,5 @@ pub use seal::SealReport;
 pub(crate) use seal::seal;
 pub(crate) use snap::snap_distributed;
 pub use snap::snap_to_features;
-pub use target::{SliverMethod, Target};
+pub use target::{Effort, SliverMethod, Target};
 pub use triangles::relax::Scheme;

@@ -19,8 +19,8 @@ use crate::Result;
 use crate::comm::{Comm, SelfComm};
 use crate::feature::{Features, LabelMap};
 use crate::image::{Geometry, ImageSource};
+use crate::improve::Target;
 use crate::improve::regions::{SamplePoints, Votes};
-use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, PairwiseEnergy};
@@ -279,7 +279,7 @@ where
     let target = Target {
         min_dihedral: (params.spec.target())
             .map_or(MIN_SURFACE_ANGLE, |target| target.min_dihedral),
-        method: SliverMethod::Joe,
+        ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
     let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;

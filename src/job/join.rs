@@ -457,7 +457,7 @@ impl Meshing<3> for MeshSpace<3> {
             distance,
             target: Target {
                 min_dihedral: min_angle,
-                method: SliverMethod::Joe,
+                ..Target::default()
             },
         };
         let part = tets::reshape(part, &request, context)?;

@@ -6,6 +6,7 @@ use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{Features, gaussian};
 use crate::image::SparseField;
+use crate::improve::Effort;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
 use crate::lattice::optimize::{self, StopReason};
@@ -116,10 +117,25 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
         && params.spec.optimizer != optimize::Method::Genetic
 }
 
+/// Divisor of the number of evaluations in a draft.
+const DRAFT_EVALUATION_DIVISOR: usize = 6;
+/// Factor of the number of rounds, and of evaluations, at the best effort.
+const BEST_ROUND_FACTOR: usize = 3;
+
 /// Returns the optimiser's options for a job.
 pub(crate) fn optimize_options<const D: usize>(params: &Params<D>) -> optimize::OptimizeOptions {
     let mut options = default_optimize_options(params.spec.rng_seed)
         .with_method(params.spec.optimizer, params.spec.kappa != 1.0);
+    match params.spec.effort() {
+        Effort::Draft => {
+            options.max_evaluations = options.max_evaluations.div_ceil(DRAFT_EVALUATION_DIVISOR);
+        }
+        Effort::Normal => {}
+        Effort::Best => {
+            options.max_rounds *= BEST_ROUND_FACTOR;
+            options.max_evaluations *= BEST_ROUND_FACTOR;
+        }
+    }
     if let Some(rounds) = params.spec.rounds {
         options.max_evaluations = options.max_evaluations / options.max_rounds * rounds;
         options.max_rounds = rounds;

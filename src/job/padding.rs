@@ -14,9 +14,9 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, volume6};
 use crate::image::{Geometry, ScalarField};
+use crate::improve::Target;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{ImproveContext, improve_beside};
-use crate::improve::{SliverMethod, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding};
@@ -422,7 +422,7 @@ impl LayerBuilder<'_> {
             distance: &distance,
             target: Target {
                 min_dihedral: self.min_dihedral,
-                method: SliverMethod::Joe,
+                ..Target::default()
             },
         };
         let improved = stages.run_cancellable(|cancel: &CancelToken<'_>| {

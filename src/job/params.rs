@@ -15,6 +15,7 @@ use crate::files::csv;
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::{Geometry, Image, Modality};
+use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
 use crate::{Error, Result};
 
@@ -262,6 +263,13 @@ impl<const D: usize> Params<D> {
                 "omit it",
             )));
         }
+        if D == 2 && spec.seeding == SeedingKind::Canny && spec.effort() == Effort::Best {
+            return Err(Error::Job(cause(
+                "effort best",
+                "is spent on atoms that move and on tetrahedra, but no atom moves in this 2-D mesh",
+                "omit it, or choose another seeding",
+            )));
+        }
         let path_seeds = spec.path_seeds()?;
         Ok(Self::with_resolved(spec.resolved(), path_seeds))
     }
@@ -422,6 +430,7 @@ impl<const D: usize> Params<D> {
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,
             keep_chaos: spec.keep_chaos,
+            seeks_crossings: spec.effort() != Effort::Draft,
             weights: spec.feature_weights.0,
             seeds: self.path_seeds.clone(),
             labels: spec.label.clone(),

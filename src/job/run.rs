@@ -302,7 +302,7 @@ where
     let (Some(padding), MeshResult::Simplices(annotated)) = (&params.spec.pad, mesh) else {
         return Ok(None);
     };
-    let (mesh, angle) = (&annotated.mesh, params.spec.min_dihedral);
+    let (mesh, angle) = (&annotated.mesh, params.spec.min_angle());
     let padded = MeshSpace::<D>::pad(mesh, padding, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);

@@ -27,6 +27,9 @@ class MeshOptions(TypedDict, total=False):
     #: where it is darkest, or brightest if bright features are followed), laplacian (of the
     #: potential), or a file with a distance for each sample
     distance_from: _Value | None
+    #: How much work goes into the mesh: draft is for trying options out, best for the last mesh. A
+    #: preset of other options, which override it [default: normal]
+    effort: Literal["draft", "normal", "best"] | None
     #: The features to follow
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Faults and horizons to follow as they are, beside the features that are found (none with
@@ -107,7 +110,7 @@ class MeshOptions(TypedDict, total=False):
     #: Number of initial passes on a smoother potential
     coarse_to_fine: int | None
     #: Target for the smallest dihedral angle, in degrees (in 2-D the smallest angle); the target
-    #: for the largest is 180 minus it
+    #: for the largest is 180 minus it [default: 30; 15 with --effort draft]
     min_dihedral: _Number | None
     #: Method that removes slivers
     slivers: Literal["joe", "exude", "exude-cgal", "none"] | None

@@ -121,7 +121,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             input,
             min_scale: MIN_SCALE,
             scale: input.options.scale,
-            uses_oriented_filters: true,
+            uses_oriented_filters: input.options.seeks_crossings,
             max_ambiguous_share: MAX_AMBIGUOUS_SHARE,
             weak_share: WEAK_STRENGTH_SHARE,
             min_strength_share: |_| 0.46,

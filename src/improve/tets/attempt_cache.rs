@@ -44,6 +44,10 @@ impl AttemptCache {
     pub fn record_change(&mut self, nodes: impl IntoIterator<Item = u32>) {
         self.clock += 1;
         for node in nodes {
+            // Tetrahedra that change together share most of their nodes.
+            if self.changed_at.get(node as usize) == Some(&self.clock) {
+                continue;
+            }
             let old = replace_at(&mut self.changed_at, node, self.clock);
             if let Some(undo) = &mut self.undo {
                 undo.push(Overwritten::ChangedAt(node, old));

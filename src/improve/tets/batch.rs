@@ -16,8 +16,13 @@ use crate::files::codec::{Codec, codec_fields};
 use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
 
-/// Number of items that one task searches.
-const TASK_SIZE: usize = 32;
+/// Number of flips that one task searches.
+const FLIPS_PER_TASK: usize = 32;
+/// Number of nodes that one task smooths. A colour often has a few dozen nodes only.
+const NODES_PER_TASK: usize = 4;
+
+/// Number of nodes whose tetrahedra one task collects.
+const NODES_PER_STAR_TASK: usize = 256;
 
 /// Smallest number of items that is shared with other ranks.
 const MIN_SHARED_COUNT: usize = 1 << 12;
@@ -134,6 +139,14 @@ pub(super) struct NodeTets {
 }
 
 impl NodeTets {
+    /// Returns the tetrahedra at any of the nodes, each once.
+    pub fn into_distinct_tets(self) -> Vec<u32> {
+        let mut tets = self.tets;
+        tets.par_sort_unstable();
+        tets.dedup();
+        tets
+    }
+
     /// Returns the tetrahedra at the node with index `i` in the list of nodes.
     fn get(&self, i: usize) -> &[u32] {
         let begin = i.checked_sub(1).map_or(0, |before| self.ends[before]);
@@ -198,11 +211,12 @@ impl TetImprover<'_> {
             // order, planes that cross lose more faces.
             below_target
                 .sort_by(|&a, &b| self.sine_of(a).total_cmp(&self.sine_of(b)).then(a.cmp(&b)));
-            let flips = self.search_each("flips", &below_target, |s, t, scratch| {
-                let flip = &mut scratch.flip;
-                let is_found = !cancel.is_cancelled() && s.find_flip(t, flip);
-                is_found.then(|| BatchChange::from_flip(flip, None))
-            })?;
+            let flips =
+                self.search_each("flips", FLIPS_PER_TASK, &below_target, |s, t, scratch| {
+                    let flip = &mut scratch.flip;
+                    let is_found = !cancel.is_cancelled() && s.find_flip(t, flip);
+                    is_found.then(|| BatchChange::from_flip(flip, None))
+                })?;
             for (&t, _) in below_target
                 .iter()
                 .zip(&flips)
@@ -236,25 +250,26 @@ impl TetImprover<'_> {
                 return Ok(());
             }
             let start = self.attempts.clock();
-            let positions = self.search_each("smoothing", &group, |s, i, scratch| {
-                let node = nodes[i as usize];
-                let skip = cancel.is_cancelled()
-                    || s.attempts
-                        .is_known_to_fail(AttemptKind::Smooth, node, &[node]);
-                (!skip)
-                    .then(|| s.smooth_position(node, stars.get(i as usize), scratch))
-                    .flatten()
-            })?;
+            let positions =
+                self.search_each("smoothing", NODES_PER_TASK, &group, |s, i, scratch| {
+                    let node = nodes[i as usize];
+                    let skip = cancel.is_cancelled()
+                        || s.attempts
+                            .is_known_to_fail(AttemptKind::Smooth, node, &[node]);
+                    (!skip)
+                        .then(|| s.smooth_position(node, stars.get(i as usize), scratch))
+                        .flatten()
+                })?;
             for (i, position) in group.into_iter().zip(positions) {
                 let node = nodes[i as usize];
                 match position {
                     None => self.attempts.record_failure(AttemptKind::Smooth, node),
                     // With too few colours, nodes of one group may share a tetrahedron.
                     Some(_) if self.attempts.has_changed(start, &[node]) => {}
-                    Some((x, constraint)) => {
+                    Some((point, sines)) => {
                         self.star.clear();
                         self.star.extend_from_slice(stars.get(i as usize));
-                        self.move_to(node, x, constraint);
+                        self.move_smoothed(node, point, &sines);
                         self.counts.moves += 1;
                     }
                 }
@@ -263,14 +278,14 @@ impl TetImprover<'_> {
         Ok(())
     }
 
-    /// Returns the position to which smoothing moves a node, and its constraints there, if that
-    /// helps.
+    /// Returns the position to which smoothing moves a node, its constraints there, and the sines of
+    /// its tetrahedra, if that helps.
     fn smooth_position(
         &self,
         node: u32,
         star: &[u32],
         scratch: &mut SearchScratch,
-    ) -> Option<ConstrainedPoint> {
+    ) -> Option<(ConstrainedPoint, Vec<f32>)> {
         let mut constraint = self.constraints[node as usize];
         self.collect_link(node, star, &mut scratch.link);
         let best = smooth::best_position(
@@ -280,13 +295,17 @@ impl TetImprover<'_> {
             self.smoothing_limits(),
             &mut scratch.smooth_scratch,
         );
-        best.map(|(x, _)| (x, constraint))
+        best.map(|(x, _)| {
+            let mut sines = Vec::new();
+            smooth::link_sines(x, &scratch.link, &mut sines);
+            ((x, constraint), sines)
+        })
     }
 
     /// Collects the tetrahedra at each of the nodes.
     pub(super) fn collect_node_tets(&self, nodes: &[u32]) -> NodeTets {
         let parts: Vec<(Vec<u32>, Vec<usize>)> = nodes
-            .par_chunks(8 * TASK_SIZE)
+            .par_chunks(NODES_PER_STAR_TASK)
             .map(|nodes| {
                 let (mut tets, mut counts, mut star) = (Vec::new(), Vec::new(), Vec::new());
                 for &node in nodes {
@@ -344,13 +363,14 @@ impl TetImprover<'_> {
         groups
     }
 
-    /// Returns the result of `find` for each item.
+    /// Returns the result of `find` for each item. One task works on `task_size` items.
     ///
     /// # Errors
     /// Returns an error if another rank that shares the work fails.
     pub(super) fn search_each<I: Copy + Sync, T: Codec + Send>(
         &self,
         name: &str,
+        task_size: usize,
         items: &[I],
         find: impl Fn(&Self, I, &mut SearchScratch) -> T + Sync,
     ) -> Result<Vec<T>> {
@@ -369,7 +389,7 @@ impl TetImprover<'_> {
             found
         };
         let search_range = |range: Range<usize>| -> Vec<T> {
-            let tasks = items[range].par_chunks(TASK_SIZE);
+            let tasks = items[range].par_chunks(task_size);
             tasks.flat_map_iter(search).collect()
         };
         if self.comm.size() == 1 || items.len() < MIN_SHARED_COUNT {

@@ -279,8 +279,8 @@ impl TetImprover<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::improve::Target;
     use crate::improve::feature_planes::FeaturePlanes;
-    use crate::improve::{SliverMethod, Target};
     use crate::lattice::distance::Distance;
     use crate::mesh::check::check;
     use crate::mesh::complex::neighbors;
@@ -346,7 +346,7 @@ mod tests {
                 distance: &Distance::Constant(1.0),
                 target: Target {
                     min_dihedral: 20.0,
-                    method: SliverMethod::Joe,
+                    ..Target::default()
                 },
             };
             let side = (2, &expected[..]);

@@ -284,10 +284,16 @@ impl<'a> LocalPatch<'a> {
         improver.moved_nodes.clear();
         improver.counts = OperationCounts::default();
         (
+            improver.effort,
             improver.smoothing_target,
             improver.max_deviation,
             improver.axis_range,
-        ) = (full.smoothing_target, full.max_deviation, full.axis_range);
+        ) = (
+            full.effort,
+            full.smoothing_target,
+            full.max_deviation,
+            full.axis_range,
+        );
 
         let (mut deferred, mut failed) = (Vec::new(), Vec::new());
         for t in 0..tets.len() as u32 {

@@ -3,7 +3,7 @@
 
 use super::batch::{BatchChange, ChangedTets, SearchScratch};
 use super::flips::Flip;
-use super::{ConstrainedPoint, NodeConstraint, TetImprover, smooth};
+use super::{ConstrainedPoint, Effort, NodeConstraint, TetImprover, smooth};
 use crate::Result;
 use crate::geometry::{dot, norm, sorted_distinct, sub};
 use crate::mesh::EDGES;
@@ -15,6 +15,9 @@ use crate::progress::CancelToken;
 /// Smallest sines that a flip of an intersecting edge may leave, round by round. The first rounds
 /// accept only good tetrahedra, so that surfaces are not spanned by long chords. Smoothing follows.
 const MIN_FLIP_SINES: [f64; 4] = [0.3, 0.15, 0.08, 0.05];
+/// These sines in a draft. Where surfaces cross, many of its edges cannot be recovered, however often
+/// that is tried.
+const DRAFT_MIN_FLIP_SINES: [f64; 2] = [0.15, 0.05];
 
 /// Smallest distance, in units of d, of a node on a feature from the ends of the edge that it
 /// splits.
@@ -22,6 +25,9 @@ const MIN_SPLIT_DISTANCE: f64 = 0.35;
 
 /// Smallest sine that snapping a node onto a feature may leave.
 const MIN_SNAP_SINE: f64 = 0.05;
+
+/// Number of edges for which one task searches a change.
+const EDGES_PER_TASK: usize = 32;
 
 /// Number of tetrahedra that one task searches for intersecting edges.
 const TETS_PER_CHUNK: usize = 1 << 14;
@@ -94,18 +100,8 @@ impl TetImprover<'_> {
         nodes.dedup();
         // Some recorded nodes belong to changes that were rolled back.
         nodes.retain(|&n| (n as usize) < self.complex.nodes.len());
-        let tets = self.tets_at_nodes(nodes);
+        let tets = self.collect_node_tets(&nodes).into_distinct_tets();
         self.find_intersecting_edges(&tets, cancel).len()
-    }
-
-    /// Returns the tetrahedra at any of the nodes, each once.
-    fn tets_at_nodes(&mut self, nodes: impl IntoIterator<Item = u32>) -> Vec<u32> {
-        let mut tets = Vec::new();
-        for node in nodes {
-            self.complex.star(node, &mut self.star);
-            tets.extend_from_slice(&self.star);
-        }
-        sorted_distinct(tets)
     }
 
     /// Makes the mesh follow the features.
@@ -117,13 +113,17 @@ impl TetImprover<'_> {
         let mut edges = self.find_intersecting_edges(&all, cancel);
         self.proximities = Vec::new();
         self.counts.intersecting_before = edges.len();
-        for (round, floor) in MIN_FLIP_SINES.into_iter().enumerate() {
+        let floors = match self.effort {
+            Effort::Draft => &DRAFT_MIN_FLIP_SINES[..],
+            Effort::Normal | Effort::Best => &MIN_FLIP_SINES,
+        };
+        for (round, &floor) in floors.iter().enumerate() {
             // Flips never create an intersecting edge. Only moved and new nodes need another test.
-            let changed_nodes: Vec<u32> = edges.iter().flat_map(|&(a, b)| [a, b]).collect();
+            let changed_nodes = sorted_distinct(edges.iter().flat_map(|&(a, b)| [a, b]));
             let count = edges.len() as f64;
             while !edges.is_empty() {
                 let done = 1.0 - edges.len() as f64 / count;
-                cancel.set_fraction((round as f64 + done) / MIN_FLIP_SINES.len() as f64);
+                cancel.set_fraction((round as f64 + done) / floors.len() as f64);
                 edges = self.recover_edges(edges, floor, round > 0, cancel)?;
                 if cancel.is_cancelled() {
                     // The remaining edges are only counted.
@@ -131,7 +131,7 @@ impl TetImprover<'_> {
                     return Ok(());
                 }
             }
-            let tets = self.tets_at_nodes(changed_nodes);
+            let tets = self.collect_node_tets(&changed_nodes).into_distinct_tets();
             edges = self.find_intersecting_edges(&tets, cancel);
         }
         self.unrecovered_edges = edges;
@@ -147,10 +147,15 @@ impl TetImprover<'_> {
         may_split: bool,
         cancel: &CancelToken<'_>,
     ) -> Result<Vec<(u32, u32)>> {
-        let outcomes = self.search_each("intersecting edges", &edges, |s, edge, scratch| {
-            let is_cancelled = cancel.is_cancelled();
-            (!is_cancelled).then(|| s.find_recovery(edge, floor, may_split, scratch))
-        })?;
+        let outcomes = self.search_each(
+            "intersecting edges",
+            EDGES_PER_TASK,
+            &edges,
+            |s, edge, scratch| {
+                let is_cancelled = cancel.is_cancelled();
+                (!is_cancelled).then(|| s.find_recovery(edge, floor, may_split, scratch))
+            },
+        )?;
         let mut changed = ChangedTets::new(self);
         let mut remaining = Vec::new();
         for (edge, outcome) in edges.into_iter().zip(outcomes) {

@@ -197,6 +197,25 @@ pub fn worst_sine(x: [f64; 3], link: &NodeLink, cutoff: f64) -> f64 {
     worst
 }
 
+/// Writes the smallest sine of each tetrahedron of the link, for node 0 at `x`, to `sines`.
+pub fn link_sines(x: [f64; 3], link: &NodeLink, sines: &mut Vec<f32>) {
+    sines.clear();
+    dispatch_simd(
+        #[inline(always)]
+        || {
+            for group in &link.groups {
+                let mut values = [0.0; LANES];
+                for l in 0..LANES {
+                    let [p, q, r] = lane(group, l);
+                    values[l] = min_sine(&[x, p, q, r]) as f32;
+                }
+                sines.extend_from_slice(&values);
+            }
+        },
+    );
+    sines.truncate(link.count);
+}
+
 /// Returns the shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
 fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     let mut g = vectors.iter().copied().fold(vectors[0], |best, v| {
@@ -243,6 +262,8 @@ pub struct SmoothingLimits<'a> {
     pub max_deviation: f64,
     /// Sine at which smoothing of a node stops.
     pub target_sine: f64,
+    /// Smallest gain in sine of one step, as a share of what is missing to 1 at the start.
+    pub min_step_gain: f64,
 }
 
 /// Climbs from `start` to a position where the smallest sine around the node is larger, within the
@@ -303,7 +324,7 @@ pub fn best_position(
                 }
                 // Test the straight step first: a position that is not better there is not worth
                 // snapping onto the surfaces.
-                let required = best + 1e-3 * (1.0 - start_sine).max(0.1);
+                let required = best + limits.min_step_gain * (1.0 - start_sine).max(0.1);
                 let worthwhile =
                     constraint.surface_count == 0 || worst_sine(trial, link, required) > required;
                 let mut trial_constraint = *constraint;
@@ -413,6 +434,7 @@ mod tests {
                 planes: &planes,
                 max_deviation: 0.0,
                 target_sine: 1.0,
+                min_step_gain: 1e-3,
             },
             &mut SmoothScratch::default(),
         )

@@ -23,7 +23,7 @@ use crate::feature::{
 };
 use crate::image::formats::InputOptions;
 use crate::improve::triangles::relax::Scheme;
-use crate::improve::{SliverMethod, Target};
+use crate::improve::{Effort, SliverMethod, Target};
 use crate::lattice::optimize::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
@@ -63,6 +63,10 @@ pub struct MeshSpec {
         arg(long, value_name = "WHAT", default_value_t = defaults().distance_from)
     )]
     pub distance_from: DistanceSource,
+    /// How much work goes into the mesh: draft is for trying options out, best for the last mesh. A
+    /// preset of other options, which override it [default: normal]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", value_enum))]
+    pub effort: Option<Effort>,
     /// The features to follow
     #[cfg_attr(
         feature = "cli",
@@ -261,17 +265,9 @@ pub struct MeshSpec {
     )]
     pub coarse_to_fine: usize,
     /// Target for the smallest dihedral angle, in degrees (in 2-D the smallest angle); the target
-    /// for the largest is 180 minus it
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "DEGREES",
-            default_value_t = defaults().min_dihedral,
-            help_heading = SHAPES
-        )
-    )]
-    pub min_dihedral: f64,
+    /// for the largest is 180 minus it [default: 30; 15 with --effort draft]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES", help_heading = SHAPES))]
+    pub min_dihedral: Option<f64>,
     /// Method that removes slivers
     #[cfg_attr(
         feature = "cli",
@@ -373,6 +369,7 @@ impl Default for MeshSpec {
             output: None,
             distance: NominalDistance::default(),
             distance_from: DistanceSource::default(),
+            effort: None,
             feature: FeatureKind::Auto,
             surface: Vec::new(),
             sigma: None,
@@ -404,7 +401,7 @@ impl Default for MeshSpec {
             rounds: None,
             max_evaluations: None,
             coarse_to_fine: 0,
-            min_dihedral: 30.0,
+            min_dihedral: None,
             slivers: Slivers::Joe,
             delaunay: DelaunayKernel::Auto,
             weld: 0.0,
@@ -514,14 +511,27 @@ impl MeshSpec {
     /// Returns the angles that improvement aims at; `None` if the Delaunay triangulation is left as it is.
     pub fn target(&self) -> Option<Target> {
         self.slivers.method().map(|method| Target {
-            min_dihedral: self.min_dihedral,
+            min_dihedral: self.min_angle(),
             method,
+            effort: self.effort(),
         })
     }
 
+    /// Returns how much work goes into the mesh.
+    pub fn effort(&self) -> Effort {
+        self.effort.unwrap_or_default()
+    }
+
+    /// Returns the target for the smallest angle, in degrees.
+    pub fn min_angle(&self) -> f64 {
+        self.min_dihedral
+            .unwrap_or_else(|| self.effort().min_angle())
+    }
+
     /// Returns the options with values filled in that follow from others: the kind of cells, the
-    /// alignment of atoms, and labels as features if labels have options.
+    /// alignment of atoms, the target angle, and labels as features if labels have options.
     pub fn resolved(mut self) -> Self {
+        self.min_dihedral = Some(self.min_angle());
         self.cells = Some(self.cell_kind());
         self.align = Some(match self.cell_kind() {
             CellKind::Simplices => AtomAlignment::On,
@@ -547,6 +557,7 @@ impl MeshSpec {
         ] {
             *path = None;
         }
+        self.effort = self.effort.filter(|&effort| effort != Effort::Normal);
         self.resolved()
     }
 
@@ -580,6 +591,7 @@ impl MeshSpec {
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
             keep_chaos: self.keep_chaos,
+            seeks_crossings: self.effort() != Effort::Draft,
             weights: self.feature_weights.0,
             seeds: self.path_seeds()?,
             labels: self.label.clone(),

@@ -99,15 +99,23 @@ impl Options<'_> {
         Err(option_error("align", value, problem, remedy))
     }
 
+    /// Returns an error if there is a target angle that is not the default of the effort.
+    fn refuse_target_angle(&self, problem: &str, remedy: &str) -> Result<()> {
+        match self.spec.min_dihedral {
+            Some(angle) if angle != self.spec.effort().min_angle() => {
+                Err(option_error("min-dihedral", angle, problem, remedy))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn check_cells(&self) -> Result<()> {
         let spec = self.spec;
         if spec.cell_kind() == CellKind::Voronoi {
             let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
-            self.refuse(
-                &["slivers", "min-dihedral", "smooth", "lines", "pad"],
-                problem,
-                "omit it, or choose --cells tets",
-            )?;
+            let remedy = "omit it, or choose --cells tets";
+            self.refuse(&["slivers", "smooth", "lines", "pad"], problem, remedy)?;
+            self.refuse_target_angle(problem, remedy)?;
             if !(0.0..=MAX_WELD_RATIO).contains(&spec.weld) {
                 let problem = format!("is not a fraction from 0 to {MAX_WELD_RATIO}");
                 return Err(option_error(
@@ -123,18 +131,16 @@ impl Options<'_> {
         self.refuse(&["weld"], problem, "omit it, or choose --cells voronoi")?;
         if spec.slivers == Slivers::None {
             let problem = "sets a target angle, but no slivers are to be removed";
-            return self.refuse(
-                &["min-dihedral"],
-                problem,
-                "omit it, or have slivers removed (--slivers)",
-            );
+            let remedy = "omit it, or have slivers removed (--slivers)";
+            return self.refuse_target_angle(problem, remedy);
         }
         // A regular tetrahedron has 70.5 degrees, but no space is filled with those alone.
-        if !(spec.min_dihedral > 0.0 && spec.min_dihedral <= 60.0) {
+        let min_angle = spec.min_angle();
+        if !(min_angle > 0.0 && min_angle <= 60.0) {
             let problem = "is not above 0 and at most 60 degrees";
             return Err(option_error(
                 "min-dihedral",
-                spec.min_dihedral,
+                min_angle,
                 problem,
                 "30 is the default",
             ));
@@ -169,6 +175,11 @@ impl Options<'_> {
             "applies to a lattice whose energy is minimised, but with seeding canny no atom moves",
             remedy,
         )?;
+        if self.spec.slivers == Slivers::None {
+            let problem = "is spent on atoms that move and on slivers that are removed, but no atom \
+                           moves and no slivers are removed";
+            self.refuse(&["effort"], problem, remedy)?;
+        }
         if self.spec.feature != FeatureKind::Paths {
             let problem = "sets the random numbers, but seeding canny uses none";
             self.refuse(&["rng-seed"], problem, remedy)?;
@@ -509,6 +520,9 @@ mod tests {
             "pad = \"above=200,sides=50.5\"",
             "pad = { below = 200, sides = 50.5 }",
             "rounds = 5\noptimizer = \"genetic\"",
+            "effort = \"draft\"\nmin-dihedral = 20",
+            "effort = \"best\"\ncells = \"voronoi\"",
+            "effort = \"normal\"\nslivers = \"none\"",
             "velocity = 2400.0\nmetric = \"samples\"",
             "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
         ] {
@@ -531,6 +545,10 @@ mod tests {
     fn options_without_effect_are_refused_by_name() {
         for (text, name) in [
             ("seeding = \"canny\"\nbeta = 0.2", "beta"),
+            (
+                "seeding = \"canny\"\nslivers = \"none\"\neffort = \"best\"",
+                "effort",
+            ),
             ("seeding = \"canny\"\nkappa = 0.7", "kappa"),
             ("seeding = \"canny\"\noptimizer = \"genetic\"", "optimizer"),
             ("seeding = \"canny\"\nevaluator = \"sampled\"", "evaluator"),
@@ -570,6 +588,24 @@ mod tests {
         // An option that has its default value is accepted.
         let text = "seeding = \"canny\"\nbeta = 0.5\ndistance = \"2.7:8\"";
         assert!(read(text).unwrap().validate().is_ok());
+    }
+
+    #[test]
+    fn an_effort_is_a_preset_that_other_options_override() {
+        for (text, angle) in [
+            ("", 30.0),
+            ("effort = \"draft\"", 15.0),
+            ("effort = \"best\"", 30.0),
+            ("effort = \"draft\"\nmin-dihedral = 30", 30.0),
+        ] {
+            let spec = read(text).unwrap().reproducible();
+            assert_eq!(spec.target().unwrap().min_dihedral, angle, "{text}");
+            assert_eq!(spec.min_dihedral, Some(angle), "{text}");
+            assert_eq!(spec.effort.is_some(), !text.is_empty(), "{text}");
+        }
+        // The default has no entry of its own in the record.
+        let spec = read("effort = \"normal\"").unwrap();
+        assert_eq!(spec.reproducible(), read("").unwrap().reproducible());
     }
 
     #[test]

@@ -8,11 +8,12 @@
 
 use super::join::MeshScene;
 use super::spec::Padding;
+use super::topography::Topography;
 use super::{BOX_TOLERANCE, CellKind, StageRunner, estimate};
 use crate::comm::SelfComm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
-use crate::geometry::{norm, volume6};
+use crate::geometry::{bounding_box, norm, volume6};
 use crate::image::{Geometry, ScalarField};
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{ImproveContext, improve_beside};
@@ -85,6 +86,9 @@ pub struct PaddingCells<const D: usize> {
     pub low: [f64; D],
     /// The high corner of the box of the whole mesh.
     pub high: [f64; D],
+    /// The side of this box that is not flat, but follows a topography: twice the axis, and one more for its
+    /// high end.
+    pub bent_side: Option<usize>,
 }
 
 /// A mesh that is being continued. Its first nodes and cells are those of the image's mesh.
@@ -97,6 +101,42 @@ struct PaddedMesh {
     distances: Vec<f32>,
 }
 
+impl PaddedMesh {
+    /// Moves the nodes above the image, so that the mesh ends at a topography and not at the box's side. The
+    /// box grows or shrinks with them.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] where the topography has a hole, cuts into the image, or is so steep that cells
+    /// turn inside out.
+    fn end_at(&mut self, topography: &Topography, image_mesh: &TetMesh) -> Result<()> {
+        let (side, first) = (topography.side(), image_mesh.nodes.len());
+        let (axis, is_high) = (side / 2, side % 2 == 1);
+        let bounds = bounding_box(image_mesh.nodes.iter().copied());
+        let thickness = if is_high {
+            self.high[axis] - bounds[1][axis]
+        } else {
+            bounds[0][axis] - self.low[axis]
+        };
+        let nodes = &mut self.mesh.nodes[first..];
+        topography.stretch(nodes, thickness)?;
+        let coordinates = nodes.iter().map(|x| x[axis]);
+        if is_high {
+            self.high[axis] = coordinates.fold(bounds[1][axis], f64::max);
+        } else {
+            self.low[axis] = coordinates.fold(bounds[0][axis], f64::min);
+        }
+        let cells = image_mesh.tets.len()..self.mesh.tets.len();
+        let is_inverted = |&c: &usize| volume6(&self.mesh.corners(c)) <= 0.0;
+        let inverted: Vec<usize> = cells.filter(is_inverted).collect();
+        match inverted.first() {
+            Some(&cell) => {
+                Err(topography.steepness_error(self.mesh.corners(cell)[0], inverted.len()))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
 /// A layer beyond one side of a box.
 struct Layer {
     axis: usize,
@@ -107,12 +147,18 @@ struct Layer {
     burden: Burden,
 }
 
-/// Returns the layers that `padding` asks for, in the order in which they are made.
-fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Layer> {
+/// Returns the vertical axis, and `true` if its low end is above.
+pub(super) fn vertical_axis(geometry: &Geometry<3>) -> (usize, bool) {
     let vertical = (0..3)
         .find(|&k| geometry.main_coordinate(k) == 2)
         .unwrap_or(2);
     let is_low_above = geometry.points_down() || geometry.axes[vertical][2] < 0.0;
+    (vertical, is_low_above)
+}
+
+/// Returns the layers that `padding` asks for, in the order in which they are made.
+fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Layer> {
+    let (vertical, is_low_above) = vertical_axis(geometry);
     let spacing = geometry.spacing();
     let layer = |axis: usize, is_high, distance: f64, burden| Layer {
         axis,
@@ -131,14 +177,14 @@ fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Laye
     layers
 }
 
-/// Extends a mesh of an image with this geometry beyond it. Returns `None` if the job is stopped.
+/// Extends a mesh of an image with this geometry beyond it, up to the topography if there is one. Returns `None` if the job is stopped.
 ///
 /// # Errors
-/// Returns [`Error::Job`] for a layer that is too thin, and the errors of seeding and of the
-/// triangulation.
+/// Returns [`Error::Job`] for a layer that is too thin and a topography that is too steep, and the errors of
+/// seeding and of the triangulation.
 pub(super) fn pad(
     mesh: &TetMesh,
-    padding: &Padding,
+    (padding, topography): (&Padding, Option<&Topography>),
     scene: &MeshScene<'_, 3>,
     geometry: &Geometry<3>,
     min_dihedral: f64,
@@ -165,14 +211,8 @@ pub(super) fn pad(
             return Ok(None);
         }
     }
-    let PaddedMesh {
-        mesh: whole,
-        low,
-        high,
-        burdens,
-        distances,
-    } = padded;
-    let box_check = check(&whole, low, high, BOX_TOLERANCE);
+    let (low, high) = (padded.low, padded.high);
+    let box_check = check(&padded.mesh, low, high, BOX_TOLERANCE);
     if let Some(problem) = box_check.problems.first() {
         return Err(Error::Mesh(cause(
             "the mesh beyond the image",
@@ -180,7 +220,6 @@ pub(super) fn pad(
             "choose another distance; and please report it with the image, for this should never happen",
         )));
     }
-    let nodes = whole.nodes[mesh.nodes.len()..].to_vec();
     let kind = |&x: &[f64; 3]| {
         // A coordinate is exactly that of the side on which the node lies.
         let sides = (0..3)
@@ -193,16 +232,31 @@ pub(super) fn pad(
             AtomKind::Corner,
         ][sides]
     };
+    let kinds = padded.mesh.nodes[mesh.nodes.len()..]
+        .iter()
+        .map(kind)
+        .collect();
+    if let Some(topography) = topography {
+        padded.end_at(topography, mesh)?;
+    }
+    let PaddedMesh {
+        mesh: whole,
+        low,
+        high,
+        burdens,
+        distances,
+    } = padded;
     let report = padding_report(&whole, mesh.tets.len(), &burdens);
     Ok(Some((
         PaddingCells {
-            kinds: nodes.iter().map(kind).collect(),
+            kinds,
             connectivity: whole.tets[mesh.tets.len()..].concat(),
-            nodes,
+            nodes: whole.nodes[mesh.nodes.len()..].to_vec(),
             burdens,
             distances,
             low,
             high,
+            bent_side: topography.map(Topography::side),
         },
         report,
     )))

@@ -6,7 +6,8 @@ use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
 use super::padding::PaddingCells;
 use super::placement::{self, PlacedAtoms};
-use super::spec::{DEFAULT_DISTANCES, NominalDistance};
+use super::spec::{DEFAULT_DISTANCES, NominalDistance, Padding};
+use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
     StageRunner, cells, estimate, simplices,
@@ -201,6 +202,7 @@ where
     let is_partitioned = run_options.may_partition
         && comm.size() > 1
         && params.spec.pad.is_none()
+        && params.spec.topography.is_none()
         && params.spec.cell_kind() == CellKind::Simplices;
     let for_job = |checkpoint: &Checkpoint| checkpoint.for_job(source, params, comm);
     let checkpoint = run_options.checkpoint.map(for_job).transpose()?;
@@ -226,6 +228,8 @@ where
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
     let given = params.surfaces_in_image(geometry, dims)?;
+    let sides = params.spec.pad.unwrap_or_default();
+    let topography = Topography::new(&params.topography, &sides, geometry, (step, extent))?;
     options.given = given.as_ref().map(|given| Arc::clone(&given.points));
     options.is_distributed = is_partitioned
         && given.is_none()
@@ -260,7 +264,15 @@ where
         features: &features,
         distance: &distance,
     };
-    let padding = pad(params, &mesh, &scene, geometry, &mut report, &mut stages)?;
+    let padding = match padding_of(params.spec.pad, topography.as_ref(), &mut report) {
+        Some(padding) => {
+            let padding = (&padding, topography.as_ref());
+            let angle = params.spec.min_dihedral;
+            let place = (&scene, geometry, angle);
+            pad(padding, &mesh, place, &mut report, &mut stages)?
+        }
+        None => None,
+    };
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     let stop = stop_reason(optimize_result.as_ref(), interrupted);
@@ -287,22 +299,39 @@ fn add_optimisation(report: &mut Report, result: Option<&optimize::OptimizeResul
     }
 }
 
-/// Continues a mesh beyond its image, if the options ask for that.
+/// Returns how far a mesh reaches beyond its image. A topography determines the thickness above it, and gets
+/// a note in the report.
+fn padding_of(
+    given: Option<Padding>,
+    topography: Option<&Topography>,
+    report: &mut Report,
+) -> Option<Padding> {
+    let Some(topography) = topography else {
+        return given;
+    };
+    let given = given.unwrap_or_default();
+    report.notes.push(topography.note(given.above));
+    Some(Padding {
+        above: topography.mean_height(),
+        ..given
+    })
+}
+
+/// Continues a mesh beyond its image.
 fn pad<const D: usize>(
-    params: &Params<D>,
+    padding: (&Padding, Option<&Topography>),
     mesh: &MeshResult<D>,
-    scene: &MeshScene<'_, D>,
-    geometry: &Geometry<D>,
+    (scene, geometry, angle): (&MeshScene<'_, D>, &Geometry<D>, f64),
     report: &mut Report,
     stages: &mut StageRunner<'_>,
 ) -> Result<Option<PaddingCells<D>>>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let (Some(padding), MeshResult::Simplices(annotated)) = (&params.spec.pad, mesh) else {
+    let MeshResult::Simplices(annotated) = mesh else {
         return Ok(None);
     };
-    let (mesh, angle) = (&annotated.mesh, params.spec.min_dihedral);
+    let mesh = &annotated.mesh;
     let padded = MeshSpace::<D>::pad(mesh, padding, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);

@@ -320,6 +320,11 @@ pub struct MeshSpec {
     /// regions overburden, underburden and sideburden
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
     pub pad: Option<Padding>,
+    /// Continue the mesh above the image up to this surface, such as the ground: FILE or FILE:NAME, a grid of heights
+    /// (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It must cover the image and its
+    /// padding on the sides. It replaces above=DIST of --pad
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
+    pub topography: Option<SurfaceOption>,
     /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -411,6 +416,7 @@ impl Default for MeshSpec {
             smooth: None,
             metric: Metric::Auto,
             pad: None,
+            topography: None,
             velocity: None,
             rng_seed: 1,
             report: None,

@@ -104,7 +104,14 @@ impl Options<'_> {
         if spec.cell_kind() == CellKind::Voronoi {
             let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
             self.refuse(
-                &["slivers", "min-dihedral", "smooth", "lines", "pad"],
+                &[
+                    "slivers",
+                    "min-dihedral",
+                    "smooth",
+                    "lines",
+                    "pad",
+                    "topography",
+                ],
                 problem,
                 "omit it, or choose tets",
             )?;
@@ -490,6 +497,7 @@ mod tests {
             "surface = [\"faults.ts\", \"a.vtp:Main,horizon\"]\nfeature = \"none\"",
             "pad = \"above=200,sides=50.5\"",
             "pad = { below = 200, sides = 50.5 }",
+            "pad = \"sides=50\"\ntopography = \"ground.irap:Ground\"",
             "rounds = 5\noptimizer = \"genetic\"",
             "velocity = 2400.0\nmetric = \"samples\"",
             "seeding = \"guide\"\nmax-atoms = 50\n[input]\ninline-byte = 9",
@@ -531,6 +539,7 @@ mod tests {
             ("cells = \"voronoi\"\nmin-dihedral = 20", "min-dihedral"),
             ("cells = \"voronoi\"\nkappa = 0.7", "kappa"),
             ("cells = \"voronoi\"\npad = \"above=50\"", "pad"),
+            ("cells = \"voronoi\"\ntopography = \"a.ts\"", "topography"),
             ("weld = 0.01", "weld"),
             ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),

@@ -153,6 +153,9 @@ pub struct CheckHints<'a> {
     /// For polyhedra and polygons: nodes are welded within this fraction of their distance to their
     /// sites. Faces need to be flat only to that distance.
     pub weld: f64,
+    /// For simplices: the side of the box that need not be flat, but must be seen once along its axis: twice the axis,
+    /// and one more for its high end. The cells fill the space below it.
+    pub bent_side: Option<usize>,
 }
 
 /// The box that a mesh should fill, and the tolerance.
@@ -162,6 +165,8 @@ pub struct BoxBounds<const D: usize> {
     high: [f64; D],
     /// Tolerance relative to the box's longest side, areas and volume.
     tolerance: f64,
+    /// The side that need not be flat.
+    bent_side: Option<usize>,
 }
 
 impl<const D: usize> BoxBounds<D> {
@@ -264,6 +269,7 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
         low,
         high,
         tolerance,
+        bent_side: hints.bent_side,
     };
     report.judge(
         M::CELLS_NAME,
@@ -278,14 +284,22 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
     Ok(report)
 }
 
+/// Largest distance of a face from the side in which it lies, in units of the box's longest side.
+const SIDE_TOLERANCE: f64 = 1e-6;
+
 /// Returns the fraction of the box `[0, extent]` that the cells fill: 1 for a valid mesh, less for
-/// a mesh with a hole, more where cells overlap. Returns `None` if a cell is flat or inverted,
+/// a mesh with a hole, more where cells overlap. If one side is bent, that is the part of the box below it. Returns `None` if a cell is flat or inverted,
 /// because then the sum has no meaning.
-pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> Option<f64> {
+pub fn filled_share<const D: usize, M: Mesh<D>>(
+    mesh: &M,
+    extent: [f64; D],
+    bent_side: Option<usize>,
+) -> Option<f64> {
     let bounds = BoxBounds {
         low: [0.0; D],
         high: extent,
-        tolerance: 0.0,
+        tolerance: SIDE_TOLERANCE,
+        bent_side,
     };
     let mut total = 0.0;
     for volume in mesh.volumes() {

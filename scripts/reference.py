@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Writes docs/reference/options.md from the help of the program: scripts/reference.py BINARY [--check]
+"""Writes docs/reference/options.md from the help of the program, and python-api.md from the docstrings of the
+Python package: scripts/reference.py BINARY [--check]
 
-With `--check` it writes nothing, and fails if options.md is out of date, or if docs/reference/report.md or
-docs/reference/formats.md misses an array, a key of the report or an extension that the program writes.
-It needs no Python package.
+With `--check` it writes nothing, and fails if one of these pages is out of date, if a public function, class, method or
+parameter of the Python package has no description, or if docs/reference/report.md or docs/reference/formats.md misses an
+array, a key of the report or an extension that the program writes. It needs no Python package.
 """
 import argparse
 import json
@@ -12,6 +13,8 @@ import re
 import subprocess
 import sys
 import tempfile
+
+import reference_python
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGES = ROOT / "docs" / "reference"
@@ -218,17 +221,19 @@ def missing(program):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
+    parser = argparse.ArgumentParser(description=" ".join(__doc__.split(":")[0].split()))
     parser.add_argument("binary")
     parser.add_argument("--check", action="store_true", help="write nothing, and fail where a page is out of date")
     arguments = parser.parse_args()
-    program, page = pathlib.Path(arguments.binary).resolve(), PAGES / "options.md"
-    text = options(program)
-    if not arguments.check:
-        page.write_text(text, encoding="utf-8")
-    errors = list(missing(program))
-    if page.read_text(encoding="utf-8") != text:
-        errors.append("docs/reference/options.md is out of date; run scripts/reference.py BINARY")
+    program = pathlib.Path(arguments.binary).resolve()
+    pages = {PAGES / "options.md": options(program), PAGES / reference_python.PAGE: reference_python.page()}
+    errors = []
+    for page, text in pages.items():
+        if not arguments.check:
+            page.write_text(text, encoding="utf-8")
+        elif not page.exists() or page.read_text(encoding="utf-8") != text:
+            errors.append(f"{page.relative_to(ROOT)} is out of date; run scripts/reference.py BINARY")
+    errors += [*reference_python.missing(), *missing(program)]
     for error in errors:
         print(f"error: {error}", file=sys.stderr)
     sys.exit(bool(errors))

@@ -211,7 +211,7 @@ def make_image(size, device):
     stretch = log_uniform(0.7, 1.4) if chance(0.5) else 1.0
     place = (grid[0] * stretch, grid[1] * stretch, grid[2])
     count = 0 if chance(0.12) else int(uniform(1, 7))
-    ridge, older = torch.zeros_like(grid[0]), []
+    ridge = torch.zeros_like(grid[0])
     doubtful = torch.zeros_like(grid[0])
     sides, fault = None, None
     for _ in range(count):

@@ -415,7 +415,7 @@ fn impossible_columns_are_refused() {
         ("map.vtu --horizon top.npy --horizon cube.npy", "3-D image"),
         (
             "map.vtu --horizon top.npy --horizon far.npy",
-            "covers no node",
+            "lies beside the map",
         ),
         ("map.vtu --horizon top.npy --horizon none.npy", "none.npy"),
         (
@@ -433,7 +433,7 @@ fn impossible_columns_are_refused() {
         ("triangles.vtu --horizon 0 --horizon 1", "triangles"),
         (
             "map.vtu --horizon 0 --horizon 1 --throws -1",
-            "--throws -1: is no distance",
+            "--throws -1: is not a distance",
         ),
     ] {
         let line = format!("columns {line} -o out.vtu");

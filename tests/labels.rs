@@ -99,7 +99,7 @@ fn absent_labels_and_impossible_label_options_are_refused() {
             "label 5: is not in the image, whose labels are 1, 2, 3, 7",
         ),
         ("--label 3:distance=0", "--label 3:distance=0"),
-        ("--label 3:colour=1", "is not known"),
+        ("--label 3:colour=1", "is not an option"),
         ("--label 3:distance=40", "40"),
         ("--label 3:name=x --feature edges", "--label"),
     ] {

@@ -354,7 +354,7 @@ fn unusable_distance_files() {
         (
             "4:8",
             "fewer.npy",
-            ["dimensions", "one distance per sample"],
+            ["samples, but the image has", "one distance per sample"],
         ),
     ] {
         let options = ["--distance", distance, "--distance-from", from];

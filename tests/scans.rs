@@ -95,7 +95,10 @@ fn a_mask_is_a_region_unless_it_is_a_fault_mask_of_a_survey() {
     let (report, regions_found) = regions(folder, "paint.sgy --distance 5");
     assert!(regions_found.is_empty(), "{report}");
     let notes = report["notes"].to_string();
-    assert!(notes.contains("its middle is the feature"), "{notes}");
+    assert!(
+        notes.contains("the mesh follows the middle of this paint"),
+        "{notes}"
+    );
     // In other formats the user can select this by name.
     write_npy(&folder.join("paint.npy"), [32, 28, 30], |[x, y, _]| {
         f32::from(u8::from((y as f32 - 14.0 - 0.2 * x as f32).abs() < 1.5))

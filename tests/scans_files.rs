@@ -206,7 +206,7 @@ fn spacing_is_read_from_imagej_and_ome_tiff() {
     // Without a unit of length the image has no spacing, and a note says so.
     for (unit, per_unit) in [("", Some([72, 1])), ("unit=pixel\n", Some([1, 1]))] {
         let stdout = write(&imagej(unit), per_unit);
-        assert!(stdout.contains("no geometry"), "{unit}: {stdout}");
+        assert!(stdout.contains("does not say where"), "{unit}: {stdout}");
     }
     let ome = "<?xml version=\"1.0\"?><OME xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\">\
                <Image><Pixels SizeC=\"1\" SizeT=\"1\" SizeZ=\"3\" PhysicalSizeX=\"0.25\" PhysicalSizeY=\"0.25\" \

@@ -167,7 +167,7 @@ fn hundreds_of_labels_have_a_region_each() {
     });
     let stdout = run(folder, "feature many.npy -o b.vti --distance 3");
     assert!(
-        stdout.contains("interfaces between 22500 labels"),
+        stdout.contains("boundaries between 22500 labels"),
         "{stdout}"
     );
     // Grey values are no labels, even if an option requires it.

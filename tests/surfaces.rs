@@ -694,7 +694,7 @@ fn a_surface_survives_conversions_to_sticks() {
         ),
         (
             &["surface", "mesh.vtu", "-o", "b.csv", "--step", "-2"],
-            "is no distance",
+            "is not a distance",
         ),
         (&["convert", "a.ts", "b.pl"], "holds lines"),
         (&["convert", "a.ts", "b.vti"], "does not end in"),

@@ -169,7 +169,7 @@ fn unreadable_stores_are_refused_in_one_line_and_leave_no_files() {
             "of Zarr version 4",
         ),
         ("    20,\n", "    20000000000000,\n", "more than any survey"),
-        ("{\n", "{{", "is no JSON of Zarr"),
+        ("{\n", "{{", "is not JSON metadata of Zarr"),
     ] {
         assert!(json.contains(from), "{from}");
         let changed = json.replacen(from, to, 1);

@@ -124,7 +124,26 @@ fn new_error(
     error
 }
 
-/// Returns the text with options as keyword arguments: `--well-radius` becomes `well_radius=`.
+/// Words that follow the name of an option in messages, and are not its value.
+const WORDS_AFTER_OPTIONS: [&str; 14] = [
+    "above",
+    "and",
+    "are",
+    "below",
+    "converts",
+    "everywhere",
+    "has",
+    "is",
+    "makes",
+    "names",
+    "or",
+    "says",
+    "seeks",
+    "shows",
+];
+
+/// Returns the text with options as keyword arguments: `--well-radius` becomes `well_radius=`, and
+/// `--well-radius 0.1` becomes `well_radius=0.1`.
 pub fn options_to_keywords(text: impl AsRef<str>) -> String {
     let mut words = text.as_ref().split("--");
     let mut converted = words.next().unwrap_or_default().to_string();
@@ -143,7 +162,11 @@ pub fn options_to_keywords(text: impl AsRef<str>) -> String {
         let rest = &word[name.len()..];
         converted += &name.replace('-', "_");
         converted += "=";
-        converted += rest.strip_prefix([' ', '=']).unwrap_or(rest);
+        let next_word = rest.split_whitespace().next().unwrap_or_default();
+        converted += match rest.strip_prefix([' ', '=']) {
+            Some(value) if !WORDS_AFTER_OPTIONS.contains(&next_word) => value,
+            _ => rest,
+        };
     }
     converted
 }

@@ -93,7 +93,7 @@ def test_a_table_is_a_list_of_rows(faults):
         (disc(), {"distance": {"min": 3}}, TypeError, "distance=: is of type dict"),
         (disc(), {"spacing": "wide"}, TypeError, "spacing='wide': is not numbers; give x, y"),
         (disc(), {"units": 5}, TypeError, "units=5: is not text; give one unit"),
-        (object(), {}, TypeError, "is of type object; give real numbers"),
+        (object(), {}, TypeError, "is of type object; give an array of real numbers"),
         (None, {}, TypeError, "is of type NoneType"),
         (np.zeros((4, 4), complex), {}, TypeError, "holds complex128"),
         (np.zeros(5), {}, ValueError, "has shape 5; give an array"),
@@ -126,3 +126,14 @@ def test_missing_meshes_are_files_not_found(tmp_path):
         atomesh.load(damaged)
     with pytest.raises(TypeError, match="give the path of a file"):
         atomesh.read(5)
+
+
+def test_an_unknown_verb_has_no_options():
+    with pytest.raises(KeyError, match="there is no such verb; give one of mesh, "):
+        atomesh.options("meshes")
+
+
+def test_two_or_three_flat_horizons_are_no_point():
+    map_of_cells = atomesh.voronoi(np.eye(24, dtype=np.float32), distance=6, feature="none")
+    for horizons in ([0, 10], [0, 10, 25], np.array([0.0, 10.0])):
+        assert map_of_cells.columns(horizons).n_cells == (len(horizons) - 1) * map_of_cells.n_cells

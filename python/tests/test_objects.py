@@ -210,9 +210,9 @@ def test_unknown_endings_are_errors(labelled, tmp_path):
     assert (tmp_path / "a.msh").stat().st_size > 1.5 * linear
 
 
-@pytest.mark.parametrize("name", ["_image", "_mesh", "_surfaces"])
+@pytest.mark.parametrize("name", ["atomesh", "atomesh._image", "atomesh._mesh", "atomesh._surfaces"])
 def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    module = importlib.import_module(f"atomesh.{name}")
+    module = importlib.import_module(name)
     result = doctest.testmod(module, optionflags=doctest.ELLIPSIS)
     assert result.failed == 0 and result.attempted > 3

@@ -47,7 +47,7 @@ fn add_folder(root: &Path, folder: &Path, hasher: &mut Sha256) -> Result<()> {
 }
 
 fn add_file(path: &Path, hasher: &mut Sha256) -> Result<()> {
-    let mut file = crate::files::open(path, "give a file")?;
+    let mut file = crate::files::open(path, "give a file, not a folder")?;
     let mut buffer = vec![0; 1 << 18];
     loop {
         let count = file

@@ -220,7 +220,7 @@ impl ConvertSpec {
             self.input.without_segy()
         };
         let AnyImage::Space(loaded) = open(path, &input)?.load(path)? else {
-            let problem = "is not a volume, but 2-D";
+            let problem = "is a 2-D image, not a volume";
             let remedy = "give a volume that was made from the survey";
             return Err(Error::Job(cause(path.display(), problem, remedy)));
         };

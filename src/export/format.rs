@@ -185,7 +185,7 @@ impl ExportFormat {
                 path.display(),
                 format!("does not end in {}", self.extensions.join(" or ")),
                 format!(
-                    "give it that extension, which programs that read {} expect",
+                    "give it that ending, which programs that read {} expect",
                     self.name
                 ),
             )));

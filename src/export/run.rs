@@ -175,7 +175,7 @@ fn prepare_model(
     }
     if !prepared.has_feature_faces {
         progress.note(&format!(
-            "{name} does not say which faces lie on features: no faults"
+            "{name} does not say which faces lie on features, so that the model has no faults"
         ));
     }
     Ok(prepared)

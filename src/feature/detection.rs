@@ -223,7 +223,7 @@ pub(super) fn non_finite_error<const D: usize>(at: [usize; D], value: f32) -> Er
     Error::Image(cause(
         format!("image sample {at:?}"),
         format!("is {value}"),
-        "fill missing samples before meshing",
+        "give missing samples a value before meshing",
     ))
 }
 
@@ -240,8 +240,8 @@ pub(super) fn ensure_not_constant<const D: usize>(image: &Image<D>) -> Result<()
     if is_constant(image) {
         return Err(Error::Image(cause(
             "image",
-            "is constant, so it has no features",
-            "check that the right file and data type were read, or give the feature none for a plain box",
+            "has the same value everywhere, so that it has no features",
+            "check that the right file and data type were read, or give --feature none for a mesh of the plain box",
         )));
     }
     Ok(())
@@ -261,7 +261,9 @@ pub(super) fn ensure_sample_count<const D: usize>(dims: [usize; D], max: u64) ->
     }
     Err(Error::Image(cause(
         "image",
-        format!("has {samples} samples ({dims:?}); such features can be found among at most {max}"),
+        format!(
+            "has {samples} samples ({dims:?}), but these features can be found in at most {max}"
+        ),
         "mesh a part of it, or take every other sample",
     )))
 }
@@ -280,7 +282,10 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
     }
     if !options.step.iter().all(|&h| positive(h)) {
         return fail(
-            format!("step {:?} is not positive", options.step),
+            format!(
+                "the step {:?} between samples is not positive",
+                options.step
+            ),
             "give positive steps",
         );
     }
@@ -312,10 +317,10 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
     if !options.weights.iter().all(|w| *w > 0.0 && *w <= 1.0) {
         return fail(
             format!(
-                "weights {:?} are not above 0 and at most 1",
+                "the weights {:?} of features are not above 0 and at most 1",
                 options.weights
             ),
-            "give depths of valleys such as 1 and 0.5",
+            "give weights such as 1 and 0.5",
         );
     }
     if options.threshold.is_some_and(|t| !t.is_finite()) {
@@ -358,7 +363,7 @@ mod tests {
             for dims in [[1 << 16, 1 << 16, (1 << 16) + 1], [usize::MAX; 3]] {
                 let error = check_count(dims, kind).unwrap_err().to_string();
                 assert!(
-                    error.contains("found among at most 281474976710656"),
+                    error.contains("found in at most 281474976710656"),
                     "{error}"
                 );
             }
@@ -461,6 +466,6 @@ mod tests {
         let empty = Image::new(dims, vec![f32::NAN; 16 * 15 * 14], Geometry::default());
         assert_refused(&empty, &|_| (), "no sample that holds data");
         let flat = Image::new(dims, vec![3.0; 16 * 15 * 14], Geometry::default());
-        assert_refused(&flat, &|_| (), "constant");
+        assert_refused(&flat, &|_| (), "the same value everywhere");
     }
 }

@@ -29,7 +29,7 @@ impl LabelOptions {
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
         let (label, settings) = text
             .split_once(':')
-            .ok_or_else(|| ("has no options after the label".into(), remedy))?;
+            .ok_or_else(|| ("gives a label, but no options for it".into(), remedy))?;
         let label = LabelValue::parse(label)
             .ok_or_else(|| (format!("'{label}' is not the value of a label"), remedy))?;
         let mut options = Self {
@@ -64,7 +64,7 @@ impl LabelOptions {
                     let problem = format!("name '{value}' is not made of letters, digits, - and _");
                     return Err((problem, "give a name such as left_lung"));
                 }
-                _ => return Err((format!("'{part}' is not known"), remedy)),
+                _ => return Err((format!("'{part}' is not an option of a label"), remedy)),
             }
         }
         if options.merge_into.is_some() && (options.distance.is_some() || options.name.is_some()) {
@@ -367,7 +367,7 @@ mod tests {
             ("3:distance=nan", "not a positive"),
             ("3:into=3", "another label"),
             ("3:name=two words", "letters"),
-            ("3:colour=red", "not known"),
+            ("3:colour=red", "not an option"),
             ("3:into=4,name=x", "merged into another"),
         ] {
             let (problem, _) = LabelOptions::parse(text).unwrap_err();

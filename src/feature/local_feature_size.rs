@@ -263,8 +263,8 @@ pub fn spacing_note(spacing: &[f32], [min, max]: [f64; 2], comm: &dyn Comm) -> R
     let counts: Vec<[usize; 2]> = comm.all_gather("fine points", [fine, spacing.len()])?;
     let [fine, total] = [0, 1].map(|k| counts.iter().map(|count| count[k]).sum::<usize>());
     Ok(format!(
-        "distance between atoms {max:.2}, down to {min:.2} where features run close to each other or cross at \
-         shallow angles: {:.1} % of the feature points",
+        "atoms (points of the mesh) are {max:.2} samples apart, and down to {min:.2} where features run close to each other or \
+         cross at small angles ({:.1} % of the feature points)",
         100.0 * fine as f64 / total.max(1) as f64,
     ))
 }

@@ -108,9 +108,12 @@ pub fn named_rows(path: &Path, known: &[&str]) -> Result<(Vec<String>, Vec<Table
     if let Some(at) = (0..names.len()).find(|&at| is_wrong((at, &names[at]))) {
         return Err(Error::Job(cause(
             format!("{}:{}", path.display(), head.number),
-            format!("'{}' is no name of a column, or is there twice", names[at]),
             format!(
-                "write names of these in the first row: {}",
+                "'{}' is not the name of a column, or stands there twice",
+                names[at]
+            ),
+            format!(
+                "write names of columns in the first row, from: {}",
                 known.join(", ")
             ),
         )));
@@ -202,7 +205,7 @@ pub fn values_by_region<T>(
         match entry() {
             Some((region, _)) if values.iter().any(|(known, _)| *known == region) => {
                 let problem = format!("region {region} is given twice");
-                return refuse(problem, "give each region once");
+                return refuse(problem, "give a value for each region once");
             }
             Some(entry) => values.push(entry),
             // One line of column names.

@@ -20,3 +20,7 @@ pub use atomic::{
 };
 pub use open::open;
 pub use read_at::read_exact_at;
+
+/// The remedy for a damaged file.
+pub(crate) const REWRITE_DAMAGED: &str =
+    "copy the file again, or write it again with the program that made it";

@@ -48,8 +48,11 @@ impl<const D: usize> Image<D> {
         if stats.min == stats.max && !differ {
             return Err(Error::Image(cause(
                 place,
-                format!("all samples equal {}", stats.min),
-                "a constant image has no features; check that the right file or attribute was given, or give the feature none for a plain box",
+                format!(
+                    "has the value {} in all samples, so that it has no features",
+                    stats.min
+                ),
+                "check that the right file or attribute was given, or give --feature none for a mesh of the plain box",
             )));
         }
         Ok(())
@@ -402,7 +405,7 @@ mod tests {
                 .check("c")
                 .unwrap_err()
                 .to_string()
-                .contains("equal 7")
+                .contains("the value 7")
         );
     }
 }

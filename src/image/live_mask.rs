@@ -37,7 +37,7 @@ impl<const D: usize> Image<D> {
             "the image",
             BYTES_PER_SAMPLE * flags.len() as f64,
             "finding the gaps in the image",
-            "mesh a part of it",
+            "give a part of the image",
         )?;
         Ok(Some(LiveMask::new(
             (dims, uniform_axis, uniform_len),

@@ -105,7 +105,7 @@ impl DeadSamples {
         let mut notes = Vec::new();
         if self.non_finite > 0 {
             notes.push(format!(
-                "{} samples ({:.2} %) are not finite and count as missing",
+                "{} samples ({:.2} %) are NaN or infinite and count as missing",
                 self.non_finite,
                 percent(self.non_finite)
             ));
@@ -185,7 +185,7 @@ impl<const D: usize> Image<D> {
             "the image",
             5.0 * count as f64,
             format!("marks of {count} samples, some of which hold no data"),
-            "mesh a part of it",
+            "give a part of the image",
         )?;
         let notes = found.notes(self);
         let flags = found.flags(self);

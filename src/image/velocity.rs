@@ -173,7 +173,7 @@ impl<const D: usize> VelocityModel<D> {
         if dims[0] > 1 && position_end > velocity_end + step {
             let unit = &self.image.geometry.units[self.coordinate];
             notes.push(format!(
-                "{}: velocities end at {velocity_end} {unit}; the last one is used down to {position_end} {unit}",
+                "{}: velocities end at {velocity_end} {unit}, so the last one of each trace is used down to {position_end} {unit}",
                 self.name
             ));
         }

@@ -62,7 +62,7 @@ pub(crate) fn lattice_beta<const D: usize>(
     if image.dims() != dims {
         return Err(Error::Job(cause(
             "beta",
-            format!("has dimensions {:?}, the image {dims:?}", image.dims()),
+            format!("has {:?} samples, but the image has {dims:?}", image.dims()),
             "give one weight per sample of the image",
         )));
     }

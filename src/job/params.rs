@@ -253,7 +253,7 @@ impl<const D: usize> Params<D> {
         {
             return Err(Error::Job(cause(
                 format!("metric {}", spec.metric),
-                format!("has {} scales, but the image {D} axes", scales.len()),
+                format!("has {} scales, but the image has {D} axes", scales.len()),
                 "give one scale per axis",
             )));
         }
@@ -497,7 +497,10 @@ fn check_beta<const D: usize>(path: &Path, image: AnyImage) -> Result<Image<D>> 
     if stats.first_non_finite.is_some() || stats.min < 0.0 || stats.max >= 1.0 {
         return Err(Error::Job(cause(
             format!("beta {}", path.display()),
-            format!("holds weights from {} to {}, or none", stats.min, stats.max),
+            format!(
+                "holds weights from {} to {}, or values that are not finite",
+                stats.min, stats.max
+            ),
             "give weights that are at least 0 and below 1",
         )));
     }

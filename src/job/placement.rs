@@ -335,8 +335,8 @@ fn base_distance<const D: usize>(
         ),
         Spacing::FromCannyAtoms { .. } => Err(Error::Job(cause(
             "distance",
-            "is to be that of Canny's points, but atoms are placed in another way",
-            "give a distance, or place Canny's points",
+            "comes from Canny's points, but this seeding places no atoms on them",
+            "give a --distance, or choose --seeding canny",
         ))),
         Spacing::FromDistanceMap { min, max } => match &params.distance_map {
             Some(map) if map.dims() == source.dims() => {
@@ -345,7 +345,7 @@ fn base_distance<const D: usize>(
             map => Err(Error::Job(cause(
                 "distances",
                 format!(
-                    "have dimensions {:?}, the image {:?}",
+                    "have {:?} samples, but the image has {:?}",
                     map.as_ref().map(|image| image.dims()).unwrap_or([0; D]),
                     source.dims()
                 ),

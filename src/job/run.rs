@@ -638,7 +638,7 @@ mod tests {
         let error = run(&disc(400.0), &params, &mut NoProgress).unwrap_err();
         let message = error.to_string();
         assert!(
-            message.contains("a side of 19600") && message.contains("at most 9800"),
+            message.contains("shortest side, 19600") && message.contains("at most 9800"),
             "{message}"
         );
     }

@@ -43,7 +43,7 @@ pub fn ensure_available(
         Some(available) if bytes > available as f64 => {
             let available = Bytes(available as f64);
             let problem = format!(
-                "{task} would take about {} of memory, {available} is {source}",
+                "{task} would take about {} of memory, but {available} is {source}",
                 Bytes(bytes)
             );
             let remedy = format!("{remedy}, or allow more memory");

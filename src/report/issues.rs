@@ -28,6 +28,9 @@ const MAX_TINY_FACE_SHARE: f64 = 0.01;
 /// completely.
 const FRAGMENT_SAMPLES: usize = 8;
 
+/// Minimum number of lost parts of labels from which on the image counts as a scan that was taken for labels.
+const SCAN_FRAGMENTS: usize = 5000;
+
 /// Minimum number of samples of a region whose volume is checked.
 const MIN_MEASURED_SAMPLES: usize = 50;
 
@@ -192,8 +195,7 @@ impl Report {
         let is_within = smallest >= min_allowed && largest <= 180.0 - min_allowed;
         (self.used_in_physical_space && !is_within).then(|| Issue {
             message: format!(
-                "cells have the shape of the samples, so that angles in physical space are {smallest:.0} to \
-                 {largest:.0} degrees"
+                "samples are flat, and cells have their shape, so that angles in physical space are {smallest:.0} to {largest:.0} degrees"
             ),
             option: Some("--metric shape".into()),
             suggestion: "gives cells a good shape in physical space",
@@ -205,7 +207,7 @@ impl Report {
         if voronoi.non_positive_connections > 0 {
             return Some(Issue {
                 message: format!(
-                    "{} faces have a transmissibility that is not positive",
+                    "fluid cannot flow through {} faces correctly (their transmissibility is not positive)",
                     group_digits(voronoi.non_positive_connections)
                 ),
                 option: Some("--metric physical".into()),
@@ -304,8 +306,19 @@ impl Report {
             .iter()
             .filter(|lost| lost.is_whole_label || lost.largest_samples >= FRAGMENT_SAMPLES)
             .max_by_key(|lost| (lost.is_whole_label, lost.largest_samples))?;
-        let parts: usize = lost.iter().map(|of_label| of_label.parts).sum();
-        let parts = match parts {
+        let count: usize = lost.iter().map(|of_label| of_label.parts).sum();
+        if count >= SCAN_FRAGMENTS {
+            return Some(Issue {
+                message: format!(
+                    "the image has {} parts that are too small for regions: its values look like those of a \
+                     scan, not like labels",
+                    group_digits(count)
+                ),
+                option: Some("--feature edges".into()),
+                suggestion: "follows the edges of a scan; labels are for segmentations",
+            });
+        }
+        let parts = match count {
             1 => "a part of a label is".to_string(),
             parts => format!("{} parts of labels are", group_digits(parts)),
         };

@@ -33,7 +33,10 @@ impl Report {
         if let Some(voronoi) = &self.voronoi {
             let count = group_digits(voronoi.check.cells);
             let conforming = voronoi.conforming.map_or(String::new(), |share| {
-                format!("; {:.1} % of surfaces are faces", 100.0 * share)
+                format!(
+                    "; {:.1} % of the area of surfaces lies exactly on faces of cells",
+                    100.0 * share
+                )
             });
             add("size", format!("{count} {}{conforming}", voronoi.kind));
         }
@@ -42,7 +45,7 @@ impl Report {
             let count = group_digits(improvement.sealed.compartments);
             add(
                 "blocks",
-                format!("{count} compartments between the faces on features"),
+                format!("the faces on features divide the mesh into {count} compartments"),
             );
         }
         self.add_dropped_points(&mut add);
@@ -88,8 +91,9 @@ impl Report {
             line(
                 "faces",
                 format!(
-                    "{} faces on features cover {:.1} % of them within half a sample, {:.1} % within \
-                     one; {:.1} % of their area lies within one sample of a feature",
+                    "{} faces are marked as lying on features: {:.1} % of the features have a face within half \
+                     a sample, {:.1} % within one; {:.1} % of the area of these faces lies within one \
+                     sample of a feature",
                     group_digits(faces.faces),
                     100.0 * faces.coverage_half,
                     100.0 * faces.coverage_one,

@@ -129,16 +129,21 @@ impl Report {
                 (dropped.near_another_surface, "too near another surface"),
                 (dropped.in_small_pieces, "in small pieces"),
                 (dropped.in_narrow_parts, "in narrow parts"),
-                (dropped.weak, "weak"),
+                (dropped.weak, "too weak"),
             ];
-            if parts.iter().all(|(count, _)| *count == 0) {
+            if parts.iter().all(|&(count, _)| count == 0) {
                 continue;
             }
-            let reasons = parts.map(|(count, why)| format!("{} {why}", group_digits(count)));
+            let reasons: Vec<String> = (parts.iter().filter(|(count, _)| *count > 0))
+                .map(|(count, why)| format!("{} {why}", group_digits(*count)))
+                .collect();
             let kind = outcome.kind;
             line(
                 "dropped",
-                format!("points of {kind}: {}", reasons.join(", ")),
+                format!(
+                    "points on {kind} that the mesh does not follow: {}",
+                    reasons.join(", ")
+                ),
             );
         }
     }

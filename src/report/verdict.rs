@@ -157,14 +157,15 @@ impl Report {
 
     /// Returns the range of the angles, in each space in which angles are meaningful.
     fn angle_summary(&self) -> Option<String> {
-        let [min, max] = angle_range(self.quality.as_ref()?);
-        let text = format!("angles {min:.0} to {max:.0} degrees");
+        let [low, high] = angle_range(self.quality.as_ref()?);
         Some(match &self.quality_physical {
             Some(quality) => {
                 let [min, max] = angle_range(quality);
-                format!("{text} in lattice space, {min:.0} to {max:.0} in physical space")
+                format!(
+                    "angles {min:.0} to {max:.0} degrees in physical space, {low:.0} to {high:.0} counted in samples"
+                )
             }
-            None => text,
+            None => format!("angles {low:.0} to {high:.0} degrees"),
         })
     }
 
@@ -195,10 +196,11 @@ impl Report {
             lines.push(format!("{total} % of the samples hold no data, {gaps}"));
         }
         lines.extend(self.region_summary());
-        lines.extend(
-            (self.interface_deviation())
-                .map(|distance| format!("faces between regions up to {distance:.1} samples off")),
-        );
+        lines.extend((self.interface_deviation()).map(|distance| {
+            format!(
+                "faces between regions lie up to {distance:.1} samples beside the labels' boundary"
+            )
+        }));
         lines.extend((self.doubt.as_ref()).map(|doubt| format!("doubtful: {}", doubt.question)));
         if lines.is_empty() {
             let was_compared = self.job_options().is_some() && !self.is_stopped();
@@ -254,7 +256,7 @@ fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
     if *points == 0 {
         let count = group_digits(dropped.strong_count() + dropped.weak);
         lines.push(format!(
-            "no {kind} are followed; {count} signs of them are too weak or too small"
+            "no {kind} are followed: {count} points that may lie on some are too weak, or on pieces that are too small"
         ));
         return lines;
     }
@@ -268,13 +270,13 @@ fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
         let why = main_reason.map_or("", |reason| reason.1);
         let share = percent(outcome.dropped_share());
         lines.push(format!(
-            "{share} % of the {kind} found are dropped, most {why}"
+            "{share} % of the {kind} found are not followed, most of it {why}"
         ));
     }
     let weak = dropped.weak as f64 / (dropped.weak + points).max(1) as f64;
     if weak > MAX_DROPPED_SHARE {
         lines.push(format!(
-            "{} % of the signs of {kind} are too weak",
+            "{} % of the points that may lie on {kind} are too weak to follow",
             percent(weak)
         ));
     }
@@ -283,7 +285,9 @@ fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
             r if r > MAX_SHOWN_RATIO => format!("over {MAX_SHOWN_RATIO:.0}"),
             r => format!("{r:.1}"),
         };
-        lines.push(format!("{kind} are {ratio} times as strong as noise"));
+        lines.push(format!(
+            "{kind} stand out from noise by a factor of {ratio}"
+        ));
     }
     if let Some(gentle) = outcome
         .gently_dipping
@@ -420,8 +424,8 @@ mod tests {
         };
         let verdict = verdict_of(&report_with(outcome));
         assert_eq!(verdict.grade, Grade::Good, "{verdict:?}");
-        let expected = "9 % of the faults found are dropped, most too near stronger ones; 25 % of the signs of faults \
-                    are too weak; faults are 6.0 times as strong as noise";
+        let expected = "9 % of the faults found are not followed, most of it too near stronger ones; 25 % of the points \
+                    that may lie on faults are too weak to follow; faults stand out from noise by a factor of 6.0";
         assert!(verdict.features.ends_with(expected), "{}", verdict.features);
 
         let mut crowded = outcome;
@@ -520,7 +524,9 @@ mod tests {
         let survey = Verdict::from_report(&flat).unwrap();
         assert_eq!(survey.grade, Grade::Good);
         assert!(
-            survey.mesh.ends_with("9 to 90 in physical space"),
+            survey
+                .mesh
+                .contains("angles 9 to 90 degrees in physical space"),
             "{}",
             survey.mesh
         );

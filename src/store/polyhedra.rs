@@ -220,7 +220,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     // The stream has the nodes of all faces of all cells.
     let numbers = |name: &str| {
         let numbers = read_cell_values(file, element, name)?.to_u32();
-        numbers.ok_or_else(|| damaged("their nodes"))
+        numbers.ok_or_else(|| damaged("their nodes do not exist"))
     };
     let (stream, ends) = if D == 2 {
         (
@@ -232,7 +232,7 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
     };
     let too_many = points.max(stream.len()) >= u32::MAX as usize;
     if types.len() != count || ends.len() != count || too_many {
-        return Err(damaged("their number"));
+        return Err(damaged("their arrays differ in length"));
     }
     let mut sides = CellFaces::default();
     let mut start = 0;
@@ -240,17 +240,17 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         let end = usize::try_from(end)
             .ok()
             .filter(|&end| end <= stream.len() && end >= start);
-        let cell_stream = &stream[start..end.ok_or_else(|| damaged("their ends"))?];
+        let cell_stream = &stream[start..end.ok_or_else(|| damaged("their offsets are wrong"))?];
         start += cell_stream.len();
         let added = sides.push_stream::<D>(cell as u32, cell_stream);
-        added.ok_or_else(|| damaged("their faces"))?;
+        added.ok_or_else(|| damaged("their faces are wrong"))?;
     }
     drop(stream);
     if sides.rings.items.iter().any(|&n| n as usize >= points) {
-        return Err(damaged("their nodes"));
+        return Err(damaged("their nodes do not exist"));
     }
-    let mut mesh =
-        (sides.to_mesh::<D>(nodes, count)).ok_or_else(|| damaged("a face with three cells"))?;
+    let mut mesh = (sides.to_mesh::<D>(nodes, count))
+        .ok_or_else(|| damaged("a face belongs to three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
     let mut take = |name: &str| {
@@ -293,8 +293,8 @@ fn mark_feature_faces<const D: usize>(mesh: &mut PolyMesh<D>, pairs: &[i64]) {
 }
 
 fn damaged_error(file: &VtkFile, part: &str) -> Error {
-    let problem = format!("its cells are damaged ({part})");
-    file.error(problem, "write it again")
+    let problem = format!("its cells are damaged: {part}");
+    file.error(problem, crate::files::REWRITE_DAMAGED)
 }
 
 /// Returns the faces of polyhedra as a stream, and the end of each cell's faces in it. Other cells

@@ -153,7 +153,10 @@ pub fn read_pvtu(path: &Path) -> Result<AnyMesh> {
     let (mut triangles, mut tetrahedra, mut count) = (Vec::new(), Vec::new(), 0);
     for piece in pieces {
         let Some(source) = piece.attribute("Source") else {
-            return Err(file.error("has a piece without a Source", "write it again"));
+            return Err(file.error(
+                "has a piece without a Source",
+                crate::files::REWRITE_DAMAGED,
+            ));
         };
         count += 1;
         match read_any_vtu(&path.with_file_name("").join(source))? {
@@ -163,7 +166,7 @@ pub fn read_pvtu(path: &Path) -> Result<AnyMesh> {
         }
     }
     match (triangles.len(), tetrahedra.len()) {
-        (0, 0) if count == 0 => Err(file.error("lists no parts", "write it again")),
+        (0, 0) if count == 0 => Err(file.error("lists no parts", crate::files::REWRITE_DAMAGED)),
         (parts, 0) if parts == count => concatenate(path, triangles).map(AnyMesh::Triangles),
         (0, parts) if parts == count => concatenate(path, tetrahedra).map(AnyMesh::Tetrahedra),
         _ => Err(file.error(

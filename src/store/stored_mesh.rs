@@ -338,7 +338,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
             return refuse(&format!("holds no {}", M::CELLS_NAME));
         }
         let Some(space) = LatticeSpace::from_file(&file, file.mesh.nodes()) else {
-            return refuse("records only part of its position");
+            return refuse("records only a part of where its lattice lies");
         };
         let Some(mut positions) = file.mesh.mapped_positions(|&x| space.to_lattice(x)) else {
             return refuse("has linearly dependent axes");
@@ -526,7 +526,7 @@ pub(super) mod tests {
         file.field_data.remove(0);
         let error = StoredMesh::new(file, "a.vtu").unwrap_err().to_string();
         assert!(
-            error.contains("a.vtu: records only part of its position"),
+            error.contains("a.vtu: records only a part of where its lattice lies"),
             "{error}"
         );
         let none = MeshFile::<PolyMesh<3>>::default();

@@ -121,7 +121,7 @@ pub(crate) fn labelled_rings(
         let ring: Option<Vec<[f64; 3]>> = ring.and_then(|ring| ring.iter().map(node).collect());
         let Some(ring) = ring else {
             let problem = format!("its polygon or line {i} is damaged");
-            return Err(file.error(problem, "write it again"));
+            return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
         };
         start = end as usize;
         let label = if is_labelled {

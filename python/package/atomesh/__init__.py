@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 from . import _native
 from ._call import call as _call
+from ._call import error as _error
 from ._call import options_of as _options_of
-from ._errors import Error
+from ._call import verbs as _verbs
+from ._errors import Error, MissingItemError
 from ._image import NAME as _NAME
 from ._image import Image, read
 from ._mesh import Mesh, Picture, Region, load, mesh, voronoi
@@ -73,7 +75,26 @@ def feature(volume: Volume, *, progress: Progress = False, **options: Unpack[Fea
     Returns
     -------
     Image
-        The potential: -1 on features and 0 far away from them. Its attribute `report` holds the report of the verb.
+        The potential, float32, as many samples as the volume: -1 on features and 0 far away from them. Its attribute
+        `report` holds the report of the verb.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such option, or if the volume or an option has a wrong type. This is also a TypeError.
+    InvalidValueError
+        If an option or the image has impossible values. This is also a ValueError.
+    MissingFileError
+        If a file does not exist. This is also a FileNotFoundError.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> potential = atomesh.feature(atomesh.synth("sphere", dims=(24, 24, 24)))
+    >>> potential.samples.shape
+    (24, 24, 24)
+    >>> bool(-1 <= potential.samples.min() < -0.9 and potential.samples.max() <= 0)
+    True
     """
     objects = {_NAME: Image.of(volume)._native}
     output = "<potential>.vti"
@@ -91,12 +112,26 @@ def synth(kind: str, **options: Unpack[SynthOptions]) -> Image:
     kind
         The kind of image: "faults", "sphere", "amplitude" ...
     **options
-        Options of the verb. With `truth="distance.npy"`, the exact distances to the features are written, too.
+        Options of the verb; `atomesh.options("synth")` lists them. `dims` are the numbers of samples along x, y and z.
+        With `truth="distance.npy"`, the exact distances to the features are written, too.
 
     Returns
     -------
     Image
-        The image.
+        The image, float32, with samples at distances of 1 (in surveys 12.5 m and 4 ms).
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such option, or if an option has a wrong type. This is also a TypeError.
+    InvalidValueError
+        If there is no such kind, or if an option is impossible. This is also a ValueError.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> atomesh.synth("faults", dims=(40, 36, 32), count=1).samples.shape
+    (32, 36, 40)
     """
     output = "<image>.vti"
     answer = _call("synth", [kind], {"output": output, **options}, keep=[output])
@@ -104,14 +139,28 @@ def synth(kind: str, **options: Unpack[SynthOptions]) -> Image:
 
 
 def convert(volume: Volume, path: str | os.PathLike[str]) -> None:
-    """Writes an image in the format of the file's ending.
+    """Writes an image in the format of the file's ending: `atomesh convert`.
 
     Parameters
     ----------
     volume
         The image, in any form that `Image.of` accepts.
     path
-        The file to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz, in 2-D also .png.
+        The file to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz, .zarr, in 2-D also .png.
+
+    Raises
+    ------
+    InvalidValueError
+        If no format has this ending, or if the format cannot hold the image. This is also a ValueError.
+    FileError
+        If the file cannot be written. This is also an OSError.
+
+    Examples
+    --------
+    >>> import atomesh, numpy as np
+    >>> atomesh.convert(np.eye(8, dtype=np.float32), "eye.nrrd")
+    >>> atomesh.read("eye.nrrd").samples.shape
+    (8, 8)
     """
     Image.of(volume).save(path)
 
@@ -124,12 +173,26 @@ def info(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
     path
         The file.
     **options
-        Options of the verb, which say how to read the file.
+        Options of the verb, which say how to read the file; `atomesh.options("info")` lists them.
 
     Returns
     -------
     dict
         Dimensions, geometry, units, range, SEG-Y headers and more.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file. This is also a FileNotFoundError.
+    InvalidValueError
+        If the file is damaged, or of no known format. This is also a ValueError.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> atomesh.synth("faults", dims=(40, 36, 32), count=1).save("faults.vti")
+    >>> atomesh.info("faults.vti")["image"]["numpy_shape"]
+    [32, 36, 40]
     """
     return _call("info", [path], options).report
 
@@ -146,7 +209,23 @@ def options(verb: str) -> dict[str, str]:
     -------
     dict
         The help text of each option, by its name as a keyword argument.
+
+    Raises
+    ------
+    MissingItemError
+        If there is no such verb. This is also a KeyError.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> "distance" in atomesh.options("mesh")
+    True
+    >>> atomesh.options("mesh")["cells"].startswith("Kind of cells")
+    True
     """
+    if verb not in _verbs():
+        remedy = f"give one of {', '.join(_verbs())}"
+        raise _error(f"options({verb!r})", "there is no such verb", remedy, MissingItemError)
 
     def help_text(option: dict[str, Any]) -> str:
         text = option["help"] or ""

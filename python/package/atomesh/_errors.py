@@ -1,7 +1,7 @@
 """The exceptions of atomesh: each is an `Error`, and also the standard exception that fits it.
 
 `except atomesh.Error` catches all of them; `except ValueError`, `except FileNotFoundError` and so on catch those of
-one kind.
+one kind. An error has the attributes `place`, `problem`, `remedy` and `kind`; its text is the first three in one line.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class FileError(Error, OSError):
 
     @property
     def filename(self) -> str:
-        """The name of the file."""
+        """The name of the file, as an OSError has it."""
         return self.place
 
 

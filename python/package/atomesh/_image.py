@@ -26,7 +26,20 @@ class Image:
     """A 2-D or 3-D image, and the position of its samples.
 
     `samples` has the shape (nz, ny, nx), in 2-D (ny, nx), as in ITK and VTK: x is the last axis of the array.
-    `spacing`, `origin` and `units` are in the order x, y, z.
+    `spacing`, `origin` and `units` are in the order x, y, z. `numpy.asarray(image)` is the array of samples. Images are
+    made by `Image.of`, `read`, `synth` and `feature`; they can be copied and pickled.
+
+    Attributes
+    ----------
+    report : dict
+        The report of the verb that made the image; empty for others.
+
+    Examples
+    --------
+    >>> import atomesh, numpy as np
+    >>> image = atomesh.Image.of(np.zeros((20, 30, 40)), spacing=(25, 12.5, 4), units=("m", "m", "ms"))
+    >>> image
+    <atomesh.Image 40 x 30 x 20, spacing 25, 12.5, 4>
     """
 
     def __init__(self, native: _native.Image) -> None:
@@ -88,8 +101,10 @@ class Image:
         array = _filled(source.array)
         if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool) or np.iscomplexobj(array):
             is_other_type = array.dtype == object and array.ndim == 0
-            problem = f"is of type {type(volume).__name__}" if is_other_type else f"holds {array.dtype}"
-            raise error(NAME, problem, "give real numbers", ArgumentError)
+            if is_other_type:
+                remedy = "give an array of real numbers, the path of an image, or an image of another package"
+                raise error(NAME, f"is of type {type(volume).__name__}", remedy, ArgumentError)
+            raise error(NAME, f"holds {array.dtype}", "give real numbers", ArgumentError)
         if array.ndim == 3 and array.shape[0] == 1:
             array = array[0]
             source.origin, source.axes = source.origin[:2], source.axes[:2, :2]
@@ -126,39 +141,92 @@ class Image:
 
     @property
     def samples(self) -> npt.NDArray[np.float32]:
-        """The samples: a read-only float32 array of shape (nz, ny, nx) or (ny, nx), without a copy."""
+        """The samples: a read-only float32 array of shape (nz, ny, nx), in 2-D (ny, nx), without a copy.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> image = atomesh.synth("sphere", dims=(20, 24, 28))
+        >>> image.samples.shape, image.samples.dtype
+        ((28, 24, 20), dtype('float32'))
+        """
         return self._native.samples
 
     @property
     def origin(self) -> npt.NDArray[np.float64]:
-        """The position of the first sample: x, y, z."""
+        """The position of the first sample, float64 of shape (3,), in 2-D (2,): x, y, z in `units`."""
         return np.array(self._native.place[0])
 
     @property
     def axes(self) -> npt.NDArray[np.float64]:
-        """The vector from one sample to the next along each image axis, one axis per row."""
+        """The vector from one sample to the next along each image axis, float64 of shape (3, 3), in 2-D (2, 2).
+
+        Each row is an axis, in `units`; the first row belongs to the last axis of the array.
+        """
         return np.array(self._native.place[1])
 
     @property
     def spacing(self) -> npt.NDArray[np.float64]:
-        """The distance between samples along each axis."""
+        """The distance between samples along each axis, float64 of shape (3,), in 2-D (2,), in `units`.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> atomesh.Image.of(np.zeros((4, 5)), spacing=(25, 12.5)).spacing
+        array([25. , 12.5])
+        """
         lengths: npt.NDArray[np.float64] = np.linalg.norm(self.axes, axis=1)
         return lengths
 
     @property
     def units(self) -> list[str]:
-        """The units of the axes; an unknown unit is empty."""
+        """The units of the axes in the order x, y, z, such as "m" or "ms"; an unknown unit is empty."""
         return self._native.place[2]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return np.array(self.samples, dtype=dtype, copy=copy if copy else None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the image to a file: .vti, .npy, .nrrd, .mha, .nii or .nii.gz, in 2-D also .png."""
+        """Writes the image to a file, in the format of its ending.
+
+        Parameters
+        ----------
+        path
+            The file to write: .vti, .npy, .nrrd, .mha, .nii or .nii.gz, .zarr, in 2-D also .png.
+
+        Raises
+        ------
+        InvalidValueError
+            If no format has this ending, or if the format cannot hold the image. This is also a ValueError.
+        FileError
+            If the file cannot be written. This is also an OSError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> atomesh.synth("sphere", dims=(20, 20, 20)).save("sphere.nii.gz")
+        """
         call("convert", [NAME, path], {}, {NAME: self._native})
 
     def to_pyvista(self) -> Any:
-        """Returns a pyvista.ImageData with the samples as the point array `samples`."""
+        """Converts the image to PyVista.
+
+        Returns
+        -------
+        pyvista.ImageData
+            The image, with its spacing, origin and direction; the samples are the point array `samples`.
+
+        Raises
+        ------
+        ImportError
+            If PyVista is not installed.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> atomesh.synth("sphere", dims=(20, 24, 28)).to_pyvista().dimensions
+        (20, 24, 28)
+        """
         import pyvista
 
         samples, axes = self.samples, np.eye(3)

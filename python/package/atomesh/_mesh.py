@@ -51,7 +51,13 @@ FACETS = "<surfaces>.vtp"
 
 
 class Picture:
-    """A picture as PNG, which notebooks display."""
+    """A picture as PNG, which notebooks display.
+
+    Attributes
+    ----------
+    png : bytes
+        The content of the PNG file.
+    """
 
     def __init__(self, png: bytes) -> None:
         self.png = png
@@ -60,12 +66,37 @@ class Picture:
         return self.png
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the picture to a PNG file."""
+        """Writes the picture to a PNG file.
+
+        Parameters
+        ----------
+        path
+            The file to write.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
         Path(path).write_bytes(self.png)
 
 
 class Region(NamedTuple):
-    """A region of a mesh: the cells of one label of the image, or of one painted block."""
+    """A region of a mesh: the cells of one label of the image, or of one painted block.
+
+    Attributes
+    ----------
+    region : int
+        The number of the region, as in the cell array `region`.
+    label : float, int or None
+        The label of the image's samples; None if the region is no label.
+    name : str or None
+        The name of the label.
+    volume : float
+        The volume of its cells, in the plane their area, in physical coordinates.
+    cells : int
+        The number of its cells.
+    """
 
     #: The number of the region, as in the cell array `region`.
     region: int
@@ -83,7 +114,20 @@ class Mesh:
     """A mesh in the image's physical coordinates, with its arrays and its report.
 
     Arrays are read-only NumPy arrays that share the memory of the mesh. A mesh can be copied (`copy.copy`,
-    `copy.deepcopy`) and pickled. `mesh[cells]` is the mesh of some cells.
+    `copy.deepcopy`) and pickled. `mesh[cells]` is the mesh of some cells. Meshes are made by `mesh`, `voronoi`
+    and `load`, and by methods such as `flow` and `paint`, which return a new mesh.
+
+    Attributes
+    ----------
+    interrupted : bool
+        True if the job was stopped; the mesh is then the one so far.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+    >>> mesh.points.shape[1], mesh.cells.shape[1], mesh.feature_faces.shape[1]
+    (3, 4, 3)
     """
 
     # A mesh is no sequence of its cells.
@@ -125,15 +169,24 @@ class Mesh:
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """The points in physical coordinates, an array of shape (n, 3), in the plane (n, 2)."""
+        """The points in physical coordinates, float64 of shape (n, 3), in the plane (n, 2), in the units of
+        the image.
+        """
         return self._native.points
 
     @property
     def cells(self) -> npt.NDArray[np.uint32] | list[npt.NDArray[np.uint32]]:
         """The points of each cell.
 
-        An array of shape (m, 4) for tetrahedra and (m, 3) for triangles. For Voronoi cells a list of arrays; in the
-        plane, the points are in order around the cell.
+        An array of indices, uint32 of shape (m, 4) for tetrahedra and (m, 3) for triangles. For Voronoi cells a list of
+        arrays; in the plane, the points are in order around the cell.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.cells.shape == (mesh.n_cells, 4)
+        True
         """
         simplices = self._native.simplices
         if simplices is not None:
@@ -150,27 +203,45 @@ class Mesh:
     def feature_faces(self) -> npt.NDArray[np.uint32]:
         """The faces that lie on features, each once.
 
-        The points of triangles, an array of shape (k, 3); in the plane those of edges, an array of shape (k, 2).
+        The points of triangles, uint32 of shape (k, 3); in the plane those of edges, of shape (k, 2).
         """
         return self._native.feature_faces
 
     @property
     def faces(self) -> list[npt.NDArray[np.uint32]]:
-        """The points of each face of Voronoi cells, in order around the face. Faces between two cells come first."""
+        """The points of each face of Voronoi cells, in order around the face. Faces between two cells come first.
+
+        Raises
+        ------
+        InvalidValueError
+            If the mesh has no Voronoi cells. This is also a ValueError.
+        """
         items, offsets, _, _ = self._voronoi()
         return np.split(items, offsets[1:-1].astype(np.int64))
 
     @property
     def face_cells(self) -> npt.NDArray[np.uint32]:
-        """The two cells of each face of Voronoi cells, an array of shape (f, 2).
+        """The two cells of each face of Voronoi cells, uint32 of shape (f, 2).
 
         If the second is `2**32 - 7` or more, it is a side of the box: xmin, xmax, ymin ...
+
+        Raises
+        ------
+        InvalidValueError
+            If the mesh has no Voronoi cells. This is also a ValueError.
         """
         return self._voronoi()[2]
 
     @property
     def sites(self) -> npt.NDArray[np.float64]:
-        """The site (atom) of each Voronoi cell, an array of shape (m, 3), in the plane (m, 2)."""
+        """The site (atom) of each Voronoi cell, float64 of shape (m, 3), in the plane (m, 2), in the units of
+        the image.
+
+        Raises
+        ------
+        InvalidValueError
+            If the mesh has no Voronoi cells. This is also a ValueError.
+        """
         return self._voronoi()[3]
 
     def _voronoi(self) -> list[npt.NDArray[Any]]:
@@ -181,17 +252,25 @@ class Mesh:
 
     @property
     def point_data(self) -> dict[str, npt.NDArray[Any]]:
-        """The arrays with a value, or a row, for each point."""
+        """The arrays with a value, or a row, for each point, by name."""
         return self._native.point_data
 
     @property
     def cell_data(self) -> dict[str, npt.NDArray[Any]]:
-        """The arrays with a value, or a row, for each cell."""
+        """The arrays with a value, or a row, for each cell, by name: `min_dihedral` (degrees), `volume`, `region` ...
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> len(mesh.cell_data["min_dihedral"]) == mesh.n_cells
+        True
+        """
         return self._native.cell_data
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The field data of the whole mesh: units, version, parameters, position of its lattice ..."""
+        """The field data of the whole mesh, a dict: units, version, parameters, position of its lattice ..."""
         return self._native.fields
 
     @property
@@ -269,12 +348,17 @@ class Mesh:
 
     @property
     def report(self) -> dict[str, Any]:
-        """The report of the verb that made the mesh: everything for `mesh`, rates and balance for `flow` ..."""
+        """The report of the verb that made the mesh, a dict: everything for `mesh`, rates and balance for `flow` ...
+
+        The keys are those of the command line's JSON.
+        """
         return self._report
 
     @property
     def quality(self) -> dict[str, Any]:
-        """Angles, sizes and shapes of the cells."""
+        """Angles (degrees), sizes and shapes of the cells, a dict. It is measured at the first use if the
+        report lacks it.
+        """
         has_quality = self._report.get("quality") or self._report.get("voronoi")
         measured = self._report if has_quality else self.measure()
         quality: dict[str, Any] = measured.get("quality") or measured["voronoi"]
@@ -282,7 +366,7 @@ class Mesh:
 
     @property
     def fidelity(self) -> dict[str, Any]:
-        """The precision with which faces lie on the image's features, and their coverage; empty if unknown."""
+        """The precision with which faces lie on the image's features, and their coverage, a dict; empty if unknown."""
         return self._report.get("fidelity") or {}
 
     def measure(self, **options: Unpack[QualityOptions]) -> dict[str, Any]:
@@ -291,12 +375,28 @@ class Mesh:
         Parameters
         ----------
         **options
-            Options of the verb. `truth` is the file or array of exact distances that `synth` writes.
+            Options of the verb; `atomesh.options("quality")` lists them. `truth` is the file or array of
+            exact distances
+            that `synth` writes.
 
         Returns
         -------
         dict
             The report of the verb.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If an option does not fit the mesh. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.measure()["quality"]["cells"] == mesh.n_cells
+        True
         """
         if options or self._measured is None:
             answer = self._call("quality", [MESH], options)
@@ -317,6 +417,11 @@ class Mesh:
         ------
         Error
             If the mesh is not valid.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> verdicts = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5).validate()
         """
         return self._call("validate", [MESH], {}).report
 
@@ -386,12 +491,43 @@ class Mesh:
         -------
         dict
             The report of the verb, with the checks of the model.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If there is no such format, or if the format cannot hold the mesh or an option. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> report = mesh.export("inp", "sphere.inp", quadratic=True)
         """
         words = {"to": to, "output": os.fspath(path), **options}
         return self._call("export", [MESH], words, threads=threads).report
 
     def to_pyvista(self) -> Any:
-        """Returns a pyvista.UnstructuredGrid with all arrays. A mesh of the plane lies at z = 0."""
+        """Converts the mesh to PyVista. A mesh of the plane lies at z = 0.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            The mesh with all its point and cell arrays.
+
+        Raises
+        ------
+        ImportError
+            If PyVista is not installed.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.to_pyvista().n_cells == mesh.n_cells
+        True
+        """
         import pyvista
 
         if self.kind == "polyhedron":
@@ -416,10 +552,25 @@ class Mesh:
         return grid
 
     def to_meshio(self) -> Any:
-        """Returns a meshio.Mesh with all arrays.
+        """Converts the mesh to meshio.
 
-        meshio groups polyhedra and polygons by their number of points. The cell array `cell` holds the index of each
-        cell in this mesh.
+        Returns
+        -------
+        meshio.Mesh
+            The mesh with all its arrays. meshio groups polyhedra and polygons by their number of points; the cell array
+            `cell` then holds the index of each cell in this mesh.
+
+        Raises
+        ------
+        ImportError
+            If meshio is not installed.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.to_meshio().cells[0].type
+        'tetra'
         """
         import meshio
 
@@ -469,6 +620,16 @@ class Mesh:
             True to cut a corner away, so that the faces on features are visible.
         **options
             Options of pyvista.Plotter.show.
+
+        Returns
+        -------
+        object
+            What pyvista.Plotter.show returns: in a notebook its view, otherwise usually None.
+
+        Raises
+        ------
+        ImportError
+            If PyVista is not installed.
         """
         import pyvista
 
@@ -510,6 +671,18 @@ class Mesh:
         -------
         Picture
             The picture.
+
+        Raises
+        ------
+        InvalidValueError
+            If there is no image, or if `at` lies outside it. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.slice(path="sphere.png").png[1:4]
+        b'PNG'
         """
         image = self._needs_image("slice", image)
         with tempfile.TemporaryDirectory(prefix="atomesh-") as folder:
@@ -541,6 +714,17 @@ class Mesh:
         -------
         dict
             The size of the page.
+
+        Raises
+        ------
+        InvalidValueError
+            If there is no image, or if it is not that of the mesh. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> size = mesh.page("sphere.html")
         """
         image = self._needs_image("page", image)
         with tempfile.TemporaryDirectory(prefix="atomesh-") as folder:
@@ -622,6 +806,21 @@ class Mesh:
         -------
         Mesh
             The mesh, split along faults, with the cell arrays of pressure (Pa) and Darcy velocity (m/s), and a report.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If nothing makes fluid flow, if rates do not balance, or if a point lies outside. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5, feature="none")
+        >>> flow = mesh.flow(pressure={"xmin": 2e7, "xmax": 1e7}, permeability=1e-13)
+        >>> bool(abs(flow.point_data["pressure"].max() - 2e7) < 1)
+        True
         """
         words = {"source": injectors, "sink": producers, **options}
         return self._run("flow", [MESH], words, progress=progress, threads=threads)
@@ -644,6 +843,22 @@ class Mesh:
         -------
         Mesh
             The mesh with the painted regions as the cell array `region`.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If a seed lies outside the mesh. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> labels = np.ones((20, 20, 20), dtype=np.uint8)
+        >>> labels[:, :, 10:] = 2
+        >>> mesh = atomesh.mesh(labels, feature="labels", distance=5)
+        >>> len(mesh.paint().regions)
+        2
         """
         words: dict[str, Any] = {"seed": seed, **options}
         objects = {}
@@ -672,6 +887,23 @@ class Mesh:
         -------
         Mesh
             The mesh with the cell array `label`: 1 object, 0 background.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If there is no image, or if a place lies outside it. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> y, x = np.mgrid[:48, :48]
+        >>> disc = (np.hypot(x - 24, y - 22) < 14).astype(np.float32)
+        >>> mesh = atomesh.mesh(disc, distance=4, feature="edges")
+        >>> labels = mesh.segment(object=[(24, 22)], background=[(2, 2)]).cell_data["label"]
+        >>> sorted(set(labels.tolist()))
+        [0, 1]
         """
         image = self._needs_image("segment", image)
         words = {"object": object, "background": background, **options}
@@ -692,7 +924,7 @@ class Mesh:
         Parameters
         ----------
         add
-            Positions of new atoms.
+            Positions of new atoms, in physical coordinates.
         move
             A dict from the numbers of atoms to their new positions.
         remove
@@ -709,6 +941,21 @@ class Mesh:
         -------
         Mesh
             The edited mesh.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If there is no image, nothing to do, no such atom, or if a place is impossible. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(32, 32, 32)), distance=5)
+        >>> edited = mesh.edit(add=[(16.2, 15.7, 16.4)])
+        >>> edited.kind
+        'tetra'
         """
         image = self._needs_image("edit", image)
         removed = [remove] if isinstance(remove, int) else remove
@@ -729,8 +976,27 @@ class Mesh:
         -------
         Mesh
             The mesh of columns.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such option, or if an option has a wrong type. This is also a TypeError.
+        InvalidValueError
+            If the mesh is not a map of Voronoi cells, or if the horizons do not fit it. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import atomesh, numpy as np
+        >>> y, x = np.mgrid[:48, :48]
+        >>> disc = (np.hypot(x - 24, y - 22) < 14).astype(np.float32)
+        >>> map = atomesh.voronoi(disc, distance=6, feature="edges")
+        >>> columns = map.columns([0, 10, 25], layers=2)
+        >>> columns.n_cells == 4 * map.n_cells
+        True
         """
-        return self._run("columns", [MESH], {"horizon": list(horizon), **options})
+        # As texts, so that two or three numbers are not taken for the coordinates of a point.
+        horizons = [str(z) if isinstance(z, (int, float, np.number)) else z for z in horizon]
+        return self._run("columns", [MESH], {"horizon": horizons, **options})
 
     def _needs_image(self, verb: str, image: Volume | None) -> Image:
         if image is not None:
@@ -894,7 +1160,7 @@ def mesh(
 
 
 def voronoi(volume: Volume, **options: Any) -> Mesh:
-    """Makes Voronoi cells (PEBI) that conform to an image's features.
+    """Makes Voronoi cells (PEBI) that conform to an image's features: `atomesh mesh --cells voronoi`.
 
     Parameters
     ----------
@@ -907,5 +1173,21 @@ def voronoi(volume: Volume, **options: Any) -> Mesh:
     -------
     Mesh
         The mesh of Voronoi cells, with its report.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such option, or if an argument has a wrong type. This is also a TypeError.
+    InvalidValueError
+        If an option or the image has impossible values. This is also a ValueError.
+    MissingFileError
+        If a file does not exist. This is also a FileNotFoundError.
+
+    Examples
+    --------
+    >>> import atomesh
+    >>> cells = atomesh.voronoi(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+    >>> cells.kind, len(cells.sites) == cells.n_cells
+    ('polyhedron', True)
     """
     return mesh(volume, cells="voronoi", **options)

@@ -118,10 +118,11 @@ class MeshOptions(TypedDict, total=False):
     weld: _Number | None
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     smooth: Literal["cvt", "odt"] | None
-    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical, shape
-    #: (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-
-    #: point fluxes in rock with these permeabilities along x, y and z; only their ratios count),
-    #: or a scale per axis SX,SY,SZ (SX,SY in 2-D)
+    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance
+    #: is then in physical units, not in samples), shape (physical proportions, with as many
+    #: samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
+    #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
+    #: (SX,SY in 2-D)
     metric: _Value | None
     #: Continue the mesh beyond the image, with cells that coarsen away from it:
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
@@ -141,7 +142,8 @@ class MeshOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -228,7 +230,8 @@ class FeatureOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -275,7 +278,8 @@ class InfoOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -331,7 +335,8 @@ class ConvertOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -393,7 +398,8 @@ class ReportOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -489,7 +495,8 @@ class EditOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -547,7 +554,8 @@ class ColumnsOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -625,7 +633,8 @@ class ExportOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -779,7 +788,8 @@ class SliceOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -866,7 +876,8 @@ class SurfaceOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -926,7 +937,8 @@ class PaintOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
@@ -986,7 +998,8 @@ class SegmentOptions(TypedDict, total=False):
     spacing: _Value | None
     #: An array without geometry: the position of its first sample
     origin: _Value | None
-    #: Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
+    #: the file has none: m, ft, ms, um ...
     unit: _Value | None
     #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
     #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline

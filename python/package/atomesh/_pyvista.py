@@ -23,15 +23,63 @@ class Accessor:
         self._image = image
 
     def mesh(self, **options: Any) -> Mesh:
-        """Calls atomesh.mesh for the image."""
+        """Calls `atomesh.mesh` for the image.
+
+        Parameters
+        ----------
+        **options
+            The arguments of `atomesh.mesh`, except the image.
+
+        Returns
+        -------
+        Mesh
+            The mesh, with its report.
+
+        Raises
+        ------
+        Error
+            As `atomesh.mesh` does.
+        """
         return mesh(self._image, **options)
 
     def voronoi(self, **options: Any) -> Mesh:
-        """Calls atomesh.voronoi for the image."""
+        """Calls `atomesh.voronoi` for the image.
+
+        Parameters
+        ----------
+        **options
+            The arguments of `atomesh.voronoi`, except the image.
+
+        Returns
+        -------
+        Mesh
+            The mesh of Voronoi cells, with its report.
+
+        Raises
+        ------
+        Error
+            As `atomesh.mesh` does.
+        """
         return voronoi(self._image, **options)
 
     def feature(self, **options: Any) -> Any:
-        """Calls atomesh.feature for the image; returns a pyvista.ImageData."""
+        """Calls `atomesh.feature` for the image.
+
+        Parameters
+        ----------
+        **options
+            The arguments of `atomesh.feature`, except the image.
+
+        Returns
+        -------
+        pyvista.ImageData
+            The potential, as the point array `samples`.
+
+        Raises
+        ------
+        Error
+            As `atomesh.feature` does.
+        """
         return feature(self._image, **options).to_pyvista()
 
 

@@ -20,7 +20,23 @@ if TYPE_CHECKING:
 
 
 class Surface:
-    """One surface and its measures: triangles, or in the plane the segments of a curve."""
+    """One surface and its measures: triangles, or in the plane the segments of a curve.
+
+    Attributes
+    ----------
+    measures : dict
+        Measures of the surface: `kind`, `area`, `dip` and `strike` (degrees), `adjacent_surfaces` ... Lengths and areas
+        have the units of the mesh.
+
+    Examples
+    --------
+    >>> import atomesh, numpy as np
+    >>> labels = np.ones((20, 20, 20), dtype=np.uint8)
+    >>> labels[:, :, 10:] = 2
+    >>> surface = atomesh.mesh(labels, feature="labels", distance=5).surfaces[0]
+    >>> round(surface.measures["area"])
+    361
+    """
 
     def __init__(self, surfaces: Surfaces, number: int, measures: Mapping[str, Any]) -> None:
         self._all, self._number = surfaces, number
@@ -34,22 +50,35 @@ class Surface:
 
     @property
     def kind(self) -> str:
-        """The kind of the surface: fault, horizon ..."""
+        """The kind of the surface: fault, horizon, interface ..."""
         return str(self.measures.get("kind", self.name.rstrip("0123456789")))
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """The points of all surfaces, an array of shape (n, 3)."""
+        """The points of all surfaces of the mesh, float64 of shape (n, 3), in the plane (n, 2), in the units
+        of the mesh.
+        """
         return self._all.points
 
     @property
     def faces(self) -> npt.NDArray[np.uint32]:
-        """The points of each face, an array of shape (m, 3), in the plane (m, 2)."""
+        """The faces: indices of `points`, uint32 of shape (m, 3), in the plane (m, 2)."""
         start = self._all._native.start
         return self._all._native.faces[start[self._number] : start[self._number + 1]]
 
     def to_pyvista(self) -> Any:
-        """Returns a pyvista.PolyData of the surface."""
+        """Converts the surface to PyVista.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The surface, with only the points that it uses.
+
+        Raises
+        ------
+        ImportError
+            If PyVista is not installed.
+        """
         return _polydata(self.points, self.faces).clean()
 
     def __repr__(self) -> str:
@@ -61,6 +90,22 @@ class Surfaces(Sequence[Surface]):
 
     Surfaces are a sequence: `len`, iteration, indices and slices work. A name is also an index: `surfaces["fault1"]`.
     The interface of two regions can be named without its kind: `surfaces["1_2"]` is `surfaces["interface_1_2"]`.
+
+    Attributes
+    ----------
+    report : dict
+        The report of the verb.
+
+    Examples
+    --------
+    >>> import atomesh, numpy as np
+    >>> labels = np.ones((20, 20, 20), dtype=np.uint8)
+    >>> labels[:, :, 10:] = 2
+    >>> surfaces = atomesh.mesh(labels, feature="labels", distance=5).surfaces()
+    >>> surfaces
+    <atomesh.Surfaces: interface_1_2>
+    >>> "1_2" in surfaces
+    True
     """
 
     def __init__(
@@ -74,7 +119,9 @@ class Surfaces(Sequence[Surface]):
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """The points of all surfaces: a read-only array of shape (n, 3), without a copy."""
+        """The points of all surfaces: a read-only float64 array of shape (n, 3), in the plane (n, 2), without
+        a copy.
+        """
         return self._native.points
 
     @property
@@ -112,7 +159,18 @@ class Surfaces(Sequence[Surface]):
         return iter(self._selected)
 
     def to_pyvista(self) -> Any:
-        """Returns a pyvista.PolyData with the cell arrays `surface`, `dip`, `strike`, `area` ..."""
+        """Converts all surfaces to PyVista.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The surfaces, with the cell arrays `surface` (from 1), `dip`, `strike` (degrees), `area` ...
+
+        Raises
+        ------
+        ImportError
+            If PyVista is not installed.
+        """
         numbers = [surface._number for surface in self._selected]
         start = self._native.start
         faces = np.array([face for n in numbers for face in range(start[n], start[n + 1])], dtype=int)
@@ -169,7 +227,9 @@ class SurfacesOfMesh(Sequence[Surface]):
 
     @property
     def points(self) -> npt.NDArray[np.float64]:
-        """The points of all surfaces: a read-only array of shape (n, 3), without a copy."""
+        """The points of all surfaces: a read-only float64 array of shape (n, 3), in the plane (n, 2), without
+        a copy.
+        """
         return self._default().points
 
     @property
@@ -179,7 +239,7 @@ class SurfacesOfMesh(Sequence[Surface]):
 
     @property
     def report(self) -> dict[str, Any]:
-        """The report of the verb."""
+        """The report of the verb `surface`, a dict."""
         return self._default().report
 
     @overload
@@ -199,7 +259,18 @@ class SurfacesOfMesh(Sequence[Surface]):
         return item in self._default()
 
     def to_pyvista(self) -> Any:
-        """Returns a pyvista.PolyData with the cell arrays `surface`, `dip`, `strike`, `area` ..."""
+        """Converts all surfaces to PyVista.
+
+        Returns
+        -------
+        pyvista.PolyData
+            The surfaces, with the cell arrays `surface` (from 1), `dip`, `strike` (degrees), `area` ...
+
+        Raises
+        ------
+        ImportError
+            If PyVista is not installed.
+        """
         return self._default().to_pyvista()
 
     def __repr__(self) -> str:

@@ -34,7 +34,7 @@ pub fn check_output(path: &Path, option: &str, endings: &[&str], inputs: &[&Path
         return Err(Error::Job(cause(
             place,
             format!("does not end in {}", known.join(" or ")),
-            "give a name with such an ending, which is that of the format to write",
+            "give the output one of these endings: it chooses the format",
         )));
     }
     if inputs.iter().any(|input| same_file(input, path)) {

@@ -49,7 +49,7 @@ fn classify(files: &[PathBuf]) -> Result<InputNames> {
         [image, mesh] => (Some(image.clone()), Some(mesh.clone())),
         [.., last] => {
             let problem = "is one file too many: there is an image and a mesh already";
-            return Err(Error::Job(cause(last.display(), problem, "leave it out")));
+            return Err(Error::Job(cause(last.display(), problem, "omit it")));
         }
     };
     Ok(InputNames {

@@ -80,7 +80,7 @@ impl Outline {
             return Err(Error::Export(cause(
                 place,
                 "needs a mesh with four vertical sides",
-                "mesh an image with one vertical axis, and say which way is down",
+                "mesh an image with one vertical axis, and say which way is down (--down)",
             )));
         };
         // Line of a side in map view: normal and distance.

@@ -43,7 +43,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         return Err(Error::Export(cause(
             "a TOUGH2 mesh",
             format!("has names for {MAX_NAMES} cells, not for {}", model.len()),
-            "make larger cells",
+            "mesh with a larger --distance",
         )));
     }
     if let Some(region) = graph.region.iter().find(|r| !(0..10_000).contains(*r)) {

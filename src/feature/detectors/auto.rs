@@ -222,8 +222,8 @@ impl<const D: usize> ImageSurvey<D> {
         // Asymmetry: how much farther the high values are from the median than the low ones.
         let skew = (percentiles.high + percentiles.low - 2.0 * percentiles.median) / span;
         let figures = format!(
-            "1 %, 50 % and 99 % of values at {:.4}, {:.4}, {:.4}; {:.0} % in the upper \
-             half, {:.0} % of the rarer half thin",
+            "1 %, 50 % and 99 % of the values lie below {:.4}, {:.4} and {:.4}; {:.0} % are in the upper half of \
+             that range; objects of the rarer half are thin in {:.0} % of their samples",
             percentiles.low,
             percentiles.median,
             percentiles.high,

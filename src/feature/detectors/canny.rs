@@ -46,7 +46,8 @@ impl<const D: usize> Detector<D> for Canny {
         let thresholds = given_thresholds.unwrap_or_else(|| thresholds(noise, &candidates));
         candidates.retain(|c| c.strength >= thresholds.low);
         notes.push(format!(
-            "steepest places at scale {scale}: {thresholds}, noise up to {:.4} per sample",
+            "edges: the steepest places of the image, smoothed over {scale} samples; {thresholds}; noise has up \
+             to {:.4} per sample",
             noise[1]
         ));
         let candidates = sharpen_corners(dims, candidates, scale, thresholds.high, input.cancel);
@@ -96,7 +97,7 @@ fn thresholds<const D: usize>(noise: [f32; 2], candidates: &[Candidate<D>]) -> T
     Thresholds {
         low: low.max(0.1 * typical).min(0.5 * typical),
         high: high.max(0.25 * typical).min(0.9 * typical),
-        origin: "chosen",
+        origin: "chosen from the noise",
     }
 }
 

@@ -45,10 +45,11 @@ impl<const D: usize> Detector<D> for Horizons {
         let thresholds = input.thresholds().unwrap_or(Thresholds {
             low: 0.8 * rms.smoothed,
             high: 1.3 * rms.smoothed,
-            origin: "1.3 times the rms",
+            origin: "1.3 times the rms amplitude",
         });
         notes.push(format!(
-            "crests and troughs at scale {scale}, normals averaged over {window}: {thresholds}"
+            "horizons: crests and troughs along layers, smoothed over {scale} samples, their dips over {window}; \
+             {thresholds}"
         ));
         let (mut candidates, mut layers) = (Vec::new(), CoveredLayers::default());
         let mut collect = |window: &LayerWindow<'_, D>| {

@@ -72,8 +72,8 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
             ImageSource::InMemory(image) => Ok(image),
             ImageSource::Layered(_) => Err(Error::Feature(cause(
                 "feature detection",
-                "needs an image in memory",
-                "choose ridges, valleys, faults or horizons, which are found in layers",
+                "needs the whole image in memory",
+                "allow more memory (--max-memory), or follow ridges, valleys, faults or horizons, which are found layer by layer",
             ))),
         }
     }

@@ -93,7 +93,7 @@ fn find_in_samples<const D: usize>(
         None => (otsu_threshold(&samples, live, cancel)?, "Otsu's threshold"),
     };
     let smoothing = if scale > 0.0 {
-        format!(", of the image smoothed over {scale}")
+        format!(" after smoothing over {scale} samples")
     } else {
         String::new()
     };

@@ -69,13 +69,14 @@ impl<const D: usize> Detector<D> for Labels {
         }
         if !are_valid_regions(values) {
             notes.push(
-                "labels are not all whole numbers of 32 bits: 'region' numbers them from 0, in ascending order"
+                "some labels are not whole numbers of 32 bits, so the cell array 'region' numbers the labels from 0, in \
+                 ascending order"
                     .into(),
             );
         }
         let scale = input.scale();
         notes.push(format!(
-            "interfaces between {} labels, smoothed over {scale}",
+            "boundaries between {} labels, smoothed over {scale} samples",
             values.len()
         ));
         let (label_map, label_spacing) = compete(input, table, scale, notes)?;
@@ -142,7 +143,7 @@ fn compete<const D: usize>(
     });
     if absorbed[1] > 0 {
         notes.push(format!(
-            "{} parts of labels, {} samples in all, are too small to be followed",
+            "{} parts of labels ({} samples in all) are too small to become regions and join their neighbours",
             absorbed[1], absorbed[0]
         ));
         components = Components::from_labels(dims, &label);

@@ -145,12 +145,13 @@ impl<const D: usize> Detector<D> for Masks {
             return Err(Error::Feature(cause(
                 "feature 'mask'",
                 "the image has more than two different values",
-                "choose labels, ridges or edges",
+                "choose --feature labels, ridges or edges",
             )));
         };
         let mask = ThinMask::from_values(volume, [a, b], input.cancel);
         notes.push(format!(
-            "a mask {:.1} samples thick, {:.1} % of the volume: its middle is the feature",
+            "the image has two values; the rarer one is painted {:.1} samples thick, on {:.1} % of the samples, and the \
+             mesh follows the middle of this paint",
             mask.thickness,
             100.0 * mask.share
         ));
@@ -276,7 +277,7 @@ mod tests {
         });
         let features = detect(&image, &gap_options()).unwrap();
         assert!(
-            features.notes[0].contains("its middle"),
+            features.notes[0].contains("the middle of this paint"),
             "{:?}",
             features.notes
         );

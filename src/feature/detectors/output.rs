@@ -28,7 +28,7 @@ impl fmt::Display for Thresholds {
         let Self { low, high, origin } = self;
         write!(
             f,
-            "threshold {high:.4} ({origin}; followed down to {low:.4})"
+            "threshold {high:.4} ({origin}), down to {low:.4} where they continue"
         )
     }
 }
@@ -104,15 +104,15 @@ impl<const D: usize> DetectorOutput<D> {
         let share = 100.0 * zones.share;
         if keep_chaos {
             notes.push(format!(
-                "{share:.1} % of the image is chaotic: {kind} there mean little"
+                "{share:.1} % of the image is chaotic (salt, gas, noise): do not trust {kind} there"
             ));
             return;
         }
         self.candidates.retain(|c| !zones.contains(c.position));
         self.chaotic_share = Some(zones.share);
         notes.push(format!(
-            "{share:.1} % of the image is chaotic (salt, gas, noise): no {kind} are sought there \
-             (--keep-chaos seeks them)"
+            "{share:.1} % of the image is chaotic (salt, gas, noise), and no {kind} are sought there; --keep-chaos seeks \
+                 them there, too"
         ));
     }
 
@@ -143,7 +143,7 @@ impl<const D: usize> DetectorOutput<D> {
         }
         self.candidates.retain(|c| !is_near_missing[row(c)]);
         notes.push(format!(
-            "{dropped} candidates dropped as they lie within {reach} samples of missing traces"
+            "{dropped} points are dropped, because they lie within {reach} samples of missing traces"
         ));
         Ok(())
     }

@@ -33,8 +33,8 @@ impl<const D: usize> Detector<D> for Potential {
         if let Some(value) = samples.find(|s| !(-1.0..=0.0).contains(*s)) {
             return Err(Error::Image(cause(
                 "image",
-                format!("is not a potential b(x) in [-1, 0]: it holds {value}"),
-                "scale it, or choose another feature kind",
+                format!("holds {value}, but values of a potential lie from -1 (on features) to 0"),
+                "scale the image, or choose another --feature",
             )));
         }
         Ridges(Brightness::Dark).find(input, notes)

@@ -262,11 +262,12 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             Thresholds {
                 low,
                 high,
-                origin: "chosen",
+                origin: "chosen from the noise",
             }
         });
         notes.push(format!(
-            "ridges at scale {scale}: {thresholds}, noise {:.4}, typical strength {:.4}",
+            "surfaces are sought after smoothing over {scale} samples: {thresholds}; noise has the strength \
+             {:.4}, a typical surface {:.4}",
             statistics.noise, statistics.typical
         ));
         let ratio = statistics.typical / statistics.noise;
@@ -288,8 +289,8 @@ fn oriented_points<const D: usize>(
     let [before, after, count] = slab.global_sums("oriented points", counts)?;
     if count > 0 {
         notes.push(format!(
-            "surfaces cross, branch or run close to each other in {:.1} % of the samples: {count} points of \
-             filters at all angles replace {} there",
+            "surfaces cross, branch or run close to each other around {:.1} % of the samples: filters at all \
+             angles find {count} points there, in place of {}",
             100.0 * ambiguity.share(),
             before + count - after,
         ));

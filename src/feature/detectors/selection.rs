@@ -81,7 +81,7 @@ pub fn selection_from_choice<const D: usize>(
             )))
         }
         _ => {
-            let note = format!("features: {kind} ({reason})");
+            let note = format!("features: {kind}, chosen from the image ({reason})");
             let reason = SelectionReason { note, doubt };
             Ok((vec![(detector, options.clone())], Some(reason)))
         }

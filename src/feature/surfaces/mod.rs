@@ -127,25 +127,34 @@ impl<const D: usize> FeatureSurfaces<D> {
     /// Adds notes on the points of one kind of feature that were kept and dropped.
     pub fn describe(&self, kind: FeatureKind, rules: &SurfaceRules<D>, notes: &mut Vec<String>) {
         let dropped = &self.dropped;
+        let (noun, small) = match D {
+            2 => (
+                "curves",
+                format!("shorter than {:.0} samples", rules.min_area),
+            ),
+            _ => (
+                "surfaces",
+                format!("smaller than {:.0} square samples", rules.min_area),
+            ),
+        };
         let mut note = format!(
-            "{} feature points on {} surfaces; dropped {} nearer than {:.1} to a stronger parallel surface, \
-             {} on surfaces smaller than {:.0}",
+            "{kind} followed: {} points on {} {noun}; dropped: {} points nearer than {:.1} samples to stronger \
+             parallel {noun}, {} on {noun} {small}",
             self.total_points,
             self.surface_count,
             dropped.near_another_surface,
             rules.resolution,
             dropped.in_small_pieces,
-            rules.min_area,
         );
         if rules.min_width > 0 {
             let (count, width) = (dropped.in_narrow_parts, rules.min_width);
             note += &format!(", {count} in parts narrower than {width} samples");
         }
-        notes.push(note + &format!(" and {} weak", dropped.weak));
+        notes.push(note + &format!(", {} too weak", dropped.weak));
         if self.total_points == 0 {
             let remedy = match kind.threshold_meaning() {
-                ThresholdMeaning::MinStrength => "another kind of feature or a lower threshold",
-                _ => "another kind of feature or other options",
+                ThresholdMeaning::MinStrength => "another --feature or a lower --threshold",
+                _ => "another --feature or other options",
             };
             notes.push(format!(
                 "NO FEATURE ({kind}) was found, so the mesh follows none: try {remedy}"

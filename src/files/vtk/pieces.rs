@@ -26,7 +26,10 @@ pub enum FieldValue {
 pub(crate) fn read_count(file: &VtkFile, piece: &Element, name: &str) -> Result<usize> {
     match file.parse_attribute(piece, name)?[..] {
         [n] => Ok(n),
-        _ => Err(file.error(format!("{name} is not one number"), "write it again")),
+        _ => Err(file.error(
+            format!("{name} is not one number"),
+            crate::files::REWRITE_DAMAGED,
+        )),
     }
 }
 
@@ -46,12 +49,12 @@ pub(crate) fn read_nodes<const D: usize>(
     };
     if numbers.len() != points.saturating_mul(3) {
         let problem = format!("has {} coordinates for {points} points", numbers.len());
-        return Err(file.error(problem, "write it again"));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     let (nodes, _) = numbers.as_chunks::<3>();
     if let Some(node) = nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
         let problem = format!("node {node} is not finite");
-        return Err(file.error(problem, "write it again"));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     if let Some(coordinate) = nodes.iter().flat_map(|x| &x[D..]).find(|c| **c != 0.0) {
         let problem = format!("has cells off the plane z = 0 (at z = {coordinate})");
@@ -74,7 +77,7 @@ pub(crate) fn read_cell_values(file: &VtkFile, cells: &Element, name: &str) -> R
         .ok_or_else(|| {
             file.error(
                 format!("its cells have no array '{name}'"),
-                "write it again",
+                crate::files::REWRITE_DAMAGED,
             )
         })?;
     Ok(file.array(element)?.values)

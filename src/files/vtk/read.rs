@@ -52,8 +52,9 @@ impl VtkFile {
         if !start.windows(8).any(|w| w == b"<VTKFile") {
             return Err(self.error("is not a VTK XML file", remedy));
         }
-        let root = xml::parse(&self.bytes)
-            .map_err(|why| self.error(format!("is damaged: {why}"), "write it again"))?;
+        let root = xml::parse(&self.bytes).map_err(|why| {
+            self.error(format!("is damaged: {why}"), crate::files::REWRITE_DAMAGED)
+        })?;
         let found_kind = root.attribute("type").unwrap_or("nothing");
         if root.name != "VTKFile" || found_kind != kind || root.child(kind).is_none() {
             return Err(self.error(format!("holds {found_kind}, not {kind}"), remedy));
@@ -97,7 +98,7 @@ impl VtkFile {
             .filter(|c| c.name == "Piece");
         match (pieces.next(), pieces.count()) {
             (Some(piece), 0) => Ok(piece),
-            (None, _) => Err(self.error("has no piece", "write it again")),
+            (None, _) => Err(self.error("has no piece", crate::files::REWRITE_DAMAGED)),
             (_, more) => Err(self.error(
                 format!("has {} pieces", more + 1),
                 "merge them into one (ParaView: Merge Blocks)",
@@ -112,7 +113,7 @@ impl VtkFile {
     pub fn child<'e>(&self, element: &'e Element, name: &str) -> Result<&'e Element> {
         element
             .child(name)
-            .ok_or_else(|| self.error(format!("has no {name}"), "write it again"))
+            .ok_or_else(|| self.error(format!("has no {name}"), crate::files::REWRITE_DAMAGED))
     }
 
     /// Parses a required attribute that holds numbers separated by spaces.
@@ -133,7 +134,7 @@ impl VtkFile {
         .ok_or_else(|| {
             let value = text.map_or("missing".to_string(), |t| format!("'{t}'"));
             let problem = format!("the attribute {name} of {} is {value}", element.name);
-            self.error(problem, "write it again")
+            self.error(problem, crate::files::REWRITE_DAMAGED)
         })
     }
 
@@ -143,8 +144,12 @@ impl VtkFile {
     /// Returns [`Error::Io`] with the name of the array and what is wrong with it.
     pub fn array(&self, element: &Element) -> Result<DataArray> {
         let name = element.attribute("Name").unwrap_or_default().to_string();
-        let fault =
-            |problem: String| self.error(format!("array '{name}' {problem}"), "write it again");
+        let fault = |problem: String| {
+            self.error(
+                format!("array '{name}' {problem}"),
+                crate::files::REWRITE_DAMAGED,
+            )
+        };
         let kind = element.attribute("type").unwrap_or_default();
         let components = match element.attribute("NumberOfComponents") {
             None => 1,
@@ -181,8 +186,12 @@ impl VtkFile {
     /// Returns [`Error::Io`] as [`array`](Self::array) does.
     pub fn text(&self, element: &Element) -> Result<String> {
         let name = element.attribute("Name").unwrap_or_default();
-        let fault =
-            |problem: String| self.error(format!("array '{name}' {problem}"), "write it again");
+        let fault = |problem: String| {
+            self.error(
+                format!("array '{name}' {problem}"),
+                crate::files::REWRITE_DAMAGED,
+            )
+        };
         let mut bytes = if element.attribute("format") == Some("ascii") {
             let text = String::from_utf8_lossy(&self.bytes[element.text.clone()]);
             text.split_ascii_whitespace()

@@ -62,7 +62,7 @@ struct HeightGrid {
 /// Returns an [`Error::Io`] if the file cannot be read or is damaged.
 pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
     let mut bytes = Vec::new();
-    let mut file = files::open(path, "give a grid")?;
+    let mut file = files::open(path, "give the file of a grid")?;
     file.read_to_end(&mut bytes)
         .map_err(|e| io_error(path, "read", e))?;
     let text = String::from_utf8_lossy(&bytes);
@@ -70,7 +70,7 @@ pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
         Error::Io(cause(
             path.display(),
             format!("is a damaged {format} grid: {problem}"),
-            "write it again",
+            crate::files::REWRITE_DAMAGED,
         ))
     };
     let grid = match format {
@@ -84,7 +84,7 @@ pub(super) fn read(path: &Path, format: ImageFormat) -> Result<LoadedImage<2>> {
     if count != Some(grid.heights.len()) {
         let height_count = grid.heights.len();
         return Err(refuse(format!(
-            "it has {height_count} heights for {nx} x {ny} nodes"
+            "it has {height_count} heights, but {nx} x {ny} nodes"
         )));
     }
     let mut samples = samples::allocate(path, nx * ny)?;

@@ -65,7 +65,8 @@ pub struct InputOptions {
     )]
     #[serde(deserialize_with = "deserialize_optional")]
     pub origin: Option<String>,
-    /// Units of x, y and z, or one for all, where the file has none: m, ft, ms, um ...
+    /// Units of x, y and z (in this order, whatever the array's axes are), or one for all, where the
+    /// file has none: m, ft, ms, um ...
     #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
     #[serde(deserialize_with = "deserialize_optional")]
     pub unit: Option<String>,

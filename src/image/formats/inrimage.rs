@@ -83,7 +83,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     };
     let mut notes = Vec::new();
     if let Some(scale) = value("SCALE").filter(|s| !matches!(*s, "2**0" | "1")) {
-        notes.push(format!("the scale {scale} of the samples is not applied"));
+        notes.push(format!("the header's scale {scale} is not applied"));
     }
     let spacing = [number("VX", 1.0)?, number("VY", 1.0)?, number("VZ", 1.0)?];
     if let Some(k) = spacing.iter().position(|&s| s == 0.0) {

@@ -170,7 +170,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         return Err(file_error(
             path,
             format!("holds a MetaIO {kind}"),
-            "give an image",
+            "give the file of an image",
         ));
     }
     if let Some(channels) = header

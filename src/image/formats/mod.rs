@@ -352,7 +352,7 @@ pub(crate) fn into_any_image(loaded: LoadedImage) -> AnyImage {
             let mut notes = loaded.notes;
             if loaded.image.geometry.is_oblique() && !loaded.image.geometry.is_upright() {
                 notes.push(
-                    "its plane is neither horizontal nor vertical: positions are measured in the plane, from the first sample"
+                    "the image's plane is neither horizontal nor vertical: positions are measured within it, from the first sample"
                         .into(),
                 );
             }
@@ -537,7 +537,7 @@ fn unknown_format(path: &Path) -> Error {
         cause(
             path.display(),
             "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, Zarr)",
-            "describe raw samples, e.g. as 100x400x208:f32be, or convert it to .npy",
+            "say what it holds, e.g. 100x400x208:f32be (fastest axis first), or convert it to .npy",
         )
         .with_parameter("raw"),
     )

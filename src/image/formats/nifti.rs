@@ -166,7 +166,9 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     let scale = fields.scale();
     let mut notes = Vec::new();
     if let Some([slope, intercept]) = scale {
-        notes.push(format!("samples are scaled: {slope} v + {intercept}"));
+        notes.push(format!(
+            "values are scaled as the header says: {slope} times the stored value + {intercept}"
+        ));
     }
     let geometry = geometry(&fields, &mut notes);
     let (path, packing) = if is_detached {
@@ -276,11 +278,15 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
     }
     match placement {
         Some(geometry) => {
-            notes.push("positions are left-posterior-superior, as in ITK".into());
+            notes.push(
+                "x points to the patient's left, y to the back, z up (LPS, as in ITK)".into(),
+            );
             swap_ras_lps(geometry)
         }
         None => {
-            notes.push("the header does not give the volume's position: origin 0".into());
+            notes.push(
+                "the header does not say where the volume lies: its first sample is at 0".into(),
+            );
             let straight = Geometry::with_spacing([0.0; 3], size);
             with_units(straight.origin, straight.axes)
         }

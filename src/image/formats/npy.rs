@@ -99,7 +99,7 @@ pub fn read_array(path: &Path) -> Result<ArrayD<f32>> {
     let shape = IxDyn(&header.shape).set_f(header.fortran_order);
     let array = ArrayD::from_shape_vec(shape, samples).map_err(|e| {
         let problem = format!("has the shape {:?}: {e}", header.shape);
-        Error::Io(cause(path.display(), problem, "write it again").with_source(e))
+        Error::Io(cause(path.display(), problem, crate::files::REWRITE_DAMAGED).with_source(e))
     })?;
     Ok(array.as_standard_layout().into_owned())
 }

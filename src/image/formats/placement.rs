@@ -9,7 +9,7 @@ use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
 
 /// End of the note that a reader writes for a file without geometry.
-pub(crate) const NO_GEOMETRY_NOTE: &str = "has no geometry: unit spacing, origin 0";
+pub(crate) const NO_GEOMETRY_NOTE: &str = "does not say where its samples lie: they are taken to be 1 apart, the first at 0 (--axes, --spacing, --unit)";
 
 /// Geometry of an image as the user gives it. It applies to files with unit spacing and origin 0
 /// only, and is refused for others.
@@ -190,7 +190,7 @@ impl ImagePlacement {
             return Err(Error::Job(cause(
                 "unit",
                 format!(
-                    "is given, but the file has units: {}",
+                    "is given, but the file has units already: {}",
                     current.units.join(", ")
                 ),
                 "omit it",
@@ -206,9 +206,33 @@ impl ImagePlacement {
         }
         if let Some(units) = &self.units {
             geometry.units = expand_to_axes("unit", units, true)?;
+            self.check_unit_of_time(&geometry)?;
         }
         header.geometry = geometry;
         Ok(header)
+    }
+
+    /// Refuses units in the order of the array's axes: the unit of time belongs to the coordinate
+    /// along which the axis `time` runs.
+    fn check_unit_of_time<const D: usize>(&self, geometry: &Geometry<D>) -> Result<()> {
+        let axes = self.axes.as_deref().unwrap_or_default();
+        let time_axis = axes.iter().find(|axis| axis.name == "time");
+        let expected = time_axis.map(|axis| axis.coordinate.unwrap_or(D - 1));
+        let (Some(expected), Some(given)) = (expected, geometry.time_coordinate()) else {
+            return Ok(());
+        };
+        if given == expected {
+            return Ok(());
+        }
+        let names = ["x", "y", "z"];
+        Err(Error::Job(cause(
+            format!("unit {}", geometry.units.join(",")),
+            format!(
+                "gives a unit of time to {}, but time runs along {}",
+                names[given], names[expected]
+            ),
+            "give units in the order x, y, z, not in that of the array's axes, such as m,m,ms",
+        )))
     }
 
     /// Returns a geometry with the given axes and spacing.
@@ -245,11 +269,14 @@ impl ImagePlacement {
                 return Err(Error::Job(cause(
                     format!("axes {}", axis.name),
                     if c >= D {
-                        "is an axis of space, but the image is 2-D"
+                        "is the third axis, but the image is 2-D"
                     } else {
                         "runs along the same coordinate as another axis"
                     },
-                    "give each coordinate once, e.g. x,y,z or time,crossline,inline",
+                    match D {
+                        2 => "give each coordinate once, e.g. x,y, or time,x for a section",
+                        _ => "give each coordinate once, e.g. x,y,z or time,crossline,inline",
+                    },
                 )));
             }
             let sign = if axis.is_descending { -1.0 } else { 1.0 };
@@ -397,6 +424,10 @@ mod tests {
             ([None, Some("1"), None, None], "has 1 values"),
             ([None, None, None, Some("x,y,w")], "is not an axis"),
             ([None, None, None, Some("x,y,-y")], "the same coordinate"),
+            (
+                [None, None, Some("ms,m,m"), Some("time,x,y")],
+                "gives a unit of time to x, but time runs along z",
+            ),
         ] {
             let message = error_message(&[5, 4, 3], options);
             assert!(message.contains(part), "{message}");

@@ -124,7 +124,7 @@ fn read_transformed(
         _ => values.chunks_exact(channels).map(luminance).collect(),
     };
     if channels >= 3 && color_type != ColorType::Indexed {
-        notes.push("colours are read as luminance (BT.709)".into());
+        notes.push("colours are read as brightness (luminance, BT.709)".into());
     }
     if channels % 2 == 0 {
         notes.push("transparency is ignored".into());

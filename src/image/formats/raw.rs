@@ -32,7 +32,7 @@ impl FromStr for RawSpec {
         let bad = |problem: String| Error::Io(cause("raw samples", problem, SYNTAX));
         let (dims, sample) = text
             .split_once(':')
-            .ok_or_else(|| bad(format!("'{text}' names no sample type")))?;
+            .ok_or_else(|| bad(format!("'{text}' gives no type of the samples")))?;
         let dims: Vec<usize> = dims
             .split('x')
             .map(|n| n.parse().ok().filter(|&n| n > 0))
@@ -41,7 +41,12 @@ impl FromStr for RawSpec {
         let dims = match *dims.as_slice() {
             [nx, ny] => [nx, ny, 1],
             [nx, ny, nz] => [nx, ny, nz],
-            _ => return Err(bad(format!("{} dimensions instead of 2 or 3", dims.len()))),
+            _ => {
+                return Err(bad(format!(
+                    "there are {} dimensions, not 2 or 3",
+                    dims.len()
+                )));
+            }
         };
 
         let (name, endian) = if let Some(name) = sample.strip_suffix("le") {
@@ -60,13 +65,13 @@ impl FromStr for RawSpec {
             "i32" => SampleType::I32,
             "f32" => SampleType::F32,
             "f64" => SampleType::F64,
-            _ => return Err(bad(format!("unknown sample type '{sample}'"))),
+            _ => return Err(bad(format!("'{sample}' is not a type of samples"))),
         };
         let one_byte = matches!(sample, SampleType::U8 | SampleType::I8);
         let endian = match endian {
             Some(endian) => endian,
             None if one_byte => Endian::Little,
-            None => return Err(bad(format!("'{name}' without byte order"))),
+            None => return Err(bad(format!("'{name}' does not say the byte order"))),
         };
         let encoding = Encoding {
             sample_type: sample,
@@ -96,7 +101,7 @@ pub fn open(path: &Path, spec: RawSpec) -> Result<ImageStream> {
         return Err(Error::Io(cause(
             path.display(),
             problem,
-            "check the dimensions and the type given for the raw samples",
+            "correct the dimensions and the type in --raw",
         )));
     }
     Ok(ImageStream {

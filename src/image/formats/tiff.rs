@@ -65,7 +65,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         None => vec![format!("a TIFF stack {NO_GEOMETRY_NOTE}")],
     };
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
-        notes.push("colours are read as luminance (BT.709)".into());
+        notes.push("colours are read as brightness (luminance, BT.709)".into());
     }
     let note = pages
         .is_wide_integer

@@ -86,7 +86,7 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
                 dims[1],
                 dims[2]
             ),
-            "write it again",
+            crate::files::REWRITE_DAMAGED,
         ));
     }
     let is_wide = matches!(
@@ -147,7 +147,7 @@ fn parse_attribute<T: FromStr, const N: usize>(
     let numbers = file.parse_attribute(element, name)?;
     numbers.try_into().map_err(|v: Vec<T>| {
         let problem = format!("the attribute {name} has {} numbers, not {N}", v.len());
-        file.error(problem, "write it again")
+        file.error(problem, crate::files::REWRITE_DAMAGED)
     })
 }
 

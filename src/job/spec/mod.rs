@@ -306,8 +306,8 @@ pub struct MeshSpec {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
     pub smooth: Option<Scheme>,
-    /// Metric of lattice space: auto (shape for scans, else samples), samples, physical, shape (physical proportions, with as many
-    /// samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
+    /// Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance is then in
+    /// physical units, not in samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
     /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     /// (SX,SY in 2-D)
     #[cfg_attr(

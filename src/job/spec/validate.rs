@@ -95,7 +95,7 @@ impl Options<'_> {
             ),
             _ => return Ok(()),
         };
-        let remedy = "place atoms on features for tets, alongside for Voronoi cells";
+        let remedy = "place atoms on features for --cells tets, alongside them for --cells voronoi";
         Err(option_error("align", value, problem, remedy))
     }
 
@@ -113,22 +113,27 @@ impl Options<'_> {
                     "topography",
                 ],
                 problem,
-                "omit it, or choose tets",
+                "omit it, or choose --cells tets",
             )?;
             if !(0.0..=MAX_WELD_RATIO).contains(&spec.weld) {
                 let problem = format!("is not a fraction from 0 to {MAX_WELD_RATIO}");
-                return Err(option_error("weld", spec.weld, &problem, "give 0.001, say"));
+                return Err(option_error(
+                    "weld",
+                    spec.weld,
+                    &problem,
+                    "give for example 0.001",
+                ));
             }
             return Ok(());
         }
         let problem = "applies to Voronoi cells, but the mesh has tetrahedra or triangles";
-        self.refuse(&["weld"], problem, "choose Voronoi cells, or omit it")?;
+        self.refuse(&["weld"], problem, "omit it, or choose --cells voronoi")?;
         if spec.slivers == Slivers::None {
             let problem = "sets a target angle, but no slivers are to be removed";
             return self.refuse(
                 &["min-dihedral"],
                 problem,
-                "omit it, or have slivers removed",
+                "omit it, or have slivers removed (--slivers)",
             );
         }
         // A regular tetrahedron has 70.5 degrees, but no space is filled with those alone.
@@ -152,10 +157,10 @@ impl Options<'_> {
                 "seeding",
                 "canny",
                 "puts atoms on features, but Voronoi cells need them alongside",
-                "choose tets, or another seeding",
+                "choose --cells tets, or another --seeding",
             ));
         }
-        let remedy = "omit it, or choose another seeding";
+        let remedy = "omit it, or choose another --seeding";
         self.refuse(
             &["distance", "distance-from"],
             "has no effect with seeding canny: the image and its features determine the distance",
@@ -164,7 +169,7 @@ impl Options<'_> {
         self.refuse(
             &["well", "well-distance"],
             "has a distance of its own, but with seeding canny the image and its features determine it",
-            "give wells as fixed atoms, or choose another seeding",
+            "give wells as fixed atoms (--atoms-from), or choose another --seeding",
         )?;
         self.refuse(
             LATTICE_OPTIONS,
@@ -182,7 +187,7 @@ impl Options<'_> {
         self.refuse(
             &["max-atoms"],
             "applies to atoms that are drawn one by one",
-            "use it with seeding guide, or choose a larger distance",
+            "use it with --seeding guide, or choose a larger --distance",
         )
     }
 
@@ -197,7 +202,7 @@ impl Options<'_> {
                 "seeding",
                 "projection",
                 "puts atoms onto features, which the faces of Voronoi cells follow",
-                "choose tets, or another seeding",
+                "choose --cells tets, or another --seeding",
             ));
         }
         if spec.coarse_to_fine > MAX_COARSE_PASSES {
@@ -212,7 +217,7 @@ impl Options<'_> {
             ));
         }
         if spec.rounds == Some(0) {
-            let problem = "would not move any atom";
+            let problem = "allows no move of any atom";
             return Err(option_error(
                 "rounds",
                 0,
@@ -234,7 +239,7 @@ impl Options<'_> {
                 "distance-from",
                 source,
                 &format!("makes the distance vary, but it is {d} everywhere"),
-                "give a distance MIN:MAX such as 5:15, or omit it",
+                "omit it, or give a range MIN:MAX such as --distance 5:15",
             )),
             (NominalDistance::Range { .. }, DistanceSource::File(path)) if !names_image(path) => {
                 Err(option_error(
@@ -251,7 +256,11 @@ impl Options<'_> {
     fn check_wells(&self) -> Result<()> {
         if self.spec.well.is_empty() {
             let problem = "is given without a well";
-            return self.refuse(&["well-distance"], problem, "add a well, or omit it");
+            return self.refuse(
+                &["well-distance"],
+                problem,
+                "omit it, or give a well (--well)",
+            );
         }
         match self.spec.well_distance {
             Some(d) if !(d.is_finite() && d > 0.0) => Err(option_error(
@@ -291,18 +300,18 @@ impl Options<'_> {
                 return Err(option_error(
                     "evaluator",
                     "sampled",
-                    "has no mirror images, which atoms alongside features need",
-                    "use the pairwise evaluator",
+                    "computes no mirror images of atoms, which atoms alongside features need",
+                    "use --evaluator pairwise",
                 ));
             }
             let problem = "needs the exact energy, but the sampled evaluator is chosen";
-            return self.refuse(&["kappa"], problem, "use the pairwise evaluator");
+            return self.refuse(&["kappa"], problem, "use --evaluator pairwise");
         }
         if has_voronoi_cells {
             self.refuse(
                 &["kappa"],
-                "applies to the neighbours of atoms in a Delaunay mesh, but the mesh has Voronoi cells",
-                "omit it, or choose tets",
+                "applies to the neighbours of atoms in tetrahedra or triangles, but the mesh has Voronoi cells",
+                "omit it, or choose --cells tets",
             )?;
         }
         if !(0.0..=1.0).contains(&spec.kappa) {
@@ -322,16 +331,17 @@ impl Options<'_> {
         self.check_feature_numbers()?;
         check_labels(&spec.label)?;
         if spec.feature == FeatureKind::NoFeatures {
-            let problem = "is about features that are found, but with feature none none is sought";
+            let problem =
+                "is about features that are looked for, but --feature none looks for none";
             self.refuse(
                 &["sigma", "threshold"],
                 problem,
-                "omit it, or choose a kind",
+                "omit it, or choose another --feature",
             )?;
         }
         if !spec.surface.is_empty() && spec.seeding == SeedingKind::Canny {
             let problem = "is given, but seeding canny puts atoms on the points that it finds";
-            self.refuse(&["surface"], problem, "choose another seeding")?;
+            self.refuse(&["surface"], problem, "choose another --seeding")?;
         }
         let kind = spec.clone().resolved().feature;
         let label_with_distance = spec.label.iter().find(|label| label.distance.is_some());
@@ -342,7 +352,7 @@ impl Options<'_> {
                 "label",
                 label,
                 problem,
-                "choose another seeding",
+                "choose another --seeding",
             ));
         }
         self.check_options_of_kind(kind)
@@ -390,19 +400,27 @@ impl Options<'_> {
     fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
         if kind != FeatureKind::Labels {
             let problem = format!("is about a label, but {kind} are followed");
-            self.refuse(&["label"], &problem, "follow labels, or omit it")?;
+            self.refuse(
+                &["label"],
+                &problem,
+                "omit it, or follow labels (--feature labels)",
+            )?;
         }
         if kind != FeatureKind::Paths {
             let problem = "applies to an object whose boundary is followed by paths";
             self.refuse(
                 &["object", "background"],
                 problem,
-                "follow paths, or omit it",
+                "omit it, or follow paths (--feature paths)",
             )?;
         }
         if kind != FeatureKind::FaultsAndHorizons {
             let problem = "weighs faults against horizons, but they are not followed together";
-            self.refuse(&["feature-weights"], problem, "follow both, or omit it")?;
+            self.refuse(
+                &["feature-weights"],
+                problem,
+                "omit it, or follow both (--feature faults+horizons)",
+            )?;
         }
         if !matches!(
             kind,
@@ -413,7 +431,7 @@ impl Options<'_> {
             self.refuse(
                 &["min-dip", "min-fault-size"],
                 &problem,
-                "follow faults, or omit it",
+                "omit it, or follow faults (--feature faults)",
             )?;
         }
         if !matches!(
@@ -424,7 +442,7 @@ impl Options<'_> {
                 | FeatureKind::FaultsAndHorizons
         ) {
             let problem = format!("applies to layers, but {kind} are followed");
-            let remedy = "follow faults or horizons, or omit it";
+            let remedy = "omit it, or follow faults or horizons (--feature)";
             self.refuse(&["keep-chaos"], &problem, remedy)?;
         }
         if kind.threshold_meaning() == ThresholdMeaning::Unused {
@@ -432,7 +450,7 @@ impl Options<'_> {
             self.refuse(
                 &["threshold"],
                 &problem,
-                "omit it, or follow other features",
+                "omit it, or follow other features (--feature)",
             )?;
         }
         Ok(())

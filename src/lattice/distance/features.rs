@@ -176,7 +176,7 @@ impl DistanceLimits {
         }
         if !(growth > 0.0 && growth <= 1.0) {
             return fail(
-                format!("growth {growth} is not in (0, 1]"),
+                format!("growth {growth} is not above 0 and at most 1"),
                 "give a growth such as 0.1",
             );
         }

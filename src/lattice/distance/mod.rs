@@ -119,8 +119,11 @@ impl<const D: usize> Distance<D> {
             let count: usize = field.dims.iter().product();
             if !spans || field.samples.len() != count {
                 return fail(
-                    format!("its field spans {:?}, the image {extent:?}", field.extent()),
-                    "give a field that covers the image".into(),
+                    format!(
+                        "the given distances span {:?} samples, but the image spans {extent:?}",
+                        field.extent()
+                    ),
+                    "give distances that cover the whole image".into(),
                 );
             }
         }
@@ -139,16 +142,23 @@ impl<const D: usize> Distance<D> {
         }
         let longest = extent.iter().copied().fold(0.0, f64::max);
         let shortest = extent.iter().copied().fold(f64::INFINITY, f64::min);
+        if shortest == 0.0 {
+            return fail(
+                "the image is a single sample thick along an axis, so that no cell fits into it"
+                    .into(),
+                "give a volume, or a 2-D image; reshape an array that was saved flat".into(),
+            );
+        }
         let remedy = format!("give a distance of at most {}", shortest / 2.0);
         if max > longest {
             return fail(
-                format!("{max} is larger than the box, whose longest side is {longest}"),
+                format!("{max} is more than the image's longest side, {longest}"),
                 remedy,
             );
         }
         if shortest < 2.0 * max {
             return fail(
-                format!("the box has a side of {shortest}, shorter than twice the distance {max}"),
+                format!("{max} is more than half the image's shortest side, {shortest}"),
                 remedy,
             );
         }
@@ -156,7 +166,7 @@ impl<const D: usize> Distance<D> {
         if atoms > MAX_ATOMS {
             return fail(
                 format!(
-                    "it asks for about {atoms:.0e} atoms in a box of {extent:?}, more than can be numbered"
+                    "it asks for about {atoms:.0e} atoms in the image's {extent:?} samples, more than can be numbered"
                 ),
                 "give a larger distance, of a few samples".into(),
             );
@@ -415,8 +425,8 @@ mod tests {
             (-1.0, "positive"),
             (f64::NAN, "finite"),
             (f64::INFINITY, "finite"),
-            (80.0, "larger than the box"),
-            (10.1, "shorter than twice"),
+            (80.0, "more than the image's longest side"),
+            (10.1, "more than half the image's shortest side"),
             (0.001, "about 1e14 atoms"),
         ] {
             let message = accepts(d).unwrap_err().to_string();

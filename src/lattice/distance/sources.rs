@@ -51,7 +51,7 @@ pub fn from_image<const D: usize>(
     if !(span > 0.0 && span.is_finite()) {
         return Err(Error::Distance(cause(
             "distance from image",
-            "the image, smoothed, is the same everywhere or not finite",
+            "the smoothed image has the same value everywhere, or values that are not finite",
             "give one distance instead of MIN:MAX",
         )));
     }

@@ -26,7 +26,10 @@ pub fn call<T, E: std::error::Error + Send + Sync + 'static>(
     }
     if points.len() > MAX_POINTS {
         let problem = format!("{} points are more than CGAL can number", points.len());
-        return Err(error(&problem, "use a larger nominal distance"));
+        return Err(error(
+            &problem,
+            "use a larger distance between atoms (--distance)",
+        ));
     }
     function(points.as_flattened()).map_err(|exception| {
         // The kinds are listed in `cpp/cgal_bridge.h`.
@@ -127,8 +130,7 @@ mod tests {
             assert_eq!(error.kind(), ErrorKind::Delaunay);
             assert_eq!(
                 error.to_string(),
-                "exudation: 5 points do not fit in memory; use a larger nominal distance, or a \
-                 machine with more memory"
+                "exudation: 5 points do not fit in memory; use a larger distance between atoms (--distance), or a machine with more memory"
             );
         }
         allocate(1000).unwrap();

@@ -104,14 +104,14 @@ pub fn validate(points: &[[f64; 3]], tets: &[[u32; 4]]) -> Result<CgalReport> {
                 "a tetrahedron has the nodes {tet:?}, but there are {} nodes",
                 points.len()
             ),
-            "write it again",
+            crate::files::REWRITE_DAMAGED,
         )));
     }
     // CGAL's structure numbers four faces for each tetrahedron, and four beyond each hull face,
     // with 32 bits.
     if points.len().max(tets.len()) > u32::MAX as usize / 32 {
         let problem = format!("{} nodes, {} tetrahedra", points.len(), tets.len());
-        let remedy = "give fewer than 134 million of each";
+        let remedy = "mesh with a larger --distance: CGAL takes at most 134 million of each";
         return Err(Error::Delaunay(cause(PLACE, problem, remedy)));
     }
     let verdict = call(PLACE, points, |points| {

@@ -293,7 +293,7 @@ fn out_of_memory(place: &str, point_count: usize) -> crate::Error {
     crate::Error::Delaunay(cause(
         place,
         format!("{point_count} points do not fit in memory"),
-        "use a larger nominal distance, or a machine with more memory",
+        "use a larger distance between atoms (--distance), or a machine with more memory",
     ))
 }
 
@@ -309,7 +309,7 @@ fn check_points(points: &[[f64; 3]]) -> Result<()> {
     if points.len() > i32::MAX as usize / 8 {
         return Err(delaunay_error(
             format!("{} points are more than can be numbered", points.len()),
-            "use a larger nominal distance",
+            "use a larger distance between atoms (--distance)",
         ));
     }
     let (mut low, mut high) = (points[0], points[0]);

@@ -81,7 +81,7 @@ fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
     for (i, &[x, y]) in points.iter().enumerate() {
         if spade::validate_coordinate(x).is_err() || spade::validate_coordinate(y).is_err() {
             return invalid_input(
-                format!("point {i} at ({x}, {y}) is too large to compute with"),
+                format!("the coordinates of point {i}, ({x}, {y}), are too large to compute with"),
                 "give finite coordinates",
             );
         }

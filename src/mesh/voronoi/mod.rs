@@ -120,7 +120,7 @@ fn build_cells<const D: usize, const N: usize>(
     let atoms = mirror::round_coordinates(atoms, extent);
     if atoms.is_empty() || atoms.len() > u32::MAX as usize / 64 {
         return Err(error(
-            format!("{} atoms", atoms.len()),
+            format!("cannot be made of {} atoms", atoms.len()),
             "give at least one, and fewer than 67 million",
         ));
     }

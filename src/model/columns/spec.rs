@@ -104,7 +104,7 @@ impl ColumnsSpec {
             let remedy = "give a positive distance in the unit of the map";
             return Err(Error::Job(cause(
                 format!("throws {throws}"),
-                "is no distance",
+                "is not a distance",
                 remedy,
             )));
         }
@@ -141,7 +141,7 @@ mod tests {
         for (json, expected) in [
             (r#"{"layers": 4, "layer-thickness": 1}"#, "layers: is given"),
             (r#"{"least-thickness": -1}"#, "least-thickness -1: is not"),
-            (r#"{"throws": 0}"#, "throws 0: is no distance"),
+            (r#"{"throws": 0}"#, "throws 0: is not a distance"),
         ] {
             let error = spec(json).validate().unwrap_err().to_string();
             assert!(error.starts_with(expected), "{error}");

@@ -144,7 +144,7 @@ impl<'a> TornMap<'a> {
         if known.iter().all(Option::is_none) {
             return Err(Error::Image(cause(
                 place,
-                "covers no node of the map",
+                "lies beside the map",
                 "give a horizon in the map's coordinates (`atomesh info` shows the map's extent)",
             )));
         }

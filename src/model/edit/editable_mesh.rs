@@ -108,17 +108,17 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             Error::Mesh(cause(place, problem, "give a mesh that atomesh mesh wrote"))
         };
         if !space.is_stored {
-            return Err(refuse("does not record its lattice space".into()));
+            return Err(refuse("does not record where its lattice lies".into()));
         }
         let validity = check(&lattice, [0.0; D], space.extent, space.tolerance());
         if let Some(problem) = validity.problems.first() {
             return Err(refuse(format!("is not valid: {problem}")));
         }
-        let missing_array = |name: &str| refuse(format!("lacks the point data {name}"));
+        let missing_array = |name: &str| refuse(format!("has no point array {name}"));
         let distance = node_array(DISTANCE).ok_or_else(|| missing_array(DISTANCE))?;
         if !distance.iter().all(|d| *d > 0.0) {
             return Err(refuse(format!(
-                "has point data {DISTANCE} that are not positive"
+                "has values in the point array {DISTANCE} that are not positive"
             )));
         }
         let extent = space.extent;

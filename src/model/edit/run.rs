@@ -210,7 +210,7 @@ fn notes_on_input<M>(
         && recorded.trim() != hash
     {
         notes.push(format!(
-            "{} is not the file that was meshed (its SHA-256 differs)",
+            "{} is not the file that was meshed: its checksum (SHA-256) differs",
             image.name
         ));
     }
@@ -280,11 +280,11 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
     }
     if spec.coarse_to_fine > 0 {
         note(
-            "passes on a smoother potential are skipped, as atoms are close to their final positions",
+            "the passes of --coarse-to-fine are skipped, as atoms are close to their final positions already",
         );
     }
     if spec.smooth.is_some() {
-        note("the mesh was smoothed; the edited part is not");
+        note("the mesh was smoothed (--smooth), but the edited part is not");
     }
     if spec.slivers.is_exudation() {
         note(

@@ -375,7 +375,7 @@ where
     let mut notes = Vec::new();
     if flow.angle_error > ROUGH_ANGLE_DEGREES {
         notes.push(format!(
-            "the lines between cells deviate by {:.0} degrees from the permeability times their faces' normals, on average: two-point fluxes are rough",
+            "flow between cells is rough: the lines between their sites deviate by {:.0} degrees on average from the direction in which the rock conducts across their faces (two-point fluxes)",
             flow.angle_error
         ));
         let axes = &space.geometry.axes;

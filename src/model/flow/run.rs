@@ -205,7 +205,7 @@ impl FlowRun<'_> {
             }
             None => {
                 self.progress.note(&format!(
-                    "{name} does not say which faces lie on features: no faults"
+                    "{name} does not say which faces lie on features, so that nothing counts as a fault"
                 ));
                 Ok(Barriers::default())
             }

@@ -301,7 +301,7 @@ impl FlowSpec {
             return Err(Error::Flow(cause(
                 "flow",
                 "nothing makes fluid flow",
-                "give a source and a sink, or the pressure of two sides",
+                "give a source and a sink (--source X,Y,Z --sink X,Y,Z), or the pressure of two sides (--pressure xmin=2e7 --pressure xmax=1e7)",
             )));
         }
         Ok(wells)
@@ -314,8 +314,11 @@ impl FlowSpec {
     pub(super) fn conditions<const D: usize>(&self) -> Result<BoundaryConditions<D>> {
         let well = |(name, position, rate): (String, &[f64], f64)| {
             let position = position.try_into().map_err(|_| {
-                let problem = format!("has {} coordinates, the mesh {D}", position.len());
-                Error::Flow(cause(&name, problem, "give as many"))
+                let problem = format!(
+                    "has {} coordinates, but the mesh has {D} axes",
+                    position.len()
+                );
+                Error::Flow(cause(&name, problem, "give one coordinate for each axis"))
             })?;
             Ok(PointWell {
                 name,

@@ -145,7 +145,7 @@ pub fn solve(
         return Err(Error::Flow(cause(
             "pressure",
             format!(
-                "not converged: a residual of {:.0e} of the first after {} iterations",
+                "has not converged: after {1} iterations, the residual is {0:.0e} times the first",
                 stats.residual, stats.iterations
             ),
             "look for tetrahedra with zero volume and for extreme contrasts of permeability",
@@ -262,18 +262,18 @@ impl Compartments {
                     "rates",
                     if is_single {
                         format!(
-                            "sources and sinks do not balance by {net:.6e}, and no pressure is given"
+                            "the rates of sources and sinks do not balance (their sum is {net:.6e} m^3/s), and no pressure is given"
                         )
                     } else {
                         format!(
-                            "in one of the {} parts that closed faults separate, sources and sinks do not balance by {net:.6e}, and no pressure is given there",
+                            "in one of the {} parts of the mesh that closed faults separate, the rates of sources and sinks do not balance (their sum is {net:.6e} m^3/s), and no pressure is given there",
                             self.count
                         )
                     },
                     if is_single {
-                        "balance them, or give the pressure of a side"
+                        "give rates whose sum is 0, or the pressure of a side (--pressure xmin=1e7)"
                     } else {
-                        "balance them, open the faults, or give the pressure of a side of that part"
+                        "give that part rates whose sum is 0 or the pressure of one of its sides, or let flow through faults (--faults 0.01)"
                     },
                 )));
             }

@@ -145,7 +145,7 @@ impl PaintSpec {
             Err(Error::Job(cause(place, problem, remedy)))
         };
         if self.seed.is_empty() {
-            let problem = "is missing: paint begins nowhere";
+            let problem = "is missing, so that paint begins nowhere";
             return refuse("seed".into(), problem, seed_remedy::<3>());
         }
         for seed in [PaintSeed::Auto, PaintSeed::Blocks] {

@@ -65,7 +65,7 @@ impl ModelFrame {
         if velocity.is_some() && !units.iter().any(is_time) {
             return Err(Error::Export(cause(
                 "velocity",
-                "turns two-way time into depth, but no coordinate of the mesh is time",
+                "converts two-way time to depth, but no coordinate of the mesh is time",
                 "omit it",
             )));
         }

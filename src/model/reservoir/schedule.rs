@@ -213,7 +213,7 @@ impl Row<'_> {
             let entry = known.iter().find(|(name, _)| *name == text);
             entry.map(|(_, value)| *value).ok_or_else(|| {
                 let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-                let problem = format!("column {column} has no '{text}'");
+                let problem = format!("'{text}' is not possible in column {column}");
                 self.error(problem, &format!("give one of {}", names.join(", ")))
             })
         };
@@ -242,7 +242,9 @@ impl Row<'_> {
             ("gas", rates[2].is_some() || injects_gas, has_gas),
         ] {
             if is_given && !exists {
-                let problem = format!("has a rate of {phase}, which the simulation has not");
+                let problem = format!(
+                    "has a rate of {phase}, which is not among the fluids of the simulation"
+                );
                 return Err(self.error(problem, "give other fluids (fluid), or leave it empty"));
             }
         }
@@ -493,7 +495,7 @@ mod tests {
             ("P1,2000-01-01,,5,", ":2: has a rate of gas"),
             (
                 "P1,2000-01-01,5,,open it",
-                ":2: column status has no 'open it'",
+                ":2: 'open it' is not possible in column status",
             ),
         ] {
             let error = read(&format!("well,date,oil,gas,status\n{row}\n")).unwrap_err();

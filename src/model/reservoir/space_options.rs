@@ -106,8 +106,11 @@ pub(crate) fn check_depth(model: &Model, space: &SpaceOptions) -> Result<()> {
     Err(Error::Export(
         cause(
             format!("down {}", space.down),
-            format!("puts the mesh's top {:.6} m above depth 0", -top),
-            "give the other sign, or the depth at the top",
+            format!(
+                "with depth in this direction, the top of the mesh lies {:.6} m above depth 0",
+                -top
+            ),
+            "give the other direction (--down), or the depth of the mesh's top",
         )
         .with_parameter("depth-at-top"),
     ))

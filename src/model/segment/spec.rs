@@ -144,7 +144,7 @@ impl SegmentSpec {
     pub fn validate(&self) -> Result<()> {
         for (option, places) in [("object", &self.object), ("background", &self.background)] {
             if places.is_empty() {
-                let problem = "has no place";
+                let problem = "gives no place";
                 return Err(Error::Job(cause(option, problem, place_remedy::<3>())));
             }
         }
@@ -218,7 +218,7 @@ mod tests {
         };
         for (spec, expected) in [
             (flat, "lambda 0: is out of range"),
-            (without_object, "object: has no place"),
+            (without_object, "object: gives no place"),
         ] {
             let error = spec.validate().unwrap_err().to_string();
             assert!(error.starts_with(expected), "{error}");

@@ -170,7 +170,7 @@ impl Drawing<'_> {
                 "is a surface in space, but the image is 2-D: {}",
                 shape.name
             );
-            return Err(Error::Job(cause("slice", problem, "leave it out")));
+            return Err(Error::Job(cause("slice", problem, "omit it")));
         }
         let loaded = self.place_image(loaded, file.as_ref())?;
         let caption = self.caption(file.as_ref(), Some(&loaded.header()));

@@ -198,7 +198,7 @@ impl SurfaceSpec {
             let remedy = "give a length above 0, in the unit of x";
             return Err(Error::Job(cause(
                 format!("step {step}"),
-                "is no distance",
+                "is not a distance",
                 remedy,
             )));
         }

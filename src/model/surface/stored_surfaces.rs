@@ -139,8 +139,8 @@ pub(crate) fn tagged_facets<const D: usize, M: Storable<D>>(
             "give a mesh that atomesh mesh wrote",
         ),
         Some(facets) if facets.is_empty() => refuse(
-            "has no face on a feature",
-            "mesh the image with features, and with slivers removed",
+            "has no face on a feature: no feature was found in its image, or slivers were not removed",
+            "mesh the image again, with another --feature or a lower --threshold",
         ),
         Some(facets) => Ok(facets),
     }

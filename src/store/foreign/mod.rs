@@ -39,7 +39,7 @@ use crate::{Error, Result};
 pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
     use std::io::Read;
     let mut head = Vec::new();
-    let file = open(path, "give a mesh")?;
+    let file = open(path, "give the file of a mesh")?;
     let bytes_read = file.take(16).read_to_end(&mut head);
     bytes_read.map_err(|e| io_error(path, "read", e))?;
     let read_all = || fs::read(path).map_err(|e| io_error(path, "read", e));
@@ -102,7 +102,12 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
             (1, [_]) | (3, [_, _]) => {}
             (5, &[i, j, k]) => foreign.triangles.push(([i, j, k], region)),
             (10, &[i, j, k, l]) => foreign.tets.push(([i, j, k, l], region)),
-            _ => return Err(file.error("has cells with a wrong number of nodes", "write it again")),
+            _ => {
+                return Err(file.error(
+                    "has cells with a wrong number of nodes",
+                    crate::files::REWRITE_DAMAGED,
+                ));
+            }
         }
     }
     foreign.into_mesh().map_err(|fault| fault.at(path))
@@ -120,7 +125,7 @@ impl FileProblem {
     fn damaged(problem: impl Into<String>) -> Self {
         Self {
             problem: problem.into(),
-            remedy: "write it again",
+            remedy: crate::files::REWRITE_DAMAGED,
         }
     }
 

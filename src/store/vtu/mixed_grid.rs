@@ -19,7 +19,12 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     let points = read_count(file, piece, "NumberOfPoints")?;
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
     let element = file.child(piece, "Cells")?;
-    let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
+    let damaged = || {
+        file.error(
+            "has cells with a wrong number of nodes",
+            crate::files::REWRITE_DAMAGED,
+        )
+    };
     let corners = read_cell_nodes(file, element, types.len())?;
     let has_polyhedra = types.contains(&i64::from(<PolyMesh<3> as crate::mesh::Mesh<3>>::VTK_CELL));
     let (stream, face_ends) = if has_polyhedra {

@@ -422,7 +422,12 @@ pub(super) fn read_fields(file: &VtkFile) -> Result<Vec<(String, FieldValue)>> {
 
 /// Reads the nodes of cells of several types, one list for each of `count` cells.
 pub(crate) fn read_cell_nodes(file: &VtkFile, cells: &Element, count: usize) -> Result<Lists> {
-    let damaged = || file.error("has cells with a wrong number of nodes", "write it again");
+    let damaged = || {
+        file.error(
+            "has cells with a wrong number of nodes",
+            crate::files::REWRITE_DAMAGED,
+        )
+    };
     let ends = read_cell_integers(file, cells, "offsets")?;
     let numbers = |values: &[i64]| -> Result<Vec<u32>> {
         let number = |&n: &i64| u32::try_from(n).map_err(|_| damaged());
@@ -476,7 +481,7 @@ fn read_corners<const D: usize, M: Simplices<D>>(
             ends.len(),
             corners.len()
         );
-        return Err(file.error(problem, "write it again"));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     if points > u32::MAX as usize {
         return Err(file.error(
@@ -486,7 +491,7 @@ fn read_corners<const D: usize, M: Simplices<D>>(
     }
     if let Some(node) = corners.iter().find(|&&c| c < 0 || c as usize >= points) {
         let problem = format!("a cell has node {node}, but there are {points} points");
-        return Err(file.error(problem, "write it again"));
+        return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
     }
     Ok(corners.iter().map(|&c| c as u32).collect())
 }
@@ -510,7 +515,7 @@ pub(super) fn read_arrays(
                 array.values.len(),
                 array.components
             );
-            return Err(file.error(problem, "write it again"));
+            return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
         }
         arrays.push(array);
     }

@@ -140,18 +140,18 @@ impl<const D: usize> Detector<D> for Faults {
             }
         };
         notes.push(format!(
-            "faults: {}, that dip by {min_dip} degrees or more{}; normals of layers averaged over {window}",
-            match evidence {
-                FaultEvidence::Network => "probability by a network".to_owned(),
-                FaultEvidence::Semblance => format!(
-                    "least semblance along layers over planes, at scale {}",
-                    input.scale()
-                ),
-            },
+            "faults that dip by {min_dip} degrees or more{}, by {}; dips of layers are averaged over {window} samples",
             if input.source.geometry().time_coordinate().is_some() {
-                " (with a velocity of 2000 m/s)"
+                " (at 2000 m/s, as the image is in time)"
             } else {
                 ""
+            },
+            match evidence {
+                FaultEvidence::Network => "the probability that a neural network gives".to_owned(),
+                FaultEvidence::Semblance => format!(
+                    "the planes across which layers are least alike (semblance), after smoothing over {} samples",
+                    input.scale()
+                ),
             },
         ));
         let search = RidgeSearch {

@@ -65,13 +65,13 @@ impl FromStr for SegyBytes {
                 "dt" => &mut bytes.dt,
                 other => {
                     return Err(option_error(
-                        format!("unknown header field '{other}'"),
+                        format!("'{other}' is not a field of the trace header"),
                         "use inline, crossline, x, y, scalar, delay or dt, e.g. inline=9,crossline=21",
                     ));
                 }
             };
             *field = byte.trim().parse().map_err(|e| {
-                let problem = format!("'{entry}' names no byte");
+                let problem = format!("'{entry}' does not say a byte");
                 option_error(problem, "write e.g. inline=9").with_source(e)
             })?;
         }
@@ -104,7 +104,7 @@ impl SegyBytes {
             let last = TRACE_HEADER_BYTES + 1 - width;
             if byte > last || (byte == 0 && !optional) {
                 return Err(option_error(
-                    format!("{name}={byte} is outside the trace header"),
+                    format!("{name}={byte} lies outside the trace header"),
                     &format!("use a byte from 1 to {last}"),
                 ));
             }

@@ -175,14 +175,14 @@ fn choose_sample_count(
     if !fits(declared) && (fits(first_trace_samples) || declared == 0) {
         if declared != first_trace_samples && first_trace_samples > 0 {
             notes.push(format!(
-                "the file header gives {declared} samples per trace, the first trace {first_trace_samples}: the latter is used, as it fits the file's length"
+                "traces have {declared} samples by the file header and {first_trace_samples} by the first trace: {first_trace_samples} is used, as it fits the file's length"
             ));
         }
         return first_trace_samples;
     }
     if first_trace_samples > 0 && first_trace_samples != declared {
         notes.push(format!(
-            "the first trace gives {first_trace_samples} samples, the file header {declared}: the latter is used"
+            "traces have {first_trace_samples} samples by the first trace and {declared} by the file header: {declared} is used"
         ));
     }
     declared

@@ -37,8 +37,8 @@ impl SegySurvey {
         let no_grid_error = || {
             Error::Io(cause(
                 path.display(),
-                "has no grid of traces",
-                "give a volume",
+                "is not a survey with inlines and crosslines",
+                "give the SEG-Y file of a volume",
             ))
         };
         let grid = self.grid.take().ok_or_else(no_grid_error)?;

@@ -195,14 +195,14 @@ impl SegySurvey {
         self.info.duplicates = grid.duplicate_count;
         if grid.missing_count > 0 {
             self.notes.push(format!(
-                "{} of {} cells have no trace: filled with zeros",
+                "{} of the {} places on the survey's grid have no trace: they are filled with zeros",
                 grid.missing_count,
                 grid.traces.len()
             ));
         }
         if grid.duplicate_count > 0 {
             self.notes.push(format!(
-                "{} traces repeat the inline and crossline of an earlier one: the first is kept",
+                "{} traces have the inline and crossline of an earlier one: the earlier one is kept",
                 grid.duplicate_count
             ));
         }
@@ -225,7 +225,7 @@ impl SegySurvey {
         let dt = match (self.file.interval_us, trace_interval) {
             (Some(file), Some(trace)) if file != trace => {
                 self.notes.push(format!(
-                    "the file header's sample interval is {file} us, the first trace's {trace} us: the former is used"
+                    "the sample interval is {file} us by the file header and {trace} us by the first trace: that of the file header is used"
                 ));
                 Some(file)
             }
@@ -233,7 +233,7 @@ impl SegySurvey {
         };
         if dt.is_none() {
             self.notes.push(
-                "no header gives the sample interval: the vertical coordinate counts samples"
+                "no header gives the sample interval, so the vertical coordinate counts samples"
                     .into(),
             );
         }
@@ -410,15 +410,19 @@ impl SegySurvey {
             match fit {
                 Ok(fit) => {
                     self.notes.push(format!(
-                        "placed by X, Y at {name}: they deviate from a regular grid by {:.3} rms, {:.3} at most (pitch: inlines {:.3}, crosslines {:.3})",
-                        fit.rms, fit.max, fit.line_spacing()[0], fit.line_spacing()[1]
+                        "placed by X, Y at {name}: a regular grid with inlines {:.3} and crosslines {:.3} apart fits them to {:.3} \
+                         (rms), {:.3} at most",
+                        fit.line_spacing()[0],
+                        fit.line_spacing()[1],
+                        fit.rms,
+                        fit.max
                     ));
                     self.info.placed_by = name;
                     self.info.fit = Some(fit);
                 }
                 Err(reason) => {
                     self.notes
-                        .push(format!("X, Y at {name} {reason}: not used"));
+                        .push(format!("X, Y at {name} are not used: they {reason}"));
                 }
             }
         }
@@ -435,7 +439,7 @@ impl SegySurvey {
             }
             None => {
                 self.notes.push(
-                    "no usable X, Y: horizontal coordinates are inline and crossline numbers"
+                    "the trace headers have no usable X, Y: horizontal coordinates are inline and crossline numbers, not metres"
                         .into(),
                 );
                 self.info.placed_by = "line numbers".into();
@@ -486,8 +490,9 @@ impl SegySurvey {
             (_, None) => "",
         };
         if unit.is_empty() {
-            self.notes
-                .push("the file does not say whether X, Y are metres or feet".into());
+            self.notes.push(
+                "the file does not say whether X, Y are metres or feet (--unit says it)".into(),
+            );
         }
         unit
     }

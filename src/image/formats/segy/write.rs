@@ -70,11 +70,11 @@ pub fn write_like(
         return Err(Error::Io(problem));
     }
     let Some(grid) = &survey.grid else {
-        let problem = "has no grid of traces";
+        let problem = "is not a survey with inlines and crosslines";
         return Err(Error::Io(cause(
             template.display(),
             problem,
-            "give a volume",
+            "give the SEG-Y file of a volume",
         )));
     };
     check_dims(&survey.file, grid, image, template)?;

@@ -71,7 +71,7 @@ impl ZarrNode {
         let text = std::fs::read(&path).map_err(|e| io_error(&path, "read", e))?;
         let to_error = |problem: String| file_error(&path, problem, REWRITE_REMEDY);
         let value: Value = serde_json::from_slice(&text)
-            .map_err(|e| to_error(format!("is no JSON of Zarr: {e}")).with_source(e))?;
+            .map_err(|e| to_error(format!("is not JSON metadata of Zarr: {e}")).with_source(e))?;
         if value["zarr_format"] != 3 {
             let problem = format!("is of Zarr version {}, not 3", value["zarr_format"]);
             return Err(file_error(&path, problem, VERSION_2_REMEDY));

@@ -136,7 +136,7 @@ pub fn place(
         let count = missing.iter().filter(|missing| **missing).count();
         if count > 0 {
             header.notes.push(format!(
-                "{count} of {} cells have no trace: filled with zeros",
+                "{count} of the {} places on the survey's grid have no trace: they are filled with zeros",
                 missing.len()
             ));
             header.missing = missing;
@@ -174,7 +174,7 @@ pub fn place(
         return Ok(());
     }
     if let (true, Some([inlines, crosslines])) = (is_survey, header.line_numbers) {
-        let note = "no usable X, Y: horizontal coordinates are inline and crossline numbers";
+        let note = "there are no usable X, Y: horizontal coordinates are inline and crossline numbers, not metres";
         header.notes.push(note.into());
         let [first, step] = [
             [inlines.first, crosslines.first].map(|n| n as f64),
@@ -305,8 +305,12 @@ fn place_by_traces(
         return match SurveyFit::from_positions(&cells, &known_positions) {
             Ok(fit) => {
                 header.notes.push(format!(
-                    "placed by {x} and {y}: they deviate from a regular grid by {:.3} rms, {:.3} at most (pitch: inlines {:.3}, crosslines {:.3})",
-                    fit.rms, fit.max, fit.line_spacing()[0], fit.line_spacing()[1]
+                    "placed by {x} and {y}: a regular grid with inlines {:.3} and crosslines {:.3} apart fits them to {:.3} \
+                     (rms), {:.3} at most",
+                    fit.line_spacing()[0],
+                        fit.line_spacing()[1],
+                        fit.rms,
+                        fit.max
                 ));
                 place_upright(
                     header,
@@ -319,7 +323,9 @@ fn place_by_traces(
                 true
             }
             Err(reason) => {
-                header.notes.push(format!("{x} and {y} {reason}: not used"));
+                header
+                    .notes
+                    .push(format!("{x} and {y} are not used: they {reason}"));
                 false
             }
         };

@@ -73,7 +73,7 @@ impl<const D: usize> EditableCells<D> {
             Error::Mesh(cause(place, problem, "give a mesh that atomesh mesh wrote"))
         };
         if !space.is_stored {
-            return Err(refuse("does not record its lattice space".into()));
+            return Err(refuse("does not record where its lattice lies".into()));
         }
         let hints = CheckHints {
             weld,
@@ -92,7 +92,7 @@ impl<const D: usize> EditableCells<D> {
         let distance = array(DISTANCE_ARRAY).filter(|d| d.iter().all(|d| *d > 0.0));
         let distance = distance.ok_or_else(|| {
             refuse(format!(
-                "lacks the cell data {DISTANCE_ARRAY}, or has values in it that are not positive"
+                "has no cell array {DISTANCE_ARRAY}, or values in it that are not positive"
             ))
         })?;
         let distance: Vec<f32> = distance.into_iter().map(|d| d as f32).collect();

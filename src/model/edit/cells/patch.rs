@@ -261,7 +261,7 @@ where
         let name = names.map(|step| context.edits[step.edit].name.as_str());
         Err(Error::Mesh(cause(
             name.collect::<Vec<_>>().join(", "),
-            "would change cells farther than 5 d away",
+            "would change cells farther away than 5 times the distance between atoms",
             "give a place farther from the sides and from other fixed atoms, or mesh the image again",
         )))
     }

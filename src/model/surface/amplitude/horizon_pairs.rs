@@ -233,11 +233,11 @@ impl<const D: usize> AmplitudeSpace<'_, D> {
 
 /// Adds the votes of two horizons if they are the same reflector. Returns `true` if they are.
 fn add_votes(foot: &Cutoff, hanging: &Cutoff, votes: &mut Vec<Vote>) -> bool {
-    let level = |(sum, count): &(f64, usize)| sum / *count as f64;
+    let mean = |(sum, count): &(f64, usize)| sum / *count as f64;
     let throws: Vec<(i64, f64)> = (foot.levels.iter())
         .filter_map(|(bin, low)| {
             let high = hanging.levels.get(bin)?;
-            Some((*bin, level(high) - level(low)))
+            Some((*bin, mean(high) - mean(low)))
         })
         .collect();
     let mut sizes: Vec<f64> = throws.iter().map(|throw| throw.1.abs()).collect();
@@ -248,7 +248,7 @@ fn add_votes(foot: &Cutoff, hanging: &Cutoff, votes: &mut Vec<Vote>) -> bool {
     let known = (foot.waveform.iter().zip(&hanging.waveform)).filter(|(a, b)| a.1 > 0 && b.1 > 0);
     let (mut product, mut squares, mut count) = (0.0, [0.0; 2], 0);
     for (a, b) in known {
-        let (a, b) = (level(a), level(b));
+        let (a, b) = (mean(a), mean(b));
         product += a * b;
         squares = [squares[0] + a * a, squares[1] + b * b];
         count += 1;

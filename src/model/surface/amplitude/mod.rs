@@ -5,7 +5,8 @@
 //! averaged over neighbouring faces, in two steps: a wide average decides which reflectors belong
 //! together, a narrow one near that lag gives the throw. The hanging wall lies above a fault that dips;
 //! of a vertical fault it is the side that its faces show. Horizons that end on both sides give the throw
-//! a second time (`horizon_pairs`), which decides where reflectors match a wavelength too high or too low.
+//! a second time (`horizon_pairs`). Where the two differ much, the correlation is sought near the throw of
+//! the horizons, because layers that repeat also match a wavelength too high or too low.
 //!
 //! *Polarity* of a horizon is the sign of its mean amplitude: peak or trough.
 //!
@@ -38,8 +39,8 @@ const NARROW_PASSES: usize = 4;
 /// Largest difference (samples) of the throw at a face from that of the wide average.
 const MAX_LAG_CHANGE: isize = 5;
 
-/// Largest difference (samples) of the throw at a face from that by pairs of horizons. With a larger one,
-/// the reflectors are sought near the latter.
+/// Largest difference (samples) of the throw at a face from that by pairs of horizons. If it is larger, the
+/// correlation is sought near the throw by pairs.
 const MAX_PAIR_DIFFERENCE: f64 = 6.0;
 
 /// Smallest correlation of both sides at which a throw counts.

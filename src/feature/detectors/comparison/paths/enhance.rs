@@ -61,15 +61,15 @@ pub fn enhance<const D: usize>(
     if D != 2 {
         return fail(
             "is for 2-D images: in 3-D a closed path encloses nothing",
-            "choose canny or edges, or take a section",
+            "choose --feature canny or edges, or take a section of the image",
         );
     }
     if seeds.object.is_empty() {
         return Err(Error::Feature(
             cause(
                 "feature 'paths'",
-                "needs a point of the object",
-                "give a point inside it",
+                "needs a point inside the object",
+                "give one, such as --object 120,80",
             )
             .with_parameter("object"),
         ));
@@ -93,7 +93,7 @@ pub fn enhance<const D: usize>(
     let sinks = draw(&background, &object, seeds.sinks, 1 << 32);
     if sources.len() < seeds.sources || sinks.len() < seeds.sinks {
         return fail(
-            "cannot tell the object from the background: a point of one lies at one of the other",
+            "cannot tell the object from the background, because a point of one lies at a point of the other",
             "give points of the object inside it, and points of the background around it",
         );
     }

@@ -105,7 +105,7 @@ impl<const D: usize> Detector<D> for Paths {
         let smoothed = Volume::new(dims, &samples);
         let enhanced = enhance::enhance(smoothed, input.source.geometry(), seeds, input.cancel)?;
         let summary = format!(
-            "shortest paths at scale {scale} from {} sources in the object to {} sinks around it",
+            "shortest paths, on the image smoothed over {scale} samples, from {} points in the object to {} around it",
             seeds.sources, seeds.sinks
         );
         let mut candidates = Vec::new();

@@ -169,7 +169,7 @@ fn missing_points_are_reported() {
             .unwrap_err()
             .to_string()
     };
-    assert!(error_for(&[]).contains("give a point inside it"));
+    assert!(error_for(&[]).contains("give one, such as --object"));
     assert!(error_for(&[[45.0, 90.0]]).contains("outside the image"));
     assert!(error_for(&[[45.0, 0.0]]).contains("cannot tell"));
     let space = Image::new(

@@ -98,8 +98,8 @@ fn missing_and_duplicate_traces_are_reported() {
     let loaded = builder.read().unwrap();
     let info = loaded.survey.as_ref().unwrap();
     assert_eq!((info.missing, info.duplicates), (1, 1));
-    assert!(has_note(&loaded, "1 of 12 cells have no trace"));
-    assert!(has_note(&loaded, "1 traces repeat"));
+    assert!(has_note(&loaded, "1 of the 12 places"));
+    assert!(has_note(&loaded, "1 traces have the inline"));
     assert_eq!(loaded.image.samples[[1, 1, 3]], 0.0);
     // The first of the duplicates is used.
     assert_eq!(
@@ -123,7 +123,7 @@ fn coordinates_are_checked_against_the_line_numbers() {
     let loaded = builder.read().unwrap();
     assert!(has_note(
         &loaded,
-        "bytes 181 and 185 only repeat the line numbers"
+        "bytes 181 and 185 are not used: they only repeat the line numbers"
     ));
     assert!(has_note(&loaded, "placed by X, Y at bytes 73 and 77"));
     assert!((loaded.image.geometry.origin[0] - 620_000.0).abs() < 0.01);
@@ -288,8 +288,11 @@ fn intervals_and_counts_that_disagree_are_reported() {
     builder.set_field(0, 117, 2, 2000);
     builder.set_field(0, 115, 2, 99);
     let loaded = builder.read().unwrap();
-    assert!(has_note(&loaded, "4000 us, the first trace's 2000 us"));
-    assert!(has_note(&loaded, "first trace gives 99 samples"));
+    assert!(has_note(
+        &loaded,
+        "4000 us by the file header and 2000 us by the first trace"
+    ));
+    assert!(has_note(&loaded, "99 samples by the first trace"));
     // The value of the first trace is used if that of the file header cannot be right.
     builder.fields.extend([(3217, 2, -4000), (3221, 2, 17)]);
     builder.set_field(0, 115, 2, SAMPLES_PER_TRACE as i64);

@@ -86,8 +86,8 @@ pub struct PaddingCells<const D: usize> {
     pub low: [f64; D],
     /// The high corner of the box of the whole mesh.
     pub high: [f64; D],
-    /// The side of this box that is not flat, but follows a topography: twice the axis, and one more for its
-    /// high end.
+    /// Number of the side of this box that follows a topography, if one is given: 2 axis for the lower side,
+    /// 2 axis + 1 for the upper side. The box touches the topography at its highest point.
     pub bent_side: Option<usize>,
 }
 
@@ -177,7 +177,8 @@ fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Laye
     layers
 }
 
-/// Extends a mesh of an image with this geometry beyond it, up to the topography if there is one. Returns `None` if the job is stopped.
+/// Extends a mesh of an image with this geometry beyond it, up to the topography if there is one. Returns `None`
+/// if the job is stopped.
 ///
 /// # Errors
 /// Returns [`Error::Job`] for a layer that is too thin and a topography that is too steep, and the errors of

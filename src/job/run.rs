@@ -202,7 +202,6 @@ where
     let is_partitioned = run_options.may_partition
         && comm.size() > 1
         && params.spec.pad.is_none()
-        && params.spec.topography.is_none()
         && params.spec.cell_kind() == CellKind::Simplices;
     let for_job = |checkpoint: &Checkpoint| checkpoint.for_job(source, params, comm);
     let checkpoint = run_options.checkpoint.map(for_job).transpose()?;
@@ -306,10 +305,9 @@ fn padding_of(
     topography: Option<&Topography>,
     report: &mut Report,
 ) -> Option<Padding> {
-    let Some(topography) = topography else {
+    let (Some(given), Some(topography)) = (given, topography) else {
         return given;
     };
-    let given = given.unwrap_or_default();
     report.notes.push(topography.note(given.above));
     Some(Padding {
         above: topography.mean_height(),

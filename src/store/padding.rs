@@ -16,7 +16,7 @@ use crate::store::stored_mesh::REGION_ARRAY;
 /// Field with the names of the regions of a mesh that continues beyond its image.
 const REGIONS_FIELD: &str = "regions";
 
-/// Field with the number of the box's side that is not flat, but follows a topography.
+/// Field with the number of the side of the box that follows a topography.
 const BENT_SIDE_FIELD: &str = "bent_side";
 
 /// Name of the region of the image, if its regions are no labels.
@@ -39,8 +39,8 @@ pub fn read_named_regions<M>(file: &MeshFile<M>) -> Vec<NamedRegion> {
     }
 }
 
-/// Returns the number of the side of a mesh's box that follows a topography, if there is one: twice the axis, and
-/// one more for its high end.
+/// Returns the number of the side of a mesh's box that follows a topography, if there is one: 2 axis for the lower
+/// side, 2 axis + 1 for the upper side.
 pub(super) fn read_bent_side<M>(file: &MeshFile<M>) -> Option<usize> {
     match file.field_value(BENT_SIDE_FIELD) {
         Some(FieldValue::Ints(side)) => side.first().and_then(|&side| side.try_into().ok()),

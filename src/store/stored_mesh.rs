@@ -79,8 +79,8 @@ pub struct LatticeSpace<const D: usize> {
     pub step: [f64; D],
     /// Map from samples to physical coordinates.
     pub geometry: Geometry<D>,
-    /// The side of the box that is not flat, but follows a topography: twice the axis, and one more for its high
-    /// end.
+    /// Number of the side of the box that follows a topography, if there is one: 2 axis for the lower side, 2 axis + 1
+    /// for the upper side. All other sides are flat.
     pub bent_side: Option<usize>,
     /// `true` if the file contains the position. Otherwise lattice space is the file's own space,
     /// moved so that the mesh begins at the origin.

@@ -320,9 +320,9 @@ pub struct MeshSpec {
     /// regions overburden, underburden and sideburden
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
     pub pad: Option<Padding>,
-    /// Continue the mesh above the image up to this surface, such as the ground: FILE or FILE:NAME, a grid of heights
-    /// (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It must cover the image and its
-    /// padding on the sides. It replaces above=DIST of --pad
+    /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
+    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It
+    /// must cover the image and the sides of --pad, and replaces above=DIST of --pad
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
     pub topography: Option<SurfaceOption>,
     /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a

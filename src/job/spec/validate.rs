@@ -70,6 +70,7 @@ impl MeshSpec {
         };
         options.check_alignment()?;
         options.check_cells()?;
+        options.check_topography()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
         } else {
@@ -80,6 +81,16 @@ impl MeshSpec {
 }
 
 impl Options<'_> {
+    /// Checks that there is padding that can end at the topography.
+    fn check_topography(&self) -> Result<()> {
+        if self.spec.pad.is_some() {
+            return Ok(());
+        }
+        let problem = "is where the cells beyond the image end, but there are none";
+        let remedy = "add --pad, for example --pad below=500,sides=1000";
+        self.refuse(&["topography"], problem, remedy)
+    }
+
     /// Checks the alignment. Voronoi cells need atoms alongside features and strictly inside the
     /// box; tetrahedra need atoms on both.
     fn check_alignment(&self) -> Result<()> {
@@ -558,6 +569,7 @@ mod tests {
             ("cells = \"voronoi\"\nkappa = 0.7", "kappa"),
             ("cells = \"voronoi\"\npad = \"above=50\"", "pad"),
             ("cells = \"voronoi\"\ntopography = \"a.ts\"", "topography"),
+            ("topography = \"a.ts\"", "topography"),
             ("weld = 0.01", "weld"),
             ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),

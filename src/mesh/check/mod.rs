@@ -15,6 +15,7 @@ mod simplices;
 
 pub use cells::CellCheck;
 pub(crate) use cells::broken_cells;
+pub use simplices::nodes_on_bent_side;
 
 use super::Mesh;
 use super::view::MeshView;
@@ -153,8 +154,8 @@ pub struct CheckHints<'a> {
     /// For polyhedra and polygons: nodes are welded within this fraction of their distance to their
     /// sites. Faces need to be flat only to that distance.
     pub weld: f64,
-    /// For simplices: the side of the box that need not be flat, but must be seen once along its axis: twice the axis,
-    /// and one more for its high end. The cells fill the space below it.
+    /// For simplices: number of the side of the box that may be bent: 2 axis for the lower side, 2 axis + 1 for the
+    /// upper side. Lines along the axis must cross it once. The cells fill the space between it and the opposite side.
     pub bent_side: Option<usize>,
 }
 
@@ -165,7 +166,7 @@ pub struct BoxBounds<const D: usize> {
     high: [f64; D],
     /// Tolerance relative to the box's longest side, areas and volume.
     tolerance: f64,
-    /// The side that need not be flat.
+    /// The number of the side that may be bent, as in [`CheckHints`].
     bent_side: Option<usize>,
 }
 
@@ -288,8 +289,8 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
 const SIDE_TOLERANCE: f64 = 1e-6;
 
 /// Returns the fraction of the box `[0, extent]` that the cells fill: 1 for a valid mesh, less for
-/// a mesh with a hole, more where cells overlap. If one side is bent, that is the part of the box below it. Returns `None` if a cell is flat or inverted,
-/// because then the sum has no meaning.
+/// a mesh with a hole, more where cells overlap. With a bent side, it is the fraction of the part of the box that this
+/// side bounds. Returns `None` if a cell is flat or inverted, because then the sum has no meaning.
 pub fn filled_share<const D: usize, M: Mesh<D>>(
     mesh: &M,
     extent: [f64; D],

@@ -1,7 +1,9 @@
 //! Checks of triangles and tetrahedra: each face belongs to one cell or two, and neighbouring cells
 //! share a whole face.
 
-use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, singular_name};
+use super::{
+    BoxBounds, CellChecks, Check, CheckHints, SIDE_TOLERANCE, SideCoverage, singular_name,
+};
 use crate::mesh::Simplices;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
 use crate::mesh::view::MeshView;
@@ -37,21 +39,18 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
         let Some(side) = bounds.bent_side else {
             return bounds.extent().iter().product();
         };
-        let Ok(neighbors) = self.neighbors() else {
-            return f64::NAN;
+        let axis = side / 2;
+        let opposite = if side % 2 == 1 {
+            bounds.low
+        } else {
+            bounds.high
+        }[axis];
+        let prism = |face: [u32; D]| {
+            let nodes = face.map(|n| self.nodes()[n as usize]);
+            let heights = nodes.iter().map(|x| (x[axis] - opposite).abs());
+            M::face_area(&flattened(nodes, axis)) * heights.sum::<f64>() / D as f64
         };
-        let (axis, is_high) = (side / 2, side % 2 == 1);
-        let opposite = if is_high { bounds.low } else { bounds.high }[axis];
-        let faces = (neighbors.iter().enumerate()).filter(|(_, n)| **n == NONE);
-        let bent = faces.filter_map(|(i, _)| {
-            let face = self.face(i / (D + 1), i % (D + 1));
-            let p = face.map(|n| self.nodes()[n as usize]);
-            (nearest_side::<D>(&p, bounds).0 == (axis, is_high)).then(|| {
-                let heights = p.iter().map(|x| (x[axis] - opposite).abs());
-                M::face_area(&flattened(p, axis)) * heights.sum::<f64>() / D as f64
-            })
-        });
-        bent.sum()
+        bent_faces(self, bounds).into_iter().map(prism).sum()
     }
 
     fn check_faces(
@@ -230,6 +229,38 @@ fn nearest_side<const D: usize>(
         }
         _ => best,
     }
+}
+
+/// Returns for each node of a mesh whether it lies on the side of the box `[0, extent]` that is bent.
+pub fn nodes_on_bent_side<const D: usize>(
+    mesh: &impl Simplices<D>,
+    extent: [f64; D],
+    bent_side: usize,
+) -> Vec<bool> {
+    let bounds = BoxBounds {
+        low: [0.0; D],
+        high: extent,
+        tolerance: SIDE_TOLERANCE,
+        bent_side: Some(bent_side),
+    };
+    let mut is_on_side = vec![false; mesh.nodes().len()];
+    for face in bent_faces(mesh, &bounds) {
+        face.iter().for_each(|&n| is_on_side[n as usize] = true);
+    }
+    is_on_side
+}
+
+/// Returns the faces in the bent side of the box; none if no side is bent, or if more than two cells share a face.
+fn bent_faces<const D: usize>(mesh: &impl Simplices<D>, bounds: &BoxBounds<D>) -> Vec<[u32; D]> {
+    let neighbors = mesh.neighbors().unwrap_or_default();
+    let boundary = (neighbors.iter().enumerate()).filter(|(_, n)| **n == NONE);
+    let faces = boundary.map(|(i, _)| mesh.face(i / (D + 1), i % (D + 1)));
+    let is_bent = |face: &[u32; D]| {
+        let nodes = face.map(|n| mesh.nodes()[n as usize]);
+        let (axis, is_high) = nearest_side(&nodes, bounds).0;
+        bounds.bent_side == Some(2 * axis + usize::from(is_high))
+    };
+    faces.filter(is_bent).collect()
 }
 
 /// Returns the nodes of a face as seen along an axis.

@@ -103,12 +103,12 @@ struct PaddedMesh {
 
 impl PaddedMesh {
     /// Moves the nodes above the image, so that the mesh ends at a topography and not at the box's side. The
-    /// box grows or shrinks with them.
+    /// box grows or shrinks with them. Returns the largest distance of the mesh's top from the topography.
     ///
     /// # Errors
     /// Returns [`Error::Job`] where the topography has a hole, cuts into the image, or is so steep that cells
     /// turn inside out.
-    fn end_at(&mut self, topography: &Topography, image_mesh: &TetMesh) -> Result<()> {
+    fn end_at(&mut self, topography: &Topography, image_mesh: &TetMesh) -> Result<f64> {
         let (side, first) = (topography.side(), image_mesh.nodes.len());
         let (axis, is_high) = (side / 2, side % 2 == 1);
         let bounds = bounding_box(image_mesh.nodes.iter().copied());
@@ -117,6 +117,11 @@ impl PaddedMesh {
         } else {
             bounds[0][axis] - self.low[axis]
         };
+        let (top, _) = side_triangles(
+            &self.mesh,
+            axis,
+            if is_high { self.high } else { self.low }[axis],
+        )?;
         let nodes = &mut self.mesh.nodes[first..];
         topography.stretch(nodes, thickness)?;
         let coordinates = nodes.iter().map(|x| x[axis]);
@@ -128,12 +133,12 @@ impl PaddedMesh {
         let cells = image_mesh.tets.len()..self.mesh.tets.len();
         let is_inverted = |&c: &usize| volume6(&self.mesh.corners(c)) <= 0.0;
         let inverted: Vec<usize> = cells.filter(is_inverted).collect();
-        match inverted.first() {
-            Some(&cell) => {
-                Err(topography.steepness_error(self.mesh.corners(cell)[0], inverted.len()))
-            }
-            None => Ok(()),
+        if let Some(&cell) = inverted.first() {
+            let corner = self.mesh.corners(cell)[0];
+            return Err(topography.steepness_error(corner, inverted.len()));
         }
+        let position = |n: u32| self.mesh.nodes[n as usize];
+        topography.deviation(top.into_iter().map(|face| face.map(position)))
     }
 }
 
@@ -207,6 +212,10 @@ pub(super) fn pad(
             low: padded.low,
             high: padded.high,
             min_dihedral,
+            far_width: match topography {
+                Some(topography) if layer.burden == Burden::Over => topography.top_width(),
+                _ => f64::INFINITY,
+            },
         };
         if !builder.add_to(&mut padded, stages)? {
             return Ok(None);
@@ -237,9 +246,10 @@ pub(super) fn pad(
         .iter()
         .map(kind)
         .collect();
-    if let Some(topography) = topography {
-        padded.end_at(topography, mesh)?;
-    }
+    let deviation = match topography {
+        Some(topography) => Some(padded.end_at(topography, mesh)?),
+        None => None,
+    };
     let PaddedMesh {
         mesh: whole,
         low,
@@ -247,7 +257,10 @@ pub(super) fn pad(
         burdens,
         distances,
     } = padded;
-    let report = padding_report(&whole, mesh.tets.len(), &burdens);
+    let report = PaddingReport {
+        topography_deviation: deviation,
+        ..padding_report(&whole, mesh.tets.len(), &burdens)
+    };
     Ok(Some((
         PaddingCells {
             kinds,
@@ -285,7 +298,30 @@ fn padding_report(mesh: &TetMesh, first: usize, burdens: &[Burden]) -> PaddingRe
             .collect(),
         smallest_angle: quality.smallest_angle,
         largest_angle: quality.largest_angle,
+        topography_deviation: None,
     }
+}
+
+/// Returns the triangles of a mesh on a side of its box, the plane at `side` along `axis`, and their nodes in rising
+/// order.
+fn side_triangles(mesh: &TetMesh, axis: usize, side: f64) -> Result<(Vec<[u32; 3]>, Vec<u32>)> {
+    let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
+        Error::Mesh(cause(
+            format!("face {face:?}"),
+            "belongs to more than two tetrahedra",
+            "mesh the image again",
+        ))
+    })?;
+    let is_on_side = |n: u32| mesh.nodes[n as usize][axis] == side;
+    let faces = mesh.tets.iter().zip(&neighbors).flat_map(|(tet, around)| {
+        let open = (0..4).filter(|&k| around[k] == NONE);
+        open.map(|k| FACES[k].map(|i| tet[i]))
+    });
+    let triangles: Vec<[u32; 3]> = faces
+        .filter(|face| face.iter().all(|&n| is_on_side(n)))
+        .collect();
+    let nodes = crate::geometry::sorted_distinct(triangles.iter().flatten().copied());
+    Ok((triangles, nodes))
 }
 
 /// Makes one layer. Its own space is the box `[0, extent]`, in which the layer begins at the high end of
@@ -297,6 +333,8 @@ struct LayerBuilder<'a> {
     low: [f64; 3],
     high: [f64; 3],
     min_dihedral: f64,
+    /// Largest distance between nodes on the far side, if its shape asks for one.
+    far_width: f64,
 }
 
 impl LayerBuilder<'_> {
@@ -367,6 +405,7 @@ impl LayerBuilder<'_> {
             ((extent[k] / min).ceil() as usize + 1).clamp(2, max_count)
         });
         let step: [f64; 3] = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
+        let far_width = self.far_width.max(self.scene.distance.max());
         let max = MAX_WIDTH * extent.iter().copied().fold(f64::INFINITY, f64::min);
         let count = dims.iter().product::<usize>();
         let values: Vec<f32> = (0..count)
@@ -374,7 +413,8 @@ impl LayerBuilder<'_> {
             .map(|i| {
                 let index = index_at(dims, i);
                 let x = std::array::from_fn(|k| index[k] as f64 * step[k]);
-                image_distance(self.to_image(x, extent)).min(max) as f32
+                let far = far_width + GROWTH * x[axis];
+                image_distance(self.to_image(x, extent)).min(max).min(far) as f32
             })
             .collect();
         let field = ScalarField {
@@ -383,28 +423,6 @@ impl LayerBuilder<'_> {
             samples: values,
         };
         Distance::Field(field)
-    }
-
-    /// Returns the triangles of a mesh on the side where the layer begins, and their nodes in rising order.
-    fn side_triangles(&self, mesh: &TetMesh) -> Result<(Vec<[u32; 3]>, Vec<u32>)> {
-        let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
-            Error::Mesh(cause(
-                format!("face {face:?}"),
-                "belongs to more than two tetrahedra",
-                "mesh the image again",
-            ))
-        })?;
-        let side = self.side();
-        let is_on_side = |n: u32| mesh.nodes[n as usize][self.layer.axis] == side;
-        let faces = mesh.tets.iter().zip(&neighbors).flat_map(|(tet, around)| {
-            let open = (0..4).filter(|&k| around[k] == NONE);
-            open.map(|k| FACES[k].map(|i| tet[i]))
-        });
-        let triangles: Vec<[u32; 3]> = faces
-            .filter(|face| face.iter().all(|&n| is_on_side(n)))
-            .collect();
-        let nodes = crate::geometry::sorted_distinct(triangles.iter().flatten().copied());
-        Ok((triangles, nodes))
     }
 
     /// Returns atoms that fill the layer, first the fixed ones on the side where it begins. They are not
@@ -459,7 +477,7 @@ impl LayerBuilder<'_> {
             extent,
             CellKind::Simplices,
         ))?;
-        let (triangles, side_nodes) = self.side_triangles(&padded.mesh)?;
+        let (triangles, side_nodes) = side_triangles(&padded.mesh, axis, self.side())?;
         let position = |&n: &u32| self.to_layer(padded.mesh.nodes[n as usize], extent);
         let fixed: Vec<[f64; 3]> = side_nodes.iter().map(position).collect();
         let mut atoms = match self.place_atoms(&fixed, extent, &distance, stages) {

@@ -11,6 +11,20 @@ use crate::image::Geometry;
 /// Number of places along each side of the box at which the surface is checked before meshing.
 const CHECKED_PLACES: usize = 65;
 
+/// Largest distance of the mesh's top from the surface that is aimed at, relative to the range of heights.
+const TOP_TOLERANCE: f64 = 0.03;
+
+/// Share of the checked places whose curvature counts. The others may be edges and errors of the surface.
+const CURVATURE_SHARE: f64 = 0.99;
+
+/// Places in a triangle at which its distance from the surface is measured: barycentric coordinates.
+const MEASURED_PLACES: [[f64; 3]; 4] = [
+    [1.0 / 3.0; 3],
+    [0.5, 0.5, 0.0],
+    [0.0, 0.5, 0.5],
+    [0.5, 0.0, 0.5],
+];
+
 /// Largest distance of a point from the triangle that it lies in, relative to the triangle.
 const ROUNDING: f64 = 1e-6;
 
@@ -31,6 +45,8 @@ pub struct Topography {
     tree: BoxTree<'static, 2>,
     /// Distances above the image that occur in the box: smallest, mean, largest.
     heights: [f64; 3],
+    /// Width of cells with which the mesh's top follows the bends of the surface.
+    top_width: f64,
     is_flipped: bool,
 }
 
@@ -64,6 +80,7 @@ impl Topography {
             triangles: Vec::new(),
             tree: BoxTree::new(Vec::new(), Vec::new()),
             heights: [0.0; 3],
+            top_width: f64::INFINITY,
             is_flipped: false,
         };
         // Programs differ in the sign of depths: the sign of z is turned if the surface fits only then.
@@ -93,25 +110,38 @@ impl Topography {
         Ok(())
     }
 
-    /// Measures the heights in the box of the mesh, which reaches `sides` beyond the image.
+    /// Measures the heights and bends in the box of the mesh, which reaches `sides` beyond the image.
     fn measure(&mut self, sides: f64) -> Result<()> {
+        const N: usize = CHECKED_PLACES;
         let spacing = self.geometry.spacing();
         let margin = self.plane.map(|k| sides / spacing[k] * self.step[k]);
-        let at = |k: usize, i: usize| {
-            let fraction = i as f64 / (CHECKED_PLACES - 1) as f64;
-            let length = self.extent[self.plane[k]] + 2.0 * margin[k];
-            fraction * length - margin[k]
-        };
-        let [mut min, mut sum, mut max] = [f64::INFINITY, 0.0, f64::NEG_INFINITY];
-        for i in 0..CHECKED_PLACES {
-            for j in 0..CHECKED_PLACES {
-                let height = self.height_at([at(0, i), at(1, j)])?;
-                min = min.min(height);
-                max = max.max(height);
-                sum += height;
+        let length = [0, 1].map(|k| self.extent[self.plane[k]] + 2.0 * margin[k]);
+        let steps = length.map(|length| length / (N - 1) as f64);
+        let mut heights = Vec::with_capacity(N * N);
+        for i in 0..N {
+            for j in 0..N {
+                let place = [0, 1].map(|k| [i, j][k] as f64 * steps[k] - margin[k]);
+                heights.push(self.height_at(place)?);
             }
         }
-        self.heights = [min, sum / (CHECKED_PLACES * CHECKED_PLACES) as f64, max];
+        let min = heights.iter().copied().fold(f64::INFINITY, f64::min);
+        let max = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        self.heights = [min, heights.iter().sum::<f64>() / (N * N) as f64, max];
+        let inner = (1..N - 1).flat_map(|i| (1..N - 1).map(move |j| N * i + j));
+        let curvature = |n: usize| {
+            let along = |stride: usize, step: f64| {
+                (heights[n + stride] - 2.0 * heights[n] + heights[n - stride]).abs() / step.powi(2)
+            };
+            along(N, steps[0]).max(along(1, steps[1]))
+        };
+        let mut curvatures: Vec<f64> = inner.map(curvature).collect();
+        curvatures.sort_by(f64::total_cmp);
+        let curvature = curvatures[(CURVATURE_SHARE * (curvatures.len() - 1) as f64) as usize];
+        // A chord of length w is at most w^2 / 8 times the curvature from its curve.
+        self.top_width = (8.0 * TOP_TOLERANCE * (max - min) / curvature).sqrt();
+        if self.top_width.is_nan() {
+            self.top_width = f64::INFINITY;
+        }
         Ok(())
     }
 
@@ -229,6 +259,28 @@ impl Topography {
             }
         }
         Ok(())
+    }
+
+    /// Returns the largest distance of triangles from the surface, along the vertical axis, in physical units.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] where the surface has a hole or cuts into the image.
+    pub fn deviation(&self, triangles: impl Iterator<Item = [[f64; 3]; 3]>) -> Result<f64> {
+        let mut max: f64 = 0.0;
+        for triangle in triangles {
+            for weights in MEASURED_PLACES {
+                let point: [f64; 3] =
+                    std::array::from_fn(|k| (0..3).map(|i| weights[i] * triangle[i][k]).sum());
+                let height = self.height_at(self.plane.map(|k| point[k]))?;
+                max = max.max((self.height_of(point) - height).abs());
+            }
+        }
+        Ok(max * self.length())
+    }
+
+    /// Returns the width of cells with which the mesh's top follows the bends of the surface.
+    pub fn top_width(&self) -> f64 {
+        self.top_width
     }
 
     /// Returns the error of a cell that is flat or inverted, of which `x` is a node.
@@ -353,6 +405,8 @@ mod tests {
         for sign in [-1.0, 1.0] {
             let outcome = outcome("below=15,sides=20", grid(20.0, sign, height)).unwrap();
             let (top, volume, angle) = checked_top(&outcome);
+            let report = outcome.report.padding.as_ref().unwrap();
+            assert!(report.topography_deviation.unwrap() < 1e-6);
             for x in top {
                 assert!((x[2] + height(x[0], x[1])).abs() < 1e-6, "{x:?}");
             }
@@ -375,6 +429,9 @@ mod tests {
         let height = |x: f64, _: f64| 35.0 + amplitude * (TAU * x / length).sin();
         let outcome = outcome("above=99,sides=20", grid(20.0, -1.0, height)).unwrap();
         let (top, volume, angle) = checked_top(&outcome);
+        let report = outcome.report.padding.as_ref().unwrap();
+        let deviation = report.topography_deviation.unwrap();
+        assert!((0.01..1.5).contains(&deviation), "{deviation}");
         for x in top {
             // The surface is a grid of triangles.
             assert!((x[2] + height(x[0], x[1])).abs() < 0.02, "{x:?}");

@@ -227,8 +227,7 @@ where
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
     let given = params.surfaces_in_image(geometry, dims)?;
-    let sides = params.spec.pad.unwrap_or_default();
-    let topography = Topography::new(&params.topography, &sides, geometry, (step, extent))?;
+    let topography = Topography::new(params, geometry, (step, extent))?;
     options.given = given.as_ref().map(|given| Arc::clone(&given.points));
     options.is_distributed = is_partitioned
         && given.is_none()
@@ -258,20 +257,9 @@ where
     let notes_on_given = given.into_iter().flat_map(|given| given.notes);
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_given.chain(note_on_distance));
-    let scene = MeshScene {
-        extent,
-        features: &features,
-        distance: &distance,
-    };
-    let padding = match padding_of(params.spec.pad, topography.as_ref(), &mut report) {
-        Some(padding) => {
-            let padding = (&padding, topography.as_ref());
-            let angle = params.spec.min_dihedral;
-            let place = (&scene, geometry, angle);
-            pad(padding, &mesh, place, &mut report, &mut stages)?
-        }
-        None => None,
-    };
+    let beyond = (params, topography.as_ref());
+    let scene = scene_of(extent, &features, &distance);
+    let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     let stop = stop_reason(optimize_result.as_ref(), interrupted);
@@ -315,21 +303,36 @@ fn padding_of(
     })
 }
 
-/// Continues a mesh beyond its image.
+/// Returns the scene of a mesh.
+fn scene_of<'a, const D: usize>(
+    extent: [f64; D],
+    features: &'a Features<D>,
+    distance: &'a Distance<D>,
+) -> MeshScene<'a, D> {
+    MeshScene {
+        extent,
+        features,
+        distance,
+    }
+}
+
+/// Continues a mesh beyond its image, if the options ask for that.
 fn pad<const D: usize>(
-    padding: (&Padding, Option<&Topography>),
+    (params, topography): (&Params<D>, Option<&Topography>),
     mesh: &MeshResult<D>,
-    (scene, geometry, angle): (&MeshScene<'_, D>, &Geometry<D>, f64),
+    (scene, geometry): (&MeshScene<'_, D>, &Geometry<D>),
     report: &mut Report,
     stages: &mut StageRunner<'_>,
 ) -> Result<Option<PaddingCells<D>>>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let MeshResult::Simplices(annotated) = mesh else {
+    let padding = padding_of(params.spec.pad, topography, report);
+    let (Some(padding), MeshResult::Simplices(annotated)) = (padding, mesh) else {
         return Ok(None);
     };
-    let mesh = &annotated.mesh;
+    let (mesh, angle) = (&annotated.mesh, params.spec.min_dihedral);
+    let padding = (&padding, topography);
     let padded = MeshSpace::<D>::pad(mesh, padding, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);

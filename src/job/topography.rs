@@ -1,8 +1,8 @@
 //! The surface at which the cells above an image end: the ground, or the floor of the sea.
 
+use super::Params;
 use super::given_surfaces::FollowedSurface;
 use super::padding::vertical_axis;
-use super::spec::Padding;
 use crate::error::{Error, Result, cause};
 use crate::geometry::bounding_box;
 use crate::geometry::box_tree::BoxTree;
@@ -51,17 +51,17 @@ pub struct Topography {
 }
 
 impl Topography {
-    /// Creates the topography of an image from its surfaces; `None` if there are none. `padding` says how
-    /// far the mesh reaches beside the image.
+    /// Creates the topography that the options give for an image; `None` if they give none.
     ///
     /// # Errors
     /// Returns [`Error::Job`] for a surface that does not cover the mesh, and one that cuts into the image.
     pub fn new<const D: usize>(
-        surfaces: &[FollowedSurface],
-        padding: &Padding,
+        params: &Params<D>,
         geometry: &Geometry<D>,
         (step, extent): ([f64; D], [f64; D]),
     ) -> Result<Option<Self>> {
+        let surfaces = &params.topography;
+        let sides = params.spec.pad.unwrap_or_default().sides;
         let Some(first) = surfaces.first().filter(|_| D == 3) else {
             return Ok(None);
         };
@@ -85,10 +85,10 @@ impl Topography {
         };
         // Programs differ in the sign of depths: the sign of z is turned if the surface fits only then.
         topography.set_triangles(surfaces)?;
-        if let Err(error) = topography.measure(padding.sides) {
+        if let Err(error) = topography.measure(sides) {
             topography.is_flipped = true;
             topography.set_triangles(surfaces)?;
-            topography.measure(padding.sides).map_err(|_| error)?;
+            topography.measure(sides).map_err(|_| error)?;
         }
         Ok(Some(topography))
     }

@@ -54,6 +54,7 @@ mod simulators;
 mod slice;
 mod surfaces;
 mod surfaces_in_surveys;
+mod topography;
 mod velocity;
 mod voronoi;
 mod vtk;

@@ -34,7 +34,8 @@ pub fn check_files(
     inputs.extend(config);
     inputs.extend(spec.atoms_from.as_deref());
     inputs.extend(spec.input.geometry_from.as_deref());
-    inputs.extend(spec.surface.iter().map(|surface| surface.path.as_path()));
+    let surfaces = spec.surface.iter().chain(&spec.topography);
+    inputs.extend(surfaces.map(|surface| surface.path.as_path()));
     inputs.extend(spec.well.iter().map(PathBuf::as_path));
     inputs.extend(spec.beta.file());
     if let DistanceSource::File(path) = &spec.distance_from {

@@ -35,15 +35,15 @@ pub(crate) struct SurfacesInImage<const D: usize> {
 /// Number of times that a triangle is divided to find the part of it that lies in the image.
 const MAX_DIVISIONS: u32 = 5;
 
-/// Reads the surfaces that the options name.
+/// Reads the surfaces that the options name. `flag` is the name of the options in messages.
 ///
 /// # Errors
 /// Returns the errors of the files, and [`Error::Job`] for a name that its file does not have, or
 /// that two surfaces have.
-pub(super) fn read(options: &[SurfaceOption]) -> Result<Vec<FollowedSurface>> {
+pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<FollowedSurface>> {
     let mut surfaces: Vec<FollowedSurface> = Vec::new();
     for option in options {
-        let place = format!("surface {option}");
+        let place = format!("{flag} {option}");
         let mut picked = read_interpretation(&option.path)?;
         if let Some(name) = &option.name {
             match picked.iter().position(|surface| surface.name == *name) {
@@ -170,7 +170,7 @@ impl FollowedSurface {
     }
 
     /// Returns the surface's triangles in sample coordinates, and a note on points that are joined.
-    fn triangles<const D: usize>(
+    pub(super) fn triangles<const D: usize>(
         &self,
         geometry: &Geometry<D>,
         is_flipped: bool,

@@ -6,6 +6,7 @@ use super::checkpoint::Codec;
 use super::distributed::{self, PartitionResult};
 use super::padding::{self, PaddingCells};
 use super::spec::Padding;
+use super::topography::Topography;
 use super::{Outcome, Params, RunOptions, StageRunner, run};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -91,10 +92,11 @@ pub trait Meshing<const D: usize> {
     /// stopped, and in the plane.
     ///
     /// # Errors
-    /// Returns [`Error::Job`] for padding that is too thin, and the errors of the triangulation.
+    /// Returns [`Error::Job`] for padding that is too thin and a topography that is too steep, and the errors
+    /// of the triangulation.
     fn pad(
         _: &Self::Mesh,
-        _: &Padding,
+        _: (&Padding, Option<&Topography>),
         _: &MeshScene<'_, D>,
         _: &Geometry<D>,
         _: f64,
@@ -352,7 +354,7 @@ impl Meshing<3> for MeshSpace<3> {
 
     fn pad(
         mesh: &TetMesh,
-        padding: &Padding,
+        padding: (&Padding, Option<&Topography>),
         scene: &MeshScene<'_, 3>,
         geometry: &Geometry<3>,
         min_dihedral: f64,

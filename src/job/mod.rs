@@ -19,6 +19,7 @@
 //! - `cells`: makes Voronoi cells
 //! - `equalise`: makes Voronoi cells more equal in size
 //! - `padding`: cells beyond the image
+//! - `topography`: the surface at which those above it end
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
@@ -50,6 +51,7 @@ mod run;
 mod simplices;
 pub mod spec;
 mod stages;
+mod topography;
 pub(crate) mod well_file;
 
 use crate::Result;

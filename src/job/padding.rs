@@ -8,11 +8,12 @@
 
 use super::join::MeshScene;
 use super::spec::Padding;
+use super::topography::Topography;
 use super::{BOX_TOLERANCE, CellKind, StageRunner, estimate};
 use crate::comm::SelfComm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
-use crate::geometry::{norm, volume6};
+use crate::geometry::{bounding_box, norm, volume6};
 use crate::image::{Geometry, ScalarField};
 use crate::improve::Target;
 use crate::improve::feature_planes::FeaturePlanes;
@@ -85,6 +86,9 @@ pub struct PaddingCells<const D: usize> {
     pub low: [f64; D],
     /// The high corner of the box of the whole mesh.
     pub high: [f64; D],
+    /// Number of the side of this box that follows a topography, if one is given: 2 axis for the lower side,
+    /// 2 axis + 1 for the upper side. The box touches the topography at its highest point.
+    pub bent_side: Option<usize>,
 }
 
 /// A mesh that is being continued. Its first nodes and cells are those of the image's mesh.
@@ -97,6 +101,47 @@ struct PaddedMesh {
     distances: Vec<f32>,
 }
 
+impl PaddedMesh {
+    /// Moves the nodes above the image, so that the mesh ends at a topography and not at the box's side. The
+    /// box grows or shrinks with them. Returns the largest distance of the mesh's top from the topography.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] where the topography has a hole, cuts into the image, or is so steep that cells
+    /// turn inside out.
+    fn end_at(&mut self, topography: &Topography, image_mesh: &TetMesh) -> Result<f64> {
+        let (side, first) = (topography.side(), image_mesh.nodes.len());
+        let (axis, is_high) = (side / 2, side % 2 == 1);
+        let bounds = bounding_box(image_mesh.nodes.iter().copied());
+        let thickness = if is_high {
+            self.high[axis] - bounds[1][axis]
+        } else {
+            bounds[0][axis] - self.low[axis]
+        };
+        let (top, _) = side_triangles(
+            &self.mesh,
+            axis,
+            if is_high { self.high } else { self.low }[axis],
+        )?;
+        let nodes = &mut self.mesh.nodes[first..];
+        topography.stretch(nodes, thickness)?;
+        let coordinates = nodes.iter().map(|x| x[axis]);
+        if is_high {
+            self.high[axis] = coordinates.fold(bounds[1][axis], f64::max);
+        } else {
+            self.low[axis] = coordinates.fold(bounds[0][axis], f64::min);
+        }
+        let cells = image_mesh.tets.len()..self.mesh.tets.len();
+        let is_inverted = |&c: &usize| volume6(&self.mesh.corners(c)) <= 0.0;
+        let inverted: Vec<usize> = cells.filter(is_inverted).collect();
+        if let Some(&cell) = inverted.first() {
+            let corner = self.mesh.corners(cell)[0];
+            return Err(topography.steepness_error(corner, inverted.len()));
+        }
+        let position = |n: u32| self.mesh.nodes[n as usize];
+        topography.deviation(top.into_iter().map(|face| face.map(position)))
+    }
+}
+
 /// A layer beyond one side of a box.
 struct Layer {
     axis: usize,
@@ -107,12 +152,18 @@ struct Layer {
     burden: Burden,
 }
 
-/// Returns the layers that `padding` asks for, in the order in which they are made.
-fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Layer> {
+/// Returns the vertical axis, and `true` if its low end is above.
+pub(super) fn vertical_axis(geometry: &Geometry<3>) -> (usize, bool) {
     let vertical = (0..3)
         .find(|&k| geometry.main_coordinate(k) == 2)
         .unwrap_or(2);
     let is_low_above = geometry.points_down() || geometry.axes[vertical][2] < 0.0;
+    (vertical, is_low_above)
+}
+
+/// Returns the layers that `padding` asks for, in the order in which they are made.
+fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Layer> {
+    let (vertical, is_low_above) = vertical_axis(geometry);
     let spacing = geometry.spacing();
     let layer = |axis: usize, is_high, distance: f64, burden| Layer {
         axis,
@@ -131,14 +182,15 @@ fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Laye
     layers
 }
 
-/// Extends a mesh of an image with this geometry beyond it. Returns `None` if the job is stopped.
+/// Extends a mesh of an image with this geometry beyond it, up to the topography if there is one. Returns `None`
+/// if the job is stopped.
 ///
 /// # Errors
-/// Returns [`Error::Job`] for a layer that is too thin, and the errors of seeding and of the
-/// triangulation.
+/// Returns [`Error::Job`] for a layer that is too thin and a topography that is too steep, and the errors of
+/// seeding and of the triangulation.
 pub(super) fn pad(
     mesh: &TetMesh,
-    padding: &Padding,
+    (padding, topography): (&Padding, Option<&Topography>),
     scene: &MeshScene<'_, 3>,
     geometry: &Geometry<3>,
     min_dihedral: f64,
@@ -160,19 +212,17 @@ pub(super) fn pad(
             low: padded.low,
             high: padded.high,
             min_dihedral,
+            far_width: match topography {
+                Some(topography) if layer.burden == Burden::Over => topography.top_width(),
+                _ => f64::INFINITY,
+            },
         };
         if !builder.add_to(&mut padded, stages)? {
             return Ok(None);
         }
     }
-    let PaddedMesh {
-        mesh: whole,
-        low,
-        high,
-        burdens,
-        distances,
-    } = padded;
-    let box_check = check(&whole, low, high, BOX_TOLERANCE);
+    let (low, high) = (padded.low, padded.high);
+    let box_check = check(&padded.mesh, low, high, BOX_TOLERANCE);
     if let Some(problem) = box_check.problems.first() {
         return Err(Error::Mesh(cause(
             "the mesh beyond the image",
@@ -180,7 +230,6 @@ pub(super) fn pad(
             "choose another distance; and please report it with the image, for this should never happen",
         )));
     }
-    let nodes = whole.nodes[mesh.nodes.len()..].to_vec();
     let kind = |&x: &[f64; 3]| {
         // A coordinate is exactly that of the side on which the node lies.
         let sides = (0..3)
@@ -193,16 +242,35 @@ pub(super) fn pad(
             AtomKind::Corner,
         ][sides]
     };
-    let report = padding_report(&whole, mesh.tets.len(), &burdens);
+    let kinds = padded.mesh.nodes[mesh.nodes.len()..]
+        .iter()
+        .map(kind)
+        .collect();
+    let deviation = match topography {
+        Some(topography) => Some(padded.end_at(topography, mesh)?),
+        None => None,
+    };
+    let PaddedMesh {
+        mesh: whole,
+        low,
+        high,
+        burdens,
+        distances,
+    } = padded;
+    let report = PaddingReport {
+        topography_deviation: deviation,
+        ..padding_report(&whole, mesh.tets.len(), &burdens)
+    };
     Ok(Some((
         PaddingCells {
-            kinds: nodes.iter().map(kind).collect(),
+            kinds,
             connectivity: whole.tets[mesh.tets.len()..].concat(),
-            nodes,
+            nodes: whole.nodes[mesh.nodes.len()..].to_vec(),
             burdens,
             distances,
             low,
             high,
+            bent_side: topography.map(Topography::side),
         },
         report,
     )))
@@ -230,7 +298,30 @@ fn padding_report(mesh: &TetMesh, first: usize, burdens: &[Burden]) -> PaddingRe
             .collect(),
         smallest_angle: quality.smallest_angle,
         largest_angle: quality.largest_angle,
+        topography_deviation: None,
     }
+}
+
+/// Returns the triangles of a mesh on a side of its box, the plane at `side` along `axis`, and their nodes in rising
+/// order.
+fn side_triangles(mesh: &TetMesh, axis: usize, side: f64) -> Result<(Vec<[u32; 3]>, Vec<u32>)> {
+    let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
+        Error::Mesh(cause(
+            format!("face {face:?}"),
+            "belongs to more than two tetrahedra",
+            "mesh the image again",
+        ))
+    })?;
+    let is_on_side = |n: u32| mesh.nodes[n as usize][axis] == side;
+    let faces = mesh.tets.iter().zip(&neighbors).flat_map(|(tet, around)| {
+        let open = (0..4).filter(|&k| around[k] == NONE);
+        open.map(|k| FACES[k].map(|i| tet[i]))
+    });
+    let triangles: Vec<[u32; 3]> = faces
+        .filter(|face| face.iter().all(|&n| is_on_side(n)))
+        .collect();
+    let nodes = crate::geometry::sorted_distinct(triangles.iter().flatten().copied());
+    Ok((triangles, nodes))
 }
 
 /// Makes one layer. Its own space is the box `[0, extent]`, in which the layer begins at the high end of
@@ -242,6 +333,8 @@ struct LayerBuilder<'a> {
     low: [f64; 3],
     high: [f64; 3],
     min_dihedral: f64,
+    /// Largest distance between nodes on the far side, if its shape asks for one.
+    far_width: f64,
 }
 
 impl LayerBuilder<'_> {
@@ -312,6 +405,7 @@ impl LayerBuilder<'_> {
             ((extent[k] / min).ceil() as usize + 1).clamp(2, max_count)
         });
         let step: [f64; 3] = std::array::from_fn(|k| extent[k] / (dims[k] - 1) as f64);
+        let far_width = self.far_width.max(self.scene.distance.max());
         let max = MAX_WIDTH * extent.iter().copied().fold(f64::INFINITY, f64::min);
         let count = dims.iter().product::<usize>();
         let values: Vec<f32> = (0..count)
@@ -319,7 +413,8 @@ impl LayerBuilder<'_> {
             .map(|i| {
                 let index = index_at(dims, i);
                 let x = std::array::from_fn(|k| index[k] as f64 * step[k]);
-                image_distance(self.to_image(x, extent)).min(max) as f32
+                let far = far_width + GROWTH * x[axis];
+                image_distance(self.to_image(x, extent)).min(max).min(far) as f32
             })
             .collect();
         let field = ScalarField {
@@ -328,28 +423,6 @@ impl LayerBuilder<'_> {
             samples: values,
         };
         Distance::Field(field)
-    }
-
-    /// Returns the triangles of a mesh on the side where the layer begins, and their nodes in rising order.
-    fn side_triangles(&self, mesh: &TetMesh) -> Result<(Vec<[u32; 3]>, Vec<u32>)> {
-        let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
-            Error::Mesh(cause(
-                format!("face {face:?}"),
-                "belongs to more than two tetrahedra",
-                "mesh the image again",
-            ))
-        })?;
-        let side = self.side();
-        let is_on_side = |n: u32| mesh.nodes[n as usize][self.layer.axis] == side;
-        let faces = mesh.tets.iter().zip(&neighbors).flat_map(|(tet, around)| {
-            let open = (0..4).filter(|&k| around[k] == NONE);
-            open.map(|k| FACES[k].map(|i| tet[i]))
-        });
-        let triangles: Vec<[u32; 3]> = faces
-            .filter(|face| face.iter().all(|&n| is_on_side(n)))
-            .collect();
-        let nodes = crate::geometry::sorted_distinct(triangles.iter().flatten().copied());
-        Ok((triangles, nodes))
     }
 
     /// Returns atoms that fill the layer, first the fixed ones on the side where it begins. They are not
@@ -404,7 +477,7 @@ impl LayerBuilder<'_> {
             extent,
             CellKind::Simplices,
         ))?;
-        let (triangles, side_nodes) = self.side_triangles(&padded.mesh)?;
+        let (triangles, side_nodes) = side_triangles(&padded.mesh, axis, self.side())?;
         let position = |&n: &u32| self.to_layer(padded.mesh.nodes[n as usize], extent);
         let fixed: Vec<[f64; 3]> = side_nodes.iter().map(position).collect();
         let mut atoms = match self.place_atoms(&fixed, extent, &distance, stages) {

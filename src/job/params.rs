@@ -213,6 +213,8 @@ pub struct Params<const D: usize = 3> {
     pub wells: Vec<WellPath<D>>,
     /// Surfaces to follow.
     pub surfaces: Vec<FollowedSurface>,
+    /// Surfaces at which the cells above the image end.
+    pub topography: Vec<FollowedSurface>,
 }
 
 impl<const D: usize> Default for Params<D> {
@@ -237,6 +239,13 @@ impl<const D: usize> Params<D> {
             return Err(Error::Job(cause(
                 format!("pad {padding}"),
                 "continues a mesh of tetrahedra, but the image is 2-D",
+                "omit it",
+            )));
+        }
+        if let (Some(topography), 2) = (&spec.topography, D) {
+            return Err(Error::Job(cause(
+                format!("topography {topography}"),
+                "ends a mesh of tetrahedra, but the image is 2-D",
                 "omit it",
             )));
         }
@@ -288,7 +297,8 @@ impl<const D: usize> Params<D> {
     /// Returns the errors of [`Params::read`] and of `read_image`.
     pub(crate) fn read_with(spec: &MeshSpec, read_image: ReadImage<'_>) -> Result<Self> {
         let mut params = Self::new(spec.clone())?;
-        params.surfaces = given_surfaces::read(&spec.surface)?;
+        params.surfaces = given_surfaces::read("surface", &spec.surface)?;
+        params.topography = given_surfaces::read("topography", spec.topography.as_slice())?;
         if let Some(path) = &spec.atoms_from {
             params.fixed_atoms = read_fixed_atoms(path)?;
         }
@@ -346,6 +356,7 @@ impl<const D: usize> Params<D> {
             fixed_atoms: Vec::new(),
             wells: Vec::new(),
             surfaces: Vec::new(),
+            topography: Vec::new(),
         }
     }
 

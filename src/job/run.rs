@@ -6,7 +6,8 @@ use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
 use super::padding::PaddingCells;
 use super::placement::{self, PlacedAtoms};
-use super::spec::{DEFAULT_DISTANCES, NominalDistance};
+use super::spec::{DEFAULT_DISTANCES, NominalDistance, Padding};
+use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
     StageRunner, cells, estimate, simplices,
@@ -226,6 +227,7 @@ where
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
     let given = params.surfaces_in_image(geometry, dims)?;
+    let topography = Topography::new(params, geometry, (step, extent))?;
     options.given = given.as_ref().map(|given| Arc::clone(&given.points));
     options.is_distributed = is_partitioned
         && given.is_none()
@@ -255,12 +257,9 @@ where
     let notes_on_given = given.into_iter().flat_map(|given| given.notes);
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_given.chain(note_on_distance));
-    let scene = MeshScene {
-        extent,
-        features: &features,
-        distance: &distance,
-    };
-    let padding = pad(params, &mesh, &scene, geometry, &mut report, &mut stages)?;
+    let beyond = (params, topography.as_ref());
+    let scene = scene_of(extent, &features, &distance);
+    let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     let stop = stop_reason(optimize_result.as_ref(), interrupted);
@@ -287,22 +286,53 @@ fn add_optimisation(report: &mut Report, result: Option<&optimize::OptimizeResul
     }
 }
 
+/// Returns how far a mesh reaches beyond its image. A topography determines the thickness above it, and gets
+/// a note in the report.
+fn padding_of(
+    given: Option<Padding>,
+    topography: Option<&Topography>,
+    report: &mut Report,
+) -> Option<Padding> {
+    let (Some(given), Some(topography)) = (given, topography) else {
+        return given;
+    };
+    report.notes.push(topography.note(given.above));
+    Some(Padding {
+        above: topography.mean_height(),
+        ..given
+    })
+}
+
+/// Returns the scene of a mesh.
+fn scene_of<'a, const D: usize>(
+    extent: [f64; D],
+    features: &'a Features<D>,
+    distance: &'a Distance<D>,
+) -> MeshScene<'a, D> {
+    MeshScene {
+        extent,
+        features,
+        distance,
+    }
+}
+
 /// Continues a mesh beyond its image, if the options ask for that.
 fn pad<const D: usize>(
-    params: &Params<D>,
+    (params, topography): (&Params<D>, Option<&Topography>),
     mesh: &MeshResult<D>,
-    scene: &MeshScene<'_, D>,
-    geometry: &Geometry<D>,
+    (scene, geometry): (&MeshScene<'_, D>, &Geometry<D>),
     report: &mut Report,
     stages: &mut StageRunner<'_>,
 ) -> Result<Option<PaddingCells<D>>>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let (Some(padding), MeshResult::Simplices(annotated)) = (&params.spec.pad, mesh) else {
+    let padding = padding_of(params.spec.pad, topography, report);
+    let (Some(padding), MeshResult::Simplices(annotated)) = (padding, mesh) else {
         return Ok(None);
     };
     let (mesh, angle) = (&annotated.mesh, params.spec.min_angle());
+    let padding = (&padding, topography);
     let padded = MeshSpace::<D>::pad(mesh, padding, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);

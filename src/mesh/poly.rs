@@ -279,6 +279,15 @@ impl<const D: usize> PolyMesh<D> {
         }
     }
 
+    /// Assigns every face on the boundary that lies in no other side of the box `[low, high]` to `bent_side`.
+    pub fn assign_bent_side(&mut self, bent_side: usize, low: [f64; D], high: [f64; D]) {
+        for f in self.inner_face_count()..self.face_cells.len() {
+            if self.containing_side(f, low, high).is_none() {
+                self.face_cells[f][1] = FIRST_SIDE + bent_side as u32;
+            }
+        }
+    }
+
     /// Takes the side from every upright face on the boundary that lies in no side of the box
     /// `[low, high]`. Such faces are at faults that offset columns.
     pub fn release_fault_sides(&mut self, low: [f64; D], high: [f64; D]) {

@@ -9,7 +9,7 @@ use crate::image::Modality;
 use crate::image::synth::Truth;
 use crate::job::{cells, scaled_mesh};
 use crate::mesh::Simplices;
-use crate::mesh::check::{CheckHints, check, check_with_hints};
+use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::model::MeshInput;
@@ -147,12 +147,17 @@ pub(crate) fn measure_simplices<const D: usize, M: Simplices<D>>(
 ) -> Result<Report> {
     let (mesh, space) = (&stored.lattice, &stored.space);
     let assessment = explained_angles(stored);
+    let hints = CheckHints {
+        bent_side: space.bent_side,
+        ..CheckHints::default()
+    };
+    let (low, high, tolerance) = ([0.0; D], space.extent, space.tolerance());
     let mut report = Report {
         quality: Some(Quality {
             angles: Some(assessment.angles),
             ..report::quality(mesh)
         }),
-        box_check: Some(check(mesh, [0.0; D], space.extent, space.tolerance())),
+        box_check: Some(check_with_hints(mesh, hints, low, high, tolerance)),
         ..Report::default()
     };
     if let Some((truth, note)) = &truth {

@@ -50,6 +50,10 @@ pub fn validate<'a>(
         }
         AnyMesh::Tetrahedra(file) => {
             let mut stored = StoredMesh::new(file, name)?;
+            // A mesh that ends at a topography is not convex.
+            if stored.space.bent_side.is_some() {
+                return Ok(vec![atomesh_verdict(&stored)]);
+            }
             with_other_checkers(atomesh_verdict(&stored), || {
                 let tolerance = stored.space.tolerance();
                 let mut verdicts = Vec::new();
@@ -86,6 +90,7 @@ fn with_other_checkers(
 fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> CheckerVerdict {
     let hints = CheckHints {
         weld: stored.weld,
+        bent_side: stored.space.bent_side,
         ..CheckHints::default()
     };
     let (low, high) = ([0.0; D], stored.space.extent);

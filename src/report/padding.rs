@@ -13,6 +13,10 @@ pub struct PaddingReport {
     pub smallest_angle: Quantiles,
     /// Largest dihedral angle of each cell in lattice space, in degrees.
     pub largest_angle: Quantiles,
+    /// Largest distance of the mesh's top from the topography, along the vertical axis, in the image's
+    /// physical units; `None` without a topography.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub topography_deviation: Option<f64>,
 }
 
 /// A region beyond the image.

@@ -28,6 +28,10 @@ pub(super) fn add_padding(line: &mut impl FnMut(&str, String), padding: &Padding
             smallest.worst, largest.worst, smallest.percent, largest.percent
         ),
     );
+    if let Some(deviation) = padding.topography_deviation {
+        let text = format!("the top is at most {deviation:.4} from the topography");
+        line("", text);
+    }
 }
 
 impl Report {

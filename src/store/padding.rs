@@ -16,6 +16,9 @@ use crate::store::stored_mesh::REGION_ARRAY;
 /// Field with the names of the regions of a mesh that continues beyond its image.
 const REGIONS_FIELD: &str = "regions";
 
+/// Field with the number of the side of the box that follows a topography.
+const BENT_SIDE_FIELD: &str = "bent_side";
+
 /// Name of the region of the image, if its regions are no labels.
 const IMAGE_REGION_NAME: &str = "image";
 
@@ -33,6 +36,15 @@ pub fn read_named_regions<M>(file: &MeshFile<M>) -> Vec<NamedRegion> {
     match file.field_value(REGIONS_FIELD) {
         Some(FieldValue::Text(text)) => serde_json::from_str(text.trim()).unwrap_or_default(),
         _ => Vec::new(),
+    }
+}
+
+/// Returns the number of the side of a mesh's box that follows a topography, if there is one: 2 axis for the lower
+/// side, 2 axis + 1 for the upper side.
+pub(super) fn read_bent_side<M>(file: &MeshFile<M>) -> Option<usize> {
+    match file.field_value(BENT_SIDE_FIELD) {
+        Some(FieldValue::Ints(side)) => side.first().and_then(|&side| side.try_into().ok()),
+        _ => None,
     }
 }
 
@@ -130,6 +142,9 @@ pub fn with_padding<const D: usize, M: Simplices<D>>(
     if let Ok(text) = serde_json::to_string(&names) {
         field_data.push((REGIONS_FIELD.into(), FieldValue::Text(text)));
     }
+    if let Some(side) = padding.bent_side {
+        field_data.push((BENT_SIDE_FIELD.into(), FieldValue::Ints(vec![side as i64])));
+    }
     let connectivity = [mesh.connectivity(), beyond.connectivity()].concat();
     MeshFile {
         mesh: M::from_parts(beyond.nodes().to_vec(), connectivity),
@@ -185,7 +200,7 @@ pub fn without_padding<const D: usize, M: Simplices<D>>(file: MeshFile<M>) -> (M
     let extent = (0..D).map(|k| ((high[k] - low[k]) / space.step[k]).round() * space.step[k]);
     let extent: Vec<f64> = extent.collect();
     let mut field_data = file.field_data;
-    field_data.retain(|(name, _)| name != REGIONS_FIELD);
+    field_data.retain(|(name, _)| name != REGIONS_FIELD && name != BENT_SIDE_FIELD);
     for (name, value) in &mut field_data {
         match name.as_str() {
             "origin" => *value = FieldValue::F64s(space.to_world(low).to_vec()),

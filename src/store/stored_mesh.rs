@@ -6,6 +6,7 @@ use super::depth::velocity_file;
 use super::labels::remove_labels;
 use super::named_surfaces::NamedSurfaces;
 use super::output::{HORIZON_FACES_ARRAY, THROWS_FIELD, UNITS_FIELD, WELD_FIELD};
+use super::padding::read_bent_side;
 use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
@@ -78,6 +79,9 @@ pub struct LatticeSpace<const D: usize> {
     pub step: [f64; D],
     /// Map from samples to physical coordinates.
     pub geometry: Geometry<D>,
+    /// Number of the side of the box that follows a topography, if there is one: 2 axis for the lower side, 2 axis + 1
+    /// for the upper side. All other sides are flat.
+    pub bent_side: Option<usize>,
     /// `true` if the file contains the position. Otherwise lattice space is the file's own space,
     /// moved so that the mesh begins at the origin.
     pub is_stored: bool,
@@ -223,6 +227,7 @@ impl<const D: usize> LatticeSpace<D> {
                 extent: sub(high, low),
                 step: [1.0; D],
                 geometry: Geometry::with_spacing(low, [1.0; D]),
+                bent_side: None,
                 is_stored: false,
                 velocities: velocity_file(file),
             });
@@ -242,6 +247,7 @@ impl<const D: usize> LatticeSpace<D> {
                 units: std::array::from_fn(|_| units.next().unwrap_or_default().to_string()),
                 ..Geometry::default()
             },
+            bent_side: read_bent_side(file).filter(|side| *side < 2 * D),
             is_stored: true,
             velocities: velocity_file(file),
         })
@@ -367,7 +373,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     /// # Errors
     /// Returns [`Error::Mesh`] for overlaps and holes. Flat or inverted cells are not reported.
     pub fn check_filled(&self, place: &str) -> Result<()> {
-        let fraction = check::filled_share(&self.lattice, self.space.extent);
+        let fraction = check::filled_share(&self.lattice, self.space.extent, self.space.bent_side);
         let problem = match fraction {
             Some(fraction) if fraction > 1.0 + VOLUME_TOLERANCE => {
                 format!("some of its cells overlap: they fill {fraction:.4} times their box")
@@ -434,6 +440,7 @@ pub(super) mod tests {
             extent: [2.0; D],
             step: [0.5; D],
             geometry,
+            bent_side: None,
             is_stored: true,
             velocities: None,
         };

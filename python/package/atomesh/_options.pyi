@@ -131,6 +131,11 @@ class MeshOptions(TypedDict, total=False):
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
     #: out. The cells belong to the regions overburden, underburden and sideburden
     pad: _Value | None
+    #: End the cells above the image at this surface, such as the ground or the seafloor: FILE or
+    #: FILE:NAME, a grid of heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in
+    #: the image's physical coordinates. It must cover the image and the sides of --pad, and
+    #: replaces above=DIST of --pad
+    topography: _Value | None
     #: Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     #: file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     #: resampled

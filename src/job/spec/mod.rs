@@ -316,6 +316,11 @@ pub struct MeshSpec {
     /// regions overburden, underburden and sideburden
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
     pub pad: Option<Padding>,
+    /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
+    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It
+    /// must cover the image and the sides of --pad, and replaces above=DIST of --pad
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
+    pub topography: Option<SurfaceOption>,
     /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -408,6 +413,7 @@ impl Default for MeshSpec {
             smooth: None,
             metric: Metric::Auto,
             pad: None,
+            topography: None,
             velocity: None,
             rng_seed: 1,
             report: None,

@@ -70,6 +70,7 @@ impl MeshSpec {
         };
         options.check_alignment()?;
         options.check_cells()?;
+        options.check_topography()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
         } else {
@@ -80,6 +81,16 @@ impl MeshSpec {
 }
 
 impl Options<'_> {
+    /// Checks that there is padding that can end at the topography.
+    fn check_topography(&self) -> Result<()> {
+        if self.spec.pad.is_some() {
+            return Ok(());
+        }
+        let problem = "is where the cells beyond the image end, but there are none";
+        let remedy = "add --pad, for example --pad below=500,sides=1000";
+        self.refuse(&["topography"], problem, remedy)
+    }
+
     /// Checks the alignment. Voronoi cells need atoms alongside features and strictly inside the
     /// box; tetrahedra need atoms on both.
     fn check_alignment(&self) -> Result<()> {
@@ -114,7 +125,8 @@ impl Options<'_> {
         if spec.cell_kind() == CellKind::Voronoi {
             let problem = "applies to tetrahedra and triangles, but the mesh has Voronoi cells";
             let remedy = "omit it, or choose --cells tets";
-            self.refuse(&["slivers", "smooth", "lines", "pad"], problem, remedy)?;
+            let options = ["slivers", "smooth", "lines", "pad", "topography"];
+            self.refuse(&options, problem, remedy)?;
             self.refuse_target_angle(problem, remedy)?;
             if !(0.0..=MAX_WELD_RATIO).contains(&spec.weld) {
                 let problem = format!("is not a fraction from 0 to {MAX_WELD_RATIO}");
@@ -519,6 +531,7 @@ mod tests {
             "surface = [\"faults.ts\", \"a.vtp:Main,horizon\"]\nfeature = \"none\"",
             "pad = \"above=200,sides=50.5\"",
             "pad = { below = 200, sides = 50.5 }",
+            "pad = \"sides=50\"\ntopography = \"ground.irap:Ground\"",
             "rounds = 5\noptimizer = \"genetic\"",
             "effort = \"draft\"\nmin-dihedral = 20",
             "effort = \"best\"\ncells = \"voronoi\"",
@@ -567,6 +580,8 @@ mod tests {
             ("cells = \"voronoi\"\nmin-dihedral = 20", "min-dihedral"),
             ("cells = \"voronoi\"\nkappa = 0.7", "kappa"),
             ("cells = \"voronoi\"\npad = \"above=50\"", "pad"),
+            ("cells = \"voronoi\"\ntopography = \"a.ts\"", "topography"),
+            ("topography = \"a.ts\"", "topography"),
             ("weld = 0.01", "weld"),
             ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),

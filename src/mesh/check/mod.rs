@@ -15,6 +15,7 @@ mod simplices;
 
 pub use cells::CellCheck;
 pub(crate) use cells::broken_cells;
+pub use simplices::nodes_on_bent_side;
 
 use super::Mesh;
 use super::view::MeshView;
@@ -153,6 +154,9 @@ pub struct CheckHints<'a> {
     /// For polyhedra and polygons: nodes are welded within this fraction of their distance to their
     /// sites. Faces need to be flat only to that distance.
     pub weld: f64,
+    /// For simplices: number of the side of the box that may be bent: 2 axis for the lower side, 2 axis + 1 for the
+    /// upper side. Lines along the axis must cross it once. The cells fill the space between it and the opposite side.
+    pub bent_side: Option<usize>,
 }
 
 /// The box that a mesh should fill, and the tolerance.
@@ -162,6 +166,8 @@ pub struct BoxBounds<const D: usize> {
     high: [f64; D],
     /// Tolerance relative to the box's longest side, areas and volume.
     tolerance: f64,
+    /// The number of the side that may be bent, as in [`CheckHints`].
+    bent_side: Option<usize>,
 }
 
 impl<const D: usize> BoxBounds<D> {
@@ -264,6 +270,7 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
         low,
         high,
         tolerance,
+        bent_side: hints.bent_side,
     };
     report.judge(
         M::CELLS_NAME,
@@ -278,14 +285,22 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
     Ok(report)
 }
 
+/// Largest distance of a face from the side in which it lies, in units of the box's longest side.
+const SIDE_TOLERANCE: f64 = 1e-6;
+
 /// Returns the fraction of the box `[0, extent]` that the cells fill: 1 for a valid mesh, less for
-/// a mesh with a hole, more where cells overlap. Returns `None` if a cell is flat or inverted,
-/// because then the sum has no meaning.
-pub fn filled_share<const D: usize, M: Mesh<D>>(mesh: &M, extent: [f64; D]) -> Option<f64> {
+/// a mesh with a hole, more where cells overlap. With a bent side, it is the fraction of the part of the box that this
+/// side bounds. Returns `None` if a cell is flat or inverted, because then the sum has no meaning.
+pub fn filled_share<const D: usize, M: Mesh<D>>(
+    mesh: &M,
+    extent: [f64; D],
+    bent_side: Option<usize>,
+) -> Option<f64> {
     let bounds = BoxBounds {
         low: [0.0; D],
         high: extent,
-        tolerance: 0.0,
+        tolerance: SIDE_TOLERANCE,
+        bent_side,
     };
     let mut total = 0.0;
     for volume in mesh.volumes() {

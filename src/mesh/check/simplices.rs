@@ -1,7 +1,9 @@
 //! Checks of triangles and tetrahedra: each face belongs to one cell or two, and neighbouring cells
 //! share a whole face.
 
-use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, singular_name};
+use super::{
+    BoxBounds, CellChecks, Check, CheckHints, SIDE_TOLERANCE, SideCoverage, singular_name,
+};
 use crate::mesh::Simplices;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
 use crate::mesh::view::MeshView;
@@ -34,7 +36,21 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
     }
 
     fn target_volume(&self, bounds: &BoxBounds<D>) -> f64 {
-        bounds.extent().iter().product()
+        let Some(side) = bounds.bent_side else {
+            return bounds.extent().iter().product();
+        };
+        let axis = side / 2;
+        let opposite = if side % 2 == 1 {
+            bounds.low
+        } else {
+            bounds.high
+        }[axis];
+        let prism = |face: [u32; D]| {
+            let nodes = face.map(|n| self.nodes()[n as usize]);
+            let heights = nodes.iter().map(|x| (x[axis] - opposite).abs());
+            M::face_area(&flattened(nodes, axis)) * heights.sum::<f64>() / D as f64
+        };
+        bent_faces(self, bounds).into_iter().map(prism).sum()
     }
 
     fn check_faces(
@@ -188,6 +204,73 @@ fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     Ok(unpaired)
 }
 
+/// Returns the side of the box whose plane is nearest to the nodes of a face, as axis and `true` for its high end, and
+/// the largest distance of its nodes from there. A face that lies in no flat side lies in the bent one, if there is one.
+fn nearest_side<const D: usize>(
+    nodes: &[[f64; D]; D],
+    bounds: &BoxBounds<D>,
+) -> ((usize, bool), f64) {
+    let mut best = ((0, false), f64::INFINITY);
+    for k in 0..D {
+        for (upper, plane) in [(false, bounds.low[k]), (true, bounds.high[k])] {
+            let offset = nodes
+                .iter()
+                .map(|q| (q[k] - plane).abs())
+                .fold(0.0, f64::max);
+            let is_bent = bounds.bent_side == Some(2 * k + usize::from(upper));
+            if offset < best.1 && !is_bent {
+                best = ((k, upper), offset);
+            }
+        }
+    }
+    match bounds.bent_side {
+        Some(side) if best.1 > bounds.tolerance * bounds.longest_side() => {
+            ((side / 2, side % 2 == 1), 0.0)
+        }
+        _ => best,
+    }
+}
+
+/// Returns for each node of a mesh whether it lies on the side of the box `[0, extent]` that is bent.
+pub fn nodes_on_bent_side<const D: usize>(
+    mesh: &impl Simplices<D>,
+    extent: [f64; D],
+    bent_side: usize,
+) -> Vec<bool> {
+    let bounds = BoxBounds {
+        low: [0.0; D],
+        high: extent,
+        tolerance: SIDE_TOLERANCE,
+        bent_side: Some(bent_side),
+    };
+    let mut is_on_side = vec![false; mesh.nodes().len()];
+    for face in bent_faces(mesh, &bounds) {
+        face.iter().for_each(|&n| is_on_side[n as usize] = true);
+    }
+    is_on_side
+}
+
+/// Returns the faces in the bent side of the box; none if no side is bent, or if more than two cells share a face.
+fn bent_faces<const D: usize>(mesh: &impl Simplices<D>, bounds: &BoxBounds<D>) -> Vec<[u32; D]> {
+    let neighbors = mesh.neighbors().unwrap_or_default();
+    let boundary = (neighbors.iter().enumerate()).filter(|(_, n)| **n == NONE);
+    let faces = boundary.map(|(i, _)| mesh.face(i / (D + 1), i % (D + 1)));
+    let is_bent = |face: &[u32; D]| {
+        let nodes = face.map(|n| mesh.nodes()[n as usize]);
+        let (axis, is_high) = nearest_side(&nodes, bounds).0;
+        bounds.bent_side == Some(2 * axis + usize::from(is_high))
+    };
+    faces.filter(is_bent).collect()
+}
+
+/// Returns the nodes of a face as seen along an axis.
+fn flattened<const D: usize>(nodes: [[f64; D]; D], axis: usize) -> [[f64; D]; D] {
+    nodes.map(|mut x| {
+        x[axis] = 0.0;
+        x
+    })
+}
+
 /// Adds every face without a neighbour, on any rank, to the side of the box whose plane is nearest
 /// to it. Collective.
 fn boundary_sides<const D: usize, M: Simplices<D>>(
@@ -198,19 +281,19 @@ fn boundary_sides<const D: usize, M: Simplices<D>>(
 ) -> crate::Result<SideCoverage<D>> {
     let (mesh, mut local) = (view.mesh, Check::default());
     let mut sides = SideCoverage::uncovered();
+    if let Some(side) = bounds.bent_side {
+        // The areas of the others depend on the bent side.
+        sides.must_be_covered = std::array::from_fn(|k| k == side / 2);
+    }
     for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
         let face = mesh.face(i / (D + 1), i % (D + 1));
         let p = face.map(|n| mesh.nodes()[n as usize]);
-        let mut best = ((0, false), f64::INFINITY);
-        for k in 0..D {
-            for (upper, plane) in [(false, bounds.low[k]), (true, bounds.high[k])] {
-                let offset = p.iter().map(|q| (q[k] - plane).abs()).fold(0.0, f64::max);
-                if offset < best.1 {
-                    best = ((k, upper), offset);
-                }
-            }
-        }
-        sides.add(best.0, M::face_area(&p), best.1, bounds, &mut local);
+        let (side, offset) = nearest_side::<D>(&p, bounds);
+        let p = match bounds.bent_side {
+            Some(bent) if bent == 2 * side.0 + usize::from(side.1) => flattened(p, side.0),
+            _ => p,
+        };
+        sides.add(side, M::face_area(&p), offset, bounds, &mut local);
     }
     let counts = [local.boundary_faces, local.faces_off_sides];
     let local = (counts, (local.flatness_error, sides.area));

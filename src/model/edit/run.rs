@@ -250,6 +250,14 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
     };
     let mut spec: MeshSpec = toml::from_str(record.trim())
         .map_err(|e| unknown(&e.message().replace('\n', ", ")).with_source(e))?;
+    if let Some(topography) = &spec.topography {
+        return Err(refuse(
+            format!(
+                "continues above its image (topography {topography}), where an edit has no image"
+            ),
+            "edit the mesh that is made without --topography",
+        ));
+    }
     if let Some(padding) = spec.pad {
         return Err(refuse(
             format!("continues beyond its image (pad {padding}), where an edit has no image"),

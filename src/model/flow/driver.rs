@@ -7,6 +7,7 @@ use crate::files::vtk::DataArray;
 use crate::geometry::to_3d;
 use crate::job::{MeshSpace, Meshing};
 use crate::mesh::Simplices;
+use crate::mesh::check::nodes_on_bent_side;
 use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
 use crate::model::flow::anisotropy::AxisRatios;
@@ -399,7 +400,13 @@ fn side_nodes<const D: usize, M: Simplices<D>>(
         let extent = stored.space.extent[axis];
         let plane = if side % 2 == 0 { 0.0 } else { extent };
         let is_on = |x: &[f64; D]| (x[axis] - plane).abs() <= SIDE_TOLERANCE * extent;
-        (side, pressure, nodes.iter().map(is_on).collect())
+        let is_on_side = match stored.space.bent_side {
+            Some(bent) if bent == usize::from(side) => {
+                nodes_on_bent_side(&stored.lattice, stored.space.extent, bent)
+            }
+            _ => nodes.iter().map(is_on).collect(),
+        };
+        (side, pressure, is_on_side)
     });
     nodes_on_sides.collect()
 }

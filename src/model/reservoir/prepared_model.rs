@@ -62,7 +62,8 @@ pub struct PreparedModel {
     pub model: Model,
     /// The map from the mesh's coordinates to the model's.
     pub frame: ModelFrame,
-    /// Volume of the mesh's box, in the model's coordinates.
+    /// Volume that the cells should fill, in the model's coordinates: that of the mesh's box, or the volume within the
+    /// outer faces if a side of the box is bent.
     pub box_volume: f64,
     /// Unit of the model's coordinates: metres, or that of a scan.
     pub unit: String,
@@ -88,6 +89,8 @@ struct ModelParts {
     step: [f64; 3],
     dims: [f64; 3],
     box_volume: f64,
+    /// `true` if the cells do not fill the box, because one of its sides is bent.
+    is_bent: bool,
     has_feature_faces: bool,
     cell_data: Vec<DataArray>,
     labels: Vec<LabelledRegion>,
@@ -133,6 +136,9 @@ impl<const D: usize, M: Simplices<D>> ToModelCells<D> for M {
         let region = stored.regions().unwrap_or_default();
         let mut mesh = PolyMesh::from_simplices(&stored.lattice, bits, &region)?;
         mesh.assign_sides([0.0; D], stored.space.extent);
+        if let Some(side) = stored.space.bent_side {
+            mesh.assign_bent_side(side, [0.0; D], stored.space.extent);
+        }
         let surface = labels_of_faces(&mesh, facets);
         let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
         let mut world = Positions {
@@ -205,6 +211,7 @@ impl ModelParts {
             step: std::array::from_fn(|k| space.step.get(k).copied().unwrap_or(1.0)),
             dims: std::array::from_fn(dim),
             box_volume: volume * if D == 2 { thickness } else { 1.0 },
+            is_bent: space.bent_side.is_some() || arrays.cell_array(COLUMN).is_some(),
             has_feature_faces,
             labels: read_labels(&arrays),
             named_regions: read_named_regions(&arrays),
@@ -291,7 +298,7 @@ impl PreparedModel {
         if let Some(top) = top {
             frame = frame.with_top(&parts.mesh.nodes, top);
         }
-        let box_volume = if cell_data.iter().any(|array| array.name == COLUMN) {
+        let box_volume = if parts.is_bent {
             parts.mesh.enclosed_volume()
         } else {
             parts.box_volume

@@ -116,6 +116,7 @@ impl SolidView<'_> {
             extent: dims.map(|n| (n.max(2) - 1) as f64),
             step: [1.0; 3],
             geometry: geometry.clone(),
+            bent_side: None,
             is_stored: true,
             velocities: None,
         }

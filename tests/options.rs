@@ -633,6 +633,15 @@ fn a_printed_configuration_gives_the_same_bytes() {
     }
 }
 
+/// Returns points `x y z` of a gentle hill above the sample volume and around it.
+fn ground() -> String {
+    let places = (0..=40).flat_map(|i| (0..=40).map(move |j| [i, j].map(|k| 7 * k - 80)));
+    let height = |x: i32, y: i32| 50.0 + 0.1 * f64::from(x) + (0.03 * f64::from(y)).sin();
+    places
+        .map(|[x, y]| format!("{x} {y} {}\n", -height(x, y)))
+        .collect()
+}
+
 /// Compares the meshes of every example whose image is in the repository or made by an earlier
 /// command of its page.
 #[test]
@@ -645,6 +654,7 @@ fn examples_have_the_same_bytes_from_their_configurations() {
         let dir = folder.path();
         std::fs::create_dir(dir.join("data")).unwrap();
         std::fs::copy(&sample, dir.join("data/faults.vti")).unwrap();
+        std::fs::write(dir.join("ground.xyz"), ground()).unwrap();
         for command in commands {
             let command = words(&command);
             let exists = |word: &&str| dir.join(word).exists();

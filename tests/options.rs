@@ -129,8 +129,10 @@ const CASES: &[OptionCase] = &[
 ///
 /// Atoms of Voronoi cells lie alongside features. A lattice with a varying distance, also for
 /// wells, is always grown. Bare samples are 1 apart in metres as in samples. Options for a label
-/// imply that labels are the features.
-const REDUNDANT_PAIRS: [[&str; 2]; 7] = [
+/// imply that labels are the features. With this stiffness the atoms come to rest before more
+/// evaluations matter. Atoms of Canny's edges do not depend on the distance, and only its unit makes the
+/// physical metric differ from the default for scans.
+const REDUNDANT_PAIRS: [[&str; 2]; 9] = [
     ["--feature labels", "--label 1:distance"],
     ["--seeding grown", "--label 1:distance"],
     ["--align alongside", "--cells voronoi"],
@@ -138,6 +140,8 @@ const REDUNDANT_PAIRS: [[&str; 2]; 7] = [
     ["--seeding grown", "--well-distance"],
     ["--metric physical", "--raw"],
     ["--metric samples", "--raw"],
+    ["--kappa 0.7", "--effort best"],
+    ["--seeding canny", "--metric physical"],
 ];
 
 /// Result of a run: exit code, messages with figures, and files with their contents.

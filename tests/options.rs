@@ -129,10 +129,8 @@ const CASES: &[OptionCase] = &[
 ///
 /// Atoms of Voronoi cells lie alongside features. A lattice with a varying distance, also for
 /// wells, is always grown. Bare samples are 1 apart in metres as in samples. Options for a label
-/// imply that labels are the features. With this stiffness the atoms come to rest before more
-/// evaluations matter. Atoms of Canny's edges do not depend on the distance, and only its unit makes the
-/// physical metric differ from the default for scans.
-const REDUNDANT_PAIRS: [[&str; 2]; 9] = [
+/// imply that labels are the features.
+const REDUNDANT_PAIRS: [[&str; 2]; 7] = [
     ["--feature labels", "--label 1:distance"],
     ["--seeding grown", "--label 1:distance"],
     ["--align alongside", "--cells voronoi"],
@@ -140,6 +138,13 @@ const REDUNDANT_PAIRS: [[&str; 2]; 9] = [
     ["--seeding grown", "--well-distance"],
     ["--metric physical", "--raw"],
     ["--metric samples", "--raw"],
+];
+
+/// Pairs of options of which the second has no effect beside the first on this image alone.
+///
+/// With this stiffness the atoms come to rest before more evaluations matter. Atoms of Canny's edges do
+/// not depend on the distance, and only its unit makes the physical metric differ from the default.
+const PAIRS_WITHOUT_EFFECT_HERE: [[&str; 2]; 2] = [
     ["--kappa 0.7", "--effort best"],
     ["--seeding canny", "--metric physical"],
 ];
@@ -525,12 +530,18 @@ fn no_pair_of_options_is_accepted_and_then_ignored() {
         results.len() + remaining_runs.len()
     );
     results.extend(run_all(folder.path(), remaining_runs));
+    let has_no_effect_here = |row: &Row, i: usize| {
+        let beside = |option: &str| row.iter().any(|&k| CASES[k].option == option);
+        let mut pairs = PAIRS_WITHOUT_EFFECT_HERE.iter();
+        row.len() == 2 && pairs.any(|[a, b]| CASES[i].option == *b && beside(a))
+    };
     let mut ignored = Vec::new();
     let mut tested: BTreeSet<usize> = proven.iter().map(|&(i, _)| i).collect();
     for row in rows.iter().filter(|row| row.len() == 1).chain(&again) {
         for (i, change) in changes(row, &results) {
             match change {
                 Some(true) => drop(tested.insert(i)),
+                Some(false) if has_no_effect_here(row, i) => (),
                 Some(false) => {
                     ignored.push(format!("'{}' in '{}'", CASES[i].option, describe(row)))
                 }

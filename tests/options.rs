@@ -531,9 +531,9 @@ fn no_pair_of_options_is_accepted_and_then_ignored() {
     );
     results.extend(run_all(folder.path(), remaining_runs));
     let has_no_effect_here = |row: &Row, i: usize| {
-        let beside = |option: &str| row.iter().any(|&k| CASES[k].option == option);
+        let has = |option: &str| row.iter().any(|&k| CASES[k].option == option);
         let mut pairs = PAIRS_WITHOUT_EFFECT_HERE.iter();
-        row.len() == 2 && pairs.any(|[a, b]| CASES[i].option == *b && beside(a))
+        row.len() == 2 && pairs.any(|[a, b]| CASES[i].option == *b && has(a))
     };
     let mut ignored = Vec::new();
     let mut tested: BTreeSet<usize> = proven.iter().map(|&(i, _)| i).collect();

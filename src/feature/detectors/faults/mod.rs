@@ -44,11 +44,11 @@ const SLOPE_BISECTIONS: usize = 20;
 
 /// Memory (bytes) per sample of the likelihood.
 const LIKELIHOOD_BYTES_PER_SAMPLE: f64 = 4.0;
-/// Memory (bytes) per sample that the network sees, besides its probability; and, for the layers in its
-/// reach, per sample of one layer.
+/// Memory (bytes) per sample that the network sees in a volume, besides its probability.
 const NETWORK_BYTES_PER_SAMPLE: f64 = 8.0;
 /// Memory (bytes) per sample that the network sees in a section, with its copy of twice as many traces.
 const SECTION_NETWORK_BYTES_PER_SAMPLE: f64 = 44.0;
+/// Memory (bytes) of the layers in the network's reach, per sample of one layer.
 const NETWORK_BYTES_PER_LAYER_SAMPLE: f64 = 2600.0;
 /// Memory (bytes) per sample that is scanned, besides its likelihood.
 const SCAN_BYTES_PER_SAMPLE: f64 = 22.0;

@@ -1,5 +1,6 @@
-"""Prints the largest difference between the volumes of polyhedra that VTK computes and those in the file, divided by
-the mean volume: cells.py FILE.vtu. VTK computes the volume that the faces of a cell enclose."""
+"""Prints the largest difference between the volumes of polyhedra as VTK reads them and those in the file, divided by
+the mean volume: cells.py FILE.vtu. The volume of a cell is that of the pyramids from its first node to its faces.
+(vtkMassProperties of VTK 9.7 is only exact to about 1e-6.)"""
 
 import sys
 
@@ -15,25 +16,12 @@ mean = sum(stored.GetValue(i) for i in range(count)) / count
 worst = 0.0
 for i in range(count):
     cell = data.GetCell(i)
-    points = vtk.vtkPoints()
-    points.SetDataTypeToDouble()
-    polygons = vtk.vtkCellArray()
-    new_id = {}
+    apex = data.GetPoint(cell.GetPointId(0))
+    volume = 0.0
     for k in range(cell.GetNumberOfFaces()):
         face = cell.GetFace(k)
-        ids = [face.GetPointId(j) for j in range(face.GetNumberOfPoints())]
-        for n in ids:
-            if n not in new_id:
-                new_id[n] = points.InsertNextPoint(data.GetPoint(n))
-        polygons.InsertNextCell(len(ids))
-        for n in ids:
-            polygons.InsertCellPoint(new_id[n])
-    surface = vtk.vtkPolyData()
-    surface.SetPoints(points)
-    surface.SetPolys(polygons)
-    triangles = vtk.vtkTriangleFilter()
-    triangles.SetInputData(surface)
-    mass = vtk.vtkMassProperties()
-    mass.SetInputConnection(triangles.GetOutputPort())
-    worst = max(worst, abs(mass.GetVolume() - stored.GetValue(i)) / mean)
+        nodes = [data.GetPoint(face.GetPointId(j)) for j in range(face.GetNumberOfPoints())]
+        first, *others = [[x - o for x, o in zip(node, apex)] for node in nodes]
+        volume += sum(vtk.vtkMath.Determinant3x3(first, a, b) for a, b in zip(others, others[1:])) / 6
+    worst = max(worst, abs(abs(volume) - stored.GetValue(i)) / mean)
 print(f"{worst:.3e}")

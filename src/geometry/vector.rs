@@ -62,7 +62,7 @@ pub fn to_3d<T: Real, const D: usize>(a: [T; D]) -> [T; 3] {
 
 /// Returns the vector product.
 #[inline]
-pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

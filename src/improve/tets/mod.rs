@@ -3,6 +3,7 @@
 //! - `recover`: removes edges that pass through a feature
 //! - `flips`: Joe's local transformations, generalised
 //! - `smooth`: max-min smoothing
+//! - `local_link`: the dihedral angles around a node that moves
 //! - `batch`: many flips and moves at once
 //! - `repair`: several operations at once, kept only if they help together
 //! - `local_patches`: many repairs at once
@@ -21,6 +22,7 @@ mod exude;
 mod finish;
 mod fixed_side;
 mod flips;
+mod local_link;
 mod local_patches;
 mod recover;
 mod repair;

@@ -6,30 +6,26 @@
 //! direction raises all of them faster. Nodes on features and sides of the box move only along
 //! them.
 
+use super::local_link::LocalLink;
 use crate::geometry::simd::dispatch_simd;
-use crate::geometry::{add_scaled, cross, dot, norm, sub};
+use crate::geometry::{add_scaled, dot, solve_positive, sub};
 use crate::improve::constraint::NodeConstraint;
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::plane_cache::PlaneCache;
 use crate::mesh::quality::min_sine;
 
-/// Sine of one dihedral angle of a tetrahedron, and its gradient with respect to node 0.
-#[derive(Clone, Copy, Default)]
-struct Angle {
-    sine: f64,
-    gradient: [f64; 3],
-}
-
 /// Number of tetrahedra that are processed side by side in SIMD lanes.
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
+
+/// Coordinates of the other three nodes of eight tetrahedra, by node, axis and tetrahedron.
+pub(super) type LinkGroup<T> = [[[T; LANES]; 3]; 3];
 
 /// The link of a node x: for each tetrahedron at x the positions of its other three nodes, such
 /// that `(x, p0, p1, p2)` is positive.
 #[derive(Default)]
 pub struct NodeLink {
-    /// Coordinates by node, axis and tetrahedron. The last group is filled up with its first
-    /// tetrahedron, which changes no minimum.
-    groups: Vec<[[[f64; LANES]; 3]; 3]>,
+    /// The last group is filled up with its first tetrahedron, which changes no minimum.
+    groups: Vec<LinkGroup<f64>>,
     count: usize,
 }
 
@@ -53,123 +49,20 @@ impl NodeLink {
         }
     }
 
-    /// Returns the distance from `x` to the nearest of the nodes.
-    fn nearest_distance(&self, x: [f64; 3]) -> f64 {
-        let mut min_square = f64::INFINITY;
-        for node in self.groups.as_flattened() {
-            for l in 0..LANES {
-                let offset = sub([node[0][l], node[1][l], node[2][l]], x);
-                min_square = min_square.min(dot(offset, offset));
-            }
-        }
-        min_square.sqrt()
+    /// Returns the positions of the nodes.
+    pub(super) fn groups(&self) -> &[LinkGroup<f64>] {
+        &self.groups
     }
 }
 
 #[inline(always)]
-fn lane(group: &[[[f64; LANES]; 3]; 3], l: usize) -> [[f64; 3]; 3] {
+fn lane(group: &LinkGroup<f64>, l: usize) -> [[f64; 3]; 3] {
     let [p, q, r] = group;
     [
         [p[0][l], p[1][l], p[2][l]],
         [q[0][l], q[1][l], q[2][l]],
         [r[0][l], r[1][l], r[2][l]],
     ]
-}
-
-/// Returns the six sines and their gradients with respect to node 0 of the tetrahedron `(x, p[0],
-/// p[1], p[2])`, which must be positive.
-#[inline(always)]
-fn angles(x: [f64; 3], p: &[[f64; 3]; 3]) -> [Angle; 6] {
-    let (a, b, c) = (sub(p[0], x), sub(p[1], x), sub(p[2], x));
-    let (u, v, w) = (sub(p[1], p[0]), sub(p[2], p[0]), sub(p[2], p[1]));
-    let normals = [cross(u, v), cross(b, c), cross(a, c), cross(a, b)];
-    let volume = dot(c, normals[3]);
-    let mut inverse = [0.0; 4];
-    for k in 0..4 {
-        inverse[k] = 1.0 / norm(normals[k]).max(1e-300);
-    }
-    // Gradients of the logarithm of each normal's length, without a factor; the normal opposite
-    // node 0 does not change.
-    let turned_normals = [
-        [0.0; 3],
-        cross(normals[1], w),
-        cross(normals[2], v),
-        cross(normals[3], u),
-    ];
-    let mut growth = [[0.0; 3]; 4];
-    for i in 1..4 {
-        for k in 0..3 {
-            growth[i][k] = turned_normals[i][k] * (inverse[i] * inverse[i]);
-        }
-    }
-    // Each edge, whether it is at node 0 (1 or 0), and the two faces that meet at it.
-    let edges = [
-        (a, 1.0, 2, 3),
-        (b, 1.0, 1, 3),
-        (c, 1.0, 1, 2),
-        (u, 0.0, 0, 3),
-        (v, 0.0, 0, 2),
-        (w, 0.0, 0, 1),
-    ];
-    let mut result = [Angle::default(); 6];
-    for e in 0..6 {
-        let (edge, at_node, i, j) = edges[e];
-        let square = dot(edge, edge).max(1e-300);
-        let scale = square.sqrt() * (inverse[i] * inverse[j]);
-        let sine = volume * scale;
-        let inverse_square = at_node / square;
-        result[e].sine = sine;
-        for k in 0..3 {
-            let log_change = -edge[k] * inverse_square - growth[i][k] - growth[j][k];
-            result[e].gradient[k] = sine * log_change - scale * normals[0][k];
-        }
-    }
-    result
-}
-
-/// Writes the angles at `x` whose sines are below `limit` to the beginning of `buffer`, and returns
-/// them.
-fn angles_below<'a>(
-    limit: f64,
-    x: [f64; 3],
-    link: &NodeLink,
-    buffer: &'a mut Vec<Angle>,
-) -> &'a [Angle] {
-    // The buffer has room for all angles, so that the selection needs no branch.
-    let capacity = 6 * LANES * link.groups.len();
-    if buffer.len() < capacity {
-        buffer.resize(capacity, Angle::default());
-    }
-    let mut count = 0;
-    dispatch_simd(
-        #[inline(always)]
-        || {
-            for group in &link.groups {
-                let mut sines = [[0.0; LANES]; 6];
-                let mut gradients = [[[0.0; LANES]; 3]; 6];
-                for l in 0..LANES {
-                    let angles = angles(x, &lane(group, l));
-                    for e in 0..6 {
-                        sines[e][l] = angles[e].sine;
-                        for k in 0..3 {
-                            gradients[e][k][l] = angles[e].gradient[k];
-                        }
-                    }
-                }
-                for l in 0..LANES {
-                    for e in 0..6 {
-                        let [u, v, w] = &gradients[e];
-                        buffer[count] = Angle {
-                            sine: sines[e][l],
-                            gradient: [u[l], v[l], w[l]],
-                        };
-                        count += usize::from(sines[e][l] < limit);
-                    }
-                }
-            }
-        },
-    );
-    &buffer[..count]
 }
 
 /// Returns the smallest sine over the tetrahedra of the link for node 0 at `x`. Stops early when it
@@ -216,28 +109,100 @@ pub fn link_sines(x: [f64; 3], link: &NodeLink, sines: &mut Vec<f32>) {
     sines.truncate(link.count);
 }
 
-/// Returns the shortest vector in the convex hull of `vectors` (Gilbert's algorithm).
+/// Largest number of vectors of which the shortest vector in the hull is a combination.
+const MAX_CORRAL: usize = 4;
+
+/// Returns the shortest vector in the convex hull of `vectors` (Wolfe 1976).
 fn shortest_in_hull(vectors: &[[f64; 3]]) -> [f64; 3] {
     let mut g = vectors.iter().copied().fold(vectors[0], |best, v| {
         if dot(v, v) < dot(best, best) { v } else { best }
     });
-    for _ in 0..40 {
+    // The vectors of which g is a combination, and their weights.
+    let (mut corral, mut weights, mut count) = ([g; MAX_CORRAL], [1.0; MAX_CORRAL], 1);
+    for _ in 0..20 {
         let (mut lowest, mut min_product) = (0, f64::INFINITY);
         for (i, v) in vectors.iter().enumerate() {
             let product = dot(*v, g);
             lowest = if product < min_product { i } else { lowest };
             min_product = min_product.min(product);
         }
-        let lowest = vectors[lowest];
-        let gap = dot(g, g) - min_product;
-        if gap <= 1e-3 * dot(g, g) {
+        let gg = dot(g, g);
+        if gg - min_product <= 1e-3 * gg || count == MAX_CORRAL {
             break;
         }
-        let step = sub(lowest, g);
-        let t = (-dot(g, step) / dot(step, step)).clamp(0.0, 1.0);
-        g = add_scaled(g, t, step);
+        (corral[count], weights[count]) = (vectors[lowest], 0.0);
+        count = shorten(&mut corral, &mut weights, count + 1);
+        let mut sum = [0.0; 3];
+        for i in 0..count {
+            sum = add_scaled(sum, weights[i], corral[i]);
+        }
+        if dot(sum, sum) >= gg {
+            break;
+        }
+        g = sum;
     }
     g
+}
+
+/// Moves the weights of the first `count` vectors to those of the shortest vector in their hull, and
+/// removes vectors without weight. Returns how many remain.
+fn shorten(
+    corral: &mut [[f64; 3]; MAX_CORRAL],
+    weights: &mut [f64; MAX_CORRAL],
+    mut count: usize,
+) -> usize {
+    while count > 1 {
+        let target = affine_weights(&corral[..count]);
+        // The share of the change on which all weights stay positive.
+        let mut share = 1.0f64;
+        for i in 0..count {
+            if target[i] <= 0.0 {
+                let decrease = weights[i] - target[i];
+                share = share.min(if decrease > 0.0 {
+                    weights[i] / decrease
+                } else {
+                    0.0
+                });
+            }
+        }
+        let mut kept = 0;
+        for i in 0..count {
+            let weight = weights[i] + share * (target[i] - weights[i]);
+            if target[i] > 0.0 || weight > 1e-12 {
+                (corral[kept], weights[kept]) = (corral[i], weight);
+                kept += 1;
+            }
+        }
+        if kept == count || kept == 0 {
+            return count;
+        }
+        count = kept;
+    }
+    weights[0] = 1.0;
+    1
+}
+
+/// Returns the weights, whose sum is 1, of the shortest vector in the affine hull of two to four
+/// vectors.
+fn affine_weights(vectors: &[[f64; 3]]) -> [f64; MAX_CORRAL] {
+    let first = vectors[0];
+    let edges: [[f64; 3]; 3] =
+        std::array::from_fn(|i| vectors.get(i + 1).map_or([0.0; 3], |v| sub(*v, first)));
+    let product = |i: usize, j: usize| dot(edges[i], edges[j]);
+    let side = |i: usize| -dot(edges[i], first);
+    let rest = match vectors.len() {
+        2 => [solve_positive([[product(0, 0)]], [side(0)])[0], 0.0, 0.0],
+        3 => {
+            let matrix = std::array::from_fn(|i| std::array::from_fn(|j| product(i, j)));
+            let [s, t] = solve_positive::<2>(matrix, [side(0), side(1)]);
+            [s, t, 0.0]
+        }
+        _ => {
+            let matrix = std::array::from_fn(|i| std::array::from_fn(|j| product(i, j)));
+            solve_positive::<3>(matrix, [side(0), side(1), side(2)])
+        }
+    };
+    [1.0 - rest[0] - rest[1] - rest[2], rest[0], rest[1], rest[2]]
 }
 
 /// Smallest gain in sine of a move.
@@ -246,7 +211,7 @@ const MIN_SINE_GAIN: f64 = 1e-3;
 /// Scratch space of [`best_position`].
 #[derive(Default)]
 pub struct SmoothScratch {
-    angles: Vec<Angle>,
+    link: LocalLink,
     active: Vec<[f64; 3]>,
     plane_cache: PlaneCache,
 }
@@ -277,14 +242,14 @@ pub fn best_position(
     scratch: &mut SmoothScratch,
 ) -> Option<([f64; 3], f64)> {
     let (extent, max_deviation) = (limits.extent, limits.max_deviation);
-    let start_sine = worst_sine(start, link, f64::NEG_INFINITY);
+    let min_distance = scratch.link.set(start, link);
+    let start_sine = scratch.link.worst_sine(start, f64::NEG_INFINITY);
     let (mut x, mut best) = (start, start_sine);
-    let min_distance = link.nearest_distance(start);
     for _ in 0..12 {
         if best >= limits.target_sine {
             break;
         }
-        let angles = angles_below(best + 0.35, x, link, &mut scratch.angles);
+        scratch.link.compute_angles(x);
         let freedom = if max_deviation > 0.0 {
             constraint.without_surfaces().freedom()
         } else {
@@ -295,9 +260,8 @@ pub fn best_position(
         // Take a wider band of active angles if the narrow one gives no step.
         for _ in 0..2 {
             scratch.active.clear();
-            for a in angles.iter().filter(|a| a.sine <= best + band) {
-                scratch.active.push(freedom.project(a.gradient));
-            }
+            let active = &mut scratch.active;
+            (scratch.link).visit_gradients_below(best + band, |g| active.push(freedom.project(g)));
             if scratch.active.is_empty() {
                 break;
             }
@@ -307,13 +271,8 @@ pub fn best_position(
                 break;
             }
             // The step after which another angle becomes the smallest, by the linear model.
-            let mut step = 0.5 * min_distance / gg.sqrt();
-            for a in angles {
-                let rate = dot(a.gradient, g);
-                if a.sine > best + band && rate < gg {
-                    step = step.min((a.sine - best) / (gg - rate));
-                }
-            }
+            let max_step = 0.5 * min_distance / gg.sqrt();
+            let step = (scratch.link).step_to_next_angle(g, [best, best + band], gg, max_step);
             let mut trial_step = step.max(0.01 * min_distance / gg.sqrt());
             for _ in 0..5 {
                 let mut trial = add_scaled(x, trial_step, g);
@@ -325,8 +284,8 @@ pub fn best_position(
                 // Test the straight step first: a position that is not better there is not worth
                 // snapping onto the surfaces.
                 let required = best + limits.min_step_gain * (1.0 - start_sine).max(0.1);
-                let worthwhile =
-                    constraint.surface_count == 0 || worst_sine(trial, link, required) > required;
+                let worthwhile = constraint.surface_count == 0
+                    || scratch.link.worst_sine(trial, required) > required;
                 let mut trial_constraint = *constraint;
                 if worthwhile
                     && let Some(trial) = trial_constraint.snap_within(
@@ -337,7 +296,7 @@ pub fn best_position(
                         &mut scratch.plane_cache,
                     )
                 {
-                    let value = worst_sine(trial, link, required);
+                    let value = scratch.link.worst_sine(trial, required);
                     if value > required {
                         (x, best, *constraint) = (trial, value, trial_constraint);
                         moved = true;
@@ -361,36 +320,7 @@ pub fn best_position(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn gradients_agree_with_finite_differences(
-            c in proptest::array::uniform12(-1.0f64..1.0)
-        ) {
-            let x = [c[0], c[1], c[2]];
-            let p = [[c[3], c[4], c[5]], [c[6], c[7], c[8]], [c[9], c[10], c[11]]];
-            let volume = crate::geometry::volume6(&[x, p[0], p[1], p[2]]);
-            prop_assume!(volume.abs() > 0.05);
-            let computed = angles(x, &p);
-            let smallest = computed.iter().map(|a| a.sine).fold(f64::INFINITY, f64::min);
-            let direct = crate::mesh::quality::min_sine(&[x, p[0], p[1], p[2]]);
-            if volume > 0.0 {
-                prop_assert!((smallest - direct).abs() < 1e-12);
-            }
-            let h = 1e-6;
-            for k in 0..3 {
-                let (mut low, mut high) = (x, x);
-                low[k] -= h;
-                high[k] += h;
-                let (low, high) = (angles(low, &p), angles(high, &p));
-                for e in 0..6 {
-                    let numeric = (high[e].sine - low[e].sine) / (2.0 * h);
-                    prop_assert!((numeric - computed[e].gradient[k]).abs() < 1e-5 * (1.0 + numeric.abs()));
-                }
-            }
-        }
-    }
+    use crate::geometry::norm;
 
     #[test]
     fn shortest_vector_of_a_square() {
@@ -401,7 +331,40 @@ mod tests {
             [1.5, 0.3, 0.5],
         ];
         let g = shortest_in_hull(&square);
-        assert!(norm(sub(g, [1.0, 0.0, 0.5])) < 0.05, "{g:?}");
+        assert!(norm(sub(g, [1.0, 0.0, 0.5])) < 1e-12, "{g:?}");
+    }
+
+    #[test]
+    fn the_shortest_vector_is_in_the_hull_and_no_vector_is_behind_it() {
+        let mut random = crate::geometry::random::Random::new(3);
+        for case in 0..20_000 {
+            let count = 1 + case % 9;
+            // Vectors in space, in a plane, and along a line, some of them equal.
+            let axes = 1 + case % 3;
+            let shift = random.range(-1.0, 1.0);
+            let mut vectors = Vec::new();
+            for i in 0..count {
+                let mut v = [0.0; 3];
+                (0..axes).for_each(|k| v[k] = shift + random.range(-1.0, 1.0));
+                vectors.push(if i == 3 { vectors[0] } else { v });
+            }
+            let g = shortest_in_hull(&vectors);
+            let gg = dot(g, g);
+            let min_product = vectors
+                .iter()
+                .map(|v| dot(*v, g))
+                .fold(f64::INFINITY, f64::min);
+            assert!(gg - min_product <= 1e-3 * gg + 1e-9, "{vectors:?} {g:?}");
+            // g is in the hull: it lies behind no plane that has all vectors before it.
+            for _ in 0..20 {
+                let n: [f64; 3] = std::array::from_fn(|_| random.range(-1.0, 1.0));
+                let least = vectors
+                    .iter()
+                    .map(|v| dot(*v, n))
+                    .fold(f64::INFINITY, f64::min);
+                assert!(dot(g, n) >= least - 1e-9, "{vectors:?} {g:?}");
+            }
+        }
     }
 
     #[test]

@@ -23,6 +23,7 @@
 
 mod balls;
 mod faces;
+mod flatten;
 mod regularise;
 mod site_region;
 mod surface;

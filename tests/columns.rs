@@ -288,12 +288,19 @@ fn assert_darts_connections(folder: &Path, mesh: &str, map: &PolyMesh<2>) {
             balance[cell].1 = balance[cell].1.max(rate.abs());
         }
     }
-    for side in graph.boundary.iter().filter(|b| matches!(b.side, Some(0 | 1))) {
+    for side in graph
+        .boundary
+        .iter()
+        .filter(|b| matches!(b.side, Some(0 | 1)))
+    {
         balance[side.cell as usize] = (0.0, 0.0);
     }
     let largest = balance.iter().fold(0.0, |max: f64, b| max.max(b.1));
     let worst = balance.iter().fold(0.0, |max: f64, b| max.max(b.0.abs()));
-    assert!(largest > 0.0 && worst < 1e-5 * largest, "{worst} of {largest}");
+    assert!(
+        largest > 0.0 && worst < 1e-5 * largest,
+        "{worst} of {largest}"
+    );
 }
 
 #[test]

@@ -1,11 +1,9 @@
 //! Makes Voronoi cells more equal in size: atoms are added where there is room, removed where there
 //! is none, and moved to the centroids of their cells.
 
-use std::collections::{BTreeMap, BTreeSet};
-
-use crate::geometry::incremental_grid::IncrementalGrid;
 use super::local_cells::LocalCells;
-use crate::geometry::{add_scaled, distance2, norm, sub};
+use crate::geometry::incremental_grid::IncrementalGrid;
+use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
@@ -29,6 +27,10 @@ const MIN_INSERTED_DISTANCE: f64 = 0.8;
 const MIN_SIDE_DISTANCE: f64 = 0.25;
 /// Ratio of a face's area to the mean area of faces below which the face is tiny.
 const TINY_FACE_RATIO: f64 = 1.5e-3;
+/// Distance, in units of d, from sites that an atom needs on the sphere of a surface's node.
+const MIN_SITE_DISTANCE: f64 = 0.3;
+/// Distance, in units of d, up to which such an atom takes the place of another one.
+const MAX_REPLACED_DISTANCE: f64 = 0.7;
 /// Distances by which atoms at tiny faces may move, in units of d.
 const OPENING_SHIFTS: [f64; 2] = [0.04, 0.08];
 
@@ -100,19 +102,16 @@ impl<const D: usize> CellEqualiser<'_, D> {
         self.sites.remove_unfit(|i| small[atom_count + i])
     }
 
-    /// Moves atoms at tiny faces, so that these faces vanish or grow and no other faces become tiny:
-    /// the atoms whose cells touch there, or if these are sites, the atoms around them. Each tries
-    /// some positions and takes the first that leaves no tiny face that moving it could change, or
-    /// else the best one. Atoms that are close to one another move in different rounds.
+    /// Moves the atoms whose cells touch in tiny faces, so that these faces vanish or grow. Each atom
+    /// tries some positions and takes the one with the fewest tiny faces around it. Atoms that are
+    /// close to one another move in different rounds.
     pub fn open_tiny_faces(&mut self) {
         let mesh = self.mesh;
-        let inner = mesh.inner_face_count();
-        let areas: Vec<f64> = (0..inner).map(|f| mesh.face_shape(f).area()).collect();
-        let mean = areas.iter().sum::<f64>() / inner.max(1) as f64;
-        let max_area = TINY_FACE_RATIO * mean;
-        let tiny: Vec<usize> = (0..inner).filter(|&f| areas[f] < max_area).collect();
+        let areas = self.face_areas();
+        let max_area = self.max_tiny_area(&areas);
+        let tiny: Vec<usize> = (0..areas.len()).filter(|&f| areas[f] < max_area).collect();
         let neighbours = self.neighbours();
-        let movers: Vec<usize> = self.atoms_at(&tiny).into_iter().collect();
+        let movers: Vec<usize> = self.atoms_at(&tiny);
         let moves: Vec<Option<[f64; D]>> = (movers.par_iter())
             .map(|&atom| self.best_move(atom, &neighbours, max_area))
             .collect();
@@ -128,21 +127,74 @@ impl<const D: usize> CellEqualiser<'_, D> {
         }
     }
 
-    /// Returns the movable atoms of the cells that touch in some of the faces. Where both cells are
-    /// of sites, it returns those around the face.
-    fn atoms_at(&self, faces: &[usize]) -> BTreeSet<usize> {
-        let cells = self.cells_at(faces);
-        let mut atoms = BTreeSet::new();
-        for &f in faces {
-            let pair = self.mesh.face_cells[f].map(|c| c as usize);
-            let ring = std::env::var("RING").is_ok();
-            let is_site_pair = pair.iter().all(|&c| !self.is_movable(c));
-            atoms.extend(pair.into_iter().filter(|&c| self.is_movable(c)));
-            if is_site_pair || ring {
-                atoms.extend(self.face_ring(f, &cells));
+    /// Places atoms on the spheres of surface nodes at which two sites touch in a tiny face: the
+    /// nearest atom moves there, or a new one is added. Its cell has a corner at the node and
+    /// separates the two. These atoms do not move any more.
+    pub fn separate_sites(&mut self) {
+        let (mesh, areas) = (self.mesh, self.face_areas());
+        let max_area = self.max_tiny_area(&areas);
+        let count = self.atoms.len();
+        let mut placed: Vec<[f64; D]> = Vec::new();
+        for f in (0..areas.len()).filter(|&f| areas[f] < max_area) {
+            if (mesh.face_cells[f][0] as usize) < count {
+                continue;
+            }
+            let towards = mesh.face_shape(f).apex;
+            let mut nodes = mesh.faces.get(f).iter().map(|&n| mesh.nodes[n as usize]);
+            let Some(x) = nodes.find_map(|x| self.sites.sphere_point(x, towards)) else {
+                continue;
+            };
+            let d = self.distance.value_at(x);
+            let is_near = |y: &[f64; D], ratio: f64| distance2(y, &x) < (ratio * d).powi(2);
+            if (0..D).all(|k| x[k].min(self.extent[k] - x[k]) > MIN_SIDE_DISTANCE * d)
+                && !placed.iter().any(|y| is_near(y, MIN_ATOM_DISTANCE))
+                && !mesh.sites[count..]
+                    .iter()
+                    .any(|y| is_near(y, MIN_SITE_DISTANCE))
+            {
+                self.place_fixed(x, MAX_REPLACED_DISTANCE * d);
+                placed.push(x);
             }
         }
-        atoms
+    }
+
+    /// Moves the nearest movable atom within a distance to `x`, or adds one there. The atom does not
+    /// move any more.
+    fn place_fixed(&mut self, x: [f64; D], max_distance: f64) {
+        let square = |i: usize| distance2(&self.atoms.positions[i], &x);
+        let nearest = (0..self.atoms.len())
+            .filter(|&i| self.is_movable(i) && square(i) < max_distance * max_distance)
+            .min_by(|&i, &j| square(i).total_cmp(&square(j)));
+        match nearest {
+            Some(i) => {
+                self.atoms.positions[i] = x;
+                self.atoms.kinds[i] = AtomKind::Fixed;
+            }
+            None => {
+                self.atoms.positions.push(x);
+                self.atoms.kinds.push(AtomKind::Fixed);
+            }
+        }
+    }
+
+    /// Returns the areas of the faces between cells.
+    fn face_areas(&self) -> Vec<f64> {
+        let inner = self.mesh.inner_face_count();
+        (0..inner)
+            .into_par_iter()
+            .map(|f| self.mesh.face_shape(f).area())
+            .collect()
+    }
+
+    /// Returns the area below which a face is tiny.
+    fn max_tiny_area(&self, areas: &[f64]) -> f64 {
+        TINY_FACE_RATIO * areas.iter().sum::<f64>() / areas.len().max(1) as f64
+    }
+
+    /// Returns the movable atoms of the cells that touch in some of the faces, ascending.
+    fn atoms_at(&self, faces: &[usize]) -> Vec<usize> {
+        let cells = faces.iter().flat_map(|&f| self.mesh.face_cells[f]);
+        sorted_distinct(cells.map(|c| c as usize).filter(|&c| self.is_movable(c)))
     }
 
     /// Returns the cells next to each cell.
@@ -172,9 +224,13 @@ impl<const D: usize> CellEqualiser<'_, D> {
         for shift in OPENING_SHIFTS {
             // All steps by -1, 0 or 1 along the axes.
             for direction in 0..3usize.pow(D as u32) {
-                let step = std::array::from_fn(|k| (direction / 3usize.pow(k as u32) % 3) as f64 - 1.0);
+                let step =
+                    std::array::from_fn(|k| (direction / 3usize.pow(k as u32) % 3) as f64 - 1.0);
                 let target = add_scaled(x, shift * d / norm(step).max(0.5), step);
-                if fewest > 0 && side_distance(&target) >= side_distance(&x) && self.sites.is_free(target) {
+                if fewest > 0
+                    && side_distance(&target) >= side_distance(&x)
+                    && self.sites.is_free(target)
+                {
                     let count = local.count_tiny_faces(target, fewest);
                     if count < fewest {
                         (fewest, best) = (count, Some(target));
@@ -183,46 +239,6 @@ impl<const D: usize> CellEqualiser<'_, D> {
             }
         }
         best
-    }
-
-    /// Returns the cells at the nodes of the given faces.
-    fn cells_at(&self, faces: &[usize]) -> BTreeMap<u32, Vec<u32>> {
-        let mesh = self.mesh;
-        let nodes = faces.iter().flat_map(|&f| mesh.faces.get(f));
-        let mut cells_of_node: BTreeMap<u32, Vec<u32>> = nodes.map(|&n| (n, Vec::new())).collect();
-        let mut is_selected = vec![false; mesh.nodes.len()];
-        cells_of_node
-            .keys()
-            .for_each(|&n| is_selected[n as usize] = true);
-        for f in 0..mesh.inner_face_count() {
-            for n in mesh
-                .faces
-                .get(f)
-                .iter()
-                .filter(|&&n| is_selected[n as usize])
-            {
-                let cells = mesh.face_cells[f].iter();
-                cells_of_node.entry(*n).or_default().extend(cells);
-            }
-        }
-        for cells in cells_of_node.values_mut() {
-            cells.sort_unstable();
-            cells.dedup();
-        }
-        cells_of_node
-    }
-
-    /// Returns the movable atoms of the cells along the edges of a face.
-    fn face_ring(&self, face: usize, cells_at: &BTreeMap<u32, Vec<u32>>) -> Vec<usize> {
-        let nodes = self.mesh.faces.get(face).iter();
-        let node_cells: Vec<&Vec<u32>> = nodes.filter_map(|n| cells_at.get(n)).collect();
-        let mut ring: Vec<u32> = node_cells.into_iter().flatten().copied().collect();
-        ring.sort_unstable();
-        let pair = self.mesh.face_cells[face];
-        let along_edge = ring.chunk_by(|a, b| a == b).filter(|same| same.len() > 1);
-        let others = along_edge.map(|same| same[0]).filter(|c| !pair.contains(c));
-        let free = others.map(|c| c as usize).filter(|&c| self.is_movable(c));
-        free.collect()
     }
 
     /// Returns `true` if an atom may move.

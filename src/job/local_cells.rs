@@ -16,10 +16,11 @@ pub(super) struct LocalCells {
     sites: Vec<[f64; 3]>,
     /// Number of sites, the first ones, among which moving the atom changes faces.
     changing: usize,
-    /// Pairs of sites that have such faces, or may get them.
+    /// The corners of the box.
     low: [f64; 3],
     high: [f64; 3],
     max_area: f64,
+    /// The face of two sites, and the memory for its next state.
     polygon: Vec<[f64; 3]>,
     clipped: Vec<[f64; 3]>,
 }
@@ -47,7 +48,8 @@ impl LocalCells {
         let x = to_3d(mesh.sites[atom]);
         let sites = cells.iter().map(|&c| to_3d(mesh.sites[c as usize]));
         let mut sites: Vec<[f64; 3]> = sites.collect();
-        let by_distance = |a: &[f64; 3], b: &[f64; 3]| distance2(a, &x).total_cmp(&distance2(b, &x));
+        let by_distance =
+            |a: &[f64; 3], b: &[f64; 3]| distance2(a, &x).total_cmp(&distance2(b, &x));
         sites[1..changing].sort_by(by_distance);
         sites[changing..].sort_by(by_distance);
         let (mut low, mut high) = ([-0.5; 3], [0.5; 3]);
@@ -70,7 +72,11 @@ impl LocalCells {
         self.sites[0] = to_3d(x);
         let mut count = 0;
         for a in 0..self.changing {
-            let last = if a == 0 { self.sites.len() } else { self.changing };
+            let last = if a == 0 {
+                self.sites.len()
+            } else {
+                self.changing
+            };
             for b in a + 1..last {
                 let area = self.face_area(a, b);
                 if area < self.max_area && area > MIN_AREA_RATIO * self.max_area {
@@ -97,7 +103,12 @@ impl LocalCells {
         let half = HALF_SQUARE * distance2(&x, &y).sqrt();
         let corner = |s: f64, t: f64| add_scaled(add_scaled(middle, s * half, u), t * half, v);
         self.polygon.clear();
-        self.polygon.extend([corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]);
+        self.polygon.extend([
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ]);
         for k in 0..3 {
             let mut outward = [0.0; 3];
             outward[k] = 1.0;
@@ -139,5 +150,57 @@ impl LocalCells {
         }
         std::mem::swap(&mut self.polygon, &mut self.clipped);
         !self.polygon.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+    use crate::mesh::voronoi::{voronoi, voronoi_plane};
+
+    fn neighbours<const D: usize>(mesh: &PolyMesh<D>) -> Lists {
+        let mut lists = vec![Vec::new(); mesh.sites.len()];
+        for &[a, b] in &mesh.face_cells[..mesh.inner_face_count()] {
+            lists[a as usize].push(b);
+            lists[b as usize].push(a);
+        }
+        let mut neighbours = Lists::default();
+        lists.into_iter().for_each(|list| neighbours.push(list));
+        neighbours
+    }
+
+    /// Asserts that the counts for every atom are those of the mesh.
+    fn assert_counts<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], max_area: f64) {
+        let neighbours = neighbours(mesh);
+        let mut total = 0;
+        for atom in 0..mesh.sites.len() {
+            let is_near = |c: u32| c as usize == atom || neighbours.get(atom).contains(&c);
+            let is_tiny = |f: &usize| {
+                mesh.face_cells[*f].into_iter().all(is_near)
+                    && mesh.face_shape(*f).area() < max_area
+            };
+            let expected = (0..mesh.inner_face_count()).filter(is_tiny).count();
+            let mut local = LocalCells::new(mesh, extent, atom, &neighbours, max_area);
+            let count = local.count_tiny_faces(mesh.sites[atom], usize::MAX);
+            assert_eq!(count, expected, "atom {atom}");
+            total += count;
+        }
+        assert!(total > 50);
+    }
+
+    #[test]
+    fn counts_are_those_of_the_whole_mesh() {
+        let mut random = Random::new(5);
+        let atoms: Vec<[f64; 3]> = (0..150)
+            .map(|_| std::array::from_fn(|_| 5.0 * random.draw() + 1e-3))
+            .collect();
+        let mesh = voronoi(&atoms, [5.1; 3]).unwrap();
+        assert_counts(&mesh, [5.1; 3], 0.05);
+        let atoms: Vec<[f64; 2]> = (0..150)
+            .map(|_| std::array::from_fn(|_| 10.0 * random.draw() + 1e-3))
+            .collect();
+        let mesh = voronoi_plane(&atoms, [10.1; 2]).unwrap();
+        assert_counts(&mesh, [10.1; 2], 0.3);
     }
 }

@@ -9,12 +9,14 @@ use std::collections::VecDeque;
 
 use super::surface::FacetSurface;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
-use crate::geometry::{add_scaled, dot, norm, solve_positive, sub};
+use crate::geometry::{add_scaled, dot, norm, solve_positive, sub, unit};
 
 /// Largest distance of a node from the plane of its part, in mean edge lengths.
 const MAX_PLANE_DISTANCE: f64 = 0.02;
 /// Smallest cosine between the normals of a part and of its facets.
 const MIN_NORMAL_COSINE: f64 = 0.99;
+/// Largest cosine between the normals of two planes that are made perpendicular.
+const MAX_PERPENDICULAR_COSINE: f64 = 0.002;
 /// Smallest number of facets of a part.
 const MIN_FACETS: usize = 8;
 
@@ -38,7 +40,7 @@ impl<const D: usize> FacetSurface<D> {
         }
         let lengths = self.edge_lengths();
         let tolerance = MAX_PLANE_DISTANCE * lengths.iter().sum::<f64>() / lengths.len() as f64;
-        let planes = self.planar_parts(tolerance); 
+        let planes = self.planar_parts(tolerance);
         let stars = self.facets_of_nodes();
         for n in 0..self.nodes.len() {
             let mut parts: Vec<usize> = (stars.get(n).iter())
@@ -52,13 +54,7 @@ impl<const D: usize> FacetSurface<D> {
     }
 
     /// Moves a node onto planes, along the sides of the box on which it lies, if it is near them.
-    fn move_onto(
-        &mut self,
-        n: usize,
-        mut planes: Vec<Plane<D>>,
-        extent: [f64; D],
-        tolerance: f64,
-    ) {
+    fn move_onto(&mut self, n: usize, mut planes: Vec<Plane<D>>, extent: [f64; D], tolerance: f64) {
         let x = self.nodes[n];
         let sides = self.sides_of_node(n as u32, extent);
         for k in (0..D).filter(|k| sides >> (2 * k) & 3 != 0) {
@@ -117,9 +113,22 @@ impl<const D: usize> FacetSurface<D> {
                 is_done[f] = true;
                 parts[f] = Some(planes.len());
             }
-            planes.push(plane);
+            planes.push(self.perpendicular(plane, &planes));
         }
         (parts, planes)
+    }
+
+    /// Turns a plane that is nearly perpendicular to one of the others until it is perpendicular: only
+    /// then four cells can meet at the line where they cross.
+    fn perpendicular(&self, (point, normal): Plane<D>, others: &[Plane<D>]) -> Plane<D> {
+        let cosine = |other: &&Plane<D>| dot(other.1, normal).abs() < MAX_PERPENDICULAR_COSINE;
+        let Some((_, other)) = others.iter().find(cosine) else {
+            return (point, normal);
+        };
+        (
+            point,
+            unit(add_scaled(normal, -dot(*other, normal), *other)),
+        )
     }
 
     /// Returns the facets that lie in one plane with a facet and are connected to it, except those
@@ -188,5 +197,64 @@ impl<const D: usize> PointSums<D> {
         });
         let normal = eigenvector(&covariance, eigenvalues(&covariance)[0]);
         Some((mean, normal))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+
+    const EXTENT: [f64; 3] = [10.0; 3];
+
+    /// Returns triangles between 11 x 11 nodes at a height across the whole box.
+    fn grid(height: impl Fn(f64, f64) -> f64) -> FacetSurface<3> {
+        let mut surface = FacetSurface::default();
+        for j in 0..11 {
+            for i in 0..11 {
+                let (x, y) = (f64::from(i), f64::from(j));
+                surface.nodes.push([x, y, height(x, y)]);
+            }
+        }
+        for n in (0..110).filter(|n| n % 11 < 10) {
+            surface
+                .facets
+                .extend([[n, n + 1, n + 12], [n, n + 12, n + 11]]);
+        }
+        surface
+    }
+
+    #[test]
+    fn noisy_planes_become_planar_and_curved_surfaces_stay() {
+        let mut random = Random::new(3);
+        let noise: Vec<f64> = (0..121).map(|_| 0.01 * (random.draw() - 0.5)).collect();
+        let noisy = |x: f64, y: f64| 4.0 + 0.3 * x + 0.1 * y + noise[(x + 11.0 * y) as usize];
+        let mut surface = grid(noisy);
+        let before = surface.clone();
+        surface.flatten(EXTENT);
+        let (sum, first) = (surface.unit_normal(0), surface.nodes[0]);
+        for (x, old) in surface.nodes.iter().zip(&before.nodes) {
+            assert!(dot(sub(*x, first), sum).abs() < 1e-12, "{x:?}");
+            assert!(norm(sub(*x, *old)) < 0.01);
+            for k in 0..2 {
+                let is_on_side = old[k] == 0.0 || old[k] == 10.0;
+                assert!(!is_on_side || x[k] == old[k]);
+            }
+        }
+        let bowl = grid(|x, y| 2.0 + 0.05 * ((x - 5.0).powi(2) + (y - 5.0).powi(2)));
+        let mut flattened = bowl.clone();
+        flattened.flatten(EXTENT);
+        assert_eq!(flattened, bowl);
+    }
+
+    #[test]
+    fn nearly_perpendicular_planes_become_perpendicular() {
+        let surface = FacetSurface::<3>::default();
+        let other = ([0.0; 3], [0.0, 0.0, 1.0]);
+        let normal = |z: f64| unit([1.0, 1.0, z]);
+        let turned = surface.perpendicular(([1.0; 3], normal(0.001)), &[other]);
+        assert_eq!(turned, ([1.0; 3], normal(0.0)));
+        let oblique = ([1.0; 3], normal(0.1));
+        assert_eq!(surface.perpendicular(oblique, &[other]), oblique);
     }
 }

@@ -1,5 +1,6 @@
 //! Tests `atomesh columns`, and simulators on columns.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
@@ -221,12 +222,85 @@ fn offset_horizons_make_cells_of_different_layers_neighbours() {
             error.contains("offset layers") && error.contains("--throws"),
             "{error}"
         );
+        assert_darts_connections(folder, &mesh, &map);
     }
     // Without the option, the same horizons make ramps.
     let horizons = "--horizon upright-top.npy --horizon upright-base.npy";
     let ramps = format!("columns map.vtu {horizons} -o ramps.vtu --quiet --json");
     let report: Value = serde_json::from_str(&run(folder, &ramps)).unwrap();
     assert_eq!(report["juxtaposed"], Value::Null);
+}
+
+/// Asserts that DARTS gets the connections of cells in columns whose layers are offset by half their
+/// thickness of 10: each pair of cells at the fault meets over a height of 5 and has the
+/// transmissibility of the map for that height. With the exported connections, as much flows into
+/// each cell as out of it at the pressures that `atomesh flow` computed.
+fn assert_darts_connections(folder: &Path, mesh: &str, map: &PolyMesh<2>) {
+    run(
+        folder,
+        &format!("export {mesh} --to darts -o a.conn --down z {ROCK}"),
+    );
+    let text = std::fs::read_to_string(folder.join("a.conn")).unwrap();
+    let number = |word: &str| -> f64 { word.parse().unwrap() };
+    let rows: Vec<Vec<f64>> = (text.lines().skip(1))
+        .map(|line| line.split(' ').map(number).collect())
+        .collect();
+    let file = cells(&folder.join(mesh));
+    let graph = Graph::from_poly(&file.mesh);
+    assert_eq!(rows.len(), graph.connections.len());
+    let pairs: BTreeSet<[u32; 2]> = graph.connections.iter().map(|c| c.cells).collect();
+    assert_eq!(pairs.len(), rows.len(), "each pair is connected once");
+
+    let plane = Graph::from_poly(map);
+    let on_map: BTreeMap<[u32; 2], f64> = (plane.connections.iter())
+        .map(|c| (c.cells, c.unit_transmissibility()))
+        .collect();
+    let column = |cell: u32| {
+        let site = file.mesh.sites[cell as usize];
+        let is_same = |x: &[f64; 2]| (0..2).all(|k| (x[k] - site[k]).abs() < 1e-9);
+        map.sites.iter().position(is_same).unwrap() as u32
+    };
+    let mut count = 0;
+    for (row, connection) in rows.iter().zip(&graph.connections) {
+        let cells = [row[0] as u32, row[1] as u32];
+        assert_eq!(cells, connection.cells);
+        // A millidarcy is 0.00852702 cP m3/day/bar for each metre.
+        assert!((row[2] / (0.852702 * row[3]) - 1.0).abs() < 1e-6, "{row:?}");
+        if connection.on_feature {
+            let columns = cells.map(column);
+            let pair = [columns[0].min(columns[1]), columns[0].max(columns[1])];
+            assert!((row[3] / (5.0 * on_map[&pair]) - 1.0).abs() < 1e-6);
+            count += 1;
+        }
+    }
+    let fault_faces = plane.connections.iter().filter(|c| c.on_feature).count();
+    assert_eq!(count, 3 * fault_faces);
+
+    let flow = cells(&folder.join("flow.vtu"));
+    let pressure = flow.cell_data.iter().find(|a| a.name == "pressure");
+    let pressure = pressure.unwrap().values.to_f64();
+    let mut balance = vec![(0.0, 0.0f64); pressure.len()];
+    for row in &rows {
+        let [a, b] = [row[0] as usize, row[1] as usize];
+        let rate = row[2] * (pressure[a] - pressure[b]);
+        for (cell, rate) in [(a, rate), (b, -rate)] {
+            balance[cell].0 += rate;
+            balance[cell].1 = balance[cell].1.max(rate.abs());
+        }
+    }
+    for side in graph
+        .boundary
+        .iter()
+        .filter(|b| matches!(b.side, Some(0 | 1)))
+    {
+        balance[side.cell as usize] = (0.0, 0.0);
+    }
+    let largest = balance.iter().fold(0.0, |max: f64, b| max.max(b.1));
+    let worst = balance.iter().fold(0.0, |max: f64, b| max.max(b.0.abs()));
+    assert!(
+        largest > 0.0 && worst < 1e-5 * largest,
+        "{worst} of {largest}"
+    );
 }
 
 #[test]

@@ -216,6 +216,34 @@ fn cells_follow_crossing_surfaces_up_to_their_intersection() {
 }
 
 #[test]
+fn atoms_on_spheres_of_nodes_have_a_corner_there() {
+    let sites = ConformingSites::new(plane(0.2), BOX, &[]);
+    let (mesh, first) = cells(&sites);
+    let mut count = 0;
+    for node in sites.surface().nodes.iter() {
+        let above = [node[0], node[1], node[2] + 1.0];
+        let Some(x) = sites.sphere_point(*node, above) else {
+            continue;
+        };
+        assert!(x[2] > node[2] && sites.is_free(x));
+        let mut atoms = mesh.sites[..first].to_vec();
+        atoms.retain(|atom| distance(atom, &x) > 0.5);
+        let cell = atoms.len() as u32;
+        atoms.push(x);
+        atoms.extend(sites.sites());
+        let with_atom = voronoi(&atoms, BOX).unwrap();
+        let mut faces = (0..with_atom.face_cells.len())
+            .filter(|&f| with_atom.face_cells[f].contains(&cell))
+            .flat_map(|f| with_atom.faces.get(f));
+        assert!(faces.any(|&n| distance(&with_atom.nodes[n as usize], node) < 1e-7));
+        count += 1;
+    }
+    println!("{count} of {} nodes", sites.surface().nodes.len());
+    assert!(count > 30);
+    assert_eq!(sites.sphere_point([4.0, 4.0, 7.5], [4.0, 4.0, 8.0]), None);
+}
+
+#[test]
 fn faces_end_at_the_rim_of_a_surface() {
     let mut surface = FacetSurface::default();
     let steps = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];

@@ -40,8 +40,9 @@ const MAX_EVALUATIONS: usize = 15;
 
 /// Number of rounds in which cells become more equal in size.
 const EVENING_ROUNDS: usize = 2;
-/// Number of following rounds in which atoms at tiny faces move.
-const FACE_OPENING_ROUNDS: usize = 4;
+/// Number of following rounds in which atoms at tiny faces move. In the first of them, atoms are
+/// placed between sites that touch in tiny faces.
+const FACE_OPENING_ROUNDS: usize = 6;
 /// Largest number of final rounds in which only the smallest cells are removed.
 const MAX_REMOVAL_ROUNDS: usize = 3;
 
@@ -202,7 +203,9 @@ where
             equaliser.relax();
         } else {
             let is_equal = !equaliser.remove_small_sites();
-            if round < EVENING_ROUNDS + FACE_OPENING_ROUNDS {
+            if round == EVENING_ROUNDS {
+                equaliser.separate_sites();
+            } else if round < EVENING_ROUNDS + FACE_OPENING_ROUNDS {
                 equaliser.open_tiny_faces();
             } else if is_equal {
                 break;
@@ -298,6 +301,7 @@ where
     } = &joined.annotated_mesh;
     let mut surface = FacetSurface::from_marked(mesh, &neighbors, feature_faces);
     surface.regularise(extent);
+    surface.flatten(extent);
     Ok(surface)
 }
 

@@ -1,15 +1,15 @@
 //! Makes Voronoi cells more equal in size: atoms are added where there is room, removed where there
 //! is none, and moved to the centroids of their cells.
 
-use std::collections::BTreeMap;
-
+use super::local_cells::LocalCells;
 use crate::geometry::incremental_grid::IncrementalGrid;
-use crate::geometry::{add_scaled, distance2, sub};
+use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
-use crate::mesh::poly::PolyMesh;
+use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::voronoi::conform::ConformingSites;
+use crate::parallel::prelude::*;
 
 /// Fraction of the distance to the centroid of its cell by which an atom moves.
 const CENTRING_STEP: f64 = 0.8;
@@ -27,8 +27,12 @@ const MIN_INSERTED_DISTANCE: f64 = 0.8;
 const MIN_SIDE_DISTANCE: f64 = 0.25;
 /// Ratio of a face's area to the mean area of faces below which the face is tiny.
 const TINY_FACE_RATIO: f64 = 1.5e-3;
-/// Total shift of the atoms whose cells touch in a tiny face, as a fraction of their distance.
-const FACE_OPENING_SHIFT: f64 = 0.04;
+/// Distance, in units of d, from sites that an atom needs on the sphere of a surface's node.
+const MIN_SITE_DISTANCE: f64 = 0.3;
+/// Distance, in units of d, up to which such an atom takes the place of another one.
+const MAX_REPLACED_DISTANCE: f64 = 0.7;
+/// Distances by which atoms at tiny faces may move, in units of d.
+const OPENING_SHIFTS: [f64; 2] = [0.04, 0.08];
 
 /// Atoms and sites whose cells were cut. Sites do not move; the cells of atoms come first.
 pub(super) struct CellEqualiser<'a, const D: usize> {
@@ -98,95 +102,143 @@ impl<const D: usize> CellEqualiser<'_, D> {
         self.sites.remove_unfit(|i| small[atom_count + i])
     }
 
-    /// Moves atoms at tiny faces. Two atoms whose cells meet in a tiny face with few edges move
-    /// apart, so that the face vanishes. Two atoms that a ring of at least four other cells
-    /// separates move closer to each other, so that the face grows. If neither of the two may move,
-    /// the atoms of the ring move, with the same effect.
+    /// Moves the atoms whose cells touch in tiny faces, so that these faces vanish or grow. Each atom
+    /// tries some positions and takes the one with the fewest tiny faces around it. Atoms that are
+    /// close to one another move in different rounds.
     pub fn open_tiny_faces(&mut self) {
         let mesh = self.mesh;
-        let inner = mesh.inner_face_count();
-        let areas: Vec<f64> = (0..inner).map(|f| mesh.face_shape(f).area()).collect();
-        let tiny = TINY_FACE_RATIO * areas.iter().sum::<f64>() / inner.max(1) as f64;
-        let tiny: Vec<usize> = (0..inner).filter(|&f| areas[f] < tiny).collect();
-        let cells = self.cells_at(&tiny);
-        let mut steps = vec![[0.0; D]; self.atoms.len()];
-        for f in tiny {
-            let pair = mesh.face_cells[f].map(|c| c as usize);
-            let [x, y] = pair.map(|c| mesh.sites[c]);
-            let shift = if mesh.faces.get(f).len() > D {
-                -FACE_OPENING_SHIFT
-            } else {
-                FACE_OPENING_SHIFT
+        let areas = self.face_areas();
+        let max_area = self.max_tiny_area(&areas);
+        let tiny: Vec<usize> = (0..areas.len()).filter(|&f| areas[f] < max_area).collect();
+        let neighbours = self.neighbours();
+        let movers: Vec<usize> = self.atoms_at(&tiny);
+        let moves: Vec<Option<[f64; D]>> = (movers.par_iter())
+            .map(|&atom| self.best_move(atom, &neighbours, max_area))
+            .collect();
+        let mut is_near_move = vec![false; mesh.sites.len()];
+        for (&atom, target) in movers.iter().zip(moves) {
+            let Some(target) = target else { continue };
+            let near = || neighbours.get(atom).iter().map(|&c| c as usize);
+            if near().chain([atom]).any(|c| is_near_move[c]) {
+                continue;
+            }
+            near().chain([atom]).for_each(|c| is_near_move[c] = true);
+            self.atoms.positions[atom] = target;
+        }
+    }
+
+    /// Places atoms on the spheres of surface nodes at which two sites touch in a tiny face: the
+    /// nearest atom moves there, or a new one is added. Its cell has a corner at the node and
+    /// separates the two. These atoms do not move any more.
+    pub fn separate_sites(&mut self) {
+        let (mesh, areas) = (self.mesh, self.face_areas());
+        let max_area = self.max_tiny_area(&areas);
+        let count = self.atoms.len();
+        let mut placed: Vec<[f64; D]> = Vec::new();
+        for f in (0..areas.len()).filter(|&f| areas[f] < max_area) {
+            if (mesh.face_cells[f][0] as usize) < count {
+                continue;
+            }
+            let towards = mesh.face_shape(f).apex;
+            let mut nodes = mesh.faces.get(f).iter().map(|&n| mesh.nodes[n as usize]);
+            let Some(x) = nodes.find_map(|x| self.sites.sphere_point(x, towards)) else {
+                continue;
             };
-            let mut move_by =
-                |movers: &[usize], target: &dyn Fn(usize) -> [f64; D], amount: f64| {
-                    for &i in movers {
-                        let direction = sub(mesh.sites[i], target(i));
-                        steps[i] = add_scaled(steps[i], amount / movers.len() as f64, direction);
-                    }
-                };
-            let movable: Vec<usize> = pair.into_iter().filter(|&c| self.is_movable(c)).collect();
-            if movable.is_empty() {
-                let middle = add_scaled(x, 0.5, sub(y, x));
-                let (ring, fixed) = self.face_ring(f, &cells);
-                move_by(
-                    &ring,
-                    &|_| middle,
-                    if fixed { FACE_OPENING_SHIFT } else { -shift },
-                );
-            } else {
-                move_by(&movable, &|i| if i == pair[0] { y } else { x }, shift);
-            }
-        }
-        for (i, step) in steps.iter().enumerate() {
-            let target = add_scaled(self.atoms.positions[i], 1.0, *step);
-            if self.is_movable(i) && self.sites.is_free(target) {
-                self.atoms.positions[i] = target;
-            }
-        }
-    }
-
-    /// Returns the cells at the nodes of the given faces.
-    fn cells_at(&self, faces: &[usize]) -> BTreeMap<u32, Vec<u32>> {
-        let mesh = self.mesh;
-        let nodes = faces.iter().flat_map(|&f| mesh.faces.get(f));
-        let mut cells_of_node: BTreeMap<u32, Vec<u32>> = nodes.map(|&n| (n, Vec::new())).collect();
-        let mut is_selected = vec![false; mesh.nodes.len()];
-        cells_of_node
-            .keys()
-            .for_each(|&n| is_selected[n as usize] = true);
-        for f in 0..mesh.inner_face_count() {
-            for n in mesh
-                .faces
-                .get(f)
-                .iter()
-                .filter(|&&n| is_selected[n as usize])
+            let d = self.distance.value_at(x);
+            let is_near = |y: &[f64; D], ratio: f64| distance2(y, &x) < (ratio * d).powi(2);
+            if (0..D).all(|k| x[k].min(self.extent[k] - x[k]) > MIN_SIDE_DISTANCE * d)
+                && !placed.iter().any(|y| is_near(y, MIN_ATOM_DISTANCE))
+                && !mesh.sites[count..]
+                    .iter()
+                    .any(|y| is_near(y, MIN_SITE_DISTANCE))
             {
-                let cells = mesh.face_cells[f].iter();
-                cells_of_node.entry(*n).or_default().extend(cells);
+                self.place_fixed(x, MAX_REPLACED_DISTANCE * d);
+                placed.push(x);
             }
         }
-        for cells in cells_of_node.values_mut() {
-            cells.sort_unstable();
-            cells.dedup();
-        }
-        cells_of_node
     }
 
-    /// Returns the movable atoms of the cells along the edges of a face, and `true` if more cells
-    /// than necessary meet at a node of the face, as at nodes of surfaces. Such a face cannot
-    /// vanish; it can only grow.
-    fn face_ring(&self, face: usize, cells_at: &BTreeMap<u32, Vec<u32>>) -> (Vec<usize>, bool) {
-        let nodes = self.mesh.faces.get(face).iter();
-        let node_cells: Vec<&Vec<u32>> = nodes.filter_map(|n| cells_at.get(n)).collect();
-        let is_fixed = node_cells.iter().any(|cells| cells.len() > D + 1);
-        let mut ring: Vec<u32> = node_cells.into_iter().flatten().copied().collect();
-        ring.sort_unstable();
-        let pair = self.mesh.face_cells[face];
-        let along_edge = ring.chunk_by(|a, b| a == b).filter(|same| same.len() > 1);
-        let others = along_edge.map(|same| same[0]).filter(|c| !pair.contains(c));
-        let free = others.map(|c| c as usize).filter(|&c| self.is_movable(c));
-        (free.collect(), is_fixed)
+    /// Moves the nearest movable atom within a distance to `x`, or adds one there. The atom does not
+    /// move any more.
+    fn place_fixed(&mut self, x: [f64; D], max_distance: f64) {
+        let square = |i: usize| distance2(&self.atoms.positions[i], &x);
+        let nearest = (0..self.atoms.len())
+            .filter(|&i| self.is_movable(i) && square(i) < max_distance * max_distance)
+            .min_by(|&i, &j| square(i).total_cmp(&square(j)));
+        match nearest {
+            Some(i) => {
+                self.atoms.positions[i] = x;
+                self.atoms.kinds[i] = AtomKind::Fixed;
+            }
+            None => {
+                self.atoms.positions.push(x);
+                self.atoms.kinds.push(AtomKind::Fixed);
+            }
+        }
+    }
+
+    /// Returns the areas of the faces between cells.
+    fn face_areas(&self) -> Vec<f64> {
+        let inner = self.mesh.inner_face_count();
+        (0..inner)
+            .into_par_iter()
+            .map(|f| self.mesh.face_shape(f).area())
+            .collect()
+    }
+
+    /// Returns the area below which a face is tiny.
+    fn max_tiny_area(&self, areas: &[f64]) -> f64 {
+        TINY_FACE_RATIO * areas.iter().sum::<f64>() / areas.len().max(1) as f64
+    }
+
+    /// Returns the movable atoms of the cells that touch in some of the faces, ascending.
+    fn atoms_at(&self, faces: &[usize]) -> Vec<usize> {
+        let cells = faces.iter().flat_map(|&f| self.mesh.face_cells[f]);
+        sorted_distinct(cells.map(|c| c as usize).filter(|&c| self.is_movable(c)))
+    }
+
+    /// Returns the cells next to each cell.
+    fn neighbours(&self) -> Lists {
+        let mesh = self.mesh;
+        let mut lists = vec![Vec::new(); mesh.sites.len()];
+        for &[a, b] in &mesh.face_cells[..mesh.inner_face_count()] {
+            lists[a as usize].push(b);
+            lists[b as usize].push(a);
+        }
+        let mut neighbours = Lists::default();
+        lists.into_iter().for_each(|list| neighbours.push(list));
+        neighbours
+    }
+
+    /// Returns the position near an atom where it has the fewest tiny faces around it, if there is
+    /// one with fewer than now.
+    fn best_move(&self, atom: usize, neighbours: &Lists, max_area: f64) -> Option<[f64; D]> {
+        let mut local = LocalCells::new(self.mesh, self.extent, atom, neighbours, max_area);
+        let x = self.mesh.sites[atom];
+        let d = self.distance.value_at(x);
+        let (mut fewest, mut best) = (local.count_tiny_faces(x, usize::MAX), None);
+        let side_distance = |x: &[f64; D]| {
+            let distances = (0..D).map(|k| x[k].min(self.extent[k] - x[k]));
+            distances.fold(MIN_SIDE_DISTANCE * d, f64::min)
+        };
+        for shift in OPENING_SHIFTS {
+            // All steps by -1, 0 or 1 along the axes.
+            for direction in 0..3usize.pow(D as u32) {
+                let step =
+                    std::array::from_fn(|k| (direction / 3usize.pow(k as u32) % 3) as f64 - 1.0);
+                let target = add_scaled(x, shift * d / norm(step).max(0.5), step);
+                if fewest > 0
+                    && side_distance(&target) >= side_distance(&x)
+                    && self.sites.is_free(target)
+                {
+                    let count = local.count_tiny_faces(target, fewest);
+                    if count < fewest {
+                        (fewest, best) = (count, Some(target));
+                    }
+                }
+            }
+        }
+        best
     }
 
     /// Returns `true` if an atom may move.

@@ -41,6 +41,7 @@ mod frame;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
 mod join;
+mod local_cells;
 mod measure;
 mod optimise;
 pub(crate) mod padding;

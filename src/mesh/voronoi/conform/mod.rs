@@ -9,6 +9,7 @@
 //!
 //! - `surface`: the facets, and how they meet
 //! - `regularise`: improves the shape of triangles
+//! - `flatten`: makes nearly planar parts planar
 //! - `balls`: radii such that few points are covered
 //! - `faces`: the faces of cells that lie on the surface
 //! - `site_region`: where sites may be
@@ -23,6 +24,7 @@
 
 mod balls;
 mod faces;
+mod flatten;
 mod regularise;
 mod site_region;
 mod surface;
@@ -30,7 +32,7 @@ mod surface;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::union_find::UnionFind;
-use crate::geometry::{add_scaled, distance2, norm, normal, sorted_distinct};
+use crate::geometry::{add_scaled, distance2, norm, normal, sorted_distinct, sub, unit};
 use crate::mesh::complex::NONE;
 use balls::Balls;
 pub use faces::FacetGrid;
@@ -42,6 +44,9 @@ const MIN_SITE_DISTANCE: f64 = 0.25;
 /// Distance, in mean edge lengths, below which two facets with a common edge where surfaces meet share
 /// one site. The faces then deviate from the facets by at most a twentieth of an edge.
 const SHARED_SITE_DISTANCE: f64 = 0.12;
+
+/// Distance, in radii of the largest ball, below which a node of cells is a node of the surface.
+const SAME_NODE_DISTANCE: f64 = 1e-7;
 
 /// Sites on both sides of the facets of a surface, and the balls that other atoms must not enter.
 #[derive(Debug)]
@@ -171,6 +176,21 @@ impl<const D: usize> ConformingSites<D> {
             });
         }
         is_free
+    }
+
+    /// Returns the point on the sphere of the surface's node at `x`, in the direction of another
+    /// point, where an atom can be: its cell has a corner at the node. `None` if no node is there or
+    /// the point is not free.
+    pub fn sphere_point(&self, x: [f64; D], towards: [f64; D]) -> Option<[f64; D]> {
+        let mut node = None;
+        if !self.surface().nodes.is_empty() {
+            let tolerance = SAME_NODE_DISTANCE * self.max_radius;
+            self.grid.visit_within(x, tolerance, |n| node = Some(n));
+        }
+        let centre = self.surface().nodes[node?];
+        let radius = self.balls.squared_radii[node?].sqrt();
+        let point = add_scaled(centre, radius, unit(sub(towards, centre)));
+        self.is_free(point).then_some(point)
     }
 
     /// Removes the [`sites`](Self::sites) for which `is_unfit` holds, those of facets in pairs.

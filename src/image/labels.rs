@@ -23,6 +23,10 @@ pub const MAX_REAL_LABELS: usize = 255;
 /// Smallest share of equal neighbours in an image with more than [`MAX_REAL_LABELS`] labels.
 const MIN_EQUAL_SHARE_MANY: f64 = 0.3;
 
+/// Largest difference between a sample and the whole number that it stands for, as a share of that number
+/// (at least of 1): other programs scale and resample labels in floating point.
+const WHOLE_TOLERANCE: f32 = 1e-5;
+
 /// Value of the samples of a label.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LabelValue {
@@ -242,13 +246,27 @@ impl LabelTable {
             });
         }
         let samples = image.as_slice();
-        let values = label_values(samples)?;
-        let number = |s: &f32| values.partition_point(|value| value < s) as u32;
+        let mut values = label_values(samples)?;
+        values
+            .iter_mut()
+            .for_each(|v| *v = without_rounding_error(*v));
+        values.dedup();
+        let number = |&s: &f32| values.partition_point(|&v| v < without_rounding_error(s)) as u32;
         let index = samples.par_iter().map(number).collect();
         Some(Self {
             values: values.into_iter().map(LabelValue::from_sample).collect(),
             indices: index,
         })
+    }
+}
+
+/// Returns the whole number that a sample equals up to rounding, or else the sample.
+fn without_rounding_error(sample: f32) -> f32 {
+    let whole = sample.round();
+    if (sample - whole).abs() <= WHOLE_TOLERANCE * whole.abs().max(1.0) {
+        whole
+    } else {
+        sample
     }
 }
 
@@ -315,6 +333,15 @@ mod tests {
             LabelTable::from_image(&image).unwrap().indices,
             [2, 1, 2, 0, 1]
         );
+    }
+
+    #[test]
+    fn values_that_differ_by_rounding_are_one_label() {
+        let samples = vec![-3e-7, 0.0, 1.9999999, 2.0, 2.0000002, 2.001, 0.5, 59.999996];
+        let image = Image::new([4, 2], samples, Geometry::default());
+        let table = LabelTable::from_image(&image).unwrap();
+        assert_eq!(table.values, [0.0, 0.5, 2.0, f64::from(2.001_f32), 60.0]);
+        assert_eq!(table.indices, [0, 0, 2, 2, 2, 3, 1, 4]);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::frame::{JobDomain, lattice_extent};
 use super::optimise::optimisation_report;
 use super::padding::PaddingCells;
 use super::placement::{self, PlacedAtoms};
-use super::spec::{DEFAULT_DISTANCES, NominalDistance, Padding};
+use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
@@ -364,7 +364,7 @@ fn stop_reason(
 /// parameters for a thin image.
 ///
 /// # Errors
-/// Returns the errors of [`Distance::validate`].
+/// Returns the errors of [`Distance::validate`] and of [`check_default_distance`].
 fn fitted_params<const D: usize>(
     params: &Params<D>,
     (dims, geometry): ([usize; D], &Geometry<D>),
@@ -380,7 +380,36 @@ fn fitted_params<const D: usize>(
     let label_distances = labels.filter_map(|options| options.distance);
     let largest = label_distances.fold(params.spacing().max(), f64::max);
     Distance::Constant(largest).validate(box_extent)?;
+    check_default_distance(&params.spec, geometry)?;
     Ok(fitted)
+}
+
+/// Smallest value, in samples, of the upper limit of the default distance.
+const MIN_DEFAULT_DISTANCE: f64 = 2.0;
+
+/// Checks that the default distance, which is meant in samples, is not a small part of one in the unit
+/// of the metric: 8 metres where a sample is 10 metres long.
+///
+/// # Errors
+/// Returns an error if its upper limit is less than two samples.
+fn check_default_distance<const D: usize>(spec: &MeshSpec, geometry: &Geometry<D>) -> Result<()> {
+    let [min, max] = DEFAULT_DISTANCES;
+    let unit = spec.metric.unit(geometry);
+    if spec.distance != NominalDistance::default() || max >= MIN_DEFAULT_DISTANCE * unit {
+        return Ok(());
+    }
+    Err(Error::Distance(cause(
+        "the distance between atoms",
+        format!(
+            "is {min} to {max} by default, and with --metric {} in units of which a sample has {unit:.3}",
+            spec.metric
+        ),
+        format!(
+            "give --distance {:.0}:{:.0}, which is {min} to {max} samples, or leave out --metric",
+            min * unit,
+            max * unit
+        ),
+    )))
 }
 
 /// An image whose labels are merged and whose missing samples are marked, where that is needed.
@@ -588,7 +617,7 @@ mod tests {
     use crate::feature::scenes::{ExactSurface, ridge_image};
     use crate::feature::windows::tests::LayeredImage;
     use crate::job::Metric;
-    use crate::job::spec::{DistanceSource, MeshSpec};
+    use crate::job::spec::DistanceSource;
     use crate::mesh::check::Check;
     use crate::progress::NoProgress;
 
@@ -642,6 +671,27 @@ mod tests {
             message.contains("shortest side, 19600") && message.contains("at most 9800"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn the_default_distance_is_refused_where_the_metric_makes_it_a_part_of_a_sample() {
+        let run_with = |distance| {
+            let spec = MeshSpec {
+                metric: Metric::Physical,
+                distance,
+                ..MeshSpec::default()
+            };
+            run(&disc(10.0), &Params::new(spec).unwrap(), &mut NoProgress)
+        };
+        let message = run_with(NominalDistance::default())
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("--distance 27:80"), "{message}");
+        let distance = NominalDistance::Range {
+            min: 27.0,
+            max: 80.0,
+        };
+        assert!(run_with(distance).is_ok());
     }
 
     #[test]

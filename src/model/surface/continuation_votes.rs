@@ -5,6 +5,7 @@ use crate::parallel::prelude::*;
 
 use super::facets::FacetComplex;
 use super::fault_separation::FaultSeparation;
+use super::size_classes::SizeClasses;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
@@ -301,64 +302,6 @@ pub fn gap_votes<const D: usize>(
     votes.into_iter().flatten().collect()
 }
 
-/// Points of sides in classes by the size of their facets. A search visits few points that are out
-/// of range for their size, although the largest facet of a Voronoi mesh is many times larger than
-/// most.
-struct SizeClasses<const D: usize> {
-    reach: f64,
-    /// For each class its largest size, its points, and their indices.
-    classes: Vec<(f64, CellList<D>, Vec<usize>)>,
-    /// Cells as wide as the widest gap. Among points at equal distance, the first one in the order
-    /// of these cells is taken.
-    coarse_cells: CellList<D>,
-}
-
-impl<const D: usize> SizeClasses<D> {
-    fn new(points: &[[f64; D]], sizes: &[f64], reach: f64) -> Self {
-        let largest = sizes.iter().copied().fold(0.0, f64::max);
-        let mean = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
-        // The first class has sizes up to the mean, the next ones up to twice the mean, four times,
-        // and so on.
-        let class = |size: f64| (size / mean).log2().ceil().max(0.0) as usize;
-        let mut members: Vec<Vec<usize>> = Vec::new();
-        for (i, &size) in sizes.iter().enumerate() {
-            let class = class(size);
-            members.resize_with(members.len().max(class + 1), Vec::new);
-            members[class].push(i);
-        }
-        let classes = members.into_iter().filter(|members| !members.is_empty());
-        let classes = classes.map(|members| {
-            let max_size = members.iter().map(|&i| sizes[i]).fold(0.0, f64::max);
-            let positions: Vec<[f64; D]> = members.iter().map(|&i| points[i]).collect();
-            (
-                max_size,
-                CellList::new(&positions, reach * max_size),
-                members,
-            )
-        });
-        Self {
-            reach,
-            classes: classes.collect(),
-            coarse_cells: CellList::new(points, reach * largest),
-        }
-    }
-
-    /// Visits every point within the gap width of `point`, which belongs to a facet with this size,
-    /// and some points farther away.
-    fn visit(&self, point: [f64; D], size: f64, mut visit: impl FnMut(usize)) {
-        for (max_size, grid, members) in &self.classes {
-            let radius = self.reach * 0.5 * (size + max_size);
-            grid.visit_within(point, radius, |n| visit(members[n]));
-        }
-    }
-
-    /// Returns `true` if point i comes before point j; it decides between points at equal distance.
-    fn precedes(&self, points: &[[f64; D]], i: usize, j: usize) -> bool {
-        let position = |i: usize| (self.coarse_cells.offset_of(points[i]), i);
-        position(i) < position(j)
-    }
-}
-
 /// Smallest gap with a reliable direction, as a fraction of the facets' size.
 const MIN_GAP_RATIO: f64 = 0.5;
 
@@ -402,6 +345,7 @@ pub fn crossing_votes<const D: usize>(
     let rim: Vec<usize> = (0..D * count).filter(is_rim).collect();
     let rim_centres: Vec<[f64; D]> = rim.iter().map(|&s| facets.ridge_centre(s)).collect();
     let centroids = facets.centroids();
+    let areas: Vec<f64> = (0..count).map(|f| norm(facets.normal(f))).collect();
     // Facets near a crossing are tilted, so planes are fitted to a wider neighbourhood.
     let fit_radius = 2.0 * max_gap;
     let grid = CellList::new(&centroids, fit_radius);
@@ -411,7 +355,7 @@ pub fn crossing_votes<const D: usize>(
             let (mut centre, mut normal, mut area) = ([0.0; D], [0.0; D], 0.0);
             grid.visit_within(rim_centre, fit_radius, |g| {
                 if surface[g] == surface[f] && norm(sub(centroids[g], rim_centre)) < fit_radius {
-                    let weight = norm(facets.normal(g));
+                    let weight = areas[g];
                     area += weight;
                     centre = add_scaled(centre, weight, centroids[g]);
                     let signed_weight = weight.copysign(dot(normals[g], normals[f]));

@@ -6,11 +6,15 @@ use crate::parallel::prelude::*;
 
 use super::continuation_votes::smooth_neighbour;
 use super::facets::FacetComplex;
-use crate::geometry::cell_list::CellList;
+use super::size_classes::SizeClasses;
 use crate::geometry::{add_scaled, dot, norm, sub, unit};
 
 /// Number of rings of neighbours that correct single facets of the wrong kind.
 const KIND_RINGS: usize = 3;
+
+/// Reach of a search for fault facets that a line crosses, in their sizes: half the line's length and the
+/// facet's size are at most this times the mean of the two.
+const FAULT_REACH: f64 = 2.0;
 
 /// The facets of faults, for features that have both faults and horizons.
 ///
@@ -25,9 +29,7 @@ pub struct FaultSeparation<const D: usize> {
     /// The facets of faults.
     faults: Vec<FaultFacet<D>>,
     /// The centres of these facets.
-    fault_cells: CellList<D>,
-    /// The largest size of these facets.
-    max_fault_size: f64,
+    fault_centres: SizeClasses<D>,
 }
 
 struct FaultFacet<const D: usize> {
@@ -60,15 +62,13 @@ impl<const D: usize> FaultSeparation<D> {
             .filter(|&f| !is_horizon[f])
             .map(fault_facet)
             .collect();
-        let max_size = faults.iter().map(|w| w.size).fold(0.0, f64::max);
-        let fault_centres: Vec<[f64; D]> = faults.iter().map(|w| w.centre).collect();
-        let mean = faults.iter().map(|w| w.size).sum::<f64>() / faults.len().max(1) as f64;
+        let fault_centres: Vec<[f64; D]> = faults.iter().map(|fault| fault.centre).collect();
+        let sizes: Vec<f64> = faults.iter().map(|fault| fault.size).collect();
         Some(Self {
-            fault_cells: CellList::new(&fault_centres, 2.0 * mean),
+            fault_centres: SizeClasses::new(&fault_centres, &sizes, FAULT_REACH),
             is_horizon,
             centres,
             faults,
-            max_fault_size: max_size,
         })
     }
 
@@ -88,8 +88,11 @@ impl<const D: usize> FaultSeparation<D> {
         let direction = sub(b, a);
         let middle = add_scaled(a, 0.5, direction);
         let mut is_crossed = false;
-        let radius = 0.5 * norm(direction) + self.max_fault_size;
-        self.fault_cells.visit_within(middle, radius, |n| {
+        let half_length = 0.5 * norm(direction);
+        self.fault_centres.visit(middle, half_length, |n| {
+            if is_crossed {
+                return;
+            }
             let fault = &self.faults[n];
             let [start, end] = [a, b].map(|x| dot(sub(x, fault.centre), fault.normal));
             if start * end < 0.0 {

@@ -54,6 +54,7 @@ pub(crate) mod measure;
 pub(crate) mod merging;
 pub(crate) mod names;
 pub(crate) mod region_interfaces;
+pub(crate) mod size_classes;
 pub(crate) mod spec;
 pub(crate) mod stored_surfaces;
 

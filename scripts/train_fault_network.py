@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Trains the networks that tell how likely each sample of a seismic image lies on a fault.
 
-    scripts/train_fault_network.py OUT [--minutes 9] [--from FOLDER] [--rate 3e-3] [--device cuda]
+    scripts/train_fault_network.py OUT [--minutes 9] [--from FOLDER] [--rate 3e-3] [--device cuda] [--sections]
 
 The networks are convolutional networks of the U-Net form (Ronneberger et al. 2015; for faults: Wu et al. 2019,
 "FaultSeg3D"), one for volumes and one for sections. They learn from synthetic images that this script makes while it
@@ -13,7 +13,8 @@ OUT/volume.bin and OUT/section.bin get the weights: for each convolution in the 
 weights as f16 (tap, input channel, output channel; the vertical axis of the taps is the fastest) and its biases as f32.
 Needs PyTorch. The weights in the repository come from an H200, by three runs, each from the one before: `--minutes 8.3
 --seed 2` (signal-to-noise ratios of 0.8 to 20), `--minutes 3.5 --seed 5 --batch 6 --rate 1e-3`, and, since marks are
-ridges of 0.75 samples and some faults run beside others, `--minutes 8.8 --seed 11 --batch 6 --rate 2e-3`.
+ridges of 0.75 samples and some faults run beside others, `--minutes 8.8 --seed 11 --batch 6 --rate 2e-3`; for sections a fourth one
+on one core of a processor: `--sections --device cpu --minutes 62 --batch 8 --rate 1e-3 --seed 7`, 3,400 steps.
 """
 import argparse
 import json

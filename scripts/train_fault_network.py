@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Trains the networks that tell how likely each sample of a seismic image lies on a fault.
 
-    scripts/train_fault_network.py OUT [--minutes 9] [--from FOLDER] [--rate 3e-3] [--device cuda]
+    scripts/train_fault_network.py OUT [--minutes 9] [--from FOLDER] [--rate 3e-3] [--device cuda] [--sections]
 
 The networks are convolutional networks of the U-Net form (Ronneberger et al. 2015; for faults: Wu et al. 2019,
 "FaultSeg3D"), one for volumes and one for sections. They learn from synthetic images that this script makes while it
@@ -13,7 +13,8 @@ OUT/volume.bin and OUT/section.bin get the weights: for each convolution in the 
 weights as f16 (tap, input channel, output channel; the vertical axis of the taps is the fastest) and its biases as f32.
 Needs PyTorch. The weights in the repository come from an H200, by three runs, each from the one before: `--minutes 8.3
 --seed 2` (signal-to-noise ratios of 0.8 to 20), `--minutes 3.5 --seed 5 --batch 6 --rate 1e-3`, and, since marks are
-ridges of 0.75 samples and some faults run beside others, `--minutes 8.8 --seed 11 --batch 6 --rate 2e-3`.
+ridges of 0.75 samples and some faults run beside others, `--minutes 8.8 --seed 11 --batch 6 --rate 2e-3`; for sections a fourth one
+on one core of a processor: `--sections --device cpu --minutes 62 --batch 8 --rate 1e-3 --seed 7`, 3,400 steps.
 """
 import argparse
 import json
@@ -90,6 +91,13 @@ class Fault:
         # The displacement decays with distance, and is shared by the two sides.
         self.decay = log_uniform(0.3, 6) * size
         self.upper_share = uniform(0.0, 1.0) if chance(0.6) else 0.0
+
+    def steepen(self, stretch):
+        """Turns the fault until it dips by 30 degrees or more in the samples of a section along x."""
+        least = min(0.6, 0.7 * stretch * math.tan(math.radians(self.dip)))
+        while abs(self.cos) * stretch * math.tan(math.radians(self.dip)) < least:
+            self.strike = uniform(0, 2 * math.pi)
+            self.cos, self.sin = math.cos(self.strike), math.sin(self.strike)
 
     def interpolate(self, values, at):
         at = at.clamp(0, len(values) - 1.001)
@@ -202,20 +210,49 @@ def noise(shape, kernel, device):
     return total / (total.std() + 1e-6)
 
 
-def make_image(size, device):
-    """Returns amplitudes, the ridges that mark faults, and weights (0 where no answer is asked for)."""
-    wavelength = log_uniform(5, 30)
+def slanted_noise(size, kernel, device):
+    """Returns noise in a section that continues along slanted lines, as multiples and steep events do."""
+    reach = size // 2
+    n = along_depth(torch.randn((size, 1, size + 2 * reach), device=device), kernel)
+    n = blur(n, [log_uniform(2, 20), 0, 0])
+    slope = uniform(-1, 1) * reach / size * 2 if chance(0.5) else 0.0
+    shift = (slope * (torch.arange(size, device=device) - size / 2)).round().long()
+    at = torch.arange(size, device=device)[None] + reach + shift[:, None]
+    n = torch.gather(n[:, 0], 1, at.clamp(0, n.shape[2] - 1))[:, None]
+    return n / (n.std() + 1e-6)
+
+
+def make_image(size, device, is_section=False):
+    """Returns amplitudes, the ridges that mark faults, and weights (0 where no answer is asked for).
+
+    A section is a volume of one sample along y. Its wavelengths may be shorter, its traces farther apart, and its
+    faults more."""
+    wavelength = log_uniform(4, 24) if is_section else log_uniform(5, 30)
     axis = torch.arange(size, dtype=torch.float32, device=device)
-    grid = list(torch.meshgrid(axis, axis, axis, indexing="ij"))
+    y_axis = axis[:1] + uniform(0, size) if is_section else axis
+    grid = list(torch.meshgrid(axis, y_axis, axis, indexing="ij"))
     # Distances between traces and between samples in time differ.
     stretch = log_uniform(0.7, 1.4) if chance(0.5) else 1.0
+    if is_section:
+        stretch = log_uniform(0.6, 3)
     place = (grid[0] * stretch, grid[1] * stretch, grid[2])
-    count = 0 if chance(0.12) else int(uniform(1, 7))
+    count = 0 if chance(0.12) else int(uniform(1, 7 * max(1, stretch) if is_section else 7))
     ridge = torch.zeros_like(grid[0])
     doubtful = torch.zeros_like(grid[0])
     sides, fault = None, None
+    # Sections often cross a set of faults in equal steps.
+    is_set, spacing = is_section and chance(0.35), uniform(8, 30) * stretch
+    if is_set:
+        count = int(uniform(4, 14))
     for _ in range(count):
-        fault = Fault(size, wavelength, device, fault if chance(0.3) else None)
+        neighbour = fault if chance(0.9 if is_set else 0.3) else None
+        fault = Fault(size, wavelength, device, neighbour)
+        if is_section:
+            fault.steepen(stretch)
+            if neighbour is None:
+                fault.centre[0] *= stretch
+            elif is_set:
+                fault.centre[0] = neighbour.centre[0] + spacing * uniform(0.6, 1.6)
         side = None
         if sides is not None and chance(0.3):
             side = sides if chance(0.5) else 1 - sides
@@ -224,6 +261,11 @@ def make_image(size, device):
         sides = (distance > 0).float()
         # Throws of less than half a sample cannot be seen.
         visible = ((throw - 0.5) / 1.0).clamp(0, 1)
+        if is_section:
+            # From distances in the world to those in samples of the section.
+            slopes = torch.gradient(distance[:, 0])
+            slope = torch.sqrt(slopes[0] ** 2 + slopes[1] ** 2).clamp(0.3, max(1.0, stretch))
+            distance = distance / slope[:, None]
         near = torch.exp(-0.5 * (distance / RIDGE_SIGMA) ** 2)
         ridge = torch.maximum(ridge, near * visible)
         weak = (throw > 0.15) & (throw < min(1.5, 0.12 * wavelength + 0.5))
@@ -246,7 +288,7 @@ def make_image(size, device):
         signal = along_depth(layers(depth), kernel)
     if chance(0.3):
         # An unconformity: the layers above a smooth surface are not those below. They may be younger than the faults.
-        surface = size * uniform(0.1, 0.9) + smooth_noise(size, uniform(0.3, 1.5) * size, device, 2)[..., None] * uniform(0, 8)
+        surface = size * uniform(0.1, 0.9) + smooth_noise(size, uniform(0.3, 1.5) * size, device, 2)[:, : len(y_axis), None] * uniform(0, 8)
         above = grid[2] < surface
         table = reflectivity(size, wavelength, device)
         young = along_depth(layers(grid[2] + uniform(-0.1, 0.1) * grid[0] + uniform(-0.1, 0.1) * grid[1]), kernel)
@@ -256,12 +298,18 @@ def make_image(size, device):
             ridge = torch.where(above, torch.zeros_like(ridge), ridge)
             doubtful = torch.maximum(doubtful, ((grid[2] - surface).abs() < 0.5 * wavelength).float())
     signal = signal / (signal.std() + 1e-6)
+
+    def field(period):
+        if is_section:
+            return smooth_noise(size, period, device, 2)[:, None]
+        return smooth_noise(size, period, device, 3)
+
     # Amplitudes vary along layers.
     if chance(0.7):
-        signal = signal * torch.exp(uniform(0, 0.5) * smooth_noise(size, uniform(8, 60), device, 3))
+        signal = signal * torch.exp(uniform(0, 0.5) * field(uniform(8, 60)))
     if chance(0.25):
         # Chaos without layers: salt, gas, slumps.
-        body = smooth_noise(size, uniform(0.25, 0.6) * size, device, 3) > uniform(1.0, 2.0)
+        body = field(uniform(0.25, 0.6) * size) > uniform(1.0, 2.0)
         chaos = noise(signal.shape, kernel, device) * uniform(0.3, 1.2)
         signal = torch.where(body, chaos, signal)
         edge = blur(body.float(), [2.0] * 3)
@@ -274,11 +322,14 @@ def make_image(size, device):
         # Stripes along lines, as acquisition leaves them.
         t = axis * 2 * math.pi / uniform(4, 16)
         stripes = torch.sin(t + uniform(0, 6)) + uniform(0, 1) * torch.randn(size, device=device)
-        stripes = stripes[:, None, None] if chance(0.5) else stripes[None, :, None]
+        stripes = stripes[:, None, None] if is_section or chance(0.5) else stripes[None, :, None]
         fade = torch.exp(-axis / log_uniform(20, 500))[None, None]
         signal = signal * (1 + uniform(0, 0.5) * stripes * fade)
     signal = signal / (signal.std() + 1e-6)
     signal = signal + noise(signal.shape, kernel, device) / log_uniform(0.7, 16)
+    if is_section and chance(0.5):
+        for _ in range(2):
+            signal = signal + slanted_noise(size, kernel, device) / log_uniform(1.5, 16)
     if chance(0.2):
         level = uniform(1.0, 3.0) * signal.std()
         signal = signal.clamp(-level, level)
@@ -286,13 +337,13 @@ def make_image(size, device):
         steps = uniform(10, 60) / signal.abs().max()
         signal = torch.round(signal * steps) / steps
     weight = 1 - doubtful
-    live = torch.ones((size, size, 1), device=device)
+    live = torch.ones((size, len(y_axis), 1), device=device)
     if chance(0.2):
         for _ in range(int(uniform(1, 4))):
-            a, b = int(uniform(0, size)), int(uniform(0, size))
+            a, b = int(uniform(0, size)), int(uniform(0, len(y_axis)))
             live[a : a + int(log_uniform(1, 20)), b : b + int(log_uniform(1, 60))] = 0
         if chance(0.5):
-            live = live * (torch.rand((size, size, 1), device=device) > uniform(0, 0.1))
+            live = live * (torch.rand((size, len(y_axis), 1), device=device) > uniform(0, 0.1))
         weight = weight * live
     return balance(signal, live), ridge, weight
 
@@ -308,27 +359,33 @@ def balance(signal, live):
 class Pool:
     """The last images that were made. Each is used several times, turned and flipped in another way."""
 
-    def __init__(self, count, size, device):
-        self.size, self.device = size, device
-        self.images = [make_image(size, device) for _ in range(count)]
+    def __init__(self, count, size, device, are_sections=False):
+        self.size, self.device, self.are_sections = size, device, are_sections
+        self.images = [self.make() for _ in range(count)]
+
+    def make(self):
+        return make_image(self.size, self.device, self.are_sections)
 
     def renew(self, count):
         for _ in range(count):
-            self.images[int(uniform(0, len(self.images)))] = make_image(self.size, self.device)
+            self.images[int(uniform(0, len(self.images)))] = self.make()
 
     def batch(self, count):
-        return turned_batch([self.images[int(uniform(0, len(self.images)))] for _ in range(count)])
+        return turned_batch([self.images[int(uniform(0, len(self.images)))] for _ in range(count)], self.are_sections)
 
 
-def turned_batch(parts):
+def turned_batch(parts, are_sections=False):
     """Returns images, ridges and weights, turned and flipped at random, as batches with one channel."""
     out = []
     for part in parts:
-        turned = [p.transpose(0, 1) for p in part] if chance(0.5) else list(part)
-        flips = [a for a in (0, 1) if chance(0.5)]
-        sign = -1 if chance(0.5) else 1
-        turned = [torch.flip(p.expand_as(turned[0]), flips) for p in turned]
-        turned[0] = turned[0] * sign
+        turned = [p.expand_as(part[0]) for p in part]
+        if are_sections:
+            turned = [p[:, 0] for p in turned]
+        elif chance(0.5):
+            turned = [p.transpose(0, 1) for p in turned]
+        flips = [a for a in range(turned[0].ndim - 1) if chance(0.5)]
+        turned = [torch.flip(p, flips) for p in turned]
+        turned[0] = turned[0] * (-1 if chance(0.5) else 1)
         out.append(torch.stack(turned))
     batch = torch.stack(out)
     return batch[:, 0:1], batch[:, 1:2], batch[:, 2:3]
@@ -490,6 +547,7 @@ def main():
     parser.add_argument("out", type=Path)
     parser.add_argument("--minutes", type=float, default=9.0)
     parser.add_argument("--batch", type=int, default=4)
+    parser.add_argument("--sections", action="store_true", help="train only the network for sections, on sections")
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--device", default="cuda")
     parser.add_argument("--seed", type=int, default=1)
@@ -501,19 +559,25 @@ def main():
     torch.backends.cudnn.benchmark = True
     torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
     device = options.device
-    volume, section = UNet(3, VOLUME_CHANNELS).to(device), UNet(2, SECTION_CHANNELS).to(device)
-    volume = volume.to(memory_format=torch.channels_last_3d)
-    section = section.to(memory_format=torch.channels_last)
-    networks = (volume, section)
+    networks = {"section": UNet(2, SECTION_CHANNELS).to(device, memory_format=torch.channels_last)}
+    if not options.sections:
+        networks["volume"] = UNet(3, VOLUME_CHANNELS).to(device, memory_format=torch.channels_last_3d)
     with torch.no_grad():
-        held = turned_batch([make_image(options.size, device) for _ in range(8 if device == "cuda" else 1)])
-        pool = Pool(48 if device == "cuda" else 2, options.size, device)
-        held_sections = sections(*held, 8)
-        if options.start:
-            volume.read(options.start / "volume.bin", held[0])
-            section.read(options.start / "section.bin", held_sections[0])
-    averages = [Average(n) for n in networks]
-    optimizers = [torch.optim.AdamW(n.parameters(), lr=options.rate, weight_decay=1e-3) for n in networks]
+        if options.sections:
+            pool = Pool(200, options.size, device, are_sections=True)
+            held = {"section": turned_batch([pool.make() for _ in range(40)], are_sections=True)}
+        else:
+            pool = Pool(48 if device == "cuda" else 2, options.size, device)
+            volumes = turned_batch([pool.make() for _ in range(8 if device == "cuda" else 1)])
+            held = {"volume": volumes, "section": sections(*volumes, 8)}
+        for name, network in networks.items():
+            if options.start:
+                network.read(options.start / f"{name}.bin", held[name][0])
+    averages = {name: Average(network) for name, network in networks.items()}
+    optimizers = {
+        name: torch.optim.AdamW(network.parameters(), lr=options.rate, weight_decay=1e-3)
+        for name, network in networks.items()
+    }
     start, step, seconds_made = time.time(), 0, 0.0
     total, next_report = 60 * options.minutes, 5.0
     while True:
@@ -524,37 +588,39 @@ def main():
         rate = options.rate * min(1, (step + 1) / 200) * (0.5 + 0.5 * math.cos(math.pi * share)) + 1e-6
         began = time.time()
         with torch.no_grad():
-            pool.renew(2)
+            pool.renew(4 if options.sections else 2)
             batch = pool.batch(options.batch)
         seconds_made += time.time() - began
-        batches = (batch, sections(*batch, 12))
-        for network, optimizer, data, average in zip(networks, optimizers, batches, averages):
+        batches = {"section": batch} if options.sections else {"volume": batch, "section": sections(*batch, 12)}
+        for name, network in networks.items():
+            data, optimizer = batches[name], optimizers[name]
             for group in optimizer.param_groups:
                 group["lr"] = rate
             layout = torch.channels_last_3d if network.dims == 3 else torch.channels_last
-            with torch.autocast(device.split(":")[0], dtype=torch.bfloat16):
+            with torch.autocast(device.split(":")[0], dtype=torch.bfloat16, enabled=device != "cpu"):
                 logits = network(data[0].contiguous(memory_format=layout))
             value = loss(logits.float(), *data[1:])
             optimizer.zero_grad(set_to_none=True)
             value.backward()
             nn.utils.clip_grad_norm_(network.parameters(), 1.0)
             optimizer.step()
-            average.update(network)
+            averages[name].update(network)
         step += 1
         if time.time() - start > next_report or step == 2:
             next_report = time.time() - start + 30
-            report(options.out, networks, averages, (held, held_sections), step, seconds_made, time.time() - start)
-    report(options.out, networks, averages, (held, held_sections), step, seconds_made, time.time() - start)
+            report(options.out, averages, held, step, seconds_made, time.time() - start)
+    report(options.out, averages, held, step, seconds_made, time.time() - start)
 
 
-def report(out, networks, averages, held, step, seconds_made, elapsed):
+def report(out, averages, held, step, seconds_made, elapsed):
     """Writes the averaged networks, and prints how well they do on images that they have not seen."""
     line = {"step": step, "seconds": round(elapsed), "making": round(seconds_made)}
-    for network, average, data, name in zip(networks, averages, held, ("volume", "section")):
-        copy = UNet(network.dims, VOLUME_CHANNELS if network.dims == 3 else SECTION_CHANNELS).to(data[0].device)
+    for name, average in averages.items():
+        image = held[name][0]
+        copy = UNet(*((2, SECTION_CHANNELS) if name == "section" else (3, VOLUME_CHANNELS))).to(image.device)
         average.copy_to(copy)
         copy.eval()
-        line[name] = scores(copy, data)
+        line[name] = scores(copy, held[name])
         copy.write(out / f"{name}.bin")
     print(json.dumps(line), flush=True)
 

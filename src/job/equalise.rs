@@ -2,6 +2,7 @@
 //! is none, and moved to the centroids of their cells.
 
 use super::local_cells::LocalCells;
+use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
 use crate::lattice::AtomKind;
@@ -134,7 +135,8 @@ impl<const D: usize> CellEqualiser<'_, D> {
         let (mesh, areas) = (self.mesh, self.face_areas());
         let max_area = self.max_tiny_area(&areas);
         let count = self.atoms.len();
-        let mut placed: Vec<[f64; D]> = Vec::new();
+        let cells = CellList::new(&mesh.sites, self.distance.min());
+        let mut placed = self.empty_grid();
         for f in (0..areas.len()).filter(|&f| areas[f] < max_area) {
             if (mesh.face_cells[f][0] as usize) < count {
                 continue;
@@ -145,27 +147,33 @@ impl<const D: usize> CellEqualiser<'_, D> {
                 continue;
             };
             let d = self.distance.value_at(x);
-            let is_near = |y: &[f64; D], ratio: f64| distance2(y, &x) < (ratio * d).powi(2);
-            if (0..D).all(|k| x[k].min(self.extent[k] - x[k]) > MIN_SIDE_DISTANCE * d)
-                && !placed.iter().any(|y| is_near(y, MIN_ATOM_DISTANCE))
-                && !mesh.sites[count..]
-                    .iter()
-                    .any(|y| is_near(y, MIN_SITE_DISTANCE))
-            {
-                self.place_fixed(x, MAX_REPLACED_DISTANCE * d);
-                placed.push(x);
+            let is_inside = (0..D).all(|k| x[k].min(self.extent[k] - x[k]) > MIN_SIDE_DISTANCE * d);
+            if !is_inside || !placed.is_free(&x, MIN_ATOM_DISTANCE * d) {
+                continue;
+            }
+            // The nearest atom that may move, and whether a site is too near.
+            let (mut nearest, mut is_near_site) = (None, false);
+            cells.visit_within(x, MAX_REPLACED_DISTANCE * d, |i| {
+                let distance = distance2(&mesh.sites[i], &x).sqrt() / d;
+                if i >= count {
+                    is_near_site |= distance < MIN_SITE_DISTANCE;
+                } else if distance < MAX_REPLACED_DISTANCE
+                    && self.is_movable(i)
+                    && nearest.is_none_or(|best| (distance, i) < best)
+                {
+                    nearest = Some((distance, i));
+                }
+            });
+            if !is_near_site {
+                self.place_fixed(x, nearest.map(|(_, i)| i));
+                placed.add(x);
             }
         }
     }
 
-    /// Moves the nearest movable atom within a distance to `x`, or adds one there. The atom does not
-    /// move any more.
-    fn place_fixed(&mut self, x: [f64; D], max_distance: f64) {
-        let square = |i: usize| distance2(&self.atoms.positions[i], &x);
-        let nearest = (0..self.atoms.len())
-            .filter(|&i| self.is_movable(i) && square(i) < max_distance * max_distance)
-            .min_by(|&i, &j| square(i).total_cmp(&square(j)));
-        match nearest {
+    /// Moves an atom to `x`, or adds one there. It does not move any more.
+    fn place_fixed(&mut self, x: [f64; D], atom: Option<usize>) {
+        match atom {
             Some(i) => {
                 self.atoms.positions[i] = x;
                 self.atoms.kinds[i] = AtomKind::Fixed;
@@ -268,15 +276,19 @@ impl<const D: usize> CellEqualiser<'_, D> {
         let mut candidates: Vec<(f64, usize)> =
             (0..mesh.nodes.len()).filter_map(gap_at_node).collect();
         candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        // The grid has at most ten million cells.
-        let volume: f64 = self.extent.iter().product();
-        let edge = (1.6 * self.distance.min()).max((volume / 1e7).powf(1.0 / D as f64));
-        let mut grid = IncrementalGrid::new([0.0; D], self.extent, edge);
+        let mut grid = self.empty_grid();
         for x in candidates.into_iter().map(|(_, n)| mesh.nodes[n]) {
             if grid.is_free(&x, MIN_INSERTED_DISTANCE * self.distance.value_at(x)) {
                 grid.add(x);
             }
         }
         grid.positions().to_vec()
+    }
+
+    /// Returns a grid for positions of new atoms, with at most ten million cells.
+    fn empty_grid(&self) -> IncrementalGrid<D> {
+        let volume: f64 = self.extent.iter().product();
+        let edge = (1.6 * self.distance.min()).max((volume / 1e7).powf(1.0 / D as f64));
+        IncrementalGrid::new([0.0; D], self.extent, edge)
     }
 }

@@ -13,7 +13,8 @@
 //!
 //! In sections the probability is the mean of four: of the section and of the section with its traces
 //! twice as close (`section`), each also mirrored and with opposite sign. Traces of real sections
-//! are often far apart, so that faults lie closer together, and layers dip more, than in those of training.
+//! are often far apart, so that faults lie close together and layers are steep; the network for
+//! sections was also trained on such images.
 
 mod convolution;
 mod section;

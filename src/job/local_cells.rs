@@ -4,8 +4,6 @@
 use crate::geometry::{add_scaled, cross, distance2, dot, norm, sub, to_3d, unit};
 use crate::mesh::poly::{Lists, PolyMesh};
 
-/// Half the edge, in units of the distance between two sites, of the square that becomes their face.
-const HALF_SQUARE: f64 = 8.0;
 /// Ratio to the largest area of a tiny face below which there is no face: more than four sites lie
 /// on one sphere exactly.
 const MIN_AREA_RATIO: f64 = 1e-6;
@@ -100,7 +98,8 @@ impl LocalCells {
         axis[smallest.unwrap_or(0)] = 1.0;
         let u = unit(cross(normal, axis));
         let v = cross(normal, u);
-        let half = HALF_SQUARE * distance2(&x, &y).sqrt();
+        // A square beyond the box becomes the face.
+        let half = norm(sub(self.high, self.low));
         let corner = |s: f64, t: f64| add_scaled(add_scaled(middle, s * half, u), t * half, v);
         self.polygon.clear();
         self.polygon.extend([

@@ -282,7 +282,7 @@ impl FaultResistances {
                 surface, factor, ..
             } = faces[0];
             if (factor - 1.0).abs() > FACTOR_TOLERANCE && !varies(surface) {
-                multipliers.push((&names[surface as usize], factor));
+                multipliers.push((&names[surface as usize], without_rounding_error(factor)));
             }
         }
         if !multipliers.is_empty() {
@@ -589,4 +589,27 @@ fn find_connections(
         .into_par_iter()
         .flat_map_iter(row_connections)
         .collect()
+}
+
+/// Returns a multiplier, which is a ratio of transmissibilities, with twelve digits.
+fn without_rounding_error(factor: f64) -> f64 {
+    if factor == 0.0 {
+        return factor;
+    }
+    let scale = 10f64.powi(12 - factor.abs().log10().ceil() as i32);
+    (factor * scale).round() / scale
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn multipliers_have_twelve_digits() {
+        let expected = [0.0, 0.01, 1.0, 0.123456789012, 1e-9, 2500.0];
+        for factor in expected {
+            assert_eq!(without_rounding_error(factor), factor);
+            assert_eq!(without_rounding_error(factor * (1.0 + 4e-16)), factor);
+        }
+    }
 }

@@ -26,8 +26,9 @@ SPACING, VELOCITY = 12.5, 3000
 # Metric in which rock with a vertical permeability of a tenth of the horizontal one is isotropic.
 METRIC = f"{6 / SPACING * 10 ** 0.5:.5f},1,1"
 WEST, EAST = (600_300, 6_000_500), (601_150, 6_000_300)
+NEAR_FAULT = (600_740, 6_000_500)
 # Seeds as an interpreter picks them: west and east of the fault, layer by layer downwards.
-LAYERS = {1: [(WEST, -15), (WEST, -60), (EAST, -40), (EAST, -110)],
+LAYERS = {1: [(WEST, -15), (NEAR_FAULT, -8), (WEST, -60), (EAST, -40), (EAST, -110)],
           2: [(WEST, -160), (EAST, -155), (EAST, -235)],
           3: [(WEST, -300), (WEST, -372), (EAST, -340)]}
 # Porosity, horizontal and vertical permeability (mD) of seal, sand and silt. Unpainted cells are seal.

@@ -176,8 +176,10 @@ mod tests {
         for atom in 0..mesh.sites.len() {
             let is_near = |c: u32| c as usize == atom || neighbours.get(atom).contains(&c);
             let is_tiny = |f: &usize| {
+                let area = mesh.face_shape(*f).area();
                 mesh.face_cells[*f].into_iter().all(is_near)
-                    && mesh.face_shape(*f).area() < max_area
+                    && area < max_area
+                    && area > MIN_AREA_RATIO * max_area
             };
             let expected = (0..mesh.inner_face_count()).filter(is_tiny).count();
             let mut local = LocalCells::new(mesh, extent, atom, &neighbours, max_area);

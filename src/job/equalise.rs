@@ -129,7 +129,7 @@ impl<const D: usize> CellEqualiser<'_, D> {
     }
 
     /// Places atoms on the spheres of surface nodes at which two sites touch in a tiny face: the
-    /// nearest atom moves there, or a new one is added. Its cell has a corner at the node and
+    /// nearest atom moves there, or a new one is added. Its cell reaches the node and
     /// separates the two. These atoms do not move any more.
     pub fn separate_sites(&mut self) {
         let (mesh, areas) = (self.mesh, self.face_areas());

@@ -179,7 +179,7 @@ impl<const D: usize> ConformingSites<D> {
     }
 
     /// Returns the point on the sphere of the surface's node at `x`, in the direction of another
-    /// point, where an atom can be: its cell has a corner at the node. `None` if no node is there or
+    /// point, where an atom can be: its cell reaches the node. `None` if no node is there or
     /// the point is not free.
     pub fn sphere_point(&self, x: [f64; D], towards: [f64; D]) -> Option<[f64; D]> {
         let mut node = None;

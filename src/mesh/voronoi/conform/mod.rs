@@ -185,7 +185,12 @@ impl<const D: usize> ConformingSites<D> {
         let mut node = None;
         if !self.surface().nodes.is_empty() {
             let tolerance = SAME_NODE_DISTANCE * self.max_radius;
-            self.grid.visit_within(x, tolerance, |n| node = Some(n));
+            let nodes = &self.surface().nodes;
+            self.grid.visit_within(x, tolerance, |n| {
+                if distance2(&nodes[n], &x) < tolerance * tolerance {
+                    node = Some(n);
+                }
+            });
         }
         let centre = self.surface().nodes[node?];
         let radius = self.balls.squared_radii[node?].sqrt();

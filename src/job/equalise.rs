@@ -1,7 +1,7 @@
 //! Makes Voronoi cells more equal in size: atoms are added where there is room, removed where there
 //! is none, and moved to the centroids of their cells.
 
-use super::local_cells::LocalCells;
+use super::local_cells::{LocalCells, neighbours};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
@@ -111,7 +111,7 @@ impl<const D: usize> CellEqualiser<'_, D> {
         let areas = self.face_areas();
         let max_area = self.max_tiny_area(&areas);
         let tiny: Vec<usize> = (0..areas.len()).filter(|&f| areas[f] < max_area).collect();
-        let neighbours = self.neighbours();
+        let neighbours = neighbours(mesh);
         let movers: Vec<usize> = self.atoms_at(&tiny);
         let moves: Vec<Option<[f64; D]>> = (movers.par_iter())
             .map(|&atom| self.best_move(atom, &neighbours, max_area))
@@ -203,19 +203,6 @@ impl<const D: usize> CellEqualiser<'_, D> {
     fn atoms_at(&self, faces: &[usize]) -> Vec<usize> {
         let cells = faces.iter().flat_map(|&f| self.mesh.face_cells[f]);
         sorted_distinct(cells.map(|c| c as usize).filter(|&c| self.is_movable(c)))
-    }
-
-    /// Returns the cells next to each cell.
-    fn neighbours(&self) -> Lists {
-        let mesh = self.mesh;
-        let mut lists = vec![Vec::new(); mesh.sites.len()];
-        for &[a, b] in &mesh.face_cells[..mesh.inner_face_count()] {
-            lists[a as usize].push(b);
-            lists[b as usize].push(a);
-        }
-        let mut neighbours = Lists::default();
-        lists.into_iter().for_each(|list| neighbours.push(list));
-        neighbours
     }
 
     /// Returns the position near an atom where it has the fewest tiny faces around it, if there is

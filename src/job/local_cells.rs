@@ -8,6 +8,18 @@ use crate::mesh::poly::{Lists, PolyMesh};
 /// on one sphere exactly.
 const MIN_AREA_RATIO: f64 = 1e-6;
 
+/// Returns the cells next to each cell.
+pub(super) fn neighbours<const D: usize>(mesh: &PolyMesh<D>) -> Lists {
+    let mut lists = vec![Vec::new(); mesh.sites.len()];
+    for &[a, b] in &mesh.face_cells[..mesh.inner_face_count()] {
+        lists[a as usize].push(b);
+        lists[b as usize].push(a);
+    }
+    let mut neighbours = Lists::default();
+    lists.into_iter().for_each(|list| neighbours.push(list));
+    neighbours
+}
+
 /// The sites near an atom. In 2-D, cells are prisms of height 1.
 pub(super) struct LocalCells {
     /// The atom, its neighbours, and their neighbours.
@@ -157,17 +169,6 @@ mod tests {
     use super::*;
     use crate::geometry::random::Random;
     use crate::mesh::voronoi::{voronoi, voronoi_plane};
-
-    fn neighbours<const D: usize>(mesh: &PolyMesh<D>) -> Lists {
-        let mut lists = vec![Vec::new(); mesh.sites.len()];
-        for &[a, b] in &mesh.face_cells[..mesh.inner_face_count()] {
-            lists[a as usize].push(b);
-            lists[b as usize].push(a);
-        }
-        let mut neighbours = Lists::default();
-        lists.into_iter().for_each(|list| neighbours.push(list));
-        neighbours
-    }
 
     /// Asserts that the counts for every atom are those of the mesh.
     fn assert_counts<const D: usize>(mesh: &PolyMesh<D>, extent: [f64; D], max_area: f64) {

@@ -1,7 +1,7 @@
 //! The dihedral angles around a node that moves, in single precision: positions are relative to
 //! where the node starts. Eight tetrahedra are processed side by side in SIMD lanes.
 
-use super::smooth::{LANES, LinkGroup, NodeLink};
+use super::smooth::{LANES, LinkGroup, NodeLink, lane};
 use crate::geometry::simd::dispatch_simd;
 use crate::geometry::vector::Real;
 use crate::geometry::{cross, dot, sub};
@@ -276,16 +276,6 @@ impl LocalLink {
         );
         f64::from(steps.iter().fold(f32::INFINITY, |m, s| s.min(m)))
     }
-}
-
-#[inline(always)]
-fn lane<T: Copy>(group: &LinkGroup<T>, l: usize) -> [[T; 3]; 3] {
-    let [p, q, r] = group;
-    [
-        [p[0][l], p[1][l], p[2][l]],
-        [q[0][l], q[1][l], q[2][l]],
-        [r[0][l], r[1][l], r[2][l]],
-    ]
 }
 
 #[cfg(test)]

@@ -55,8 +55,9 @@ impl NodeLink {
     }
 }
 
+/// Returns the positions of the three nodes of one tetrahedron of a group.
 #[inline(always)]
-fn lane(group: &LinkGroup<f64>, l: usize) -> [[f64; 3]; 3] {
+pub(super) fn lane<T: Copy>(group: &LinkGroup<T>, l: usize) -> [[T; 3]; 3] {
     let [p, q, r] = group;
     [
         [p[0][l], p[1][l], p[2][l]],

@@ -12,8 +12,8 @@ use crate::geometry::{add_scaled, dot, norm, sub, unit};
 /// Number of rings of neighbours that correct single facets of the wrong kind.
 const KIND_RINGS: usize = 3;
 
-/// Reach of a search for fault facets that a line crosses, in their sizes: half the line's length and the
-/// facet's size are at most this times the mean of the two.
+/// Reach of fault facets, in their sizes. A search around the middle of a line, with half its length as
+/// size, then finds all facets that lie within half the line's length plus their own size.
 const FAULT_REACH: f64 = 2.0;
 
 /// The facets of faults, for features that have both faults and horizons.

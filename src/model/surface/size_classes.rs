@@ -9,8 +9,8 @@ pub struct SizeClasses<const D: usize> {
     reach: f64,
     /// For each class its largest size, its points, and their indices.
     classes: Vec<(f64, CellList<D>, Vec<usize>)>,
-    /// Cells as wide as the reach of the largest facet. Among points at equal distance, the first one in the order
-    /// of these cells is taken.
+    /// Cells as wide as the reach of the largest facet. Among points at equal distance, the first
+    /// one in the order of these cells is taken.
     coarse_cells: CellList<D>,
 }
 

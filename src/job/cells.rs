@@ -17,7 +17,7 @@ use super::{
 };
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
-use crate::feature::{Features, LabelMap};
+use crate::feature::{Features, LabelMap, lines_with_cancel};
 use crate::image::{Geometry, ImageSource};
 use crate::improve::Target;
 use crate::improve::regions::{SamplePoints, Votes};
@@ -26,6 +26,7 @@ use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, PairwiseEnergy};
 use crate::lattice::optimize::{self, StopReason, temperature};
 use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::seeding::line_atoms::line_atoms;
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed_atoms};
 use crate::mesh::check::{CheckHints, check_view};
 use crate::mesh::graph::Graph;
@@ -271,8 +272,13 @@ where
         Distance::Field(field) if max > min => Distance::Field(field.map(coarsen)),
         other => other.clone(),
     };
+    let line_atoms = stages.run_or_interrupt(Stage::Placing, |cancel| {
+        let lines = lines_with_cancel(features, cancel)?;
+        Ok(line_atoms(&lines, &[], extent, &distance))
+    })?;
     let distance = DistributedDistance::Global(distance);
-    let placed = placement::optimised_lattice(params, distance, &[], features, frame, stages)?;
+    let placed =
+        placement::optimised_lattice(params, distance, &line_atoms, features, frame, stages)?;
     let distance = placed.distance.into_global(stages.comm)?;
     let scene = MeshScene {
         extent,
@@ -285,6 +291,8 @@ where
         ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
+    // From here on, atoms on lines may slide along them.
+    let atoms = Atoms::from_positions(atoms.positions, extent);
     let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
     let (mut joined, neighbors) = simplices::seal_mesh(joined, &scene, stages)?;
     if let Some(labelled) = &features.labels {

@@ -6,6 +6,7 @@
 //! - `refine`: an isotropic lattice by Delaunay refinement
 //! - `canny`: atoms on features, dense where these bend, and few elsewhere
 //! - `fixed_atoms`: atoms given by the user
+//! - `line_atoms`: atoms along the lines where feature surfaces meet
 //! - `wells`: atoms along trajectories, and d(x) near them
 //! - [`morton`]: memory order of atoms along a Morton curve, for cache locality
 //! - `curve_order`: distribution of sites in that order over ranks
@@ -15,6 +16,7 @@ mod curve_order;
 pub mod densest_lattice;
 pub(crate) mod fixed_atoms;
 pub(crate) mod grow;
+pub(crate) mod line_atoms;
 pub mod morton;
 pub(crate) mod refine;
 mod regular;

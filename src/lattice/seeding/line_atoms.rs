@@ -1,0 +1,201 @@
+//! Atoms along the lines where feature surfaces cross or branch off one another.
+//!
+//! Both surfaces need nodes on their common line, in the same places. Atoms of a lattice find the
+//! line of two surfaces less surely than a surface, so the line gets its atoms first, and the lattice
+//! is placed around them.
+
+use super::empty_grid;
+use crate::feature::{FeatureLine, LineKind};
+use crate::geometry::{add_scaled, distance2, sub, unit};
+use crate::lattice::distance::Distance;
+
+/// Smallest distance from other fixed atoms, in units of d.
+const MIN_DISTANCE: f64 = 0.7;
+/// Smallest distance from a side of the box, except on it, in units of d.
+const MIN_DISTANCE_TO_SIDE: f64 = 0.35;
+/// Largest distance, in units of d, from the end of a line to the side of the box to which it is
+/// continued.
+const MAX_GAP_TO_SIDE: f64 = 1.0;
+/// Length of the end of a line that gives its direction, in units of d.
+const END_LENGTH: f64 = 1.0;
+
+/// Returns atoms at equal distances, in units of d, along lines where surfaces meet, away from
+/// `fixed` atoms. Longer lines come first. Lines that end near a side of the box `[0, extent]` are
+/// continued to it.
+pub fn line_atoms<const D: usize>(
+    lines: &[FeatureLine<D>],
+    fixed: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+) -> Vec<[f64; D]> {
+    let mut lines: Vec<&FeatureLine<D>> = (lines.iter())
+        .filter(|line| line.kind != LineKind::Tip)
+        .collect();
+    lines.sort_by(|a, b| b.length.total_cmp(&a.length));
+    let mut grid = empty_grid([0.0; D], extent, MIN_DISTANCE * distance.min());
+    fixed.iter().for_each(|&x| _ = grid.add(x));
+    let mut atoms = Vec::new();
+    for line in lines {
+        let points = continued_to_sides(&line.points, extent, distance);
+        for x in evenly_spaced(&points, distance) {
+            let d = distance.value_at(x);
+            let is_clear_of_sides = (0..D).all(|k| {
+                let gap = x[k].min(extent[k] - x[k]);
+                gap <= 0.0 || gap >= MIN_DISTANCE_TO_SIDE * d
+            });
+            if is_clear_of_sides && grid.is_free(&x, MIN_DISTANCE * d) {
+                grid.add(x);
+                atoms.push(x);
+            }
+        }
+    }
+    atoms
+}
+
+/// Returns a line with both of its ends continued straight to the sides of the box that are near.
+fn continued_to_sides<const D: usize>(
+    line: &[[f64; D]],
+    extent: [f64; D],
+    distance: &Distance<D>,
+) -> Vec<[f64; D]> {
+    let mut points = line.to_vec();
+    for _ in 0..2 {
+        points.reverse();
+        let Some(&end) = points.last() else { break };
+        let d = distance.value_at(end);
+        let is_apart = |x: &&[f64; D]| distance2(*x, &end) >= (END_LENGTH * d).powi(2);
+        let start = points.iter().rev().find(is_apart).unwrap_or(&points[0]);
+        if *start == end {
+            break;
+        }
+        let direction = unit(sub(end, *start));
+        let length_to_side = |k: usize| {
+            let side = if direction[k] > 0.0 { extent[k] } else { 0.0 };
+            (side - end[k]) / direction[k]
+        };
+        let axes = (0..D).filter(|&k| direction[k] != 0.0);
+        let Some(k) = axes.min_by(|&i, &j| length_to_side(i).total_cmp(&length_to_side(j))) else {
+            break;
+        };
+        let length = length_to_side(k);
+        if length > 0.0 && length <= MAX_GAP_TO_SIDE * d {
+            let mut exit = add_scaled(end, length, direction);
+            exit[k] = if direction[k] > 0.0 { extent[k] } else { 0.0 };
+            points.push(exit);
+        }
+    }
+    points
+}
+
+/// Returns positions along a line, from its first point to its last, whose distances are equal in
+/// units of d and as near to 1 as possible.
+fn evenly_spaced<const D: usize>(points: &[[f64; D]], distance: &Distance<D>) -> Vec<[f64; D]> {
+    let mut lengths = vec![0.0];
+    for pair in points.windows(2) {
+        let middle = add_scaled(pair[0], 0.5, sub(pair[1], pair[0]));
+        let length = distance2(&pair[0], &pair[1]).sqrt() / distance.value_at(middle);
+        lengths.push(lengths[lengths.len() - 1] + length);
+    }
+    let total = lengths[lengths.len() - 1];
+    if points.len() < 2 || total == 0.0 {
+        return points.iter().take(1).copied().collect();
+    }
+    let count = total.round().max(1.0);
+    let position = |i: usize| {
+        let at = total * (i as f64 / count);
+        let next = lengths.partition_point(|&length| length < at).max(1);
+        let next = next.min(points.len() - 1);
+        let share = (at - lengths[next - 1]) / (lengths[next] - lengths[next - 1]);
+        let [p, q] = [points[next - 1], points[next]];
+        add_scaled(p, share.clamp(0.0, 1.0), sub(q, p))
+    };
+    let mut positions: Vec<[f64; D]> = (0..count as usize).map(position).collect();
+    positions.push(points[points.len() - 1]);
+    positions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXTENT: [f64; 3] = [40.0, 50.0, 60.0];
+
+    fn line(kind: LineKind, points: Vec<[f64; 3]>) -> FeatureLine<3> {
+        let length = distance2(&points[0], &points[points.len() - 1]).sqrt();
+        FeatureLine {
+            kind,
+            surfaces: [1, 2],
+            angle: 60.0,
+            length,
+            points,
+        }
+    }
+
+    fn straight(z: impl Fn(usize) -> f64, count: usize) -> Vec<[f64; 3]> {
+        (0..count).map(|i| [20.0, 25.0, z(i)]).collect()
+    }
+
+    #[test]
+    fn a_line_is_continued_to_near_sides_and_divided_evenly() {
+        let distance = Distance::Constant(7.0);
+        let crossing = line(LineKind::Crossing, straight(|i| 3.0 + i as f64, 52));
+        let atoms = line_atoms(&[crossing], &[], EXTENT, &distance);
+        // 60 samples are 9 distances of 6.67.
+        assert_eq!(atoms.len(), 10);
+        for (i, x) in atoms.iter().enumerate() {
+            let expected = [20.0, 25.0, 60.0 * i as f64 / 9.0];
+            assert!(distance2(x, &expected) < 1e-20, "{x:?}");
+        }
+        assert_eq!((atoms[0][2], atoms[9][2]), (0.0, 60.0));
+    }
+
+    #[test]
+    fn ends_far_from_sides_stay_and_tips_get_no_atoms() {
+        let distance = Distance::Constant(7.0);
+        let branch = line(LineKind::Branch, straight(|i| 10.0 + i as f64, 31));
+        let tip = line(LineKind::Tip, vec![[10.0, 5.0, 20.0], [10.0, 45.0, 20.0]]);
+        let atoms = line_atoms(&[tip, branch], &[], EXTENT, &distance);
+        let heights: Vec<f64> = atoms.iter().map(|x| x[2]).collect();
+        assert_eq!(heights, [10.0, 17.5, 25.0, 32.5, 40.0]);
+    }
+
+    #[test]
+    fn atoms_keep_away_from_fixed_atoms_other_lines_and_sides() {
+        let distance = Distance::Constant(5.0);
+        let long = line(
+            LineKind::Crossing,
+            vec![[20.0, 2.0, 30.0], [20.0, 48.0, 30.0]],
+        );
+        let short = line(
+            LineKind::Crossing,
+            vec![[2.0, 25.0, 30.0], [38.0, 25.0, 30.0]],
+        );
+        // Along an edge of the box, one sample from a side.
+        let near_side = line(
+            LineKind::Crossing,
+            vec![[1.0, 25.0, 2.0], [1.0, 25.0, 20.0]],
+        );
+        let fixed = [[20.0, 26.0, 31.0]];
+        let atoms = line_atoms(&[short, near_side, long], &fixed, EXTENT, &distance);
+        for (i, x) in atoms.iter().enumerate() {
+            for y in fixed.iter().chain(&atoms[..i]) {
+                assert!(distance2(x, y) >= 3.5f64.powi(2), "{x:?} {y:?}");
+            }
+            assert!(x[0] != 1.0, "{x:?}");
+        }
+        assert!(atoms.iter().filter(|x| x[0] == 20.0).count() >= 9);
+    }
+
+    #[test]
+    fn where_curves_cross_in_the_plane_there_is_one_atom() {
+        let crossing = FeatureLine {
+            kind: LineKind::Crossing,
+            surfaces: [1, 2],
+            angle: 60.0,
+            length: 0.0,
+            points: vec![[30.0, 20.0]],
+        };
+        let atoms = line_atoms(&[crossing], &[], [60.0, 40.0], &Distance::Constant(6.0));
+        assert_eq!(atoms, [[30.0, 20.0]]);
+    }
+}

@@ -13,20 +13,22 @@ use super::frame::JobDomain;
 use super::measure::measure_unless_cancelled;
 use super::{
     AnnotatedMesh, BOX_TOLERANCE, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner,
-    placement, regions, simplices,
+    join, placement, regions, simplices,
 };
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
 use crate::feature::{Features, LabelMap, lines_with_cancel};
+use crate::geometry::{add_scaled, dot, to_3d};
 use crate::image::{Geometry, ImageSource};
-use crate::improve::Target;
+use crate::improve::feature_planes::{LocalPlane, SAME_SURFACE_COSINE};
 use crate::improve::regions::{SamplePoints, Votes};
+use crate::improve::{self, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, PairwiseEnergy};
 use crate::lattice::optimize::{self, StopReason, temperature};
 use crate::lattice::partition::OwnedAtoms;
-use crate::lattice::seeding::line_atoms::line_atoms;
+use crate::lattice::seeding::line_atoms::{Projection, line_atoms};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed_atoms};
 use crate::mesh::check::{CheckHints, check_view};
 use crate::mesh::graph::Graph;
@@ -41,6 +43,8 @@ const MAX_EVALUATIONS: usize = 15;
 
 /// Number of rounds in which cells become more equal in size.
 const EVENING_ROUNDS: usize = 2;
+/// Number of following rounds in which atoms are added in cells next to much smaller ones.
+const SPLITTING_ROUNDS: usize = 2;
 /// Number of following rounds in which atoms at tiny faces move. In the first of them, atoms are
 /// placed between sites that touch in tiny faces.
 const FACE_OPENING_ROUNDS: usize = 6;
@@ -189,7 +193,9 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let mut mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
-    for round in 0..EVENING_ROUNDS + FACE_OPENING_ROUNDS + MAX_REMOVAL_ROUNDS {
+    let first_opening = EVENING_ROUNDS + SPLITTING_ROUNDS;
+    let first_removal = first_opening + FACE_OPENING_ROUNDS;
+    for round in 0..first_removal + MAX_REMOVAL_ROUNDS {
         if !keep_going() {
             break;
         }
@@ -202,11 +208,13 @@ where
         };
         if round < EVENING_ROUNDS {
             equaliser.relax();
+        } else if round < first_opening {
+            equaliser.split_large_cells();
         } else {
             let is_equal = !equaliser.remove_small_sites();
-            if round == EVENING_ROUNDS {
+            if round == first_opening {
                 equaliser.separate_sites();
-            } else if round < EVENING_ROUNDS + FACE_OPENING_ROUNDS {
+            } else if round < first_removal {
                 equaliser.open_tiny_faces();
             } else if is_equal {
                 break;
@@ -272,10 +280,13 @@ where
         Distance::Field(field) if max > min => Distance::Field(field.map(coarsen)),
         other => other.clone(),
     };
-    let line_atoms = stages.run_or_interrupt(Stage::Placing, |cancel| {
-        let lines = lines_with_cancel(features, cancel)?;
-        Ok(line_atoms(&lines, &[], extent, &distance))
-    })?;
+    let scene = MeshScene {
+        extent,
+        features,
+        distance: &distance,
+    };
+    let line_atoms =
+        stages.run_or_interrupt(Stage::Placing, |cancel| atoms_at_lines(&scene, cancel))?;
     let distance = DistributedDistance::Global(distance);
     let placed =
         placement::optimised_lattice(params, distance, &line_atoms, features, frame, stages)?;
@@ -291,8 +302,6 @@ where
         ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
-    // From here on, atoms on lines may slide along them.
-    let atoms = Atoms::from_positions(atoms.positions, extent);
     let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
     let (mut joined, neighbors) = simplices::seal_mesh(joined, &scene, stages)?;
     if let Some(labelled) = &features.labels {
@@ -311,6 +320,42 @@ where
     surface.regularise(extent);
     surface.flatten(extent);
     Ok(surface)
+}
+
+/// Returns atoms on the lines where surfaces meet and in rows along them, exactly on the surfaces.
+///
+/// # Errors
+/// Returns an [`Error::Interrupted`](crate::Error::Interrupted) if `cancel` is cancelled.
+fn atoms_at_lines<const D: usize>(
+    scene: &MeshScene<'_, D>,
+    cancel: &CancelToken<'_>,
+) -> Result<Vec<[f64; D]>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let lines = lines_with_cancel(scene.features, cancel)?;
+    if lines.is_empty() {
+        return Ok(Vec::new());
+    }
+    let planes = MeshSpace::<D>::local_planes(scene);
+    let project = |x: [f64; D], normal: [f64; D]| {
+        let (x, normal) = (to_3d(x), to_3d(normal));
+        let is_same = |plane: &&LocalPlane| dot(plane.normal, normal).abs() > SAME_SURFACE_COSINE;
+        let nearby = planes.planes_near(x);
+        let plane = nearby.iter().find(is_same)?;
+        let point = add_scaled(x, -plane.offset, plane.normal);
+        Some(std::array::from_fn(|k| point[k]))
+    };
+    let project: Projection<'_, D> = &project;
+    let project = (D == 3).then_some(project);
+    let positions = line_atoms(&lines, scene.extent, scene.distance, project);
+    let Atoms {
+        mut positions,
+        kinds,
+    } = Atoms::from_positions(positions, scene.extent);
+    let reach = join::snap_distance(scene);
+    improve::snap_to_features(&mut positions, &kinds, scene.extent, &planes, reach);
+    Ok(positions)
 }
 
 /// Places atoms around the sites, outside their balls, and brings them to rest. Atoms in

@@ -8,6 +8,7 @@ use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
+use crate::mesh::complex::NONE;
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::voronoi::conform::ConformingSites;
 use crate::parallel::prelude::*;
@@ -18,6 +19,10 @@ const CENTRING_STEP: f64 = 0.8;
 const MAX_VOLUME_RATIO: f64 = 4.0;
 /// Ratio of a neighbour cell's volume to its own from which a site is removed in the final rounds.
 const MAX_SITE_VOLUME_RATIO: f64 = 5.8;
+/// Ratio of a cell's volume to that of a site next to it from which an atom is added in the cell.
+const MAX_UNSPLIT_VOLUME_RATIO: f64 = 4.5;
+/// Smallest distance of such an atom from others, in units of d.
+const MIN_SPLIT_DISTANCE: f64 = 0.5;
 /// Distance of two atoms, in units of d, below which one of them is removed.
 const MIN_ATOM_DISTANCE: f64 = 0.5;
 /// Distance to all atoms, in units of d, from which there is room for a new atom.
@@ -87,6 +92,40 @@ impl<const D: usize> CellEqualiser<'_, D> {
             .kinds
             .resize(atoms.positions.len(), AtomKind::Interior);
         *self.atoms = atoms;
+    }
+
+    /// Adds atoms in cells that are much larger than the cell of a site next to them: at the node of
+    /// the cell that is farthest from its atom.
+    pub fn split_large_cells(&mut self) {
+        let mesh = self.mesh;
+        let (shapes, atom_count) = (mesh.cell_shapes(), self.atoms.len());
+        let mut is_large = vec![false; shapes.len()];
+        for &[a, b] in &mesh.face_cells[..mesh.inner_face_count()] {
+            for [small, large] in [[a, b], [b, a]].map(|cells| cells.map(|c| c as usize)) {
+                is_large[large] |= small >= atom_count
+                    && shapes[large].0 > MAX_UNSPLIT_VOLUME_RATIO * shapes[small].0;
+            }
+        }
+        let mut farthest = vec![(MIN_SPLIT_DISTANCE, NONE); shapes.len()];
+        for (f, cells) in mesh.face_cells.iter().enumerate() {
+            let cells = cells.map(|c| c as usize);
+            for cell in cells
+                .into_iter()
+                .filter(|&c| is_large.get(c) == Some(&true))
+            {
+                for &n in mesh.faces.get(f) {
+                    let gap = self.gap_at(n as usize, cell);
+                    if let Some(gap) = gap.filter(|&gap| (gap, n) > farthest[cell]) {
+                        farthest[cell] = (gap, n);
+                    }
+                }
+            }
+        }
+        let candidates = farthest.into_iter().filter(|&(_, n)| n != NONE);
+        let new_atoms = self.spaced_nodes(candidates.collect(), MIN_SPLIT_DISTANCE);
+        self.atoms.positions.extend(new_atoms);
+        let count = self.atoms.positions.len();
+        self.atoms.kinds.resize(count, AtomKind::Interior);
     }
 
     /// Removes sites whose cells are still much smaller than a neighbour's. Returns `true` if there
@@ -252,20 +291,34 @@ impl<const D: usize> CellEqualiser<'_, D> {
             let nodes = mesh.faces.get(f).iter();
             nodes.for_each(|&n| atom[n as usize] = cells[0] as usize);
         }
-        let gap_at_node = |n: usize| {
-            let (x, site) = (mesh.nodes[n], mesh.sites[atom[n]]);
-            let d = self.distance.value_at(x);
-            let gap = distance2(&x, &site).sqrt() / d;
-            let margin = MIN_SIDE_DISTANCE * d;
-            let is_inside = (0..D).all(|k| x[k] > margin && x[k] < self.extent[k] - margin);
-            (gap > MIN_GAP_RADIUS && is_inside && self.sites.is_free(x)).then_some((gap, n))
+        let candidate = |n: usize| {
+            let gap = self
+                .gap_at(n, atom[n])
+                .filter(|gap| *gap > MIN_GAP_RADIUS)?;
+            Some((gap, n as u32))
         };
-        let mut candidates: Vec<(f64, usize)> =
-            (0..mesh.nodes.len()).filter_map(gap_at_node).collect();
-        candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let candidates = (0..mesh.nodes.len()).filter_map(candidate).collect();
+        self.spaced_nodes(candidates, MIN_INSERTED_DISTANCE)
+    }
+
+    /// Returns the distance of a node from the site of one of its cells, in units of d; `None` if an
+    /// atom cannot be there.
+    fn gap_at(&self, node: usize, cell: usize) -> Option<f64> {
+        let x = self.mesh.nodes[node];
+        let d = self.distance.value_at(x);
+        let gap = distance2(&x, &self.mesh.sites[cell]).sqrt() / d;
+        let margin = MIN_SIDE_DISTANCE * d;
+        let is_inside = (0..D).all(|k| x[k] > margin && x[k] < self.extent[k] - margin);
+        (is_inside && self.sites.is_free(x)).then_some(gap)
+    }
+
+    /// Returns the positions of nodes, those with the largest gap first, without those that are nearer
+    /// to another one than `min_distance`, in units of d.
+    fn spaced_nodes(&self, mut gaps: Vec<(f64, u32)>, min_distance: f64) -> Vec<[f64; D]> {
+        gaps.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let mut grid = self.empty_grid();
-        for x in candidates.into_iter().map(|(_, n)| mesh.nodes[n]) {
-            if grid.is_free(&x, MIN_INSERTED_DISTANCE * self.distance.value_at(x)) {
+        for x in gaps.into_iter().map(|(_, n)| self.mesh.nodes[n as usize]) {
+            if grid.is_free(&x, min_distance * self.distance.value_at(x)) {
                 grid.add(x);
             }
         }

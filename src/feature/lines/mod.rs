@@ -93,6 +93,9 @@ pub struct FeatureLine<const D: usize> {
     /// Points along the line in lattice space; a single one in the plane.
     #[serde(skip)]
     pub points: Vec<[f64; D]>,
+    /// For each point the unit normals of the two surfaces in lattice space.
+    #[serde(skip)]
+    pub normals: Vec<[[f64; D]; 2]>,
 }
 
 /// Returns the lines at which the surfaces of features meet and end: crossings and branches, then
@@ -446,12 +449,16 @@ impl<const D: usize> SurfacePoints<'_, D> {
         for place in &mut points {
             *place = std::array::from_fn(|k| place[k] * self.step[k]);
         }
+        let normals = line.iter().map(|place| {
+            (place.normals).map(|normal| unit(std::array::from_fn(|k| normal[k] / self.step[k])))
+        });
         Some(FeatureLine {
             kind,
             surfaces: line[0].surfaces,
             angle: line.iter().map(|place| place.angle).sum::<f64>() / line.len() as f64,
             length: length(&points),
             points,
+            normals: normals.collect(),
         })
     }
 }

@@ -3,14 +3,23 @@
 //! Both surfaces need nodes on their common line, in the same places. Atoms of a lattice find the
 //! line of two surfaces less surely than a surface, so the line gets its atoms first, and the lattice
 //! is placed around them.
+//!
+//! Faces of Voronoi cells need more: the triangles at the line on all sides of it have to be mirror
+//! images of one another (see [`crate::mesh::voronoi::conform`]). For them, a row of atoms is placed on
+//! each surface along either side of the line, opposite the middles between the line's atoms.
 
 use super::empty_grid;
 use crate::feature::{FeatureLine, LineKind};
-use crate::geometry::{add_scaled, distance2, sub, unit};
+use crate::geometry::incremental_grid::IncrementalGrid;
+use crate::geometry::{add_scaled, cross, distance2, norm, sub, to_3d, unit};
 use crate::lattice::distance::Distance;
 
-/// Smallest distance from other fixed atoms, in units of d.
+/// Distance between the atoms of a line, in units of d: that of atoms on a surface.
+const SPACING: f64 = 0.95;
+/// Smallest distance from atoms of other lines, in units of d.
 const MIN_DISTANCE: f64 = 0.7;
+/// The same for atoms of rows, which are close to one another where surfaces meet at small angles.
+const MIN_ROW_DISTANCE: f64 = 0.45;
 /// Smallest distance from a side of the box, except on it, in units of d.
 const MIN_DISTANCE_TO_SIDE: f64 = 0.35;
 /// Largest distance, in units of d, from the end of a line to the side of the box to which it is
@@ -18,38 +27,130 @@ const MIN_DISTANCE_TO_SIDE: f64 = 0.35;
 const MAX_GAP_TO_SIDE: f64 = 1.0;
 /// Length of the end of a line that gives its direction, in units of d.
 const END_LENGTH: f64 = 1.0;
+/// Distance of a row from its line, in distances between the line's atoms: the height of an
+/// equilateral triangle.
+const ROW_DISTANCE: f64 = 0.87;
 
-/// Returns atoms at equal distances, in units of d, along lines where surfaces meet, away from
-/// `fixed` atoms. Longer lines come first. Lines that end near a side of the box `[0, extent]` are
-/// continued to it.
+/// Returns the point of a surface near a position where its normal is nearly the given one; `None`
+/// if there is none.
+pub type Projection<'a, const D: usize> = &'a dyn Fn([f64; D], [f64; D]) -> Option<[f64; D]>;
+
+/// Returns atoms at equal distances, in units of d, along lines where surfaces meet. Longer lines come
+/// first. Lines that end near a side of the box `[0, extent]` are
+/// continued to it. With a projection onto the surfaces, rows of atoms along the lines follow.
 pub fn line_atoms<const D: usize>(
     lines: &[FeatureLine<D>],
-    fixed: &[[f64; D]],
     extent: [f64; D],
     distance: &Distance<D>,
+    project: Option<Projection<'_, D>>,
 ) -> Vec<[f64; D]> {
     let mut lines: Vec<&FeatureLine<D>> = (lines.iter())
         .filter(|line| line.kind != LineKind::Tip)
         .collect();
     lines.sort_by(|a, b| b.length.total_cmp(&a.length));
-    let mut grid = empty_grid([0.0; D], extent, MIN_DISTANCE * distance.min());
-    fixed.iter().for_each(|&x| _ = grid.add(x));
-    let mut atoms = Vec::new();
+    let mut placed = PlacedAtoms {
+        grid: empty_grid([0.0; D], extent, MIN_DISTANCE * distance.min()),
+        atoms: Vec::new(),
+        extent,
+        distance,
+    };
+    let mut intervals = Vec::new();
     for line in lines {
         let points = continued_to_sides(&line.points, extent, distance);
+        let mut previous = None;
         for x in evenly_spaced(&points, distance) {
-            let d = distance.value_at(x);
-            let is_clear_of_sides = (0..D).all(|k| {
-                let gap = x[k].min(extent[k] - x[k]);
-                gap <= 0.0 || gap >= MIN_DISTANCE_TO_SIDE * d
-            });
-            if is_clear_of_sides && grid.is_free(&x, MIN_DISTANCE * d) {
-                grid.add(x);
-                atoms.push(x);
+            let current = placed.add(x, MIN_DISTANCE).then_some(x);
+            intervals.extend(
+                previous
+                    .zip(current)
+                    .map(|(start, end)| (line, [start, end])),
+            );
+            previous = current;
+        }
+    }
+    if let Some(project) = project {
+        for (line, ends) in intervals {
+            placed.add_rows(line, ends, project);
+        }
+    }
+    placed.atoms
+}
+
+/// Atoms that are placed one after the other.
+struct PlacedAtoms<'a, const D: usize> {
+    grid: IncrementalGrid<D>,
+    atoms: Vec<[f64; D]>,
+    extent: [f64; D],
+    distance: &'a Distance<D>,
+}
+
+impl<const D: usize> PlacedAtoms<'_, D> {
+    /// Adds an atom if its distance from others, in units of d, is at least `min_distance`, and if
+    /// it is not too close to a side of the box. Returns `true` if it was added.
+    fn add(&mut self, x: [f64; D], min_distance: f64) -> bool {
+        let d = self.distance.value_at(x);
+        let is_clear_of_sides = (0..D).all(|k| {
+            let gap = x[k].min(self.extent[k] - x[k]);
+            gap == 0.0 || gap >= MIN_DISTANCE_TO_SIDE * d
+        });
+        let is_free = is_clear_of_sides && self.grid.is_free(&x, min_distance * d);
+        if is_free {
+            self.grid.add(x);
+            self.atoms.push(x);
+        }
+        is_free
+    }
+
+    /// Adds atoms on both surfaces on either side of two neighbouring atoms of a line.
+    fn add_rows(
+        &mut self,
+        line: &FeatureLine<D>,
+        [start, end]: [[f64; D]; 2],
+        project: Projection<'_, D>,
+    ) {
+        let middle = add_scaled(start, 0.5, sub(end, start));
+        let square = |i: &usize| distance2(&line.points[*i], &middle);
+        let Some(nearest) = (0..line.points.len()).min_by(|a, b| square(a).total_cmp(&square(b)))
+        else {
+            return;
+        };
+        let along = sub(end, start);
+        let spacing = norm(along);
+        for normal in line.normals[nearest] {
+            let lateral = unit(cross(to_3d(along), to_3d(normal)));
+            self.add_pair(middle, lateral, ROW_DISTANCE * spacing, normal, project);
+            for end in [start, end] {
+                let sides = (0..D).filter(|&k| end[k] == 0.0 || end[k] == self.extent[k]);
+                for k in sides.collect::<Vec<_>>() {
+                    let mut side_normal = [0.0; 3];
+                    side_normal[k] = 1.0;
+                    let lateral = unit(cross(side_normal, to_3d(normal)));
+                    self.add_pair(end, lateral, spacing, normal, project);
+                }
             }
         }
     }
-    atoms
+
+    /// Adds the atoms at a distance from `x` on either side, on the surface with this normal. If `x`
+    /// is on a side of the box, they are as well.
+    fn add_pair(
+        &mut self,
+        x: [f64; D],
+        lateral: [f64; 3],
+        distance: f64,
+        normal: [f64; D],
+        project: Projection<'_, D>,
+    ) {
+        for step in [-distance, distance] {
+            let guess = std::array::from_fn(|k| x[k] + step * lateral[k]);
+            if let Some(mut point) = project(guess, normal) {
+                for k in (0..D).filter(|&k| x[k] == 0.0 || x[k] == self.extent[k]) {
+                    point[k] = x[k];
+                }
+                self.add(point, MIN_ROW_DISTANCE);
+            }
+        }
+    }
 }
 
 /// Returns a line with both of its ends continued straight to the sides of the box that are near.
@@ -88,7 +189,7 @@ fn continued_to_sides<const D: usize>(
 }
 
 /// Returns positions along a line, from its first point to its last, whose distances are equal in
-/// units of d and as near to 1 as possible.
+/// units of d and as near to [`SPACING`] as possible.
 fn evenly_spaced<const D: usize>(points: &[[f64; D]], distance: &Distance<D>) -> Vec<[f64; D]> {
     let mut lengths = vec![0.0];
     for pair in points.windows(2) {
@@ -100,7 +201,7 @@ fn evenly_spaced<const D: usize>(points: &[[f64; D]], distance: &Distance<D>) ->
     if points.len() < 2 || total == 0.0 {
         return points.iter().take(1).copied().collect();
     }
-    let count = total.round().max(1.0);
+    let count = (total / SPACING).round().max(1.0);
     let position = |i: usize| {
         let at = total * (i as f64 / count);
         let next = lengths.partition_point(|&length| length < at).max(1);
@@ -127,6 +228,7 @@ mod tests {
             surfaces: [1, 2],
             angle: 60.0,
             length,
+            normals: vec![[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]; points.len()],
             points,
         }
     }
@@ -139,8 +241,8 @@ mod tests {
     fn a_line_is_continued_to_near_sides_and_divided_evenly() {
         let distance = Distance::Constant(7.0);
         let crossing = line(LineKind::Crossing, straight(|i| 3.0 + i as f64, 52));
-        let atoms = line_atoms(&[crossing], &[], EXTENT, &distance);
-        // 60 samples are 9 distances of 6.67.
+        let atoms = line_atoms(&[crossing], EXTENT, &distance, None);
+        // 60 samples are 9 distances of 6.67, which is .95 d.
         assert_eq!(atoms.len(), 10);
         for (i, x) in atoms.iter().enumerate() {
             let expected = [20.0, 25.0, 60.0 * i as f64 / 9.0];
@@ -154,13 +256,13 @@ mod tests {
         let distance = Distance::Constant(7.0);
         let branch = line(LineKind::Branch, straight(|i| 10.0 + i as f64, 31));
         let tip = line(LineKind::Tip, vec![[10.0, 5.0, 20.0], [10.0, 45.0, 20.0]]);
-        let atoms = line_atoms(&[tip, branch], &[], EXTENT, &distance);
+        let atoms = line_atoms(&[tip, branch], EXTENT, &distance, None);
         let heights: Vec<f64> = atoms.iter().map(|x| x[2]).collect();
         assert_eq!(heights, [10.0, 17.5, 25.0, 32.5, 40.0]);
     }
 
     #[test]
-    fn atoms_keep_away_from_fixed_atoms_other_lines_and_sides() {
+    fn atoms_keep_away_from_other_lines_and_sides() {
         let distance = Distance::Constant(5.0);
         let long = line(
             LineKind::Crossing,
@@ -175,10 +277,9 @@ mod tests {
             LineKind::Crossing,
             vec![[1.0, 25.0, 2.0], [1.0, 25.0, 20.0]],
         );
-        let fixed = [[20.0, 26.0, 31.0]];
-        let atoms = line_atoms(&[short, near_side, long], &fixed, EXTENT, &distance);
+        let atoms = line_atoms(&[short, near_side, long], EXTENT, &distance, None);
         for (i, x) in atoms.iter().enumerate() {
-            for y in fixed.iter().chain(&atoms[..i]) {
+            for y in &atoms[..i] {
                 assert!(distance2(x, y) >= 3.5f64.powi(2), "{x:?} {y:?}");
             }
             assert!(x[0] != 1.0, "{x:?}");
@@ -194,8 +295,9 @@ mod tests {
             angle: 60.0,
             length: 0.0,
             points: vec![[30.0, 20.0]],
+            normals: vec![[[1.0, 0.0], [0.0, 1.0]]],
         };
-        let atoms = line_atoms(&[crossing], &[], [60.0, 40.0], &Distance::Constant(6.0));
+        let atoms = line_atoms(&[crossing], [60.0, 40.0], &Distance::Constant(6.0), None);
         assert_eq!(atoms, [[30.0, 20.0]]);
     }
 }

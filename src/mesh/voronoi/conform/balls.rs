@@ -10,7 +10,9 @@
 //! 3. Where two surfaces cross, two facets beside the line share the point in the sharp angle between
 //!    them. The balls on the line determine it, and it determines the balls around the nodes opposite
 //!    the line (see [`Wedge`]).
-//! 4. Radii are adjusted, one ball at a time, as long as fewer points are covered by other balls or
+//! 4. All balls on one line get the radius, in units of the line's edges, with the fewest covered
+//!    points near the line.
+//! 5. Radii are adjusted, one ball at a time, as long as fewer points are covered by other balls or
 //!    too close to their facet or the box's sides.
 //!
 //! Facets whose points are still not usable get no sites.
@@ -19,8 +21,10 @@ use crate::parallel::prelude::*;
 
 use super::surface::FacetSurface;
 use crate::geometry::cell_list::CellList;
+use crate::geometry::union_find::UnionFind;
 use crate::geometry::{add_scaled, distance2, dot, sorted_distinct, sub, unit};
 use crate::mesh::poly::Lists;
+use std::collections::BTreeMap;
 
 /// Height of the points over their facets that the radii aim at, in edge lengths.
 const TARGET_SITE_HEIGHT: f64 = 0.3;
@@ -44,6 +48,12 @@ const NEAR_COVER_PENALTY: f64 = 0.3;
 const SMOOTHING_ROUNDS: usize = 2;
 /// Number of rounds in which balls grow where spheres do not meet.
 const GROWTH_ROUNDS: usize = 20;
+/// Smallest radius of balls on a line that is tried, in units of the line's edges, the step between
+/// radii, and the number of steps.
+const LINE_RADII: (f64, f64, usize) = (0.52, 0.01, 14);
+/// Penalty for each shared point that the largest radius may have beyond the least penalty of all radii:
+/// cells at the line grow with the radius.
+const LINE_PENALTY_TOLERANCE: f64 = 0.4;
 /// Number of rounds in which radii change where points are covered.
 const ADJUSTMENT_ROUNDS: usize = 30;
 /// Factors of the squared radius that one adjustment tries.
@@ -110,6 +120,9 @@ impl<const D: usize> Balls<D> {
         balls.wedges = balls.find_wedges();
         (0..balls.wedges.len()).for_each(|w| balls.set_opposite_radii(w));
         balls.candidate_nodes = balls.find_candidates();
+        for wedges in balls.wedges_of_lines() {
+            balls.set_line_radii(&wedges);
+        }
         balls.adjust_radii();
         balls
     }
@@ -291,6 +304,58 @@ impl<const D: usize> Balls<D> {
         let squares = opposite.map(|n| distance2(&point, &nodes[n as usize]));
         for (n, square) in opposite.into_iter().zip(squares) {
             self.squared_radii[n as usize] = square;
+        }
+    }
+
+    /// Returns the wedges along each connected line.
+    fn wedges_of_lines(&self) -> Vec<Vec<usize>> {
+        let mut sets = UnionFind::new(self.surface.nodes.len());
+        for wedge in &self.wedges {
+            sets.unite(wedge.edge[0], wedge.edge[1]);
+        }
+        let (labels, count) = sets.into_labels();
+        let mut lines = vec![Vec::new(); count];
+        for (w, wedge) in self.wedges.iter().enumerate() {
+            lines[labels[wedge.edge[0] as usize] as usize].push(w);
+        }
+        lines.retain(|wedges| !wedges.is_empty());
+        lines
+    }
+
+    /// Gives the balls on the line of these wedges one radius in units of the line's edges: the largest
+    /// whose penalty is near the least.
+    fn set_line_radii(&mut self, wedges: &[usize]) {
+        // The sum of lengths and the count of edges at each node of the line.
+        let mut lengths: BTreeMap<u32, (f64, f64)> = BTreeMap::new();
+        let mut nodes = Vec::new();
+        for wedge in wedges.iter().map(|&w| &self.wedges[w]) {
+            let [x, y] = wedge.edge.map(|n| self.surface.nodes[n as usize]);
+            for n in wedge.edge {
+                let (sum, count) = lengths.entry(n).or_default();
+                *sum += distance2(&x, &y).sqrt();
+                *count += 1.0;
+            }
+            nodes.extend(wedge.edge.into_iter().chain(wedge.opposite));
+        }
+        let facets = nodes
+            .iter()
+            .flat_map(|&n| self.facets_of_nodes.get(n as usize));
+        let facets = sorted_distinct(facets.copied());
+        let (first, step, count) = LINE_RADII;
+        let radii: Vec<f64> = (0..count).map(|i| first + step * i as f64).collect();
+        let mut set_radii = |radius: f64| {
+            for (&n, (sum, count)) in &lengths {
+                self.squared_radii[n as usize] = (radius * sum / count).powi(2);
+            }
+            wedges.iter().for_each(|&w| self.set_opposite_radii(w));
+            let scores = facets.iter().map(|&f| self.fault_score(f as usize));
+            scores.sum::<f64>()
+        };
+        let penalties: Vec<f64> = radii.iter().map(|&radius| set_radii(radius)).collect();
+        let least = penalties.iter().copied().fold(f64::INFINITY, f64::min);
+        let limit = least + LINE_PENALTY_TOLERANCE * wedges.len() as f64;
+        if let Some(best) = penalties.iter().rposition(|&penalty| penalty <= limit) {
+            set_radii(radii[best]);
         }
     }
 

@@ -32,7 +32,7 @@ mod surface;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::union_find::UnionFind;
-use crate::geometry::{add_scaled, distance2, norm, normal, sorted_distinct, sub, unit};
+use crate::geometry::{add_scaled, distance2, dot, norm, normal, sorted_distinct, sub, unit};
 use crate::mesh::complex::NONE;
 use balls::Balls;
 pub use faces::FacetGrid;
@@ -44,6 +44,9 @@ const MIN_SITE_DISTANCE: f64 = 0.25;
 /// Distance, in mean edge lengths, below which two facets with a common edge where surfaces meet share
 /// one site. The faces then deviate from the facets by at most a twentieth of an edge.
 const SHARED_SITE_DISTANCE: f64 = 0.12;
+
+/// Smallest cosine between the normals of facets in one plane.
+const MIN_PLANE_COSINE: f64 = 0.9;
 
 /// Distance, in radii of the largest ball, below which a node of cells is a node of the surface.
 const SAME_NODE_DISTANCE: f64 = 1e-7;
@@ -59,6 +62,8 @@ pub struct ConformingSites<const D: usize> {
     facets: Vec<u32>,
     /// The pairs of facets that have a common edge where more than two meet, ascending.
     junctions: Vec<[u32; 2]>,
+    /// The pairs of facets on either side of the plane between two surfaces that meet, ascending.
+    mirrored_pairs: Vec<[u32; 2]>,
     /// The positions of the facets' sites.
     positions: Vec<[f64; D]>,
     /// The sites of each of the facets, above and below it.
@@ -83,12 +88,14 @@ impl<const D: usize> ConformingSites<D> {
     ) -> Self {
         let balls = Balls::new(surface, extent);
         let max_radius = balls.max_radius();
+        let junctions = junctions(&balls.surface);
         let mut conforming = Self {
             grid: CellList::new(&balls.surface.nodes, max_radius),
             max_radius,
             site_region: region,
             facets: Vec::new(),
-            junctions: junctions(&balls.surface),
+            mirrored_pairs: mirrored_pairs(&balls.surface, &junctions),
+            junctions,
             positions: Vec::new(),
             pairs: Vec::new(),
             rims: Vec::new(),
@@ -243,8 +250,11 @@ impl<const D: usize> ConformingSites<D> {
                 let (f, g) = (i / 2, j / 2);
                 let distance = distance2(x, &points[j]).sqrt() / sizes[f].min(sizes[g]);
                 let pair = [facets[f], facets[g]];
-                let is_junction = || self.junctions.binary_search(&pair).is_ok();
-                if f < g && distance < MIN_SITE_DISTANCE && !is_junction() {
+                let may_be_close = || {
+                    let mut lists = [&self.junctions, &self.mirrored_pairs].into_iter();
+                    lists.any(|pairs| pairs.binary_search(&pair).is_ok())
+                };
+                if f < g && distance < MIN_SITE_DISTANCE && !may_be_close() {
                     close_pairs.push((distance, f, g));
                 }
             });
@@ -324,23 +334,35 @@ impl<const D: usize> ConformingSites<D> {
 
 /// Returns the pairs of facets that have a common ridge where more than two facets meet, ascending.
 fn junctions<const D: usize>(surface: &FacetSurface<D>) -> Vec<[u32; 2]> {
-    let ridges = surface
-        .ridges()
-        .into_values()
-        .filter(|facets| facets.len() > 2);
-    let pairs = ridges.flat_map(|mut facets| {
-        facets.sort_unstable();
-        let others = |(i, &f): (usize, &u32)| {
-            facets[i + 1..]
-                .iter()
-                .map(move |&g| [f, g])
-                .collect::<Vec<_>>()
-        };
-        facets
-            .iter()
-            .enumerate()
-            .flat_map(others)
-            .collect::<Vec<_>>()
-    });
-    sorted_distinct(pairs)
+    let ridges = surface.ridges().into_values();
+    let meetings = ridges.filter(|facets| facets.len() > 2);
+    sorted_distinct(meetings.flat_map(|facets| pairs(&facets)))
+}
+
+/// Returns the pairs of facets that have only a node in common where more than two facets meet, and
+/// are not in one plane, ascending. Their sites are on either side of the plane between them, however
+/// close they are to each other.
+fn mirrored_pairs<const D: usize>(
+    surface: &FacetSurface<D>,
+    junctions: &[[u32; 2]],
+) -> Vec<[u32; 2]> {
+    let ridges = surface.ridges();
+    let lines = ridges.iter().filter(|(_, facets)| facets.len() > 2);
+    let nodes = sorted_distinct(lines.flat_map(|(ridge, _)| *ridge).filter(|&n| n != NONE));
+    let stars = surface.facets_of_nodes();
+    let is_mirrored = |pair: &[u32; 2]| {
+        let [m, n] = pair.map(|f| surface.unit_normal(f as usize));
+        dot(m, n).abs() < MIN_PLANE_COSINE && junctions.binary_search(pair).is_err()
+    };
+    let meetings = nodes.iter().flat_map(|&n| pairs(stars.get(n as usize)));
+    sorted_distinct(meetings.filter(is_mirrored))
+}
+
+/// Returns all pairs of some facets, the lower of each first.
+fn pairs(facets: &[u32]) -> Vec<[u32; 2]> {
+    let others = |(i, &f): (usize, &u32)| {
+        let rest = facets[i + 1..].iter();
+        rest.map(move |&g| [f.min(g), f.max(g)]).collect::<Vec<_>>()
+    };
+    facets.iter().enumerate().flat_map(others).collect()
 }

@@ -124,6 +124,14 @@ impl<const D: usize> FacetSurface<D> {
                 is_fixed[*n as usize] = true;
             }
         }
+        // Where surfaces cross, facets on all sides are mirror images of one another.
+        let crossings = self
+            .ridges()
+            .into_values()
+            .filter(|facets| facets.len() > 2);
+        for n in crossings.flatten().flat_map(|f| self.facets[f as usize]) {
+            is_fixed[n as usize] = true;
+        }
         let stars = self.facets_of_nodes();
         for n in (0..self.nodes.len()).filter(|&n| !is_fixed[n]) {
             let star = stars.get(n);

@@ -25,7 +25,7 @@ pub fn image_in_depth<const D: usize>(
     {
         let per_second = (v * time.depth_units_per_metre()).round();
         let unit = time.depth_unit;
-        console.note(&format!(
+        console.note(format!(
             "depth is in {unit}, as x and y are; the velocity is in m/s: {v} m/s are {per_second} {unit}/s"
         ));
     }

@@ -1,6 +1,7 @@
 //! Tests `atomesh export` to GEOS, corner-point grids and RESQML: independent programs read the exported
 //! files.
 
+use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 

@@ -5,8 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::{
-    expect_refusal, is_close, numbers, planar_fault, run, run_simulator, run_validator,
-    run_vtk_program, write_npy,
+    expect_refusal, is_close, numbers, planar_fault, run, run_simulator, run_validator, write_npy,
 };
 use atomesh::model::flow::{FaultLaw, Rock, Tensor};
 use atomesh::model::reservoir::{MILLIDARCY, Model};

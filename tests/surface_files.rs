@@ -1,8 +1,7 @@
 //! Tests files of surfaces: their units and depths, formats, conversions and grids.
 
-use std::path::Path;
-
-use crate::common::{Survey, planar_fault, run, run_args, write_npy, write_segy};
+use crate::common::{Survey, expect_refusal, planar_fault, run_args, write_segy};
+use crate::surfaces::{DIMS, folder, json};
 use serde_json::Value;
 
 #[test]

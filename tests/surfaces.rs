@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::common::{
-    SharedFiles, Survey, expect_refusal, planar_fault, run, run_args, run_vtk_program, write_npy,
-    write_npy_2d, write_segy,
+    SharedFiles, expect_refusal, planar_fault, run, run_args, run_vtk_program, write_npy,
+    write_npy_2d,
 };
 use serde_json::Value;
 

@@ -142,8 +142,8 @@ const WORDS_AFTER_OPTIONS: [&str; 14] = [
     "shows",
 ];
 
-/// Returns the text with options as keyword arguments: `--well-radius` becomes `well_radius=`, and
-/// `--well-radius 0.1` becomes `well_radius=0.1`.
+/// Returns the text with options as keyword arguments: `--well-radius` becomes `well_radius=`,
+/// `--well-radius 0.1` becomes `well_radius=0.1`, and `--distance 2:5` becomes `distance="2:5"`.
 pub fn options_to_keywords(text: impl AsRef<str>) -> String {
     let mut words = text.as_ref().split("--");
     let mut converted = words.next().unwrap_or_default().to_string();
@@ -163,10 +163,31 @@ pub fn options_to_keywords(text: impl AsRef<str>) -> String {
         converted += &name.replace('-', "_");
         converted += "=";
         let next_word = rest.split_whitespace().next().unwrap_or_default();
-        converted += match rest.strip_prefix([' ', '=']) {
-            Some(value) if !WORDS_AFTER_OPTIONS.contains(&next_word) => value,
-            _ => rest,
-        };
+        match rest.strip_prefix([' ', '=']) {
+            Some(value) if !WORDS_AFTER_OPTIONS.contains(&next_word) => {
+                let end = value.find(char::is_whitespace).unwrap_or(value.len());
+                let trimmed = value[..end].trim_end_matches(|c: char| ":;,.)'`".contains(c));
+                converted += &python_value(trimmed);
+                converted += &value[trimmed.len()..];
+            }
+            _ if name == "details" => {
+                converted += "True";
+                converted += rest;
+            }
+            _ => converted += rest,
+        }
     }
     converted
+}
+
+/// Returns a value of the command line as Python writes it: numbers as they are, other values quoted.
+fn python_value(value: &str) -> String {
+    let is_bare = value.is_empty()
+        || value.parse::<f64>().is_ok()
+        || value.starts_with(['\'', '"', '<', '[']);
+    if is_bare {
+        value.to_string()
+    } else {
+        format!("\"{value}\"")
+    }
 }

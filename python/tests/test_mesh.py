@@ -278,8 +278,9 @@ def test_exceptions_of_a_callback_are_raised():
 
 
 def test_time_coordinates_cause_a_warning():
-    with pytest.warns(UserWarning, match="is time"):
+    with pytest.warns(UserWarning, match="is time") as caught:
         atomesh.mesh(ball(), distance=8, units=("m", "m", "ms"))
+    assert caught[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         atomesh.mesh(ball(), distance=8, units="m")

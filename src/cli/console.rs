@@ -200,7 +200,10 @@ impl Console {
                     null: None,
                     ..input.clone()
                 };
-                remaining.refuse_unused("the image is in memory")?;
+                remaining.refuse_unused(
+                    "the image is in memory",
+                    "omit it; spacing, origin and units are those of the image in memory",
+                )?;
                 OpenedImage::InMemory(image)
                     .with_nulls(&input.nulls()?)
                     .load(path)

@@ -26,7 +26,7 @@ use crate::{Error, Result};
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ConvertSpec {
-    /// Convert an image from two-way time to depth in metres, with one velocity in m/s or a file of
+    /// Convert an image from two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s or a file of
     /// interval velocities in m/s. Such a file is a grid in two-way time, and the image is
     /// resampled
     #[cfg_attr(
@@ -74,7 +74,7 @@ impl ConvertSpec {
             None => Ok(()),
         };
         if holds_surfaces(input) {
-            self.input.refuse_unused("surfaces are read")?;
+            self.input.refuse_unused("surfaces are read", "omit it")?;
             return refuse_velocity(
                 "converts images to depth, but the input holds surfaces",
                 "extract the surfaces in depth with atomesh surface --velocity",

@@ -210,12 +210,14 @@ impl ExportFormat {
         )))
     }
 
-    /// Returns `true` if flow simulators read the format, so that depth and fluxes matter.
-    pub fn is_flow_format(&self) -> bool {
-        self.uses_depth
-            || self
-                .supported_content
-                .contains(&ExportContent::Permeability)
+    /// Returns `true` if an export is for flow, so that depth and fluxes matter: in formats of
+    /// simulators, and in formats of meshers that hold rock if rock is given.
+    pub fn is_for_flow(&self, has_rock: bool) -> bool {
+        let holds_rock = self
+            .supported_content
+            .contains(&ExportContent::Permeability);
+        let is_mesher = meshers::FORMATS.iter().any(|f| f.name == self.name);
+        self.uses_depth || holds_rock && (has_rock || !is_mesher)
     }
 
     /// Returns `true` if a simulation case needs porosity and permeability in this format, although

@@ -31,6 +31,8 @@ pub struct ExportOutcome {
     pub checks: ModelChecks,
     /// The unit of the coordinates.
     pub unit: String,
+    /// `true` if the export is for flow, so that depth and fluxes matter.
+    pub is_for_flow: bool,
     /// The wells.
     pub wells: Vec<Well>,
     /// The check of closed faults, if it was requested.
@@ -125,7 +127,7 @@ pub fn export<'a>(
     prepared.model.grid = spec.grid.map(|grid| grid.0);
     progress.stage(Stage::Checking);
     let checks = ModelChecks::new(&prepared.model, prepared.box_volume);
-    note_checks(&prepared, &checks, format, progress)?;
+    note_checks(&prepared, &checks, format, spec, progress)?;
     let seals = (spec.check_seals)
         .then(|| SealCheck::new(&prepared.model, &CancelToken::never()))
         .transpose()?;
@@ -137,6 +139,7 @@ pub fn export<'a>(
         companion: format.companion_path(path),
         checks,
         unit: prepared.unit,
+        is_for_flow: spec.is_for_flow(format),
         wells: prepared.model.case.wells,
         seals,
         extended,
@@ -157,7 +160,7 @@ fn prepare_model(
         return Err(no_effect_error("thickness", problem));
     }
     let placement = MeshPlacement {
-        keeps_unit: !format.is_flow_format(),
+        keeps_unit: !spec.is_for_flow(format),
         ..spec.space.placement()?
     };
     let needs_surfaces = format.supported_content.contains(&ExportContent::Names)
@@ -207,11 +210,12 @@ fn note_checks(
     prepared: &PreparedModel,
     checks: &ModelChecks,
     format: &ExportFormat,
+    spec: &ExportSpec,
     progress: &mut dyn Progress,
 ) -> Result<()> {
     // A resampled grid has other cells than the mesh.
     let is_resampled = format.supported_content.contains(&ExportContent::Grid);
-    if !format.is_flow_format() {
+    if !spec.is_for_flow(format) {
         if prepared.unit != "m" {
             let unit = &prepared.unit;
             progress.note(&format!(
@@ -232,7 +236,7 @@ fn note_checks(
 impl ExportOutcome {
     /// Returns the checks, the wells and the written files as a table.
     pub fn table(&self) -> String {
-        let mut table = self.checks.table(&self.unit, self.format.is_flow_format());
+        let mut table = self.checks.table(&self.unit, self.is_for_flow);
         if let Some(seals) = &self.seals {
             table += &format!("\n{}", seals.table());
         }

@@ -98,6 +98,11 @@ pub(super) fn no_effect_error(option: &str, problem: &str) -> Error {
 }
 
 impl ExportSpec {
+    /// Returns `true` if an export in this format is for flow, so that depth and fluxes matter.
+    pub fn is_for_flow(&self, format: &ExportFormat) -> bool {
+        format.is_for_flow(self.rock.permeability.is_some() || self.rock.porosity.is_some())
+    }
+
     /// Checks that the options make sense together, and have an effect in this format.
     ///
     /// # Errors

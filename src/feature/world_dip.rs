@@ -2,7 +2,7 @@
 
 use crate::geometry::norm;
 use crate::image::Geometry;
-use crate::image::time::default_depth_factor;
+use crate::image::time::default_metres_per_unit;
 
 /// Converts normals of surfaces in samples to dips in world coordinates. Two-way time counts as depth
 /// at 2,000 m/s.
@@ -20,7 +20,7 @@ impl<const D: usize> WorldDip<D> {
         let scale = geometry
             .units
             .each_ref()
-            .map(|unit| default_depth_factor(unit));
+            .map(|unit| default_metres_per_unit(unit));
         let along = geometry.axes[vertical_axis].map(f64::abs);
         let nearest = (1..D).fold(0, |a, c| if along[c] > along[a] { c } else { a });
         Self {
@@ -73,6 +73,17 @@ mod tests {
                 // The normal in samples: its dot products with the axes.
                 let slope = [-4.0 * normal[2], 12.5 * normal[0], 25.0 * normal[1]];
                 let measured = WorldDip::new(&survey, 0).degrees(slope);
+                assert!((measured - dip).abs() < 1e-6, "{azimuth} {dip} {measured}");
+                let feet = Geometry {
+                    units: ["ft".into(), "ft".into(), "ms".into()],
+                    ..survey.clone()
+                };
+                let slope = [
+                    -4.0 * normal[2],
+                    0.3048 * 12.5 * normal[0],
+                    0.3048 * 25.0 * normal[1],
+                ];
+                let measured = WorldDip::new(&feet, 0).degrees(slope);
                 assert!((measured - dip).abs() < 1e-6, "{azimuth} {dip} {measured}");
                 let slope = [normal[2], normal[0], normal[1]];
                 let measured = WorldDip::new(&samples, 0).degrees(slope);

@@ -29,7 +29,7 @@ pub struct DepthConversion<const D: usize> {
     time_step: f64,
     /// The grid in depth.
     depth_geometry: Geometry<D>,
-    /// Depth of the first sample and the step to the next sample, in metres.
+    /// Depth of the first sample and the step to the next sample, in the unit of the geometry in depth.
     depth_sampling: (f64, f64),
     depth_count: usize,
     /// Messages for the user.
@@ -109,9 +109,10 @@ impl<const D: usize> DepthConversion<D> {
             .collect();
         let direction = conversion.time_step.signum();
         let [start, end, step] = common_depths(&extents, direction);
+        let unit = coverage.depth_unit;
         if end - start < step {
             let problem = format!(
-                "leaves no depth range that all traces cover: one begins at {:.1} m, another ends at {:.1} m",
+                "leaves no depth range that all traces cover: one begins at {:.1} {unit}, another ends at {:.1} {unit}",
                 direction * start,
                 direction * end
             );
@@ -129,10 +130,10 @@ impl<const D: usize> DepthConversion<D> {
         depth.origin[c] = sign * direction * start;
         depth.axes[time_axis][c] = sign * direction * step;
         depth.names[time_axis] = "depth".into();
-        depth.units = std::array::from_fn(|_| "m".to_string());
+        depth.units = std::array::from_fn(|_| unit.to_string());
         conversion.notes = coverage.notes;
         conversion.notes.push(format!(
-            "converted to depth with {}: {:.1} to {:.1} m in {} steps of {step:.3} m ({} samples in time); {:.1} % of the image is cut off, where not all traces have samples",
+            "converted to depth with {}: {:.1} to {:.1} {unit} in {} steps of {step:.3} {unit} ({} samples in time); {:.1} % of the image is cut off, where not all traces have samples",
             conversion.velocities.name,
             direction * start,
             direction * (start + (conversion.depth_count - 1) as f64 * step),

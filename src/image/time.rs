@@ -7,12 +7,15 @@ use crate::{Error, Result};
 /// Smallest velocity, in m/s, that any rock has. Lower values are velocities in km/s.
 pub(super) const MIN_VELOCITY: f64 = 50.0;
 
+/// Largest velocity, in m/s, that any rock has. Higher values are velocities in ft/s.
+pub(super) const MAX_VELOCITY: f64 = 10_000.0;
+
 /// Velocity (metres per second) that converts two-way time to depth if none is given.
 const DEFAULT_VELOCITY: f64 = 2000.0;
 
-/// Returns the remedy for a velocity in km/s.
+/// Returns the remedy for a velocity in another unit, which has this many metres per second.
 fn remedy_per_second(velocity: f64) -> String {
-    format!("give metres per second: {}", 1000.0 * velocity)
+    format!("give metres per second: {velocity}")
 }
 
 /// Returns the number of seconds in a unit of time, or `None` if it is not a unit of time.
@@ -25,10 +28,26 @@ pub(crate) fn seconds_per_unit(unit: &str) -> Option<f64> {
     }
 }
 
-/// Returns the factor that converts a coordinate to depth where no velocity is given: two-way time
-/// counts at 2,000 m/s, and other units stay as they are.
-pub(crate) fn default_depth_factor(unit: &str) -> f64 {
-    seconds_per_unit(unit).map_or(1.0, |seconds| 0.5 * DEFAULT_VELOCITY * seconds)
+/// Returns the number of metres in a unit of length, or `None` if it is not one that is known.
+pub(crate) fn metres_per_unit(unit: &str) -> Option<f64> {
+    match unit {
+        "m" => Some(1.0),
+        "km" => Some(1e3),
+        "cm" => Some(1e-2),
+        "mm" => Some(1e-3),
+        "um" | "\u{b5}m" | "\u{3bc}m" | "micron" | "micrometer" => Some(1e-6),
+        "nm" => Some(1e-9),
+        "ft" => Some(0.3048),
+        _ => None,
+    }
+}
+
+/// Returns the number of metres in a unit of a coordinate where no velocity is given: two-way time
+/// counts at 2,000 m/s, and an unknown unit as metres.
+pub(crate) fn default_metres_per_unit(unit: &str) -> f64 {
+    let depth = |seconds| 0.5 * DEFAULT_VELOCITY * seconds;
+    let metres = seconds_per_unit(unit).map(depth);
+    metres.or_else(|| metres_per_unit(unit)).unwrap_or(1.0)
 }
 
 /// The physical coordinate that holds two-way time.
@@ -38,6 +57,15 @@ pub struct TimeCoordinate {
     pub coordinate: usize,
     /// Number of seconds in its unit.
     pub seconds_per_unit: f64,
+    /// Unit of the other coordinates, in which depth is, too: `"m"` or `"ft"`.
+    pub depth_unit: &'static str,
+}
+
+impl TimeCoordinate {
+    /// Returns the number of units of depth in a metre.
+    pub fn depth_units_per_metre(&self) -> f64 {
+        1.0 / metres_per_unit(self.depth_unit).unwrap_or(1.0)
+    }
 }
 
 /// Reason why the two-way time of an image cannot be converted to depth.
@@ -52,10 +80,7 @@ pub struct NoDepthReason {
 impl NoDepthReason {
     /// Returns the reason as an error about the velocity named `place`.
     pub fn to_error(&self, place: String) -> Error {
-        let problem = format!(
-            "converts two-way time to depth in metres, but {}",
-            self.problem
-        );
+        let problem = format!("converts two-way time to depth, but {}", self.problem);
         Error::Image(cause(place, problem, self.remedy))
     }
 }
@@ -68,8 +93,9 @@ impl<const D: usize> Geometry<D> {
             .position(|unit| seconds_per_unit(unit).is_some())
     }
 
-    /// Returns the coordinate of two-way time if it can be converted to depth in metres. The other
-    /// coordinates must be in metres; one without a unit is assumed to be in metres.
+    /// Returns the coordinate of two-way time if it can be converted to depth. The other
+    /// coordinates must all be in metres or all in feet, and depth is in the same unit; one without a
+    /// unit is assumed to be in that of the others, or in metres.
     ///
     /// # Errors
     /// Returns the obstacle and the remedy if it cannot.
@@ -84,19 +110,23 @@ impl<const D: usize> Geometry<D> {
                 remedy: "omit it",
             });
         };
-        let is_metres = |c: usize| matches!(&*self.units[c], "" | "m");
-        if let Some(c) = (0..D).find(|&c| c != coordinate && !is_metres(c)) {
+        let others = (0..D).filter(|&c| c != coordinate);
+        let is_feet = others.clone().any(|c| self.units[c] == "ft");
+        let depth_unit = if is_feet { "ft" } else { "m" };
+        let is_other = |c: &usize| !self.units[*c].is_empty() && self.units[*c] != depth_unit;
+        if let Some(c) = others.clone().find(is_other) {
             return Err(NoDepthReason {
                 problem: format!(
-                    "another coordinate than time is in {}, not in m",
+                    "another coordinate than time is in {}, not in {depth_unit}",
                     self.units[c]
                 ),
-                remedy: "read the survey's coordinates in metres (for SEG-Y, set the bytes of x and y)",
+                remedy: "give an image whose other coordinates are all in m or all in ft (for SEG-Y, set the bytes of x and y)",
             });
         }
         Ok(TimeCoordinate {
             coordinate,
             seconds_per_unit: seconds,
+            depth_unit,
         })
     }
 
@@ -110,9 +140,9 @@ impl<const D: usize> Geometry<D> {
         (0..D).find(|&k| runs_along(k))
     }
 
-    /// Returns the geometry with depth in metres instead of two-way time, and the factor between
-    /// the two for each coordinate: `depth = velocity * time / 2`, with one velocity in metres per
-    /// second.
+    /// Returns the geometry with depth instead of two-way time, in the unit of the other
+    /// coordinates, and the factor between the two for each coordinate: `depth = velocity * time /
+    /// 2`, with one velocity in metres per second.
     ///
     /// # Errors
     /// Returns an [`Error::Image`] if the velocity is not positive, and the errors of
@@ -128,21 +158,26 @@ impl<const D: usize> Geometry<D> {
             return Err(Error::Image(cause(
                 place,
                 problem,
-                remedy_per_second(velocity),
+                remedy_per_second(1000.0 * velocity),
             )));
+        }
+        if velocity > MAX_VELOCITY {
+            let problem = "is too fast for rock: is it in ft/s?";
+            let remedy = remedy_per_second((0.3048 * velocity).round());
+            return Err(Error::Image(cause(place, problem, remedy)));
         }
         let time = self
             .two_way_time()
             .map_err(|reason| reason.to_error(place))?;
         let axis = time.coordinate;
         let mut factor = [1.0; D];
-        factor[axis] = 0.5 * velocity * time.seconds_per_unit;
+        factor[axis] = 0.5 * velocity * time.seconds_per_unit * time.depth_units_per_metre();
         let mut depth = self.clone();
         depth.origin[axis] *= factor[axis];
         for step in &mut depth.axes {
             step[axis] *= factor[axis];
         }
-        depth.units = std::array::from_fn(|_| "m".to_string());
+        depth.units = std::array::from_fn(|_| time.depth_unit.to_string());
         Ok((depth, factor))
     }
 }
@@ -175,7 +210,30 @@ mod tests {
             slow.contains("km/s?; give metres per second: 2500"),
             "{slow}"
         );
+        let fast = time.to_depth(12_000.0).unwrap_err().to_string();
+        assert!(
+            fast.contains("ft/s?; give metres per second: 3658"),
+            "{fast}"
+        );
         time.units[0] = "line".into();
         assert!(time.to_depth(2000.0).is_err());
+    }
+
+    #[test]
+    fn a_survey_in_feet_gets_depths_in_feet() {
+        let mut time = Geometry::<3> {
+            axes: [[0.0, 0.0, -2.0], [55.0, 0.0, 0.0], [0.0, 82.5, 0.0]],
+            units: ["ft", "ft", "ms"].map(String::from),
+            ..Geometry::default()
+        };
+        let (depth, factor) = time.to_depth(3048.0).unwrap();
+        // 2 ms of two-way time at 3048 m/s, or 10,000 ft/s, are 10 ft.
+        assert!((depth.axes[0][2] + 10.0).abs() < 1e-12 && (factor[2] - 5.0).abs() < 1e-12);
+        assert_eq!(depth.units, ["ft", "ft", "ft"]);
+        time.units[1] = String::new();
+        assert_eq!(time.to_depth(3048.0).unwrap().0.units, ["ft", "ft", "ft"]);
+        time.units[1] = "m".into();
+        let mixed = time.to_depth(3048.0).unwrap_err().to_string();
+        assert!(mixed.contains("in m, not in ft"), "{mixed}");
     }
 }

@@ -4,7 +4,7 @@
 //! Velocities are interpolated linearly between samples, horizontally and in time. Beyond the grid
 //! they are those of the nearest sample.
 
-use super::time::MIN_VELOCITY;
+use super::time::{MAX_VELOCITY, MIN_VELOCITY};
 use super::time_depth::TimeDepthCurve;
 use crate::error::cause;
 use crate::geometry::grid_index::{for_each_corner, index_at};
@@ -16,12 +16,15 @@ use crate::{Error, Result, memory};
 pub struct VelocityModel<const D: usize> {
     /// Name in errors and notes.
     pub name: String,
-    /// Positive samples. Time runs along axis 0, and only along this axis.
+    /// Positive samples, in units of depth per second. Time runs along axis 0, and only along this
+    /// axis.
     image: Image<D>,
     /// Index of the physical coordinate that is time.
     coordinate: usize,
     /// Seconds per unit of time, negative if times decrease downwards.
     seconds_per_unit: f64,
+    /// Unit of the other coordinates, in which depth is, too.
+    depth_unit: &'static str,
 }
 
 /// Relation between the velocities and some positions in two-way time.
@@ -32,6 +35,8 @@ pub struct VelocityCoverage {
     /// Seconds per unit of that coordinate, negative if times below the surface are negative, as
     /// heights would be.
     pub seconds_per_unit: f64,
+    /// Unit of the other coordinates, in which depth is, too.
+    pub depth_unit: &'static str,
     /// Messages for the user.
     pub notes: Vec<String>,
 }
@@ -48,7 +53,7 @@ impl<const D: usize> VelocityModel<D> {
         let time = geometry.two_way_time().map_err(|reason| {
             refuse(
                 format!("does not say where its velocities lie in two-way time: {}", reason.problem),
-                "give velocities over x and y in m and time in s or ms; atomesh convert makes such an image from an \
+                "give velocities over x and y in m (or both in ft) and time in s or ms; atomesh convert makes such an image from an \
                  array without geometry (--axes, --spacing, --origin, --unit m,m,ms)",
             )
         })?;
@@ -63,12 +68,18 @@ impl<const D: usize> VelocityModel<D> {
         // Traces that a survey lacks take the velocities of the nearest trace.
         let image = image.with_missing_filled().unwrap_or(image);
         check_velocities(&image, name)?;
-        let image = with_axis_first(image, along)?;
+        let mut image = with_axis_first(image, along)?;
+        if time.depth_unit != "m" {
+            let factor = time.depth_units_per_metre();
+            let scaled = |v: f32| (f64::from(v) * factor) as f32;
+            image.samples.mapv_inplace(scaled);
+        }
         let times = corners(&image).map(|p| p[time.coordinate]);
         Ok(Self {
             name: name.to_string(),
             coordinate: time.coordinate,
             seconds_per_unit: time.seconds_per_unit * downward_sign(times),
+            depth_unit: time.depth_unit,
             image,
         })
     }
@@ -123,6 +134,13 @@ impl<const D: usize> VelocityModel<D> {
                 problem,
                 "give velocities with coordinates in the same order",
             );
+        }
+        if self.depth_unit != time.depth_unit {
+            let problem = format!(
+                "has x and y in {}, the image in {}",
+                self.depth_unit, time.depth_unit
+            );
+            return refuse(problem, "give velocities with coordinates in the same unit");
         }
         let seconds =
             time.seconds_per_unit * downward_sign(positions.clone().map(|p| p[time.coordinate]));
@@ -180,6 +198,7 @@ impl<const D: usize> VelocityModel<D> {
         Ok(VelocityCoverage {
             coordinate: time.coordinate,
             seconds_per_unit: seconds,
+            depth_unit: time.depth_unit,
             notes,
         })
     }
@@ -223,6 +242,11 @@ fn check_velocities<const D: usize>(image: &Image<D>, name: &str) -> Result<()> 
     if f64::from(max) < MIN_VELOCITY {
         let problem = format!("holds at most {max} m/s, which is too slow for rock or water");
         return refuse(problem, "give velocities in m/s, not in km/s");
+    }
+    let min = samples.iter().fold(f32::MAX, |min, v| min.min(*v));
+    if f64::from(min) > MAX_VELOCITY {
+        let problem = format!("holds at least {min} m/s, which is too fast for rock");
+        return refuse(problem, "give velocities in m/s, not in ft/s");
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use crate::error::cause;
 use crate::feature::{GivenPoints, GivenSurface, MIN_FAULT_DIP};
 use crate::geometry::{cross, norm, sub};
 use crate::image::Geometry;
-use crate::image::time::default_depth_factor;
+use crate::image::time::default_metres_per_unit;
 use crate::parallel::prelude::*;
 use crate::surface_file::interpretation::{
     PickedShape, PickedSurface, read_interpretation, triangulate_points,
@@ -266,7 +266,7 @@ fn mean_dip<const D: usize>(triangles: &[[[f64; 3]; 3]], geometry: &Geometry<D>)
     let factors = geometry
         .units
         .each_ref()
-        .map(|unit| default_depth_factor(unit));
+        .map(|unit| default_metres_per_unit(unit));
     let (mut upright, mut total) = (0.0, 0.0);
     for t in triangles {
         let world = t.map(|p| {

@@ -10,6 +10,7 @@ use crate::feature::components::{Components, for_each_sample};
 use crate::feature::label_map::{LabelMap, components};
 use crate::feature::volume::Volume;
 use crate::feature::{LabelOptions, label_map};
+use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, SamplePoints};
@@ -49,6 +50,21 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     let label_regions = labelled.regions();
     annotated.regions = regions.iter().map(|&n| label_regions[n as usize]).collect();
     regions
+}
+
+/// Returns the number of parts into which the faces between regions divide a mesh of simplices: cells
+/// are in one part if a path through faces within the region connects them.
+pub(super) fn part_count(faces_per_cell: usize, neighbors: &[u32], label_indices: &[u32]) -> usize {
+    let mut parts = UnionFind::new(label_indices.len());
+    for (c, &label) in label_indices.iter().enumerate() {
+        let adjacent = &neighbors[faces_per_cell * c..faces_per_cell * (c + 1)];
+        for &n in adjacent.iter().filter(|&&n| n != NONE) {
+            if label == label_indices[n as usize] {
+                parts.unite(c as u32, n);
+            }
+        }
+    }
+    parts.into_labels().1
 }
 
 /// The area over which cells of two labels touch, by the indices of the labels, the smaller first.
@@ -518,6 +534,17 @@ mod tests {
                 angles.smallest_angle.worst > 20.0,
                 "{}",
                 angles.smallest_angle.worst
+            );
+            // The report counts compartments and cells below the target in the final mesh.
+            let improvement = outcome.report.improvement.as_ref().unwrap();
+            assert!(improvement.sealed.compartments >= labels.len());
+            let outside = [angles.below_30, angles.above_150];
+            let count = improvement.below_target_after;
+            // Both counts round angles in their own way.
+            let fewest = 9 * outside[0].max(outside[1]) / 10;
+            assert!(
+                (fewest..=outside[0] + outside[1]).contains(&count),
+                "{count} {outside:?}"
             );
             let fidelity = outcome.report.fidelity.as_ref().unwrap();
             let faces = fidelity.tagged_faces.as_ref().unwrap();

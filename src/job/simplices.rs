@@ -16,7 +16,7 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use crate::progress::{CancelToken, Stage};
-use crate::report::{Baseline, Report};
+use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 
 /// Joins atoms, improves the mesh, and measures it.
@@ -88,6 +88,11 @@ where
             let labels = &params.spec.label;
             report.regions =
                 regions::report(image, labels, points_and_contacts, indices, step, cancel);
+            if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
+                // Faces between regions are known, and fitted to the labels, only now.
+                improvement.below_target_after = cells_below(mesh, target.min_dihedral);
+                improvement.sealed.compartments = regions::part_count(D + 1, &neighbors, indices);
+            }
         }
         report.baseline = match &baseline {
             Some((mesh, faces)) => measure_baseline(mesh, faces, &measured, comm, cancel)?,

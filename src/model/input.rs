@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
+use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image};
 use crate::job::depth::read_velocities;
 use crate::job::spec::NumberOrFile;
@@ -119,6 +120,19 @@ pub(crate) fn mesh_in_depth<const D: usize, M: Storable<D>>(
     }
 }
 
+/// Returns a warning if a coordinate has a known unit of length other than metres, which flow counts as
+/// metres.
+pub(crate) fn length_unit_warning<const D: usize>(geometry: &Geometry<D>) -> Option<String> {
+    let (unit, metres) = geometry.units.iter().find_map(|unit| {
+        let metres = metres_per_unit(unit).filter(|metres| *metres != 1.0)?;
+        Some((unit, metres))
+    })?;
+    Some(format!(
+        "WARNING: coordinates are in {unit}, but count as metres: pressures and rates are those of a body {} times as large",
+        (1e4 / metres).round() / 1e4
+    ))
+}
+
 /// Returns the mesh of the image alone, without the cells beyond it, and notes how many it leaves out.
 pub(crate) fn image_part<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
@@ -157,4 +171,29 @@ pub(crate) fn time_warning<const D: usize>(geometry: &Geometry<D>) -> Option<Str
         ["x", "y", "z"][axis],
         geometry.units[axis]
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flow_warns_of_units_of_length_other_than_metres() {
+        let geometry = |unit: &str| Geometry::<3> {
+            units: std::array::from_fn(|_| unit.to_string()),
+            ..Geometry::default()
+        };
+        for unit in ["", "m", "furlong"] {
+            assert_eq!(length_unit_warning(&geometry(unit)), None);
+        }
+        for (unit, factor) in [("mm", "1000"), ("ft", "3.2808"), ("km", "0.001")] {
+            let warning = length_unit_warning(&geometry(unit)).unwrap();
+            let expected = format!("in {unit}, but count as metres");
+            assert!(warning.contains(&expected), "{warning}");
+            assert!(
+                warning.contains(&format!("a body {factor} times")),
+                "{warning}"
+            );
+        }
+    }
 }

@@ -109,6 +109,19 @@ pub fn smallest_angles<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f32> {
     angles
 }
 
+/// Returns the number of cells with an angle, in degrees, below `min_angle` or above 180 degrees less
+/// this, up to rounding.
+pub(crate) fn cells_below<const D: usize, M: Simplices<D>>(mesh: &M, min_angle: f64) -> usize {
+    const ROUNDING: f64 = 1e-3;
+    let max_cosine = (min_angle - ROUNDING).to_radians().cos();
+    let mut count = 0;
+    mesh.shapes(0..mesh.len(), |shape| {
+        let is_outside = |cosine: &f64| cosine.abs() > max_cosine;
+        count += usize::from(shape.cosines.as_ref().iter().any(is_outside));
+    });
+    count
+}
+
 /// Shape of a cell. Angles are stored as versines (1 - cos), which grow with the angle and are
 /// precise for small angles. So no arc cosine is needed for each of millions of cells.
 #[derive(Clone, Copy, Default)]

@@ -103,6 +103,7 @@ impl LostParts {
             .map(|x| x.trim_end_matches('0').trim_end_matches('.'));
         let coordinates = coordinates.collect::<Vec<_>>().join(", ");
         let description = match self.parts {
+            1 if self.largest_samples == 1 => format!("a part of 1 sample at ({coordinates})"),
             1 => format!(
                 "a part of {} samples at ({coordinates})",
                 self.largest_samples

@@ -42,11 +42,14 @@ impl Report {
         }
         self.add_angles_and_faces(&mut add);
         if let Some(improvement) = &self.improvement {
-            let count = group_digits(improvement.sealed.compartments);
-            add(
-                "blocks",
-                format!("the faces on features divide the mesh into {count} compartments"),
-            );
+            let text = match improvement.sealed.compartments {
+                1 => "the faces on features do not divide the mesh".to_string(),
+                count => format!(
+                    "the faces on features divide the mesh into {} compartments",
+                    group_digits(count)
+                ),
+            };
+            add("blocks", text);
         }
         self.add_dropped_points(&mut add);
         for (number, text) in self.regions.iter().flat_map(|r| r.lines()).enumerate() {

@@ -22,6 +22,8 @@ from . import _native
 from ._errors import ArgumentError, Error, InvalidValueError
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     Progress = Union[bool, Callable[[str, float], object]]
 
 log = logging.getLogger("atomesh")
@@ -269,6 +271,16 @@ def _is_image(value: Any) -> bool:
     return array.ndim > 1 and array.dtype != object
 
 
+def _caller_level() -> int:
+    """Returns the `stacklevel` at which a warning of the calling function names the user's own line."""
+    package = str(Path(__file__).parent)
+    frame: FrameType | None = sys._getframe(1)
+    level = 1
+    while frame is not None and frame.f_code.co_filename.startswith(package):
+        frame, level = frame.f_back, level + 1
+    return level
+
+
 class _ProgressDisplay:
     """Shows the progress of a verb: as a bar of tqdm, as lines, or through a callable."""
 
@@ -298,7 +310,7 @@ class _ProgressDisplay:
         if kind == "note":
             log.info(text)
             if text.startswith("WARNING: "):
-                warnings.warn(text.removeprefix("WARNING: "), UserWarning, stacklevel=5)
+                warnings.warn(text.removeprefix("WARNING: "), UserWarning, stacklevel=_caller_level())
             return
         if kind == "stage":
             self._stage = text

@@ -136,9 +136,9 @@ class MeshOptions(TypedDict, total=False):
     #: the image's physical coordinates. It must cover the image and the sides of --pad, and
     #: replaces above=DIST of --pad
     topography: _Value | None
-    #: Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
-    #: file of interval velocities in m/s on a grid in two-way time. With a file, the image is
-    #: resampled
+    #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
+    #: for the whole image, or a file of interval velocities in m/s on a grid in two-way time. With
+    #: a file, the image is resampled
     velocity: _Value | None
     #: Seed of all random numbers
     rng_seed: int | None
@@ -326,9 +326,9 @@ class InfoOptions(TypedDict, total=False):
     max_memory: int | None
 
 class ConvertOptions(TypedDict, total=False):
-    #: Convert an image from two-way time to depth in metres, with one velocity in m/s or a file of
-    #: interval velocities in m/s. Such a file is a grid in two-way time, and the image is
-    #: resampled
+    #: Convert an image from two-way time to depth (in the unit of x and y, m or ft), with one
+    #: velocity in m/s or a file of interval velocities in m/s. Such a file is a grid in two-way
+    #: time, and the image is resampled
     velocity: _Value | None
     #: Write SEG-Y (OUT.sgy) with the headers of this survey, which has as many samples: its text,
     #: lines, coordinates and order of traces
@@ -477,8 +477,9 @@ class FlowOptions(TypedDict, total=False):
     #: Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     #: KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
     permeability: _Value | None
-    #: Convert two-way time to depth in metres, with one velocity in m/s or a file of interval
-    #: velocities in m/s on a grid in two-way time. Sources and sinks are then in depth
+    #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s or
+    #: a file of interval velocities in m/s on a grid in two-way time. Sources and sinks are then
+    #: in depth
     velocity: _Value | None
     #: Viscosity in Pa s
     viscosity: _Number | None
@@ -873,8 +874,8 @@ class SurfaceOptions(TypedDict, total=False):
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     #: [default: automatic; it is printed]
     threshold: _Number | None
-    #: Convert two-way time to depth in metres, with one velocity in m/s for the whole mesh, or a
-    #: file of interval velocities in m/s on a grid in two-way time
+    #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
+    #: for the whole mesh, or a file of interval velocities in m/s on a grid in two-way time
     velocity: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be

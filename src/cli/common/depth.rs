@@ -20,6 +20,15 @@ pub fn image_in_depth<const D: usize>(
     is_labels: bool,
     console: &Console,
 ) -> Result<(Image<D>, Option<DepthConversion<D>>)> {
+    if let (Some(NumberOrFile::Constant(v)), Ok(time)) = (velocity, image.geometry.two_way_time())
+        && time.depth_unit != "m"
+    {
+        let per_second = (v * time.depth_units_per_metre()).round();
+        let unit = time.depth_unit;
+        console.note(format!(
+            "depth is in {unit}, as x and y are; the velocity is in m/s: {v} m/s are {per_second} {unit}/s"
+        ));
+    }
     depth::image_in_depth(image, velocity, is_labels, &console.reader())
         .map_err(with_option_name::<MeshSpec>)
 }

@@ -129,15 +129,19 @@ impl InputOptions {
     ///
     /// # Errors
     /// Returns an [`Error::Job`] if an option is given.
-    pub fn refuse_unused(&self, reason: &str) -> Result<()> {
-        if *self == Self::default() {
+    pub fn refuse_unused(&self, reason: &str, remedy: &str) -> Result<()> {
+        let Some(given) = self.given_option() else {
             return Ok(());
-        }
-        Err(Error::Job(cause(
-            "options for reading an image",
-            format!("are given, but {reason}"),
-            "omit them",
-        )))
+        };
+        let problem = format!("is for files of images, but {reason}");
+        Err(Error::Job(cause(format!("--{given}"), problem, remedy)))
+    }
+
+    /// Returns the name of the first option that is given.
+    fn given_option(&self) -> Option<String> {
+        let options = serde_json::to_value(self).ok()?;
+        let mut given = options.as_object()?.iter().filter(|(_, v)| !v.is_null());
+        given.next().map(|(name, _)| name.clone())
     }
 
     /// Returns the options for the reader.

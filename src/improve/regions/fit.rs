@@ -9,7 +9,8 @@
 //! every region has the volume of its samples.
 //!
 //! No move makes an angle worse that is outside of the target range, or moves an angle out of that
-//! range.
+//! range. The exception is a long move, of a node far from its interface, such as the tip of a spike:
+//! it may leave angles down to 20 degrees.
 
 use std::collections::BTreeMap;
 
@@ -40,9 +41,9 @@ const MAX_MOVE_RATIO: f64 = 0.25;
 /// Damping of moves in directions that no face determines, as a share of the trace of the
 /// equations.
 const DAMPING: f64 = 0.02;
-/// Smallest move, in samples, of a node that counts as the tip of a spike.
+/// Smallest move, in samples, of a node that counts as far from its interface.
 const MIN_SPIKE_LENGTH: f64 = 0.75;
-/// Smallest angle, in degrees, that removing a spike may leave.
+/// Smallest angle, in degrees, that such a move may leave.
 const MIN_SPIKE_ANGLE: f64 = 20.0;
 /// Largest distance, in samples, of the tip of a spike from the interface to be pulled back to it.
 const MAX_TIP_DISTANCE: f64 = 8.0;

@@ -321,7 +321,7 @@ pub struct MeshSpec {
     /// must cover the image and the sides of --pad, and replaces above=DIST of --pad
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
     pub topography: Option<SurfaceOption>,
-    /// Convert two-way time to depth in metres, with one velocity in m/s for the whole image, or a
+    /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
     #[cfg_attr(

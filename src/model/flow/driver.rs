@@ -169,7 +169,7 @@ impl FaultLaws {
             return Err(surfaces.no_match_error(
                 "faults",
                 "is for faults, but no surface is one",
-                "select the surfaces that resist with barriers, or omit it",
+                "select the surfaces that resist with --barriers, or omit it",
             ));
         }
         let law = |surface: usize| {

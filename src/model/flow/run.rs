@@ -11,7 +11,7 @@ use crate::image::formats::ReadImage;
 use crate::job::{MeshSpace, Meshing};
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
-use crate::model::input::{MeshInput, mesh_in_depth, time_warning};
+use crate::model::input::{MeshInput, length_unit_warning, mesh_in_depth, time_warning};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
@@ -138,8 +138,10 @@ impl FlowRun<'_> {
         let (name, progress) = (self.name, &mut *self.progress);
         let stored = mesh_in_depth(file, velocity, name, self.read_image, progress)?;
         stored.check_filled(name)?;
-        if let Some(warning) = time_warning(&stored.space.geometry) {
-            progress.note(&warning);
+        let geometry = &stored.space.geometry;
+        let warnings = [time_warning(geometry), length_unit_warning(geometry)];
+        for warning in warnings.iter().flatten() {
+            progress.note(warning);
         }
         Ok(stored)
     }

@@ -65,7 +65,7 @@ pub struct FlowSpec {
         )
     )]
     pub permeability: FlowPermeability,
-    /// Convert two-way time to depth in metres, with one velocity in m/s or a file of interval
+    /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s or a file of interval
     /// velocities in m/s on a grid in two-way time. Sources and sinks are then in depth
     #[cfg_attr(
         feature = "cli",

@@ -162,7 +162,8 @@ impl PaintSpec {
             }
         }
         if self.image.is_none() {
-            self.input.refuse_unused("no image is given")?;
+            self.input
+                .refuse_unused("no image is given", "omit it, or give the image")?;
         }
         self.grouping.options(None).map(|_| ())
     }

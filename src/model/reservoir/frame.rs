@@ -2,6 +2,7 @@
 //! is known.
 
 use crate::error::cause;
+use crate::image::time::metres_per_unit;
 use crate::model::flow::Tensor;
 use crate::{Error, Result};
 
@@ -201,20 +202,6 @@ impl ModelFrame {
             component(1, 2),
             component(0, 2),
         ])
-    }
-}
-
-/// Returns the metres in a unit of length, or `None` if it is unknown.
-pub fn metres_per_unit(unit: &str) -> Option<f64> {
-    match unit {
-        "m" => Some(1.0),
-        "km" => Some(1e3),
-        "cm" => Some(1e-2),
-        "mm" => Some(1e-3),
-        "um" | "\u{b5}m" | "\u{3bc}m" | "micron" | "micrometer" => Some(1e-6),
-        "nm" => Some(1e-9),
-        "ft" => Some(0.3048),
-        _ => None,
     }
 }
 

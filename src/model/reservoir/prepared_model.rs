@@ -4,6 +4,7 @@
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::sub;
+use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
@@ -383,7 +384,9 @@ impl PreparedModel {
             &image.geometry
         };
         let time_axis = image.geometry.time_coordinate();
-        if !same_dims && time_axis.is_some_and(|c| self.geometry.units[c] == "m") {
+        if !same_dims
+            && time_axis.is_some_and(|c| metres_per_unit(&self.geometry.units[c]).is_some())
+        {
             let problem = "is in two-way time, the mesh in depth";
             let remedy = "give the image in depth, which atomesh convert --velocity makes";
             return Err(Error::Image(cause(place, problem, remedy)));

@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::case_options::check_positive;
-use super::frame::metres_per_unit;
 use super::{DepthAxis, MeshPlacement, Model};
 use crate::error::cause;
+use crate::image::time::metres_per_unit;
 use crate::job::spec::SignedAxis;
 use crate::{Error, Result};
 

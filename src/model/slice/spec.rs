@@ -202,7 +202,8 @@ impl SliceSpec {
             point.coordinates::<3>("at", POINT_REMEDY)?;
         }
         if !has_image {
-            self.input.refuse_unused("no image is given")?;
+            self.input
+                .refuse_unused("no image is given", "omit it, or give the image")?;
         }
         if self.view == View::Sections {
             if !has_image {

@@ -84,7 +84,7 @@ pub struct SurfaceSpec {
         )
     )]
     pub threshold: Option<f32>,
-    /// Convert two-way time to depth in metres, with one velocity in m/s for the whole mesh, or a
+    /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole mesh, or a
     /// file of interval velocities in m/s on a grid in two-way time
     #[cfg_attr(
         feature = "cli",
@@ -240,7 +240,9 @@ impl SurfaceSpec {
             )));
         }
         if self.survey.is_none() {
-            return self.input.refuse_unused("no image is given");
+            return self
+                .input
+                .refuse_unused("no image is given", "omit it, or give the image");
         }
         if let Some(NumberOrFile::File(path)) = &self.velocity {
             let place = format!("velocity {}", path.display());

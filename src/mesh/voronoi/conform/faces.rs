@@ -27,7 +27,8 @@ impl<const D: usize> ConformingSites<D> {
     }
 
     /// Returns the area of the faces between the two sites of a facet, which lie in the facet's
-    /// plane, relative to the area of the surface; 1 if the surface has no area.
+    /// plane, relative to the area of the surface; 1 if the surface has no area. Faces may reach
+    /// beyond the rim of a surface, so the share is limited to 1.
     pub fn covered_share(&self, mesh: &PolyMesh<D>, first_site: usize) -> f64 {
         let surface = self.surface();
         let areas = (0..surface.facets.len()).map(|f| norm(normal(&surface.corners(f))));
@@ -36,7 +37,7 @@ impl<const D: usize> ConformingSites<D> {
             (0..mesh.inner_face_count()).filter(|&f| is_between_sites(&pairs, mesh, f, first_site));
         let covered: f64 = faces.map(|f| mesh.face_shape(f).area()).sum();
         match areas.sum::<f64>() {
-            all if all > 0.0 => covered / all,
+            all if all > 0.0 => (covered / all).min(1.0),
             _ => 1.0,
         }
     }

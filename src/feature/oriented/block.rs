@@ -1,7 +1,8 @@
 //! A block of samples, in which surfaces meet in a few lines.
 
 use super::ambiguity::{CELL_SIZE, MIXED_NORMALS, WIDE_RIDGES, cells_around, trace};
-use super::filters::{CLOSE_SHAPE, CROSSING_SHAPE, DERIVATIVE_MARGIN, OrientedFilters};
+use super::filters::{CLOSE_SHAPE, CROSSING_SHAPE, OrientedFilters};
+use super::row_ranges::RowRanges;
 use super::{OrientedSearch, SAME_SURFACE_COSINE};
 use crate::feature::candidate::Candidate;
 use crate::feature::volume::Volume;
@@ -100,6 +101,8 @@ pub struct BlockScratch {
     /// `inside_share` has the share inside for each mean.
     pub is_inside: bool,
     pub inside_share: Vec<f32>,
+    /// For each angle, the samples of the block and its derivative margin that derivatives read.
+    pub surface_ranges: Vec<RowRanges>,
     /// Means along a surface, of the block and its derivative margin.
     pub surface: Vec<f32>,
     /// C and D, for each needed row, each angle, and each sample of the row.
@@ -264,9 +267,8 @@ pub struct BlockMask {
     pub samples: Vec<bool>,
     /// For each row of x, `true` if it has needed samples.
     pub rows: Vec<bool>,
-    /// For each row of x in the block and a margin of [`DERIVATIVE_MARGIN`], the range of samples
-    /// that derivatives at needed samples read, relative to the first sample of the margin.
-    pub rows_around: RowRanges,
+    /// For each row of x, the range of its needed samples.
+    pub ranges: RowRanges,
     pub has_any: bool,
 }
 
@@ -277,85 +279,22 @@ impl BlockMask {
         is_wanted: impl Fn([usize; D]) -> bool,
     ) -> Self {
         let rows = BLOCK_SIZE.pow(D as u32 - 1);
-        let padded_edge = BLOCK_SIZE + 2 * DERIVATIVE_MARGIN;
         let mut mask = Self {
             samples: vec![false; rows * BLOCK_SIZE],
             rows: vec![false; rows],
-            rows_around: RowRanges::empty(padded_edge.pow(D as u32 - 1)),
+            ranges: RowRanges::empty::<D>(BLOCK_SIZE),
             has_any: false,
         };
-        let mut ranges = RowRanges::empty(rows);
         for i in 0..rows * BLOCK_SIZE {
             let at = block_sample(i, first);
             if (0..D).all(|k| at[k] < dims[k]) && is_wanted(at) {
                 mask.samples[i] = true;
                 mask.rows[i / BLOCK_SIZE] = true;
                 mask.has_any = true;
-                let x = i % BLOCK_SIZE;
-                ranges.add(
-                    i / BLOCK_SIZE,
-                    [x, x + 2 * DERIVATIVE_MARGIN + 1].map(|x| x as i8),
-                );
-            }
-        }
-        for row in (0..rows).filter(|&r| mask.rows[r]) {
-            let side = 2 * DERIVATIVE_MARGIN + 1;
-            for number in 0..side.pow(D as u32 - 1) {
-                let (mut remaining, mut neighbour, mut target, mut stride) = (row, number, 0, 1);
-                for _ in 1..D {
-                    target += (remaining % BLOCK_SIZE + neighbour % side) * stride;
-                    remaining /= BLOCK_SIZE;
-                    neighbour /= side;
-                    stride *= padded_edge;
-                }
-                mask.rows_around
-                    .add(target, [ranges.start[row], ranges.end[row]]);
+                mask.ranges.add(i / BLOCK_SIZE, (i % BLOCK_SIZE) as i8);
             }
         }
         mask
-    }
-}
-
-/// Range of needed samples of each row.
-pub struct RowRanges {
-    pub start: Vec<i8>,
-    pub end: Vec<i8>,
-}
-
-impl RowRanges {
-    /// Creates empty ranges for `rows` rows. They stay empty when they are shifted along x by up to
-    /// 39 samples.
-    pub fn empty(rows: usize) -> Self {
-        Self {
-            start: vec![80; rows],
-            end: vec![-80; rows],
-        }
-    }
-
-    /// Extends the range of a row to include `start` to `end`.
-    fn add(&mut self, row: usize, [start, end]: [i8; 2]) {
-        self.start[row] = self.start[row].min(start);
-        self.end[row] = self.end[row].max(end);
-    }
-
-    /// Extends the ranges of successive rows from `first_row` on to include those of `other`,
-    /// shifted by `first` (start) and `last` (end).
-    #[inline(always)]
-    pub fn add_shifted(&mut self, first_row: usize, other: [&[i8]; 2], [first, last]: [i8; 2]) {
-        for (start, other) in self.start[first_row..].iter_mut().zip(other[0]) {
-            *start = (*start).min(other + first);
-        }
-        for (end, other) in self.end[first_row..].iter_mut().zip(other[1]) {
-            *end = (*end).max(other + last);
-        }
-    }
-
-    pub fn range(&self, row: usize) -> Range<usize> {
-        if self.start[row] < self.end[row] {
-            self.start[row] as usize..self.end[row] as usize
-        } else {
-            0..0
-        }
     }
 }
 

@@ -1,8 +1,10 @@
 //! Filters that are long along a surface and narrow across it, at all angles about a line.
 
-use super::block::{BLOCK_SIZE, BlockMask, BlockScratch, RowRanges, block_sample};
+use super::block::{BLOCK_SIZE, BlockMask, BlockScratch, block_sample};
+use super::row_ranges::RowRanges;
 use super::stencil::{
-    ACCUMULATOR_COUNT, LANES, SHORT_ROW_ACCUMULATOR_COUNT, Stencil, weighted_means, weighted_sums,
+    ACCUMULATOR_COUNT, LANES, SHORT_ROW_ACCUMULATOR_COUNT, Stencil, StencilTap, weighted_means,
+    weighted_sums,
 };
 use crate::feature::candidate::{Candidate, MAX_CELL_OVERLAP, dominant_axes};
 use crate::feature::volume::Volume;
@@ -56,21 +58,26 @@ const MAX_OFFSET: f64 = 0.95;
 const PROFILE_VARIANCE: f64 = 3.0;
 /// Squared width (samples) of a typical ridge, to convert curvature to height.
 const RIDGE_VARIANCE: f64 = 2.25;
-/// Number of samples around a block that derivatives across a surface read.
-pub const DERIVATIVE_MARGIN: usize = 2;
+/// Number of samples around a block that derivatives across a surface read: a position one sample
+/// away is interpolated between samples at most one sample away along each axis.
+const DERIVATIVE_MARGIN: usize = 1;
 /// Number of samples on either side of a block in x: more than derivatives need, so that rows have
 /// the width of vector registers.
 const DERIVATIVE_MARGIN_X: usize = 4;
-/// Largest number of needed samples of a row that is smoothed in part.
-const MAX_SPARSE_ROW_SAMPLES: usize = 16;
 /// Number of samples in x of a block and its derivative margin.
 const PADDED_WIDTH_X: usize = BLOCK_SIZE + 2 * DERIVATIVE_MARGIN_X;
 /// Number of samples around a block in which line means are needed: two standard deviations of 8
 /// samples, one sample for interpolation, and the derivative margin.
-const LINE_MARGIN: usize = 16 + 1 + DERIVATIVE_MARGIN_X;
-/// Edge of the buffer of line means: a multiple of the lanes.
-const BUFFER_EDGE: usize = (BLOCK_SIZE + 2 * LINE_MARGIN).next_multiple_of(LANES);
-/// Offset of the block in this buffer.
+const LINE_MARGIN: usize = 16 + 1 + DERIVATIVE_MARGIN;
+/// Edge of the buffer of line means along x: a multiple of the lanes, with a margin for derivatives
+/// in full registers.
+const BUFFER_WIDTH: usize =
+    (BLOCK_SIZE + 2 * (16 + 1 + DERIVATIVE_MARGIN_X)).next_multiple_of(LANES);
+/// Edge of this buffer along the other axes: an odd number, so that samples at the same place of
+/// successive layers are in different sets of the cache.
+const BUFFER_EDGE: usize = BLOCK_SIZE + 2 * LINE_MARGIN + 1;
+/// Offset of the block in this buffer, along x and along the other axes.
+const BLOCK_OFFSET_X: usize = (BUFFER_WIDTH - BLOCK_SIZE) / 2;
 const BLOCK_OFFSET: usize = (BUFFER_EDGE - BLOCK_SIZE) / 2;
 /// Edge of a block and its derivative margin, along all axes but x.
 const PADDED_EDGE: usize = BLOCK_SIZE + 2 * DERIVATIVE_MARGIN;
@@ -148,16 +155,21 @@ impl<const D: usize> OrientedFilters<D> {
         scratch: &mut BlockScratch,
     ) {
         let rows = BUFFER_EDGE.pow(D as u32 - 1);
-        let begin = first.map(|i| i as isize - BLOCK_OFFSET as isize);
+        let begin: [isize; D] = std::array::from_fn(|k| {
+            let offset = if k == 0 { BLOCK_OFFSET_X } else { BLOCK_OFFSET };
+            first[k] as isize - offset as isize
+        });
         let is_block_inside = (0..D).all(|k| {
-            self.line_mean
-                .is_inside(k, begin[k], begin[k] + BUFFER_EDGE as isize, image.dims[k])
+            let edge = if k == 0 { BUFFER_WIDTH } else { BUFFER_EDGE };
+            (self.line_mean).is_inside(k, begin[k], begin[k] + edge as isize, image.dims[k])
         });
         // Rows that are not needed keep arbitrary values.
-        scratch.line.resize(BUFFER_EDGE * rows, 0.0);
-        scratch.inside_share.resize(BUFFER_EDGE * rows, 0.0);
+        scratch.line.resize(BUFFER_WIDTH * rows, 0.0);
+        scratch.inside_share.resize(BUFFER_WIDTH * rows, 0.0);
         scratch.is_inside = is_block_inside;
-        let needed = self.buffer_ranges(mask);
+        let slots = 0..self.angles.len();
+        scratch.surface_ranges = slots.map(|slot| self.surface_ranges(slot, mask)).collect();
+        let needed = self.buffer_ranges(&scratch.surface_ranges);
         let line = self.line_mean.offsets(image.strides());
         let (out, out_inside) = (&mut scratch.line, &mut scratch.inside_share);
         dispatch_simd(
@@ -179,8 +191,8 @@ impl<const D: usize> OrientedFilters<D> {
                     };
                     let is_row_inside = is_block_inside || (1..D).all(|k| is_axis_inside(k, 1));
                     for start in range.step_by(LANES) {
-                        let start = start.min(BUFFER_EDGE - LANES);
-                        let target = row * BUFFER_EDGE + start;
+                        let start = start.min(BUFFER_WIDTH - LANES);
+                        let target = row * BUFFER_WIDTH + start;
                         let mut at = at;
                         at[0] += start as isize;
                         let end = at[0] + LANES as isize;
@@ -208,58 +220,36 @@ impl<const D: usize> OrientedFilters<D> {
         );
     }
 
+    /// Returns, for each row of the block and its derivative margin, the range of samples that
+    /// derivatives at needed samples read at the angle `slot`.
+    fn surface_ranges(&self, slot: usize, mask: &BlockMask) -> RowRanges {
+        let centre = [StencilTap {
+            offset: [0; D],
+            weight: 1.0,
+        }];
+        let [after, before] = self.derivative_stencils(slot);
+        let taps = centre.iter().chain(&after.taps).chain(&before.taps);
+        let mut needed = RowRanges::empty::<D>(PADDED_EDGE);
+        needed.add_around(&mask.ranges, DERIVATIVE_MARGIN, taps);
+        needed
+    }
+
     /// Returns, for each row of the buffer, the range of samples that smoothing along surfaces
     /// reads.
-    fn buffer_ranges(&self, mask: &BlockMask) -> RowRanges {
-        let mut strides = [0; D];
-        for k in 1..D {
-            strides[k] = BUFFER_EDGE.pow(k as u32 - 1);
+    fn buffer_ranges(&self, surface_ranges: &[RowRanges]) -> RowRanges {
+        let mut needed = RowRanges::empty::<D>(BUFFER_EDGE);
+        let margin_x = BLOCK_OFFSET_X - DERIVATIVE_MARGIN;
+        for (ranges, stencil) in surface_ranges.iter().zip(&self.surface_means) {
+            needed.add_around(ranges, margin_x, stencil.taps.iter());
         }
-        // Offset of each row that is read, and the smallest and largest offset along it.
-        let mut offsets: Vec<(isize, [i8; 2])> = Vec::new();
-        for stencil in &self.surface_means {
-            let rows = stencil.offsets(strides).into_iter().map(|tap| tap.0);
-            offsets.extend(rows.zip(stencil.taps.iter().map(|tap| [tap.offset[0] as i8; 2])));
-        }
-        offsets.sort_unstable_by_key(|offset| offset.0);
-        offsets.dedup_by(|next, kept| {
-            let is_same = next.0 == kept.0;
-            if is_same {
-                kept.1 = [kept.1[0].min(next.1[0]), kept.1[1].max(next.1[1])];
-            }
-            is_same
-        });
-        let mut needed = RowRanges::empty(BUFFER_EDGE.pow(D as u32 - 1));
-        let bounds = [&mask.rows_around.start, &mask.rows_around.end];
-        dispatch_simd(
-            #[inline(always)]
-            || {
-                // Rows that are successive along the second axis are processed together.
-                for line in 0..mask.rows_around.start.len() / PADDED_EDGE {
-                    let line_rows = line * PADDED_EDGE..(line + 1) * PADDED_EDGE;
-                    if line_rows
-                        .clone()
-                        .all(|row| mask.rows_around.range(row).is_empty())
-                    {
-                        continue;
-                    }
-                    let (mut remaining, mut at) =
-                        (line, (BLOCK_OFFSET - DERIVATIVE_MARGIN) as isize);
-                    for k in 2..D {
-                        at += ((BLOCK_OFFSET - DERIVATIVE_MARGIN + remaining % PADDED_EDGE)
-                            * strides[k]) as isize;
-                        remaining /= PADDED_EDGE;
-                    }
-                    let line_bounds = bounds.map(|row| &row[line_rows.clone()]);
-                    for &(offset, shifts) in &offsets {
-                        let shifts =
-                            shifts.map(|shift| shift + (BLOCK_OFFSET - DERIVATIVE_MARGIN) as i8);
-                        needed.add_shifted((at + offset) as usize, line_bounds, shifts);
-                    }
-                }
-            },
-        );
         needed
+    }
+
+    /// Returns stencils that read the positions one sample away on both sides of a surface at the
+    /// angle `slot`.
+    fn derivative_stencils(&self, slot: usize) -> [Stencil<D>; 2] {
+        let (_, across) = self.directions(self.angles[slot] as f64);
+        [1.0, -1.0].map(|sign| Stencil::new(vec![(across.map(|c| sign * c), 1.0)]))
     }
 
     /// Computes C and D of every needed sample of the block at every angle. The block begins at
@@ -278,10 +268,10 @@ impl<const D: usize> OrientedFilters<D> {
         ] {
             buffer.resize(rows * self.angles.len() * BLOCK_SIZE, 0.0);
         }
-        let samples = mask.rows_around.start.len() * PADDED_WIDTH_X;
+        let samples = PADDED_EDGE.pow(D as u32 - 1) * PADDED_WIDTH_X;
         scratch.surface.resize(samples, 0.0);
         for slot in 0..self.angles.len() {
-            self.smooth_along_surface(slot, dims, first, mask, scratch);
+            self.smooth_along_surface(slot, dims, first, scratch);
             self.differentiate_across(slot, mask, scratch);
         }
     }
@@ -293,17 +283,21 @@ impl<const D: usize> OrientedFilters<D> {
         slot: usize,
         dims: [usize; D],
         first: [usize; D],
-        mask: &BlockMask,
         scratch: &mut BlockScratch,
     ) {
         let BlockScratch {
             line,
             is_inside,
             inside_share,
+            surface_ranges,
             surface,
             ..
         } = scratch;
-        let buffer_strides = std::array::from_fn(|k| BUFFER_EDGE.pow(k as u32));
+        let needed = &surface_ranges[slot];
+        let buffer_strides: [usize; D] = std::array::from_fn(|k| match k {
+            0 => 1,
+            _ => BUFFER_WIDTH * BUFFER_EDGE.pow(k as u32 - 1),
+        });
         let surface_mean = &self.surface_means[slot];
         let mean_taps = surface_mean.offsets(buffer_strides);
         // Returns `true` if all samples that contribute to means of a row are inside the image.
@@ -319,12 +313,12 @@ impl<const D: usize> OrientedFilters<D> {
         dispatch_simd(
             #[inline(always)]
             || {
-                for row in 0..mask.rows_around.start.len() {
-                    let range = mask.rows_around.range(row);
+                for row in 0..needed.row_count() {
+                    let range = needed.range(row);
                     if range.is_empty() {
                         continue;
                     }
-                    let (mut remaining, mut at) = (row, BLOCK_OFFSET - DERIVATIVE_MARGIN_X);
+                    let (mut remaining, mut at) = (row, BLOCK_OFFSET_X - DERIVATIVE_MARGIN_X);
                     let mut is_row_inside = is_x_inside;
                     for k in 1..D {
                         let i = remaining % PADDED_EDGE;
@@ -338,25 +332,19 @@ impl<const D: usize> OrientedFilters<D> {
                     }
                     let row_shares = (!(is_row_inside || *is_inside)).then_some(&inside_share[..]);
                     let target = row * PADDED_WIDTH_X;
-                    if range.len() <= MAX_SPARSE_ROW_SAMPLES {
-                        let start = (DERIVATIVE_MARGIN_X - DERIVATIVE_MARGIN + range.start)
-                            .min(PADDED_WIDTH_X - MAX_SPARSE_ROW_SAMPLES);
-                        let surface = &mut surface[target + start..];
-                        weighted_means::<MAX_SPARSE_ROW_SAMPLES>(
-                            line,
-                            row_shares,
-                            at + start,
-                            &mean_taps,
-                            surface,
-                        );
-                    } else {
-                        weighted_means::<PADDED_WIDTH_X>(
-                            line,
-                            row_shares,
-                            at,
-                            &mean_taps,
-                            &mut surface[target..],
-                        );
+                    let width = match range.len() {
+                        ..=8 => 8,
+                        9..=16 => 16,
+                        _ => PADDED_WIDTH_X,
+                    };
+                    let start = (DERIVATIVE_MARGIN_X - DERIVATIVE_MARGIN + range.start)
+                        .min(PADDED_WIDTH_X - width);
+                    let (at, out) = (at + start, &mut surface[target + start..]);
+                    let taps = &mean_taps;
+                    match width {
+                        8 => weighted_means::<8>(line, row_shares, at, taps, out),
+                        16 => weighted_means::<16>(line, row_shares, at, taps, out),
+                        _ => weighted_means::<PADDED_WIDTH_X>(line, row_shares, at, taps, out),
                     }
                 }
             },
@@ -376,10 +364,9 @@ impl<const D: usize> OrientedFilters<D> {
             0 => 1,
             _ => PADDED_WIDTH_X * PADDED_EDGE.pow(k as u32 - 1),
         });
-        let (_, across) = self.directions(self.angles[slot] as f64);
-        let [after_taps, before_taps] = [1.0, -1.0].map(|sign| {
-            Stencil::new(vec![(across.map(|c| sign * c), 1.0)]).offsets(padded_strides)
-        });
+        let [after_taps, before_taps] = self
+            .derivative_stencils(slot)
+            .map(|stencil| stencil.offsets(padded_strides));
         dispatch_simd(
             #[inline(always)]
             || {

@@ -17,12 +17,14 @@
 //! - `normal_dispersion`: variation of normals beyond that of a single surface
 //! - `block`: the lines of a block of samples
 //! - `filters`: filters at all angles about a line
+//! - `row_ranges`: the needed samples of each row of a block
 //! - `stencil`: weighted sums of neighbours, of which the filters consist
 
 mod ambiguity;
 mod block;
 mod filters;
 mod normal_dispersion;
+mod row_ranges;
 mod stencil;
 
 use super::candidate::{Candidate, Voxel, nearest_sample};

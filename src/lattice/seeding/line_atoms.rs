@@ -258,7 +258,8 @@ mod tests {
         let tip = line(LineKind::Tip, vec![[10.0, 5.0, 20.0], [10.0, 45.0, 20.0]]);
         let atoms = line_atoms(&[tip, branch], EXTENT, &distance, None);
         let heights: Vec<f64> = atoms.iter().map(|x| x[2]).collect();
-        assert_eq!(heights, [10.0, 17.5, 25.0, 32.5, 40.0]);
+        // 30 samples are 5 distances of 6, which is nearest to .95 d of 6.65.
+        assert_eq!(heights, [10.0, 16.0, 22.0, 28.0, 34.0, 40.0]);
     }
 
     #[test]
@@ -285,6 +286,53 @@ mod tests {
             assert!(x[0] != 1.0, "{x:?}");
         }
         assert!(atoms.iter().filter(|x| x[0] == 20.0).count() >= 9);
+    }
+
+    #[test]
+    fn rows_lie_on_both_surfaces_opposite_the_middles_between_atoms() {
+        let distance = Distance::Constant(7.0);
+        let crossing = line(LineKind::Crossing, straight(|i| i as f64, 61));
+        // Normals along x and y: the surfaces are the planes x = 20 and y = 25.
+        let project = |x: [f64; 3], normal: [f64; 3]| {
+            let on_first = [20.0, x[1], x[2]];
+            let on_second = [x[0], 25.0, x[2]];
+            Some(if normal[0] == 1.0 {
+                on_first
+            } else {
+                on_second
+            })
+        };
+        let lines = [crossing];
+        let count = line_atoms(&lines, EXTENT, &distance, None).len();
+        let atoms = line_atoms(&lines, EXTENT, &distance, Some(&project));
+        let (on_line, rows) = atoms.split_at(count);
+        let spacing = on_line[1][2];
+        // Four rows, and four atoms on the sides of the box at either end.
+        assert_eq!(rows.len(), 4 * (count - 1) + 8);
+        for x in rows {
+            let across = [(x[0] - 20.0).abs(), (x[1] - 25.0).abs()];
+            assert!(across.contains(&0.0), "{x:?}");
+            let row = across[0].max(across[1]) / spacing;
+            if x[2] == 0.0 || x[2] == 60.0 {
+                assert!((row - 1.0).abs() < 1e-12, "{x:?}");
+            } else {
+                assert!((row - ROW_DISTANCE).abs() < 1e-12, "{x:?}");
+                let along = (x[2] / spacing).fract();
+                assert!((along - 0.5).abs() < 1e-9, "{x:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn rows_end_where_a_surface_ends() {
+        let distance = Distance::Constant(7.0);
+        let branch = line(LineKind::Branch, straight(|i| i as f64, 61));
+        // The second surface ends at the first.
+        let project =
+            |x: [f64; 3], normal: [f64; 3]| (normal[0] == 1.0 || x[0] > 20.0).then_some(x);
+        let atoms = line_atoms(&[branch], EXTENT, &distance, Some(&project));
+        assert!(atoms.iter().all(|x| x[0] >= 20.0));
+        assert!(atoms.iter().any(|x| x[0] > 20.0));
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::lattice::distance::Distance;
 const SPACING: f64 = 0.95;
 /// Smallest distance from atoms of other lines, in units of d.
 const MIN_DISTANCE: f64 = 0.7;
-/// The same for atoms of rows, which are close to one another where surfaces meet at small angles.
+/// This distance for atoms of rows, which are close to one another where surfaces meet at small angles.
 const MIN_ROW_DISTANCE: f64 = 0.45;
 /// Smallest distance from a side of the box, except on it, in units of d.
 const MIN_DISTANCE_TO_SIDE: f64 = 0.35;

@@ -28,7 +28,7 @@ fn labels_become_regions_closed_surfaces_and_named_sets() {
         "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core --details",
     );
     let expected =
-        "LOST of label 7: a part of 1 samples at (34, 30, 27); --label 7:distance=0.55 keeps it";
+        "LOST of label 7: a part of 1 sample at (34, 30, 27); --label 7:distance=0.55 keeps it";
     assert!(stdout.contains(expected), "{stdout}");
     assert!(
         stdout.contains("label 7") && stdout.contains("fair"),

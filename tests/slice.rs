@@ -154,7 +154,7 @@ fn impossible_drawings_are_refused() {
         ("slice sheet.vtp --view 3d --up w", "give x, y, z, -x"),
         ("slice line.npy --up z", "give x, y, or -x, -y"),
         ("slice sheet.npy --at 1,2", "has 2 values, not 3"),
-        ("slice sheet.vtp --view 3d --spacing 1,1,1", "omit them"),
+        ("slice sheet.vtp --view 3d --spacing 1,1,1", "omit it"),
         ("slice torn.vtp --view 3d", "torn.vtp"),
         ("slice absent.vtp --view 3d", "absent.vtp"),
         ("slice line.npy sheet.vtp", "the image is 2-D"),

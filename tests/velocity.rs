@@ -338,7 +338,7 @@ fn unusable_velocities_are_refused() {
     for (job, expected) in [
         (
             "mesh v.npy --velocity v.vti -o x.vtu",
-            "--velocity v.vti: converts two-way time to depth in metres, but no",
+            "--velocity v.vti: converts two-way time to depth, but no",
         ),
         (
             "convert s.sgy v.vti --velocity v.vti",

@@ -322,11 +322,14 @@ impl Report {
             1 => "a part of a label is".to_string(),
             parts => format!("{} parts of labels are", group_digits(parts)),
         };
-        let samples = group_digits(worst.largest_samples);
+        let samples = match worst.largest_samples {
+            1 => "1 sample".to_string(),
+            count => format!("{} samples", group_digits(count)),
+        };
         let largest = if worst.is_whole_label {
-            format!("all of label {}, {samples} samples", worst.label)
+            format!("all of label {}, {samples}", worst.label)
         } else {
-            format!("the largest {samples} samples of label {}", worst.label)
+            format!("the largest {samples} of label {}", worst.label)
         };
         Some(Issue {
             message: format!("{parts} lost, {largest}"),

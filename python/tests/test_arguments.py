@@ -98,7 +98,7 @@ def test_a_table_is_a_list_of_rows(faults):
         (np.zeros((4, 4), complex), {}, TypeError, "holds complex128"),
         (np.zeros(5), {}, ValueError, "has shape 5; give an array"),
         (disc(), {"distance": -1}, ValueError, "distance=-1: is not positive; give"),
-        (disc(), {"distance": (10, 4)}, ValueError, "distance=10:4: has a minimum above its maximum"),
+        (disc(), {"distance": (10, 4)}, ValueError, 'distance="10:4": has a minimum above its maximum'),
         (disc(), {"feature": "folds"}, ValueError, "feature="),
         (np.full((9, 9), np.nan), {}, ValueError, "NaN"),
         ("absent.vti", {}, FileNotFoundError, "absent.vti: cannot open"),

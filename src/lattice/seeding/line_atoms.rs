@@ -164,7 +164,7 @@ fn continued_to_sides<const D: usize>(
         points.reverse();
         let Some(&end) = points.last() else { break };
         let d = distance.value_at(end);
-        let is_apart = |x: &&[f64; D]| distance2(*x, &end) >= (END_LENGTH * d).powi(2);
+        let is_apart = |x: &&[f64; D]| distance2(x, &end) >= (END_LENGTH * d).powi(2);
         let start = points.iter().rev().find(is_apart).unwrap_or(&points[0]);
         if *start == end {
             break;

@@ -18,7 +18,8 @@ use crate::lattice::distance::Distance;
 const SPACING: f64 = 0.95;
 /// Smallest distance from atoms of other lines, in units of d.
 const MIN_DISTANCE: f64 = 0.7;
-/// This distance for atoms of rows, which are close to one another where surfaces meet at small angles.
+/// Smallest distance of an atom of a row from other atoms, in units of d. Rows are close to one another
+/// where surfaces meet at small angles.
 const MIN_ROW_DISTANCE: f64 = 0.45;
 /// Smallest distance from a side of the box, except on it, in units of d.
 const MIN_DISTANCE_TO_SIDE: f64 = 0.35;
@@ -31,13 +32,13 @@ const END_LENGTH: f64 = 1.0;
 /// equilateral triangle.
 const ROW_DISTANCE: f64 = 0.87;
 
-/// Returns the point of a surface near a position where its normal is nearly the given one; `None`
-/// if there is none.
+/// A function that takes a position and a normal, and returns the nearest point of a surface with
+/// nearly this normal; `None` if no such surface is near.
 pub type Projection<'a, const D: usize> = &'a dyn Fn([f64; D], [f64; D]) -> Option<[f64; D]>;
 
 /// Returns atoms at equal distances, in units of d, along lines where surfaces meet. Longer lines come
-/// first. Lines that end near a side of the box `[0, extent]` are
-/// continued to it. With a projection onto the surfaces, rows of atoms along the lines follow.
+/// first. Lines that end near a side of the box `[0, extent]` are continued to it. With a projection
+/// onto the surfaces, rows of atoms along the lines follow.
 pub fn line_atoms<const D: usize>(
     lines: &[FeatureLine<D>],
     extent: [f64; D],

@@ -10,8 +10,8 @@
 //! 3. Where two surfaces cross, two facets beside the line share the point in the sharp angle between
 //!    them. The balls on the line determine it, and it determines the balls around the nodes opposite
 //!    the line (see [`Wedge`]).
-//! 4. All balls on one line get the radius, in units of the line's edges, with the fewest covered
-//!    points near the line.
+//! 4. All balls on one line get one radius, in units of the line's edges: the largest at which hardly
+//!    more points near the line are covered than at the best.
 //! 5. Radii are adjusted, one ball at a time, as long as fewer points are covered by other balls or
 //!    too close to their facet or the box's sides.
 //!
@@ -48,11 +48,11 @@ const NEAR_COVER_PENALTY: f64 = 0.3;
 const SMOOTHING_ROUNDS: usize = 2;
 /// Number of rounds in which balls grow where spheres do not meet.
 const GROWTH_ROUNDS: usize = 20;
-/// Smallest radius of balls on a line that is tried, in units of the line's edges, the step between
-/// radii, and the number of steps.
+/// Radii of balls on a line that are tried, in units of the line's edges: the smallest, the step from
+/// one to the next, and their number.
 const LINE_RADII: (f64, f64, usize) = (0.52, 0.01, 14);
-/// Penalty for each shared point that the largest radius may have beyond the least penalty of all radii:
-/// cells at the line grow with the radius.
+/// How far the penalty of the chosen radius may be above the least, for each shared point. Cells at
+/// the line grow with the radius, so the largest such radius is chosen.
 const LINE_PENALTY_TOLERANCE: f64 = 0.4;
 /// Number of rounds in which radii change where points are covered.
 const ADJUSTMENT_ROUNDS: usize = 30;

@@ -104,7 +104,8 @@ impl<const D: usize> FacetSurface<D> {
 
     /// Moves every node once. First nodes on lines move along their line to the middle between the
     /// two adjacent nodes. Then other nodes move to the mean of the facets round them, but only
-    /// along the surface and only if the worst of these facets improves.
+    /// along the surface and only if the worst of these facets improves. The nodes of facets at lines
+    /// where surfaces meet stay.
     fn slide_nodes(&mut self, extent: [f64; D]) {
         let sharp = self.sharp_ridges();
         for (n, ends) in self.line_neighbours(&sharp, extent).into_iter().enumerate() {

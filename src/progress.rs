@@ -144,6 +144,8 @@ pub struct OptimizeStatus {
     pub iterations: usize,
     /// Number of evaluations of the energy, over all rounds.
     pub evaluations: usize,
+    /// Largest number of evaluations, over all rounds.
+    pub max_evaluations: usize,
     /// Current total energy P = (1 - beta) A + beta B.
     pub energy: f64,
     /// Current energy A of the lattice.

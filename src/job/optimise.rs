@@ -1,7 +1,8 @@
 //! Moves the atoms of a lattice to a minimum of the energy.
 
 use super::frame::JobDomain;
-use super::{Evaluator, Params};
+use super::spec::SeedingKind;
+use super::{CellKind, Evaluator, Params};
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{Features, gaussian};
@@ -56,7 +57,8 @@ pub(super) fn optimise<const D: usize>(
     comm: &dyn Comm,
     progress: &mut dyn Progress,
 ) -> Result<optimize::OptimizeResult> {
-    let (options, extent) = (optimize_options(params), frame.extent);
+    let extent = frame.extent;
+    let options = optimize_options(params, &distance.outline());
     let move_atoms = |atoms: &mut OwnedAtoms<D>,
                       potential: &SparseField<D>,
                       distance: &Distance<D>,
@@ -117,44 +119,61 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
         && params.spec.optimizer != optimize::Method::Genetic
 }
 
-/// Divisor of the number of evaluations in a draft.
-const DRAFT_EVALUATION_DIVISOR: usize = 6;
-/// Factor of the number of rounds, and of evaluations, at the best effort.
-const BEST_ROUND_FACTOR: usize = 3;
+/// Most evaluations of the energy for L-BFGS.
+const MAX_EVALUATIONS: usize = 40;
+/// Most evaluations for tetrahedra on a regular lattice. Improvement of the mesh follows, so that
+/// further steps would not make it better.
+const TET_EVALUATIONS: usize = 16;
+/// The same if d varies. It does so where features are close to each other, and there further steps
+/// only crowd the atoms: features lose coverage and slivers take longer to remove.
+const VARYING_TET_EVALUATIONS: usize = 12;
+/// Most evaluations in a draft.
+const DRAFT_EVALUATIONS: usize = 7;
 
 /// Returns the optimiser's options for a job.
-pub(crate) fn optimize_options<const D: usize>(params: &Params<D>) -> optimize::OptimizeOptions {
-    let mut options = default_optimize_options(params.spec.rng_seed)
-        .with_method(params.spec.optimizer, params.spec.kappa != 1.0);
-    match params.spec.effort() {
-        Effort::Draft => {
-            options.max_evaluations = options.max_evaluations.div_ceil(DRAFT_EVALUATION_DIVISOR);
+pub(crate) fn optimize_options<const D: usize>(
+    params: &Params<D>,
+    distance: &Distance<D>,
+) -> optimize::OptimizeOptions {
+    let spec = &params.spec;
+    let evaluations = match spec.effort() {
+        Effort::Draft => DRAFT_EVALUATIONS,
+        Effort::Normal | Effort::Best => {
+            let is_regular = spec.seeding == SeedingKind::Fcc;
+            let is_improved = spec.cell_kind() == CellKind::Simplices && spec.target().is_some();
+            if D == 2 || !is_regular || !is_improved {
+                MAX_EVALUATIONS
+            } else if distance.max_slope() > 0.0 {
+                VARYING_TET_EVALUATIONS
+            } else {
+                TET_EVALUATIONS
+            }
         }
-        Effort::Normal => {}
-        Effort::Best => {
-            options.max_rounds *= BEST_ROUND_FACTOR;
-            options.max_evaluations *= BEST_ROUND_FACTOR;
-        }
-    }
-    if let Some(rounds) = params.spec.rounds {
+    };
+    let mut options = default_optimize_options(spec.rng_seed, evaluations)
+        .with_method(spec.optimizer, spec.kappa != 1.0);
+    if let Some(rounds) = spec.rounds {
         options.max_evaluations = options.max_evaluations / options.max_rounds * rounds;
         options.max_rounds = rounds;
     }
-    if let Some(evaluations) = params.spec.max_evaluations {
+    if let Some(evaluations) = spec.max_evaluations {
         options.max_evaluations = evaluations.get();
     }
     options
 }
 
-/// Returns the default options of the optimiser.
-pub(crate) fn default_optimize_options(seed: u64) -> optimize::OptimizeOptions {
+/// Returns the default options of the optimiser, with L-BFGS and at most `max_evaluations`.
+pub(crate) fn default_optimize_options(
+    seed: u64,
+    max_evaluations: usize,
+) -> optimize::OptimizeOptions {
     optimize::OptimizeOptions {
         seed,
         tolerance: 1e-3,
         // A second round would improve neither quality nor fidelity, as improvement of the mesh
         // follows.
         max_rounds: 1,
-        max_evaluations: 40,
+        max_evaluations,
         ..optimize::OptimizeOptions::default()
     }
 }

@@ -249,8 +249,8 @@ pub struct MeshSpec {
     /// they end when a round gains nothing [default: 1; 3 with --kappa]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub rounds: Option<usize>,
-    /// Largest number of evaluations of the energy in all rounds together [default: 40 a round, more
-    /// with --kappa and for slower optimizers]
+    /// Largest number of evaluations of the energy in all rounds together [default: 12 to 40 a
+    /// round, more with --kappa and for slower optimizers]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_evaluations: Option<NonZeroUsize>,
     /// Number of initial passes on a smoother potential

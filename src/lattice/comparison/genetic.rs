@@ -105,6 +105,7 @@ pub fn evolve<const D: usize>(
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
+                max_evaluations: budget.max_evaluations,
                 energy: min_energy,
                 lattice_energy: parts.lattice,
                 image_energy: parts.image,

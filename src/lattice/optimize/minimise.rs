@@ -210,6 +210,7 @@ impl<'a, const D: usize> Minimiser<'a, D> {
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
+                max_evaluations: budget.max_evaluations,
                 energy: self.energy,
                 lattice_energy: self.parts.lattice,
                 image_energy: self.parts.image,

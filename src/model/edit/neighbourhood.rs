@@ -177,7 +177,7 @@ where
         // Inserted atoms have the highest temperature.
         let temperature = |&i: &usize| self.temperatures.get(i).copied().unwrap_or(1.0);
         let params = context.params;
-        let mut options = job::optimize_options(params);
+        let mut options = job::optimize_options(params, &fields.distance);
         options.temperature = remaining.iter().map(temperature).collect();
         options.temperature.extend(vec![0.0; frozen_count]);
         summary.movable_atoms += options.temperature.iter().filter(|t| **t > 0.0).count();

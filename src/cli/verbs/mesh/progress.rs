@@ -21,8 +21,6 @@ use crate::{Error, Result};
 /// asks for it.
 pub(super) struct MeshProgress<'a> {
     console: &'a mut Console,
-    /// Largest number of evaluations of the energy.
-    max_evaluations: usize,
     interrupts: &'a Interrupts,
     comm: &'a dyn Comm,
     trace_path: Option<&'a Path>,
@@ -56,7 +54,6 @@ impl<'a> MeshProgress<'a> {
         let step = params.spec.metric.step(geometry);
         Self {
             console,
-            max_evaluations: crate::job::optimize_options(params).max_evaluations,
             interrupts,
             comm,
             trace_path: spec.trace.as_deref(),
@@ -160,7 +157,7 @@ impl Progress for MeshProgress<'_> {
 
     fn optimize_step(&mut self, progress: &OptimizeStatus) {
         self.console.progress(
-            progress.evaluations as f64 / self.max_evaluations as f64,
+            progress.evaluations as f64 / progress.max_evaluations as f64,
             format_args!("round {}, energy {:.4e}", progress.round, progress.energy),
         );
     }

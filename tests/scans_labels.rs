@@ -276,8 +276,9 @@ fn a_wall_of_one_sample_is_kept_with_the_options_that_the_verdict_suggests() {
         }
         let verdict = &report["verdict"];
         assert_eq!(verdict["grade"], "fair", "{verdict}");
+        let issue = verdict["issue"].to_string();
         assert!(
-            verdict["issue"].to_string().contains("label 2"),
+            issue.contains("label 2") || issue.contains("labels 1 and 3 touch through holes"),
             "{verdict}"
         );
         let option = verdict["option"].as_str().unwrap().to_string();

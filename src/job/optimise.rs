@@ -121,37 +121,39 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
 
 /// Most evaluations of the energy for L-BFGS.
 const MAX_EVALUATIONS: usize = 40;
-/// Most evaluations for tetrahedra on a regular lattice. Improvement of the mesh follows, so that
-/// further steps would not make it better.
+/// Most evaluations for tetrahedra on a regular lattice. The mesh is improved later, so that further
+/// steps would not make it better.
 const TET_EVALUATIONS: usize = 16;
 /// The same if d varies. It does so where features are close to each other, and there further steps
 /// only crowd the atoms: features lose coverage and slivers take longer to remove.
 const VARYING_TET_EVALUATIONS: usize = 12;
 /// Most evaluations in a draft.
 const DRAFT_EVALUATIONS: usize = 7;
+/// Factor of the number of rounds, and of evaluations, at the best effort.
+const BEST_ROUND_FACTOR: usize = 3;
 
 /// Returns the optimiser's options for a job.
 pub(crate) fn optimize_options<const D: usize>(
     params: &Params<D>,
     distance: &Distance<D>,
 ) -> optimize::OptimizeOptions {
-    let spec = &params.spec;
-    let evaluations = match spec.effort() {
+    let (spec, effort) = (&params.spec, params.spec.effort());
+    let is_improved_later = D == 3
+        && spec.cell_kind() == CellKind::Simplices
+        && spec.target().is_some()
+        && spec.seeding == SeedingKind::Fcc;
+    let evaluations = match effort {
         Effort::Draft => DRAFT_EVALUATIONS,
-        Effort::Normal | Effort::Best => {
-            let is_regular = spec.seeding == SeedingKind::Fcc;
-            let is_improved = spec.cell_kind() == CellKind::Simplices && spec.target().is_some();
-            if D == 2 || !is_regular || !is_improved {
-                MAX_EVALUATIONS
-            } else if distance.max_slope() > 0.0 {
-                VARYING_TET_EVALUATIONS
-            } else {
-                TET_EVALUATIONS
-            }
-        }
+        _ if !is_improved_later => MAX_EVALUATIONS,
+        _ if distance.max_slope() > 0.0 => VARYING_TET_EVALUATIONS,
+        _ => TET_EVALUATIONS,
     };
     let mut options = default_optimize_options(spec.rng_seed, evaluations)
         .with_method(spec.optimizer, spec.kappa != 1.0);
+    if effort == Effort::Best && !is_improved_later {
+        options.max_rounds *= BEST_ROUND_FACTOR;
+        options.max_evaluations *= BEST_ROUND_FACTOR;
+    }
     if let Some(rounds) = spec.rounds {
         options.max_evaluations = options.max_evaluations / options.max_rounds * rounds;
         options.max_rounds = rounds;

@@ -231,6 +231,14 @@ impl<const D: usize> LabelMap<D> {
 
     /// Returns the index of the label at a position in lattice space.
     pub fn label_at(&self, x: [f64; D]) -> u32 {
+        let (mut first, mut is_same) = (None, true);
+        self.for_each_weight(x, |i, _| {
+            let label = self.winner[i];
+            is_same &= *first.get_or_insert(label) == label;
+        });
+        if let (Some(label), true) = (first, is_same) {
+            return label;
+        }
         // A position in space has at most eight samples around it.
         let (mut sums, mut count) = ([(0u32, 0.0f64); 8], 0);
         self.for_each_weight(x, |i, weight| {

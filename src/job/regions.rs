@@ -23,6 +23,9 @@ use crate::report::{Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSumm
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
 const MIN_KEPT_SHARE: f64 = 0.25;
 
+/// Number of cells whose sample points one task visits.
+const CELLS_PER_TASK: usize = 1 << 12;
+
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
 /// index of each cell.
 pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
@@ -198,29 +201,33 @@ impl<const D: usize> LabelledImage<'_, D> {
     fn kept_volumes(&self, sample_points: &SamplePoints<'_, D>, label_indices: &[u32]) -> Vec<f64> {
         let (step, dims, parts) = (self.step, self.image.dims(), &self.parts);
         let volume = Volume::new(dims, &[]);
-        let cell_parts: Vec<Vec<(u32, f64)>> = (0..label_indices.len())
-            .into_par_iter()
-            .map(|c| {
-                let (mut part_volumes, mut count) = (Vec::new(), 0.0f64);
+        let part_volumes = |cells: &[u32], first: usize| {
+            let (mut part_volumes, mut part_counts) = (Vec::new(), Vec::new());
+            for (c, &label) in (first..).zip(cells) {
+                part_counts.clear();
+                let mut count = 0.0f64;
                 sample_points.for_each(c, |x| {
-                    let at = std::array::from_fn(|k| {
-                        ((x[k] / step[k]).round().max(0.0) as usize).min(dims[k] - 1)
-                    });
+                    let at =
+                        std::array::from_fn(|k| ((x[k] / step[k] + 0.5) as usize).min(dims[k] - 1));
                     let i = volume.index(at);
                     count += 1.0;
-                    if self.indices[i] == label_indices[c] {
+                    if self.indices[i] == label {
                         let part = parts.component_of_sample[i];
-                        match part_volumes.iter_mut().find(|(known, _)| *known == part) {
+                        match part_counts.iter_mut().find(|(known, _)| *known == part) {
                             Some((_, sum)) => *sum += 1.0,
-                            None => part_volumes.push((part, 1.0)),
+                            None => part_counts.push((part, 1.0)),
                         }
                     }
                 });
-                part_volumes
-                    .iter_mut()
-                    .for_each(|(_, sum)| *sum *= sample_points.volumes[c] / count);
-                part_volumes
-            })
+                let volume_of = |&(part, sum)| (part, sum * sample_points.volumes[c] / count);
+                part_volumes.extend(part_counts.iter().map(volume_of));
+            }
+            part_volumes
+        };
+        let cell_parts: Vec<Vec<(u32, f64)>> = label_indices
+            .par_chunks(CELLS_PER_TASK)
+            .enumerate()
+            .map(|(task, cells)| part_volumes(cells, task * CELLS_PER_TASK))
             .collect();
         let mut kept_volume = vec![0.0; parts.components.len()];
         for &(part, volume) in cell_parts.iter().flatten() {

@@ -15,7 +15,7 @@ use crate::parallel::prelude::*;
 use super::check::CellChecks;
 use super::complex::{self, NONE};
 use super::poly::{FaceNeighbour, Lists, PolyMesh};
-use super::quality::{BLOCK_SIZE, CornerBlock, SimplexShape, SimplexShapeBlock};
+use super::quality::{self, BLOCK_SIZE, CornerBlock, SimplexShape, SimplexShapeBlock};
 use super::{TetMesh, TriMesh, tri};
 use crate::error::cause;
 use crate::geometry::{cross, hypot, norm, sorted, sub, volume6};
@@ -157,6 +157,15 @@ pub trait Simplices<const D: usize>: Mesh<D> {
 
     /// Measures the shape of cell `c`.
     fn shape(&self, c: usize) -> SimplexShape<Self::Cosines>;
+
+    /// Returns the smallest sine of the angles of cell `c`; negative if the cell is inverted.
+    fn min_sine(&self, c: usize) -> f64 {
+        let shape = self.shape(c);
+        let cosines = shape.cosines.as_ref().iter();
+        let max_cosine = cosines.fold(0.0, |max, cosine| cosine.abs().max(max));
+        let sine = (1.0 - max_cosine * max_cosine).max(0.0).sqrt();
+        if shape.volume > 0.0 { sine } else { -sine }
+    }
 
     /// Measures the shapes of a range of cells, in order.
     fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(SimplexShape<Self::Cosines>)) {
@@ -324,6 +333,10 @@ impl Simplices<3> for TetMesh {
 
     fn shape(&self, c: usize) -> SimplexShape {
         SimplexShape::from_corners(&self.corners(c))
+    }
+
+    fn min_sine(&self, c: usize) -> f64 {
+        quality::min_sine(&self.corners(c))
     }
 
     fn shapes(&self, cells: Range<usize>, mut visit: impl FnMut(SimplexShape)) {

@@ -42,7 +42,7 @@ impl<'a, const D: usize> SamplePoints<'a, D> {
         Self {
             visit_cell: Box::new(visit_cell),
             count: mesh.len(),
-            volumes: (0..mesh.len()).map(|c| mesh.volume(c)).collect(),
+            volumes: mesh.volumes(),
         }
     }
 

@@ -154,6 +154,15 @@ pub fn fit<const D: usize, M: Simplices<D>>(
     let star_cells: Vec<u32> = slots.iter().map(|slot| slot / (D as u32 + 1)).collect();
     let star = |n: u32| &star_cells[start[n as usize] as usize..start[n as usize + 1] as usize];
     let cell_faces = fitting.interface_faces();
+    let mut nodes: Vec<u32> = (cell_faces.iter())
+        .flat_map(|&(c, k)| mesh.face(c as usize, k as usize))
+        .collect();
+    nodes.par_sort_unstable();
+    nodes.dedup();
+    let mut index_of_node = vec![0; mesh.nodes().len()];
+    for (i, &n) in nodes.iter().enumerate() {
+        index_of_node[n as usize] = i;
+    }
     let count = fitting.labelled.labels.len();
     let step = fitting.labelled.min_step();
     let mut shifts: BTreeMap<[u32; 2], f64> = BTreeMap::new();
@@ -184,11 +193,10 @@ pub fn fit<const D: usize, M: Simplices<D>>(
         }
         let tips = fitting.find_tips(&*mesh, &faces);
         let shift_of = |pair| shifts.get(&pair).copied().unwrap_or(0.0);
-        let mut equations: BTreeMap<u32, MoveEquations<D>> = BTreeMap::new();
+        let mut equations = vec![MoveEquations::<D>::default(); nodes.len()];
         for face in &faces {
             for (&n, &(offset, confidence)) in face.nodes.iter().zip(&face.offsets) {
-                let equation = equations.entry(n).or_default();
-                equation.add(
+                equations[index_of_node[n as usize]].add(
                     face.normal,
                     offset + shift_of(face.regions),
                     confidence * face.area,
@@ -202,12 +210,12 @@ pub fn fit<const D: usize, M: Simplices<D>>(
             ..
         } in tips
         {
-            let equation = equations.entry(node).or_default();
+            let equation = &mut equations[index_of_node[node as usize]];
             let weight = (0..D).map(|i| equation.matrix[i][i]).sum::<f64>();
             *equation = MoveEquations::default();
             equation.add(direction, distance, weight.max(1.0));
         }
-        for (&n, equation) in &equations {
+        for (&n, equation) in nodes.iter().zip(&equations) {
             if let Some(displacement) = fitting.allowed_move(&*mesh, n, equation) {
                 fitting.try_move(mesh, n, displacement, star(n));
             }
@@ -219,12 +227,13 @@ impl<const D: usize> InterfaceFit<'_, D> {
     /// Returns the faces between regions, each as the cell with the smaller label and the index of
     /// the face in that cell.
     fn interface_faces(&self) -> Vec<(u32, u32)> {
+        let separates = |&(c, k): &(u32, u32)| {
+            let neighbor = self.neighbors[(D + 1) * c as usize + k as usize];
+            neighbor != NONE && self.regions[c as usize] < self.regions[neighbor as usize]
+        };
         (0..self.regions.len() as u32)
-            .flat_map(|c| (0..=D as u32).map(move |k| (c, k)))
-            .filter(|&(c, k)| {
-                let neighbor = self.neighbors[(D + 1) * c as usize + k as usize];
-                neighbor != NONE && self.regions[c as usize] < self.regions[neighbor as usize]
-            })
+            .into_par_iter()
+            .flat_map_iter(|c| (0..=D as u32).map(move |k| (c, k)).filter(separates))
             .collect()
     }
 
@@ -367,9 +376,12 @@ impl<const D: usize> InterfaceFit<'_, D> {
             return;
         }
         let scale = (MAX_MOVE_RATIO * shortest / length).min(1.0);
-        let mut min_allowed = self.worst_angle(mesh, star).min(self.min_angle);
+        let mut min_sine = self.min_angle.to_radians().sin();
+        for &c in star {
+            min_sine = min_sine.min(mesh.min_sine(c as usize));
+        }
         if length > MIN_SPIKE_LENGTH * self.labelled.min_step() {
-            min_allowed = min_allowed.min(MIN_SPIKE_ANGLE);
+            min_sine = min_sine.min(MIN_SPIKE_ANGLE.to_radians().sin());
         }
         for fraction in STEP_FRACTIONS {
             let mut trial = add_scaled(x, scale * fraction, displacement);
@@ -377,25 +389,11 @@ impl<const D: usize> InterfaceFit<'_, D> {
                 trial[k] = trial[k].clamp(0.0, self.extent[k]);
             }
             mesh.parts_mut().0[n as usize] = trial;
-            if self.worst_angle(mesh, star) >= min_allowed {
+            if star.iter().all(|&c| mesh.min_sine(c as usize) >= min_sine) {
                 return;
             }
         }
         mesh.parts_mut().0[n as usize] = x;
-    }
-
-    /// Returns the smallest difference, in degrees, between an angle of the cells and 0 or 180
-    /// degrees; negative if a cell is inverted.
-    fn worst_angle<M: Simplices<D>>(&self, mesh: &M, star: &[u32]) -> f64 {
-        let angle = |&c: &u32| {
-            if mesh.volume(c as usize) <= 0.0 {
-                return -1.0;
-            }
-            let cosines = mesh.shape(c as usize).cosines;
-            let max_cosine = cosines.as_ref().iter().fold(0.0, |max, c| c.abs().max(max));
-            max_cosine.acos().to_degrees()
-        };
-        star.iter().map(angle).fold(180.0, f64::min)
     }
 }
 

@@ -23,8 +23,8 @@ fn region_volumes<const D: usize, M: Simplices<D>>(
     count: usize,
 ) -> Vec<f64> {
     let mut volumes = vec![0.0; count];
-    for (c, &region) in regions.iter().enumerate() {
-        volumes[region as usize] += mesh.volume(c);
+    for (region, volume) in regions.iter().zip(mesh.volumes()) {
+        volumes[*region as usize] += volume;
     }
     volumes
 }

@@ -124,8 +124,9 @@ const MAX_EVALUATIONS: usize = 40;
 /// Most evaluations for tetrahedra on a regular lattice. The mesh is improved later, so that further
 /// steps would not make it better.
 const TET_EVALUATIONS: usize = 16;
-/// The same if d varies. It does so where features are close to each other, and there further steps
-/// only crowd the atoms: features lose coverage and slivers take longer to remove.
+/// Most evaluations for tetrahedra if d varies. It does so where features are close to each other,
+/// and there further steps only crowd the atoms: features lose coverage and slivers take longer to
+/// remove.
 const VARYING_TET_EVALUATIONS: usize = 12;
 /// Most evaluations in a draft.
 const DRAFT_EVALUATIONS: usize = 7;

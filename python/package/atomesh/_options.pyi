@@ -104,8 +104,8 @@ class MeshOptions(TypedDict, total=False):
     #: Largest number of rounds, each of which perturbs atoms at random and minimises the energy;
     #: they end when a round gains nothing [default: 1; 3 with --kappa]
     rounds: int | None
-    #: Largest number of evaluations of the energy in all rounds together [default: 40 a round,
-    #: more with --kappa and for slower optimizers]
+    #: Largest number of evaluations of the energy in all rounds together [default: 12 to 40 a
+    #: round, more with --kappa and for slower optimizers]
     max_evaluations: _Value | None
     #: Number of initial passes on a smoother potential
     coarse_to_fine: int | None

@@ -242,7 +242,11 @@ impl TetImprover<'_> {
 
     /// Smooths each of the nodes once. Nodes without a common tetrahedron are smoothed at the same
     /// time.
-    fn smooth_all(&mut self, mut nodes: Vec<u32>, cancel: &CancelToken<'_>) -> Result<()> {
+    pub(super) fn smooth_all(
+        &mut self,
+        mut nodes: Vec<u32>,
+        cancel: &CancelToken<'_>,
+    ) -> Result<()> {
         nodes.retain(|&n| self.constraints[n as usize].fixed_axes != 7);
         let stars = self.collect_node_tets(&nodes);
         for group in self.independent_groups(&nodes, &stars) {

@@ -587,6 +587,9 @@ impl TetImprover<'_> {
             self.flip_and_smooth_within(*deviation, rounds[1], cancel)?;
             self.repair(cancel)?;
         }
+        if self.effort != Effort::Draft {
+            self.smooth_around_poor(cancel)?;
+        }
         self.release_nodes(cancel)?;
         if self.effort == Effort::Best {
             start_stage(stage_count - 1);

@@ -93,6 +93,30 @@ impl TetImprover<'_> {
         Ok(())
     }
 
+    /// Smooths also the nodes next to those of the tetrahedra that are still below target, and
+    /// repairs these again. Some are below target only because their neighbours leave them no room.
+    ///
+    /// # Errors
+    /// Returns an error if another rank that shares the work fails.
+    pub(super) fn smooth_around_poor(&mut self, cancel: &CancelToken<'_>) -> Result<()> {
+        for _ in 0..MAX_ROUNDS {
+            let below_target = self.tets_below_target();
+            if below_target.is_empty() || self.has_too_many(below_target.len()) {
+                break;
+            }
+            let tets = &self.complex.tets;
+            let nodes_of =
+                |tets_at: &[u32]| sorted_distinct(tets_at.iter().flat_map(|&t| tets[t as usize]));
+            let around = self.collect_node_tets(&nodes_of(&below_target));
+            let nodes = nodes_of(&around.into_distinct_tets());
+            self.smoothing_target = 1.0;
+            self.smooth_all(nodes, cancel)?;
+            self.flip_and_smooth(1, cancel)?;
+            self.repair(cancel)?;
+        }
+        Ok(())
+    }
+
     /// Returns the largest number of tetrahedra that are repaired in a round.
     fn max_tets_per_round(&self) -> usize {
         MAX_TETS_PER_ROUND.max(self.complex.tets.len() / 100)

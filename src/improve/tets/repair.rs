@@ -104,11 +104,13 @@ impl TetImprover<'_> {
             if below_target.is_empty() || self.has_too_many(below_target.len()) {
                 break;
             }
-            let tets = &self.complex.tets;
-            let nodes_of =
-                |tets_at: &[u32]| sorted_distinct(tets_at.iter().flat_map(|&t| tets[t as usize]));
+            let nodes_of = |slots: &[u32]| {
+                sorted_distinct(slots.iter().flat_map(|&t| self.complex.tets[t as usize]))
+            };
             let around = self.collect_node_tets(&nodes_of(&below_target));
-            let nodes = nodes_of(&around.into_distinct_tets());
+            let mut around = around.into_distinct_tets();
+            around.retain(|&t| self.is_in_range(&self.complex.tets[t as usize]));
+            let nodes = nodes_of(&around);
             self.smoothing_target = 1.0;
             self.smooth_all(nodes, cancel)?;
             self.flip_and_smooth(1, cancel)?;

@@ -30,7 +30,7 @@ fn seismic3d() {
     assert_eq!((info.dt_ms, info.t0_ms), (Some(3.0), 999.0));
     assert!(has_note(
         &loaded,
-        "bytes 181 and 185 only repeat the line numbers"
+        "bytes 181 and 185 are not used: they only repeat the line numbers"
     ));
     // Source X, Y are local metres: a grid of 25 m x 12.5 m, up to rounding.
     let fit = info.fit.as_ref().unwrap();

@@ -121,12 +121,9 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
 
 /// Most evaluations of the energy for L-BFGS.
 const MAX_EVALUATIONS: usize = 40;
-/// Most evaluations for tetrahedra on a regular lattice. The mesh is improved later, so that further
-/// steps would not make it better.
-const TET_EVALUATIONS: usize = 16;
-/// Most evaluations for tetrahedra if d varies. It does so where features are close to each other,
-/// and there further steps only crowd the atoms: features lose coverage and slivers take longer to
-/// remove.
+/// Most evaluations for tetrahedra that are improved later if d varies. It does so where features are
+/// close to each other, and there further steps only crowd the atoms: features lose coverage and
+/// slivers take longer to remove.
 const VARYING_TET_EVALUATIONS: usize = 12;
 /// Most evaluations in a draft.
 const DRAFT_EVALUATIONS: usize = 7;
@@ -145,9 +142,8 @@ pub(crate) fn optimize_options<const D: usize>(
         && spec.seeding == SeedingKind::Fcc;
     let evaluations = match effort {
         Effort::Draft => DRAFT_EVALUATIONS,
-        _ if !is_improved_later => MAX_EVALUATIONS,
-        _ if distance.max_slope() > 0.0 => VARYING_TET_EVALUATIONS,
-        _ => TET_EVALUATIONS,
+        _ if is_improved_later && distance.max_slope() > 0.0 => VARYING_TET_EVALUATIONS,
+        _ => MAX_EVALUATIONS,
     };
     let mut options = default_optimize_options(spec.rng_seed, evaluations)
         .with_method(spec.optimizer, spec.kappa != 1.0);

@@ -20,7 +20,7 @@ use super::assign::directions;
 use super::{balance, region_volumes};
 use crate::feature::LabelMap;
 use crate::geometry::counting_sort::sort_by_group;
-use crate::geometry::{add_scaled, dot, norm, normal, sub, unit};
+use crate::geometry::{add_scaled, dot, norm, normal, sorted_distinct, sub, unit};
 use crate::lattice::AtomKind;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
@@ -154,11 +154,8 @@ pub fn fit<const D: usize, M: Simplices<D>>(
     let star_cells: Vec<u32> = slots.iter().map(|slot| slot / (D as u32 + 1)).collect();
     let star = |n: u32| &star_cells[start[n as usize] as usize..start[n as usize + 1] as usize];
     let cell_faces = fitting.interface_faces();
-    let mut nodes: Vec<u32> = (cell_faces.iter())
-        .flat_map(|&(c, k)| mesh.face(c as usize, k as usize))
-        .collect();
-    nodes.par_sort_unstable();
-    nodes.dedup();
+    let nodes_of_face = |&(c, k): &(u32, u32)| mesh.face(c as usize, k as usize);
+    let nodes = sorted_distinct(cell_faces.iter().flat_map(nodes_of_face));
     let mut index_of_node = vec![0; mesh.nodes().len()];
     for (i, &n) in nodes.iter().enumerate() {
         index_of_node[n as usize] = i;

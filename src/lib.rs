@@ -5,6 +5,7 @@
 //! ```text
 //! error     the error type: place, problem and remedy
 //! option_text values of options as texts
+//! units     units of length and time, and their names
 //! progress  reports progress, and stops long work
 //! memory    checks that a task fits into memory
 //! parallel  parallel iterators
@@ -77,6 +78,7 @@ pub mod progress;
 pub mod report;
 pub mod store;
 pub mod surface_file;
+pub(crate) mod units;
 
 pub use error::{Error, ErrorKind, Result};
 pub use export::convert::{ConvertSpec, convert};

@@ -16,6 +16,7 @@
 //! - `layers`: samples of an image in memory or in a file, some layers at a time
 //! - `live_mask`: the samples that hold data, and the gaps between them
 //! - `nulls`: finds samples that hold no data
+//! - `stated`: statements of files about their coordinates
 //! - `formats`: image files
 //! - `synth`: synthetic images with exactly known features
 
@@ -30,6 +31,7 @@ pub(crate) mod live_mask;
 pub(crate) mod modality;
 pub(crate) mod nulls;
 pub(crate) mod sparse_field;
+pub mod stated;
 pub mod synth;
 pub(crate) mod time;
 pub(crate) mod time_depth;

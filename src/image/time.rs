@@ -2,6 +2,7 @@
 
 use super::Geometry;
 use crate::error::cause;
+use crate::units::{self, Quantity};
 use crate::{Error, Result};
 
 /// Smallest velocity, in m/s, that any rock has. Lower values are velocities in km/s.
@@ -20,26 +21,16 @@ fn remedy_per_second(velocity: f64) -> String {
 
 /// Returns the number of seconds in a unit of time, or `None` if it is not a unit of time.
 pub(crate) fn seconds_per_unit(unit: &str) -> Option<f64> {
-    match unit {
-        "s" => Some(1.0),
-        "ms" => Some(1e-3),
-        "us" => Some(1e-6),
-        _ => None,
-    }
+    units::find(unit)
+        .filter(|unit| unit.quantity == Quantity::Time)
+        .map(|unit| unit.size)
 }
 
 /// Returns the number of metres in a unit of length, or `None` if it is not one that is known.
 pub(crate) fn metres_per_unit(unit: &str) -> Option<f64> {
-    match unit {
-        "m" => Some(1.0),
-        "km" => Some(1e3),
-        "cm" => Some(1e-2),
-        "mm" => Some(1e-3),
-        "um" | "\u{b5}m" | "\u{3bc}m" | "micron" | "micrometer" => Some(1e-6),
-        "nm" => Some(1e-9),
-        "ft" => Some(0.3048),
-        _ => None,
-    }
+    units::find(unit)
+        .filter(|unit| unit.quantity == Quantity::Length)
+        .map(|unit| unit.size)
 }
 
 /// Returns the number of metres in a unit of a coordinate where no velocity is given: two-way time

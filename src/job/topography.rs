@@ -342,6 +342,7 @@ mod tests {
                 name: "ground".into(),
                 is_horizon: Some(true),
                 shape: PickedShape::Triangles(triangles.collect()),
+                coordinates: Default::default(),
             },
         }
     }

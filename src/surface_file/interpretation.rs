@@ -27,6 +27,7 @@ use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
+use crate::image::stated::StatedCoordinates;
 use crate::mesh::delaunay::delaunay_plane;
 
 /// A surface that a user gives, in physical coordinates.
@@ -38,6 +39,8 @@ pub struct PickedSurface {
     pub is_horizon: Option<bool>,
     /// The triangles or the points.
     pub shape: PickedShape,
+    /// The statements of the file about its coordinates.
+    pub coordinates: StatedCoordinates,
 }
 
 /// The shape of a surface that a user gives.
@@ -89,6 +92,7 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
                 name: stem,
                 is_horizon: None,
                 shape: PickedShape::Points(parse_points(path, &text)?),
+                coordinates: StatedCoordinates::default(),
             }]
         }
     };
@@ -126,6 +130,7 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
             }),
             name,
             shape: PickedShape::Triangles(triangles),
+            coordinates: file.stated.clone(),
         }
     };
     by_name.into_iter().map(surface).collect()
@@ -157,6 +162,7 @@ fn read_grid(path: &Path, format: ImageFormat, name: String) -> Result<PickedSur
         name,
         is_horizon: Some(true),
         shape: PickedShape::Triangles(grid_triangles(&grid.image)),
+        coordinates: StatedCoordinates::default(),
     })
 }
 

@@ -16,6 +16,7 @@ use crate::files::vtk::DataArray;
 use crate::files::vtk::pieces::FieldValue;
 use crate::geometry::{sorted_distinct, to_3d};
 use crate::image::Geometry;
+use crate::image::stated::StatedCoordinates;
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -36,6 +37,8 @@ pub struct SurfaceFile<const D: usize> {
     pub units: [String; 3],
     /// `true` if z grows upwards.
     pub z_up: bool,
+    /// The statements of the file about its coordinates, if the surfaces were read.
+    pub stated: StatedCoordinates,
 }
 
 impl<const D: usize> SurfaceFile<D> {
@@ -54,6 +57,7 @@ impl<const D: usize> SurfaceFile<D> {
             field_data: vec![("atomesh_version".into(), version)],
             units: Default::default(),
             z_up: true,
+            stated: StatedCoordinates::default(),
         }
     }
 

@@ -7,6 +7,7 @@ use super::{AnyImage, SegyBytes, open};
 use crate::error::{Error, Result, cause};
 use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
+use crate::units::{self, Quantity};
 
 /// End of the note that a reader writes for a file without geometry.
 pub(crate) const NO_GEOMETRY_NOTE: &str = "does not say where its samples lie: they are taken to be 1 apart, the first at 0 (--axes, --spacing, --unit)";
@@ -77,15 +78,9 @@ impl AxisSpec {
 /// Returns the short name of a unit of length as microscopes write it, or `None` if it is not a
 /// known unit of length.
 pub fn length_unit(name: &str) -> Option<&'static str> {
-    Some(match name.trim().trim_matches('"') {
-        "um" | "micron" | "microns" | "micrometer" | "micrometre" | "\u{b5}m" | "\u{3bc}m"
-        | "\\u00B5m" | "\\u00b5m" => "um",
-        "nm" | "nanometer" | "nanometre" => "nm",
-        "mm" | "millimeter" | "millimetre" => "mm",
-        "cm" | "centimeter" | "centimetre" => "cm",
-        "m" | "meter" | "metre" => "m",
-        _ => return None,
-    })
+    units::find(name)
+        .filter(|unit| unit.quantity == Quantity::Length)
+        .map(|unit| unit.symbol)
 }
 
 impl ImagePlacement {

@@ -10,7 +10,9 @@ use crate::Result;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::model::surface::SurfaceKind;
-use crate::names::{NameEntry, NameRules, NameSource, NameTable, WantedName, assign, is_identifier};
+use crate::names::{
+    NameEntry, NameRules, NameSource, NameTable, WantedName, assign, is_identifier,
+};
 
 /// The form in which a file holds regions or named faces.
 #[derive(Debug, Clone, Copy)]
@@ -85,7 +87,9 @@ impl FormatNames {
             ("wells", self.wells),
             ("multipliers", self.multipliers),
         ];
-        all.into_iter().filter_map(|(kind, rules)| Some((kind, rules?))).collect()
+        all.into_iter()
+            .filter_map(|(kind, rules)| Some((kind, rules?)))
+            .collect()
     }
 
     /// Rules of formats in which regions and faces have names by the same rules, distinct from one
@@ -162,7 +166,7 @@ impl ExportNames {
                 WantedName::given_or(model.region_name(region), default)
             })
             .collect();
-        let given = PROGRAM_NAME_COUNT + model.surfaces.names.len();
+        let given = PROGRAM_NAME_COUNT + model.surfaces.names.len().min(model.surfaces.kept_count);
         let face_source = |index: usize| match index {
             _ if index < PROGRAM_NAME_COUNT => NameSource::Program,
             _ if index < given => NameSource::Given,
@@ -186,7 +190,15 @@ impl ExportNames {
         let (written_regions, elements, written_faces) =
             self.assign_spaces(&wanted_regions, &wanted_faces, &split);
         self.list_regions(model, &regions, &wanted_regions, &written_regions);
-        self.list_faces(&model_names, &written_faces);
+        let own_names = model.surfaces.names.iter().take(model.surfaces.kept_count);
+        let mut names_in_mesh = model_names.clone();
+        for (name, own_name) in names_in_mesh[PROGRAM_NAME_COUNT..]
+            .iter_mut()
+            .zip(own_names)
+        {
+            name.clone_from(own_name);
+        }
+        self.list_faces(&names_in_mesh, &written_faces);
         let sides = &written_faces[model_names.len()..];
         let pairs = split.iter().zip(elements).zip(sides.as_chunks::<2>().0);
         self.split = (pairs)

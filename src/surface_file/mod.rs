@@ -3,9 +3,11 @@
 //! - `tsurf`: GOCAD surfaces and lines
 //! - `vtp`: VTK poly data
 //! - `sticks`: fault sticks
+//! - `joining`: fault sticks become surfaces
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 
 pub mod interpretation;
+pub mod joining;
 pub mod sticks;
 pub mod tsurf;
 pub mod vtp;

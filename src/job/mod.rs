@@ -25,11 +25,12 @@
 //! - `horizons`: the faces that lie on horizons
 //! - `named_faces`: the faces on surfaces that the user gives
 //! - `features`: detects features alone
-//! - `well_file`: trajectories of wells in CSV files
+//! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
 //! result into physical coordinates.
 
+pub(crate) mod atom_file;
 mod canny;
 pub(crate) mod cells;
 mod checkpoint;

@@ -3,9 +3,14 @@
 //! - `tsurf`: GOCAD surfaces and lines
 //! - `vtp`: VTK poly data
 //! - `sticks`: fault sticks
+//! - `joining`: fault sticks become surfaces
+//! - `place_columns`, `point_table`: points and sticks in tables
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 
 pub mod interpretation;
+pub mod joining;
+pub mod place_columns;
+pub mod point_table;
 pub mod sticks;
 pub mod tsurf;
 pub mod vtp;

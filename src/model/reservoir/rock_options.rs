@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
-use crate::files::csv::values_by_region;
+use crate::files::table::values_by_region;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};

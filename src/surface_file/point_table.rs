@@ -12,6 +12,7 @@ use super::sticks::{FaultSticks, Stick};
 use crate::error::cause;
 use crate::files::table::{Table, TableRow};
 use crate::image::stated::{Domain, StatedCoordinates};
+use crate::names;
 use crate::{Error, Result};
 
 /// Points of a table that can be read in several ways.
@@ -371,7 +372,7 @@ impl Groups {
             };
             surfaces.push(PickedSurface {
                 is_horizon: self.is_horizon(&group.name),
-                name: joined_words(&group.name),
+                name: names::from_file(&group.name),
                 shape,
                 coordinates: readings[0].coordinates.clone(),
                 notes,
@@ -388,11 +389,6 @@ fn has_repeated_names(table: &Table, column: usize) -> bool {
         .filter_map(|row| row.text(column).map(String::from))
         .collect();
     3 * names.len() <= table.rows().count()
-}
-
-/// Returns the words of a name with `_` between them.
-fn joined_words(name: &str) -> String {
-    name.split_whitespace().collect::<Vec<_>>().join("_")
 }
 
 impl Group {
@@ -641,7 +637,7 @@ mod tests {
             let text = format!("x;{column};y;z\n1;Top A;2;3\n4;Base;5;6\n7;Top A;8;9\n");
             let surfaces = read(&text);
             let names: Vec<&str> = surfaces.iter().map(|surface| &*surface.name).collect();
-            assert_eq!(names, ["Top_A", "Base"]);
+            assert_eq!(names, ["Top A", "Base"]);
             assert_eq!(surfaces[0].is_horizon, kinds, "{column}");
             assert_eq!(
                 surfaces[0].shape,

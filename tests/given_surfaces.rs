@@ -81,8 +81,8 @@ fn read_objects(path: &Path) -> BTreeMap<String, Vec<[[f64; 3]; 3]>> {
                 let corners = [1, 2, 3].map(|k| nodes[number(k) as usize - 1]);
                 objects.entry(name.clone()).or_default().push(corners);
             }
-            first => {
-                if let Some(text) = first.strip_prefix("name:") {
+            _ => {
+                if let Some(text) = line.strip_prefix("name:") {
                     name = text.into();
                 }
             }

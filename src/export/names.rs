@@ -198,7 +198,7 @@ impl ExportNames {
         {
             name.clone_from(own_name);
         }
-        self.list_faces(&names_in_mesh, &written_faces);
+        self.list_faces(&names_in_mesh, &written_faces, face_source);
         let sides = &written_faces[model_names.len()..];
         let pairs = split.iter().zip(elements).zip(sides.as_chunks::<2>().0);
         self.split = (pairs)
@@ -215,6 +215,7 @@ impl ExportNames {
                 name: model_names[surface.number as usize - 1].clone(),
                 written: surface.elements.clone(),
                 is_numbered: false,
+                is_given: face_source(surface.number as usize - 1) == NameSource::Given,
             });
         }
         self.faces.names = written_faces[..model_names.len()].to_vec();
@@ -275,12 +276,18 @@ impl ExportNames {
                     written.clone()
                 },
                 is_numbered,
+                is_given: wanted.source == NameSource::Given,
             });
         }
     }
 
     /// Adds the names that have faces to the table.
-    fn list_faces(&mut self, names: &[String], written: &[String]) {
+    fn list_faces(
+        &mut self,
+        names: &[String],
+        written: &[String],
+        source: impl Fn(usize) -> NameSource,
+    ) {
         if matches!(self.rules.faces, Naming::Absent) {
             return;
         }
@@ -299,6 +306,7 @@ impl ExportNames {
                     written.clone()
                 },
                 is_numbered,
+                is_given: source(number - 1) == NameSource::Given,
             });
         }
     }
@@ -329,7 +337,7 @@ impl ExportNames {
         let pairs = wanted.iter().zip(&written).skip(skipped);
         let given_pairs = pairs.filter(|(wanted, _)| wanted.source == NameSource::Given);
         for (number, (wanted, written)) in (1..).zip(given_pairs) {
-            self.add_entry("property", number, &wanted.name, written);
+            self.add_given("property", number, &wanted.name, written);
         }
         self.properties = written[skipped..].to_vec();
     }
@@ -349,12 +357,12 @@ impl ExportNames {
         let wanted: Vec<WantedName> = wells.iter().map(|well| given(&well.name)).collect();
         self.wells = assign(&rules, &wanted);
         for (number, (well, written)) in (1..).zip(wells.iter().zip(self.wells.clone())) {
-            self.add_entry("well", number, &well.name, &written);
+            self.add_given("well", number, &well.name, &written);
         }
         let wanted: Vec<WantedName> = groups.iter().map(|name| given(name)).collect();
         let written = assign(&rules, &wanted);
         for (number, (name, written)) in (1..).zip(groups.iter().zip(&written)) {
-            self.add_entry("group", number, name, written);
+            self.add_given("group", number, name, written);
         }
         self.groups = groups.into_iter().map(String::from).zip(written).collect();
     }
@@ -388,20 +396,31 @@ impl ExportNames {
         let fragments = std::iter::once(WantedName::program("SCRAPS"));
         let wanted: Vec<WantedName> = fragments.chain(wanted).collect();
         self.multipliers = assign(&rules, &wanted);
+        let is_given: Vec<bool> = (wanted.iter())
+            .map(|wanted| wanted.source == NameSource::Given && !wanted.name.starts_with('I'))
+            .collect();
         let all_names = surfaces.all_names().names;
         let named = self.multipliers.clone().into_iter().skip(1);
         for (number, (name, written)) in (1..).zip(all_names.iter().zip(named)) {
-            self.add_entry("surface", number, name, &written);
+            self.table.entries.push(NameEntry {
+                kind: "surface",
+                number,
+                name: name.clone(),
+                written,
+                is_numbered: false,
+                is_given: is_given[number as usize],
+            });
         }
     }
 
-    fn add_entry(&mut self, kind: &'static str, number: i64, name: &str, written: &str) {
+    fn add_given(&mut self, kind: &'static str, number: i64, name: &str, written: &str) {
         self.table.entries.push(NameEntry {
             kind,
             number,
             name: name.into(),
             written: written.into(),
             is_numbered: false,
+            is_given: true,
         });
     }
 

@@ -396,9 +396,6 @@ impl ExportNames {
         let fragments = std::iter::once(WantedName::program("SCRAPS"));
         let wanted: Vec<WantedName> = fragments.chain(wanted).collect();
         self.multipliers = assign(&rules, &wanted);
-        let is_given: Vec<bool> = (wanted.iter())
-            .map(|wanted| wanted.source == NameSource::Given && !wanted.name.starts_with('I'))
-            .collect();
         let all_names = surfaces.all_names().names;
         let named = self.multipliers.clone().into_iter().skip(1);
         for (number, (name, written)) in (1..).zip(all_names.iter().zip(named)) {
@@ -408,7 +405,8 @@ impl ExportNames {
                 name: name.clone(),
                 written,
                 is_numbered: false,
-                is_given: is_given[number as usize],
+                is_given: wanted[number as usize].source == NameSource::Given
+                    && !name.starts_with("interface_"),
             });
         }
     }

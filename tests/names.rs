@@ -217,7 +217,7 @@ fn all_formats_take_difficult_names_of_regions_and_properties() {
         run_args(folder, &arguments);
     }
     // A table is beside files without comments.
-    let table = std::fs::read_to_string(folder.join("all-names.csv")).unwrap();
+    let table = std::fs::read_to_string(folder.join("all.exo.names.csv")).unwrap();
     assert!(table.starts_with("kind,number,name,written\n"), "{table}");
 }
 
@@ -236,7 +236,7 @@ fn an_export_has_the_table_of_names_that_changed_and_no_other() {
     assert!(table.contains("region 2 'bone' is BONE_2\n"), "{table}");
     run(folder, "export row.msh --to exodus -o a.exo --quiet");
     assert!(
-        folder.join("a-names.csv").is_file(),
+        folder.join("a.exo.names.csv").is_file(),
         "regions and faces share names"
     );
     write_row_of_cubes(&folder.join("plain.msh"), &["bone", "skin"]);

@@ -32,7 +32,7 @@ pub enum Naming {
 pub enum TablePlace {
     /// Comments of the file, each of which begins with this text.
     Comments(&'static str),
-    /// A file of its own, `NAME-names.csv`, or `names.csv` in the folder of a format without a file.
+    /// A file of its own, `NAME.exo.names.csv`, or `names.csv` in the folder of a format without a file.
     Companion,
 }
 
@@ -445,10 +445,7 @@ impl ExportNames {
     fn table_path(&self, path: &Path, is_folder: bool) -> Option<PathBuf> {
         match self.rules.table {
             TablePlace::Companion if is_folder => Some(path.join("names.csv")),
-            TablePlace::Companion => {
-                let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-                Some(path.with_file_name(format!("{stem}-names.csv")))
-            }
+            TablePlace::Companion => Some(NameTable::path_beside(path)),
             TablePlace::Comments(_) => None,
         }
     }

@@ -1,5 +1,7 @@
 //! The table of names: what became of each name in a file.
 
+use std::path::{Path, PathBuf};
+
 use super::csv_field;
 
 /// Largest number of names in a note.
@@ -57,6 +59,12 @@ impl NameTable {
         };
         let head = format!("{prefix}names in the mesh and in this file:\n");
         head + &self.entries.iter().map(line).collect::<String>()
+    }
+
+    /// Returns the path of the table beside a file: `mesh.exo.names.csv`.
+    pub fn path_beside(path: &Path) -> PathBuf {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        path.with_file_name(format!("{name}.names.csv"))
     }
 
     /// Returns the table as a CSV file.

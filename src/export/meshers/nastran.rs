@@ -406,7 +406,7 @@ mod tests {
             "\n$ Femap Property 1 : xmin\nPSHELL         1\n",
             "\n$HMNAME COMP                   6\"zmax\"\n$HMNAME PROP                   6\"zmax\"\n\
              $ANSA_NAME_COMMENT;6;PSHELL;zmax;;NO;NO;NO;NO;\n$ Femap Property 6 : zmax\n",
-            "\n$ Femap Property 10 : region_2\nPSOLID        10      10\n\
+            "\n$ Femap Property 10 : region-2\nPSOLID        10      10\n\
              MAT1          10     0.0             0.0\n",
             "\n$ Femap Property 11 : region4\nPSOLID        11      11\n",
         ] {

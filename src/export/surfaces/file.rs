@@ -29,8 +29,7 @@ impl<const D: usize> WrittenSurfaces<'_, D> {
         if !self.table.is_needed() {
             return Ok(());
         }
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        atomic_write(&path.with_file_name(format!("{stem}-names.csv")), |out| {
+        atomic_write(&NameTable::path_beside(path), |out| {
             out.write_all(self.table.csv().as_bytes())
         })
     }
@@ -322,7 +321,7 @@ mod tests {
         };
         assert_eq!(
             (file.names, file.facets),
-            (vec!["Top_Etive".into()], vec![[0, 1, 2], [0, 2, 1]])
+            (vec!["Top Etive".into()], vec![[0, 1, 2], [0, 2, 1]])
         );
         for (old, new, line) in [
             ("TRGL 13 12 11", "TRGL 13 12 99", 15),

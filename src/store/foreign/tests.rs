@@ -142,7 +142,7 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
             .collect();
         let named = NamedSurfaces::from_file(&file);
         if number < 2 {
-            assert_eq!(names, [Some("left_lung".into()), Some("rest".into())]);
+            assert_eq!(names, [Some("left lung".into()), Some("rest".into())]);
             assert_eq!(named.names, ["fault"]);
             assert_eq!(named.faces, [([0, 1], 1)]);
         } else {

@@ -19,6 +19,9 @@ use crate::image::formats::{
 };
 use crate::job::depth::image_in_depth;
 use crate::job::spec::NumberOrFile;
+use crate::surface_file::obj::read_obj;
+use crate::surface_file::ply::read_ply;
+use crate::surface_file::stl::read_stl;
 use crate::{Error, Result};
 
 /// Options of `atomesh convert`.
@@ -53,7 +56,7 @@ pub struct ConvertSpec {
 pub(crate) const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
 
 /// File endings of surfaces that can be read.
-const SURFACE_EXTENSIONS: [&str; 5] = ["vtp", "ts", "pl", "csv", "charisma"];
+const SURFACE_EXTENSIONS: [&str; 8] = ["vtp", "ts", "pl", "csv", "charisma", "obj", "stl", "ply"];
 
 /// Returns `true` if the file at `path` holds surfaces and no image, judged by its ending.
 pub(crate) fn holds_surfaces(path: &Path) -> bool {
@@ -242,8 +245,12 @@ fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
         })
     };
     let is_to_sticks = extension(output) == "csv";
+    let stem = input.file_stem().unwrap_or_default().to_string_lossy();
     let content = match extension(input).as_str() {
         "vtp" => AnySurfaces::Surfaces(read_surfaces(input)?),
+        "obj" => AnySurfaces::Surfaces(read_obj(input, &stem)?),
+        "stl" => AnySurfaces::Surfaces(read_stl(input, &stem)?),
+        "ply" => AnySurfaces::Surfaces(read_ply(input, &stem)?),
         ending @ ("csv" | "charisma") => {
             let sticks = match ending {
                 "csv" => read_sticks(input)?,

@@ -23,6 +23,8 @@ pub struct FollowedSurface {
     pub option: String,
     /// The surface, in physical coordinates.
     pub surface: PickedSurface,
+    /// The options that give the surface again, and its names there.
+    pub twins: Vec<String>,
 }
 
 /// Given surfaces in an image.
@@ -59,6 +61,11 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
         }
         for mut surface in picked {
             surface.is_horizon = option.is_horizon.or(surface.is_horizon);
+            let twin = surfaces.iter_mut().find(|s| s.surface.is_twin(&surface));
+            if let Some(twin) = twin {
+                twin.twins.push(format!("{} of {place}", surface.name));
+                continue;
+            }
             let same_name = surfaces.iter().find(|s| s.surface.name == surface.name);
             if let Some(other) = same_name {
                 let problem = format!(
@@ -71,6 +78,7 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
             surfaces.push(FollowedSurface {
                 option: place.clone(),
                 surface,
+                twins: Vec::new(),
             });
         }
     }
@@ -138,6 +146,9 @@ impl FollowedSurface {
         };
         note += if is_horizon { " a horizon" } else { " a fault" };
         note += &origin;
+        for twin in &self.twins {
+            note += &format!(", the same as {twin}");
+        }
         if is_flipped {
             note += ", with the sign of z turned";
         }

@@ -338,6 +338,7 @@ mod tests {
         });
         FollowedSurface {
             option: "topography ground.irap".into(),
+            twins: Vec::new(),
             surface: PickedSurface {
                 name: "ground".into(),
                 is_horizon: Some(true),

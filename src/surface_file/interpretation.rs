@@ -2,25 +2,29 @@
 //!
 //! | content of the file | surface |
 //! |---|---|
-//! | GOCAD `TSurf`, VTK poly data, Wavefront OBJ | its triangles |
+//! | GOCAD `TSurf`, polygons of VTK poly data (`.vtp`, `.vtk`), Wavefront OBJ, STL, PLY | its triangles |
 //! | a grid of heights: IRAP classic, ZMAP+, CPS-3 | two triangles for each cell with four known heights |
-//! | fault sticks: a table with the columns `fault,stick,x,y,z`, Charisma's sticks, or GOCAD `PLine` | triangles between neighbouring sticks |
-//! | points, a line for each | points, which [`triangulate_points`] joins |
+//! | fault sticks: a table with the columns `fault,stick,x,y,z`, Charisma's sticks, GOCAD `PLine`, or lines of VTK poly data | [`join_sticks`](super::joining::join_sticks) |
+//! | points, a line for each; GOCAD `VSet` | points, which [`triangulate_points`] joins |
 //!
 //! In lines of points, words that are not numbers are skipped. If the first two of at least five
 //! numbers are integers in all lines, they are line numbers, and x, y, z follow; otherwise x, y, z
 //! come first. A line of names (`x`, `y`, `z`) says which columns hold them, and other columns may
 //! hold anything. A line without a finite x, y and z has no point.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
 use super::SurfaceFile;
 use super::has_extension;
+use super::obj::read_obj;
+use super::ply::read_ply;
 use super::sticks::{FaultSticks, Stick, is_charisma, read_charisma, read_sticks};
-use super::tsurf::{Gocad, read_gocad};
-use super::vtp::read_surfaces;
+use super::stl::read_stl;
+use super::tsurf::{GocadKind, GocadObject, read_gocad_objects};
+use super::vtp::{read_line_sticks, read_surfaces};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
@@ -41,6 +45,24 @@ pub struct PickedSurface {
     pub shape: PickedShape,
     /// The statements of the file about its coordinates.
     pub coordinates: StatedCoordinates,
+}
+
+impl PickedSurface {
+    /// Returns `true` if two surfaces are one that was given twice: of the same points, in whatever
+    /// order, and with the same statements about them.
+    pub fn is_twin(&self, other: &Self) -> bool {
+        let sorted = |surface: &Self| {
+            let mut points: Vec<[f64; 3]> = surface.shape.points().collect();
+            points.sort_by(|a, b| {
+                let order = a.iter().zip(b).map(|(a, b)| a.total_cmp(b));
+                order.fold(Ordering::Equal, Ordering::then)
+            });
+            points
+        };
+        let is_same_shape =
+            std::mem::discriminant(&self.shape) == std::mem::discriminant(&other.shape);
+        is_same_shape && self.coordinates == other.coordinates && sorted(self) == sorted(other)
+    }
 }
 
 /// The shape of a surface that a user gives.
@@ -95,15 +117,21 @@ impl PickedShape {
 pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let stem = stem.split_whitespace().collect::<Vec<_>>().join("_");
-    let surfaces = if has_extension(path, &["vtp"]) {
-        from_triangles(&read_surfaces(path)?, None)
+    let surfaces = if has_extension(path, &["vtp", "vtk"]) {
+        let file = read_surfaces(path)?;
+        if file.names.is_empty() {
+            from_sticks(read_line_sticks(path)?)
+        } else {
+            from_triangles(&file, None)
+        }
     } else if has_extension(path, &["obj"]) {
         from_triangles(&read_obj(path, &stem)?, None)
-    } else if has_extension(path, &["ts", "pl"]) {
-        match read_gocad(path)? {
-            Gocad::Surfaces(file) => from_triangles(&file, None),
-            Gocad::Lines(file) => from_sticks(FaultSticks::from_lines(&file)),
-        }
+    } else if has_extension(path, &["stl"]) {
+        from_triangles(&read_stl(path, &stem)?, None)
+    } else if has_extension(path, &["ply"]) {
+        from_triangles(&read_ply(path, &stem)?, None)
+    } else if is_gocad(path)? {
+        from_gocad(read_gocad_objects(path)?)
     } else if let Some(format) = grid_format(path)? {
         vec![read_grid(path, format, stem)?]
     } else {
@@ -147,19 +175,83 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
     }
     let surface = |(s, triangles): (usize, _)| {
         let name = file.names[s].clone();
-        let has_kind = |kind: &str| name.to_lowercase().starts_with(kind);
         PickedSurface {
-            is_horizon: is_horizon.or(match (has_kind("horizon"), has_kind("fault")) {
-                (true, _) => Some(true),
-                (_, true) => Some(false),
-                _ => None,
-            }),
+            is_horizon: is_horizon.or_else(|| kind_of_name(&name)),
             name,
             shape: PickedShape::Triangles(triangles),
             coordinates: file.stated.clone(),
         }
     };
     by_name.into_iter().map(surface).collect()
+}
+
+/// Returns `true` if a file is one of GOCAD's by its first line.
+fn is_gocad(path: &Path) -> Result<bool> {
+    let mut head = Vec::new();
+    let file = files::open(path, "give a file of surfaces")?;
+    file.take(64)
+        .read_to_end(&mut head)
+        .map_err(|e| io_error(path, "read", e))?;
+    Ok(head.trim_ascii_start().starts_with(b"GOCAD "))
+}
+
+/// Returns the surfaces of a GOCAD file; if it has none, its lines, which are sticks; or else its
+/// points. Objects of one name that state the same of their coordinates are one.
+fn from_gocad(objects: Vec<GocadObject>) -> Vec<PickedSurface> {
+    let kinds = [GocadKind::Surface, GocadKind::Lines, GocadKind::Points];
+    let is_there = |kind: &GocadKind| objects.iter().any(|object| object.kind == *kind);
+    let kind = kinds.into_iter().find(is_there);
+    let mut surfaces: Vec<PickedSurface> = Vec::new();
+    for object in objects
+        .into_iter()
+        .filter(|object| Some(object.kind) == kind)
+    {
+        let nodes = &object.nodes;
+        let place = |n: u32| nodes[n as usize];
+        let shape = match object.kind {
+            GocadKind::Surface => {
+                PickedShape::Triangles(object.triangles.iter().map(|t| t.map(place)).collect())
+            }
+            GocadKind::Lines => {
+                let lines = (1..).zip(&object.lines);
+                let stick = |(number, (line, nodes)): (usize, &(usize, Vec<u32>))| Stick {
+                    name: number.to_string(),
+                    line: Some(*line),
+                    points: nodes.iter().map(|&n| place(n)).collect(),
+                };
+                PickedShape::Sticks(lines.map(stick).collect())
+            }
+            GocadKind::Points => PickedShape::Points(object.nodes),
+        };
+        let is_horizon = match object.kind {
+            GocadKind::Lines => object.is_horizon.or(Some(false)),
+            _ => object.is_horizon.or_else(|| kind_of_name(&object.name)),
+        };
+        let same = (surfaces.iter_mut())
+            .find(|s| s.name == object.name && s.coordinates == object.coordinates);
+        match (same.map(|s| &mut s.shape), shape) {
+            (Some(PickedShape::Triangles(all)), PickedShape::Triangles(more)) => all.extend(more),
+            (Some(PickedShape::Sticks(all)), PickedShape::Sticks(more)) => all.extend(more),
+            (Some(PickedShape::Points(all)), PickedShape::Points(more)) => all.extend(more),
+            (_, shape) => surfaces.push(PickedSurface {
+                name: object.name,
+                is_horizon,
+                shape,
+                coordinates: object.coordinates,
+            }),
+        }
+    }
+    surfaces
+}
+
+/// Returns `true` if a surface is a horizon by its name, and `false` if it is a fault.
+fn kind_of_name(name: &str) -> Option<bool> {
+    let name = name.to_lowercase();
+    match (name.starts_with("horizon"), name.starts_with("fault")) {
+        (true, _) => Some(true),
+        (_, true) => Some(false),
+        _ => None,
+    }
 }
 
 /// Returns the faults of a file. Their sticks are joined when they are placed in the image.
@@ -233,66 +325,6 @@ fn is_stick_table(text: &str) -> bool {
     let header = text.lines().find(is_data).unwrap_or("").to_lowercase();
     let has_column = |name: &str| header.split(',').any(|column| column.trim() == name);
     has_column("fault") && has_column("stick")
-}
-
-/// Reads the surfaces of an OBJ file: those of each group or object. Polygons are cut into fans.
-fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
-    let text = read_text(path)?;
-    let mut file = SurfaceFile::<3> {
-        surface_starts: vec![0],
-        z_up: true,
-        ..SurfaceFile::default()
-    };
-    for (number, line) in (1..).zip(text.lines()) {
-        let refuse = |problem: &str| {
-            let place = format!("{}:{number}", path.display());
-            Error::Io(cause(place, problem, "export the file again"))
-        };
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") => {
-                let position: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
-                let position = position.first_chunk::<3>().copied();
-                let position = position.filter(|p| p.iter().all(|c| c.is_finite()));
-                file.nodes
-                    .push(position.ok_or_else(|| refuse("is not a vertex (x, y, z)"))?);
-            }
-            Some("g" | "o") => {
-                let name = words.collect::<Vec<_>>().join("_");
-                file.names.push(if name.is_empty() {
-                    stem.to_string()
-                } else {
-                    name
-                });
-                file.surface_starts.push(file.facets.len());
-            }
-            Some("f") => {
-                let count = file.nodes.len() as i64;
-                let index = |word: &str| {
-                    let number: i64 = word.split('/').next()?.parse().ok()?;
-                    let index = if number < 0 {
-                        count + number
-                    } else {
-                        number - 1
-                    };
-                    (0..count).contains(&index).then_some(index as u32)
-                };
-                let ring: Option<Vec<u32>> = words.map(index).collect();
-                let ring = ring.ok_or_else(|| refuse("names a vertex that does not exist"))?;
-                if file.names.is_empty() {
-                    file.names.push(stem.to_string());
-                    file.surface_starts.push(0);
-                }
-                file.facets
-                    .extend((2..ring.len()).map(|k| [ring[0], ring[k - 1], ring[k]]));
-                if let Some(end) = file.surface_starts.last_mut() {
-                    *end = file.facets.len();
-                }
-            }
-            _ => {}
-        }
-    }
-    Ok(file)
 }
 
 /// Reads points from lines of numbers, as the head of this module says.

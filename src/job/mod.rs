@@ -23,6 +23,7 @@
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
+//! - `live`: the share of each cell that holds data
 //! - `features`: detects features alone
 //! - `well_file`: trajectories of wells in CSV files
 //!
@@ -41,6 +42,7 @@ mod frame;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
 mod join;
+pub(crate) mod live;
 mod local_cells;
 mod measure;
 mod optimise;

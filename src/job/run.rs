@@ -10,7 +10,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
-    StageRunner, cells, estimate, simplices,
+    StageRunner, cells, estimate, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -44,6 +44,8 @@ where
     pub share: Option<MeshShare>,
     /// The features that the mesh follows.
     pub features: Features<D>,
+    /// The share of each cell that holds data; `None` if all cells are full of data.
+    pub live: Option<Vec<f64>>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -257,6 +259,13 @@ where
     let notes_on_given = given.into_iter().flat_map(|given| given.notes);
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_given.chain(note_on_distance));
+    let live = live::live_volume(source, &features, params.spec.input.keeps_nulls())?;
+    // All ranks have the array, whether their own cells are live or not.
+    let live = live
+        .map(|live| live::live_shares(&mesh, step, &live))
+        .filter(|shares| share.is_some() || shares.iter().any(|share| *share < 1.0));
+    let note_on_live = live.as_deref().and_then(live::note_on_live_shares);
+    report.notes.extend(note_on_live);
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
@@ -271,6 +280,7 @@ where
         padding,
         share,
         features,
+        live,
         distance,
         optimize_result,
         provenance: Provenance::default(),
@@ -436,6 +446,14 @@ impl<const D: usize> PreparedImage<D> {
                 if feature::fills_gaps(image, params.spec.feature, params.modality) =>
             {
                 image.mark_dead(!params.spec.input.keeps_nulls())?
+            }
+            // Labels continue where samples are left out, and the cells there are not live.
+            ImageSource::InMemory(image) if params.spec.feature.has_labels() => {
+                let marked = image.mark_dead(false)?;
+                marked.map(|marked| MaskedImage {
+                    image: marked.image.filled_from_nearest(),
+                    notes: marked.notes,
+                })
             }
             _ => None,
         };

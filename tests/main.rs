@@ -36,6 +36,7 @@ mod inactive;
 mod interrupt;
 mod label_faults;
 mod labels;
+mod live;
 mod mesh;
 mod meshers;
 mod missing_traces;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use crate::error::{Error, Result, cause};
-use crate::{files, units};
+use crate::{files, names, units};
 
 /// Reads the surfaces of an OBJ file: those of each group or object, or one with the name `stem`.
 /// Polygons are cut into fans. A comment such as `# units: m` states the unit.
@@ -39,7 +39,7 @@ pub fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
                     .push(position.ok_or_else(|| refuse("is not a vertex (x, y, z)"))?);
             }
             Some("g" | "o") => {
-                let name = words.collect::<Vec<_>>().join("_");
+                let name = names::from_file(&words.collect::<Vec<_>>().join(" "));
                 file.names.push(if name.is_empty() {
                     stem.to_string()
                 } else {

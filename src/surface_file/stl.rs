@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use crate::error::{Error, Result, cause};
-use crate::files;
+use crate::{files, names};
 
 /// Bytes before the triangles of a binary file: a title and the number of triangles.
 const HEAD_BYTES: usize = 84;
@@ -32,7 +32,7 @@ pub fn read_stl(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
         let mut words = line.split_whitespace();
         match words.next() {
             Some("solid") => {
-                let name = words.collect::<Vec<_>>().join("_");
+                let name = names::from_file(&words.collect::<Vec<_>>().join(" "));
                 let is_unnamed = name.is_empty();
                 solids.push((if is_unnamed { stem.into() } else { name }, Vec::new()));
             }

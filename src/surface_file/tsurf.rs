@@ -14,6 +14,7 @@ use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::sorted_distinct;
 use crate::image::stated::{StatedCoordinates, ZDirection};
+use crate::names;
 
 /// Writes surfaces. Coordinates have all digits and the units that are known.
 ///
@@ -280,7 +281,7 @@ impl ObjectReader {
             .trim()
             .trim_matches('"');
         if let (Some(object), false) = (&mut self.current, name.is_empty()) {
-            object.name = name.split_whitespace().collect::<Vec<_>>().join("_");
+            object.name = names::from_file(name);
             self.has_name = !is_of_style;
         }
     }

@@ -7,6 +7,7 @@ use std::path::Path;
 use super::SurfaceFile;
 use super::sticks::{FaultSticks, Stick};
 use crate::Result;
+use crate::names;
 use crate::files::atomic_write;
 use crate::files::vtk::pieces::{
     FieldValue, check_lengths, read_cell_integers, read_count, read_nodes,
@@ -222,7 +223,7 @@ fn names_of(path: &Path, file: &VtkFile) -> Result<Vec<String>> {
     let names = surface_names(file);
     if names.is_empty() && !is_numbered(file)? {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        return Ok(vec![stem.split_whitespace().collect::<Vec<_>>().join("_")]);
+        return Ok(vec![names::from_file(&stem)]);
     }
     Ok(names)
 }

@@ -336,8 +336,6 @@ fn read_text(path: &Path) -> Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-}
-
 /// Longest edge of a triangle between points, in units of the median of all triangles' longest
 /// edges. Longer ones close gaps or bays of the outline.
 const MAX_EDGE_RATIO: f64 = 4.0;

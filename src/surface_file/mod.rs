@@ -11,8 +11,8 @@
 pub mod interpretation;
 pub mod joining;
 pub mod obj;
-pub mod ply;
 pub mod place_columns;
+pub mod ply;
 pub mod point_table;
 pub mod sticks;
 pub mod stl;

@@ -7,13 +7,13 @@ use std::path::Path;
 use super::SurfaceFile;
 use super::sticks::{FaultSticks, Stick};
 use crate::Result;
-use crate::names;
 use crate::files::atomic_write;
 use crate::files::vtk::pieces::{
     FieldValue, check_lengths, read_cell_integers, read_count, read_nodes,
 };
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{ArraySource, Document, VtkFile};
+use crate::names;
 
 /// Writes surfaces. The cell data is the surface number of each facet (`surface`) and the file's
 /// own arrays. The names of the surfaces are one text with a line per surface.

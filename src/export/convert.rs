@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::surfaces::AnySurfaces;
-use super::surfaces::sticks::read_charisma;
 use super::surfaces::vtp::read_surfaces;
-use super::{FaultSticks, Gocad, read_gocad, read_sticks, write_sticks};
+use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
 use crate::image::Image;
 use crate::image::formats::segy::{SegyFloat, write_like};
@@ -19,6 +18,7 @@ use crate::image::formats::{
 };
 use crate::job::depth::image_in_depth;
 use crate::job::spec::NumberOrFile;
+use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::surface_file::obj::read_obj;
 use crate::surface_file::ply::read_ply;
 use crate::surface_file::stl::read_stl;
@@ -236,6 +236,23 @@ impl ConvertSpec {
     }
 }
 
+/// Reads the fault sticks of a file.
+fn sticks_of(path: &Path) -> Result<Vec<FaultSticks>> {
+    let fault = |surface: PickedSurface| match surface.shape {
+        PickedShape::Sticks(sticks) => Ok(FaultSticks {
+            name: surface.name,
+            sticks,
+            coordinates: surface.coordinates,
+        }),
+        _ => {
+            let problem = format!("{} has no sticks", surface.name);
+            let remedy = "give columns fault,stick,x,y,z";
+            Err(Error::Job(cause(path.display(), problem, remedy)))
+        }
+    };
+    read_interpretation(path)?.into_iter().map(fault).collect()
+}
+
 /// Reads surfaces, lines or sticks, and returns them in the form that `output` holds.
 fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
     let joined = |sticks: &[FaultSticks]| -> Result<AnySurfaces> {
@@ -251,11 +268,8 @@ fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
         "obj" => AnySurfaces::Surfaces(read_obj(input, &stem)?),
         "stl" => AnySurfaces::Surfaces(read_stl(input, &stem)?),
         "ply" => AnySurfaces::Surfaces(read_ply(input, &stem)?),
-        ending @ ("csv" | "charisma") => {
-            let sticks = match ending {
-                "csv" => read_sticks(input)?,
-                _ => read_charisma(input)?,
-            };
+        "csv" | "charisma" => {
+            let sticks = sticks_of(input)?;
             let converted = if is_to_sticks {
                 Converted::Sticks(sticks)
             } else {

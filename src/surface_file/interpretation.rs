@@ -161,6 +161,7 @@ pub fn read_interpretation_as(path: &Path, columns: &[String]) -> Result<Vec<Pic
             read_point_table(path, &stem, columns)?
         }
     };
+    let surfaces = without_single_sticks(surfaces);
     let is_empty = |surface: &PickedSurface| match &surface.shape {
         PickedShape::Triangles(triangles) => triangles.is_empty(),
         PickedShape::Points(points) => points.is_empty(),
@@ -197,6 +198,21 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
         }
     };
     by_name.into_iter().map(surface).collect()
+}
+
+/// Leaves out faults of a single stick if there are other surfaces, which get a note on them.
+fn without_single_sticks(surfaces: Vec<PickedSurface>) -> Vec<PickedSurface> {
+    let is_single = |surface: &PickedSurface| match &surface.shape {
+        PickedShape::Sticks(sticks) => sticks.len() == 1,
+        _ => false,
+    };
+    let (single, mut others): (Vec<_>, Vec<_>) = surfaces.into_iter().partition(is_single);
+    let Some(first) = others.first_mut() else {
+        return single;
+    };
+    let note = |fault: PickedSurface| format!("fault {} left out: a single stick", fault.name);
+    first.notes.extend(single.into_iter().map(note));
+    others
 }
 
 /// Returns `true` if a file is one of GOCAD's by its first line.
@@ -515,6 +531,162 @@ mod tests {
         grid = Image::new(grid.dims(), samples, grid.geometry.clone());
         formats::write(&path, &grid).unwrap();
         assert_eq!(area(&path), 10);
+    }
+
+    /// Returns the name, kind, count of parts and statements of each surface.
+    fn summaries(path: &Path) -> Vec<(String, Option<bool>, usize, StatedCoordinates)> {
+        let count = |shape: &PickedShape| match shape {
+            PickedShape::Triangles(triangles) => triangles.len(),
+            PickedShape::Sticks(sticks) => sticks.len(),
+            _ => shape.points().count(),
+        };
+        let summary = |s: PickedSurface| {
+            let count = count(&s.shape);
+            (s.name, s.is_horizon, count, s.coordinates)
+        };
+        read_interpretation(path)
+            .unwrap()
+            .into_iter()
+            .map(summary)
+            .collect()
+    }
+
+    #[test]
+    fn gocad_objects_state_their_units_directions_and_kinds() {
+        let folder = tempfile::tempdir().unwrap();
+        let system = |units: &str, positive: &str| {
+            format!(
+                "GOCAD_ORIGINAL_COORDINATE_SYSTEM\nNAME Default\nAXIS_UNIT {units}\nZPOSITIVE {positive}\nEND_ORIGINAL_COORDINATE_SYSTEM\n"
+            )
+        };
+        let part = "TFACE\nVRTX 1 0 0 1\nPVRTX 2 1 0 1 -99999\nVRTX 3 0 1 1\nATOM 4 2\nTRGL 1 2 3\n\
+                    TFACE\nVRTX 5 9 9 9\nTRGL 4 3 5\nEND\n";
+        let text = format!(
+            "GOCAD TSurf 1\nHEADER {{ name: Main fault }}\n{}PROPERTIES p\nNO_DATA_VALUES -99999\n{part}\
+             GOCAD TSurf 1\nHEADER {{\n*name:\"Top A\"\n}}\n{}GEOLOGICAL_TYPE top\n{part}",
+            system("\"m\" \"m\" \"ft\"", "Depth"),
+            system("m m ms", "elevation")
+        );
+        let read = summaries(&write(folder.path(), "a.ts", &text));
+        let units = |z: &str| ["m", "m", z].map(|unit| Some(unit.to_string()));
+        let stated = |z: &str, direction| StatedCoordinates {
+            units: units(z),
+            z_direction: Some(direction),
+            ..StatedCoordinates::default()
+        };
+        use crate::image::stated::ZDirection::{Down, Up};
+        let expected = [
+            ("Main_fault".to_string(), None, 2, stated("ft", Down)),
+            ("Top_A".to_string(), Some(true), 2, stated("ms", Up)),
+        ];
+        assert_eq!(read, expected);
+        // Lines are sticks, also without segments or with segments in another order.
+        let line = "VRTX 1 0 0 0\nVRTX 2 0 0 -1\nVRTX 3 0 0 -2\n";
+        let text = format!(
+            "GOCAD PLine 1\nHEADER {{\nname:f\n}}\nILINE\n{line}SEG 2 3\nSEG 1 2\nILINE\n\
+             VRTX 4 9 0 0\nVRTX 5 9 0 -2\nEND\n"
+        );
+        let read = read_interpretation(&write(folder.path(), "a.pl", &text)).unwrap();
+        let PickedShape::Sticks(sticks) = &read[0].shape else {
+            panic!("no sticks")
+        };
+        let summary: Vec<_> = sticks.iter().map(|s| (s.line, s.points.len())).collect();
+        assert_eq!(summary, [(Some(5), 3), (Some(11), 2)]);
+        assert!(sticks[0].points[1] == [0.0, 0.0, -1.0] && read[0].is_horizon == Some(false));
+        let text =
+            "GOCAD VSet 1\nHEADER {\nname: horizon picks\n}\nVRTX 1 0 0 3\nPVRTX 2 1 1 3 7\nEND\n";
+        let read = summaries(&write(folder.path(), "a.vs", text));
+        let expected = (
+            "horizon_picks".to_string(),
+            Some(true),
+            2,
+            StatedCoordinates::default(),
+        );
+        assert_eq!(read, [expected]);
+    }
+
+    #[test]
+    fn poly_data_of_each_format_has_triangles_strips_or_sticks() {
+        let folder = tempfile::tempdir().unwrap();
+        let points = "POINTS 4 float\n0 0 0 1 0 0 0 1 0 1 1 2\n";
+        let head = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET POLYDATA\n";
+        for (name, cells, is_sticks) in [
+            ("polygons.vtk", "POLYGONS 2 8\n3 0 1 2\n3 1 3 2\n", false),
+            ("strips.vtk", "TRIANGLE_STRIPS 1 5\n4 0 1 2 3\n", false),
+            ("lines.vtk", "LINES 2 6\n2 0 1\n2 2 3\n", true),
+        ] {
+            let path = write(folder.path(), name, &format!("{head}{points}{cells}"));
+            let read = read_interpretation(&path).unwrap();
+            assert_eq!(read[0].name, name.trim_end_matches(".vtk"));
+            let PickedSurface { shape, .. } = &read[0];
+            assert_eq!(matches!(shape, PickedShape::Sticks(_)), is_sticks, "{name}");
+            let corners: Vec<[f64; 3]> = shape.points().collect();
+            let expected = if is_sticks { 4 } else { 6 };
+            assert_eq!(corners.len(), expected, "{name}");
+            assert!(corners.contains(&[1.0, 1.0, 2.0]), "{name}");
+        }
+    }
+
+    #[test]
+    fn sticks_of_each_writer_make_the_same_surface_again() {
+        use crate::surface_file::sticks::{write_charisma, write_sticks};
+        use crate::surface_file::tsurf::write_tsurf;
+        let folder = tempfile::tempdir().unwrap();
+        let point = |i: usize, j: usize| {
+            let (along, down) = (40.0 * i as f64, 25.0 * j as f64);
+            [500.0 + 0.5 * down, along, -100.0 - down]
+        };
+        let stick = |i: usize| Stick {
+            name: i.to_string(),
+            line: None,
+            points: (0..5).map(|j| point(i, j)).collect(),
+        };
+        let faults = [FaultSticks {
+            name: "Main fault".into(),
+            sticks: [0, 3, 1, 4, 2].map(stick).to_vec(),
+            ..FaultSticks::default()
+        }];
+        let area = |t: &[[f64; 3]; 3]| 0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0])));
+        let exact = 160.0 * 100.0 * norm([0.5, 1.0]);
+        let path = |ending: &str| folder.path().join(format!("a.{ending}"));
+        write_sticks(&path("csv"), &faults).unwrap();
+        write_charisma(&path("charisma"), &faults, true, |_| [1, 2]).unwrap();
+        write_tsurf(&path("pl"), &FaultSticks::to_lines(&faults)).unwrap();
+        for ending in ["csv", "charisma", "pl"] {
+            let read = read_interpretation(&path(ending)).unwrap();
+            assert_eq!((read.len(), &*read[0].name), (1, "Main_fault"), "{ending}");
+            let PickedShape::Sticks(sticks) = &read[0].shape else {
+                panic!("{ending}: no sticks")
+            };
+            let joined = super::super::joining::join_sticks("F", sticks, [1.0; 3]).unwrap();
+            let total: f64 = joined.triangles.iter().map(area).sum();
+            assert!(
+                (total / exact - 1.0).abs() < 1e-6,
+                "{ending}: {total} {exact}"
+            );
+        }
+    }
+
+    #[test]
+    fn twins_have_the_same_points_in_any_order() {
+        let sticks = |points: Vec<Vec<[f64; 3]>>| PickedSurface {
+            name: "F".into(),
+            is_horizon: None,
+            shape: PickedShape::Sticks(
+                (points.into_iter())
+                    .map(|points| Stick {
+                        points,
+                        ..Stick::default()
+                    })
+                    .collect(),
+            ),
+            coordinates: StatedCoordinates::default(),
+            notes: Vec::new(),
+        };
+        let [a, b, c] = [[0.0; 3], [1.0; 3], [2.0; 3]];
+        let first = sticks(vec![vec![a, b], vec![c]]);
+        assert!(first.is_twin(&sticks(vec![vec![c], vec![b, a]])));
+        assert!(!first.is_twin(&sticks(vec![vec![c], vec![b, b]])));
     }
 
     #[test]

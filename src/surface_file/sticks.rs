@@ -113,14 +113,14 @@ impl FaultSticks {
         file
     }
 
-    /// Makes a surface of each fault, as [`join_sticks`] does. Coordinates in a unit that is unknown
-    /// count as metres.
+    /// Makes a surface of each fault, as [`join_sticks`] does. Faults with a single stick are omitted.
+    /// Coordinates in a unit that is unknown count as metres.
     ///
     /// # Errors
     /// Returns the errors of [`join_sticks`].
     pub fn to_surfaces(faults: &[Self]) -> Result<SurfaceFile<3>> {
         let mut surfaces = Vec::new();
-        for fault in faults {
+        for fault in faults.iter().filter(|fault| fault.sticks.len() > 1) {
             let units = fault.coordinates.units.each_ref();
             let scale = units.map(|unit| default_metres_per_unit(unit.as_deref().unwrap_or("")));
             let joined = join_sticks(&fault.name, &fault.sticks, scale)?;
@@ -508,6 +508,18 @@ mod tests {
             message.contains("sticks.charisma:1: is not 'INLINE-"),
             "{message}"
         );
+
+        // Other sections, no line numbers, and names with spaces or of digits.
+        let text = "# picks\nCROSSLINE-  10 20 1 2 3 Main fault 7\nXLINE-12 20 1 2 3 Main fault 8\n\
+                    TIMESLICE- 1 2 4 Main fault 9\nINLINE- 10 20 1 2 5 101 1\n";
+        std::fs::write(&path, text).unwrap();
+        let read = read_charisma(&path).unwrap();
+        let names: Vec<(&str, usize)> = (read.iter())
+            .map(|fault| (&*fault.name, fault.sticks.len()))
+            .collect();
+        assert_eq!(names, [("Main fault", 3), ("101", 1)]);
+        assert_eq!(read[0].sticks[2].points, [[1.0, 2.0, 4.0]]);
+        assert_eq!(read[1].sticks[0].points, [[1.0, 2.0, 5.0]]);
 
         // Nine of the ten strips of the plane lie between sticks.
         let rebuilt = FaultSticks::to_surfaces(&faults).unwrap();

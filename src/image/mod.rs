@@ -16,7 +16,9 @@
 //! - `layers`: samples of an image in memory or in a file, some layers at a time
 //! - `live_mask`: the samples that hold data, and the gaps between them
 //! - `nulls`: finds samples that hold no data
-//! - `stated`: statements of files about their coordinates
+//! - `point_nulls`: finds points whose z is a null value
+//! - `stated`: statements of files and options about coordinates
+//! - `placing`: brings positions that a user gives into the frame of an image
 //! - `formats`: image files
 //! - `synth`: synthetic images with exactly known features
 
@@ -30,6 +32,8 @@ pub(crate) mod layers;
 pub(crate) mod live_mask;
 pub(crate) mod modality;
 pub(crate) mod nulls;
+pub mod placing;
+pub(crate) mod point_nulls;
 pub(crate) mod sparse_field;
 pub mod stated;
 pub mod synth;

@@ -102,6 +102,7 @@ where
     if spec.velocity.is_none() {
         return run(image, &params, progress);
     }
+    params.note_time_unit(&image.geometry);
     let is_labels = params.spec.feature.has_labels();
     let (image, conversion) = depth::image_in_depth(
         image.clone(),

@@ -14,7 +14,7 @@ use crate::feature;
 use crate::files::csv;
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
-use crate::image::{Geometry, Image, Modality};
+use crate::image::{Geometry, Image, Modality, VelocityModel};
 use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
 use crate::{Error, Result};
@@ -215,6 +215,10 @@ pub struct Params<const D: usize = 3> {
     pub surfaces: Vec<FollowedSurface>,
     /// Surfaces at which the cells above the image end.
     pub topography: Vec<FollowedSurface>,
+    /// The volume of velocities that converted the image to depth.
+    pub velocities: Option<VelocityModel<D>>,
+    /// The unit of two-way time in the image's file, if the image was converted to depth.
+    pub time_unit: Option<String>,
 }
 
 impl<const D: usize> Default for Params<D> {
@@ -297,8 +301,11 @@ impl<const D: usize> Params<D> {
     /// Returns the errors of [`Params::read`] and of `read_image`.
     pub(crate) fn read_with(spec: &MeshSpec, read_image: ReadImage<'_>) -> Result<Self> {
         let mut params = Self::new(spec.clone())?;
-        params.surfaces = given_surfaces::read("surface", &spec.surface)?;
-        params.topography = given_surfaces::read("topography", spec.topography.as_slice())?;
+        let nulls = spec.input.point_nulls()?;
+        let read_surfaces =
+            |flag, options: &[_]| given_surfaces::read(flag, options, nulls.as_deref());
+        params.surfaces = read_surfaces("surface", &spec.surface)?;
+        params.topography = read_surfaces("topography", spec.topography.as_slice())?;
         if let Some(path) = &spec.atoms_from {
             params.fixed_atoms = read_fixed_atoms(path)?;
         }
@@ -357,6 +364,8 @@ impl<const D: usize> Params<D> {
             wells: Vec::new(),
             surfaces: Vec::new(),
             topography: Vec::new(),
+            velocities: None,
+            time_unit: None,
         }
     }
 

@@ -227,7 +227,7 @@ where
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
     let given = params.surfaces_in_image(geometry, dims)?;
-    let topography = Topography::new(params, geometry, (step, extent))?;
+    let topography = Topography::new(params, geometry, dims, (step, extent))?;
     options.given = given.as_ref().map(|given| Arc::clone(&given.points));
     options.is_distributed = is_partitioned
         && given.is_none()

@@ -4,8 +4,10 @@
 //! - `vtp`: VTK poly data
 //! - `sticks`: fault sticks
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
+//! - `placed`: brings such a surface into the frame of an image
 
 pub mod interpretation;
+pub mod placed;
 pub mod sticks;
 pub mod tsurf;
 pub mod vtp;

@@ -5,9 +5,11 @@
 //! keywords are all generated from this type. To add an option, add a field with its default,
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
+//! - `file_option`: files of positions, and what they do not say about their coordinates
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
+mod file_option;
 mod validate;
 mod values;
 
@@ -27,10 +29,11 @@ use crate::improve::{Effort, SliverMethod, Target};
 use crate::lattice::optimize::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
+pub use file_option::FileOption;
 pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
 pub use values::{
     DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile, Padding,
-    PointValue, SignedAxis, SurfaceOption,
+    PointValue, SignedAxis,
 };
 
 /// Headings of the command line's help; options without one come first.
@@ -83,7 +86,7 @@ pub struct MeshSpec {
         arg(long, value_name = "FILE[:NAME]", help_heading = FEATURES)
     )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub surface: Vec<SurfaceOption>,
+    pub surface: Vec<FileOption>,
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
     pub sigma: Option<f64>,
@@ -320,7 +323,7 @@ pub struct MeshSpec {
     /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It
     /// must cover the image and the sides of --pad, and replaces above=DIST of --pad
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
-    pub topography: Option<SurfaceOption>,
+    pub topography: Option<FileOption>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled

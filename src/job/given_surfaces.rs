@@ -15,6 +15,7 @@ use crate::parallel::prelude::*;
 use crate::surface_file::interpretation::{
     PickedShape, PickedSurface, read_interpretation, triangulate_points,
 };
+use crate::surface_file::joining::join_sticks;
 use crate::surface_file::placed::PlacedSurface;
 use crate::{Error, Result};
 
@@ -235,6 +236,17 @@ impl FollowedSurface {
                     .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
                     .collect::<Result<_>>()?;
                 Ok((triangles, String::new()))
+            }
+            PickedShape::Sticks(sticks) => {
+                let units: [&str; 3] =
+                    std::array::from_fn(|k| geometry.units.get(k).map_or("", |unit| unit));
+                let scale = units.map(default_metres_per_unit);
+                let joined = join_sticks(&self.surface.name, sticks, scale)?;
+                let triangles = (joined.triangles.iter())
+                    .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
+                    .collect::<Result<_>>()?;
+                let notes = joined.notes.iter().map(|note| format!(" {note},"));
+                Ok((triangles, notes.collect()))
             }
             PickedShape::Points(points) => {
                 let points = points

@@ -18,7 +18,7 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use super::has_extension;
-use super::sticks::{FaultSticks, is_charisma, read_charisma, read_sticks};
+use super::sticks::{FaultSticks, Stick, is_charisma, read_charisma, read_sticks};
 use super::tsurf::{Gocad, read_gocad};
 use super::vtp::read_surfaces;
 use crate::error::{Error, Result, cause, io_error};
@@ -50,16 +50,41 @@ pub enum PickedShape {
     Triangles(Vec<[[f64; 3]; 3]>),
     /// Points in no order.
     Points(Vec<[f64; 3]>),
+    /// Fault sticks in no order, which [`join_sticks`](super::joining::join_sticks) joins where they
+    /// are placed.
+    Sticks(Vec<Stick>),
 }
 
 impl PickedShape {
     /// Returns the points, or the corners of the triangles.
     pub fn points(&self) -> impl Iterator<Item = [f64; 3]> {
-        let (triangles, points) = match self {
-            Self::Triangles(triangles) => (triangles.as_slice(), &[][..]),
-            Self::Points(points) => (&[][..], points.as_slice()),
+        let (points, sticks) = match self {
+            Self::Triangles(triangles) => (triangles.as_flattened(), &[][..]),
+            Self::Points(points) => (points.as_slice(), &[][..]),
+            Self::Sticks(sticks) => (&[][..], sticks.as_slice()),
         };
-        triangles.as_flattened().iter().chain(points).copied()
+        let of_sticks = sticks.iter().flat_map(|stick| &stick.points);
+        points.iter().chain(of_sticks).copied()
+    }
+
+    /// Replaces each point by `place(point)`.
+    ///
+    /// # Errors
+    /// Returns the first error of `place`.
+    pub fn try_map_points(
+        &mut self,
+        mut place: impl FnMut([f64; 3]) -> Result<[f64; 3]>,
+    ) -> Result<()> {
+        let (points, sticks) = match self {
+            Self::Triangles(triangles) => (triangles.as_flattened_mut(), &mut [][..]),
+            Self::Points(points) => (points.as_mut_slice(), &mut [][..]),
+            Self::Sticks(sticks) => (&mut [][..], sticks.as_mut_slice()),
+        };
+        let of_sticks = sticks.iter_mut().flat_map(|stick| &mut stick.points);
+        for point in points.iter_mut().chain(of_sticks) {
+            *point = place(*point)?;
+        }
+        Ok(())
     }
 }
 
@@ -77,16 +102,16 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
     } else if has_extension(path, &["ts", "pl"]) {
         match read_gocad(path)? {
             Gocad::Surfaces(file) => from_triangles(&file, None),
-            Gocad::Lines(file) => from_sticks(&FaultSticks::from_lines(&file)),
+            Gocad::Lines(file) => from_sticks(FaultSticks::from_lines(&file)),
         }
     } else if let Some(format) = grid_format(path)? {
         vec![read_grid(path, format, stem)?]
     } else {
         let text = read_text(path)?;
         if is_stick_table(&text) {
-            from_sticks(&read_sticks(path)?)
+            from_sticks(read_sticks(path)?)
         } else if is_charisma(&text) {
-            from_sticks(&read_charisma(path)?)
+            from_sticks(read_charisma(path)?)
         } else {
             vec![PickedSurface {
                 name: stem,
@@ -99,6 +124,7 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
     let is_empty = |surface: &PickedSurface| match &surface.shape {
         PickedShape::Triangles(triangles) => triangles.is_empty(),
         PickedShape::Points(points) => points.is_empty(),
+        PickedShape::Sticks(sticks) => sticks.is_empty(),
     };
     if surfaces.iter().all(is_empty) {
         let remedy = "give surfaces, grids of heights, at least two fault sticks, or points x,y,z";
@@ -136,12 +162,15 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
     by_name.into_iter().map(surface).collect()
 }
 
-fn from_sticks(faults: &[FaultSticks]) -> Vec<PickedSurface> {
-    let mut file = FaultSticks::to_surfaces(faults);
-    for name in &mut file.names {
-        *name = name.split_whitespace().collect::<Vec<_>>().join("_");
-    }
-    from_triangles(&file, Some(false))
+/// Returns the faults of a file. Their sticks are joined when they are placed in the image.
+fn from_sticks(faults: Vec<FaultSticks>) -> Vec<PickedSurface> {
+    let surface = |fault: FaultSticks| PickedSurface {
+        name: fault.name.split_whitespace().collect::<Vec<_>>().join("_"),
+        is_horizon: Some(false),
+        shape: PickedShape::Sticks(fault.sticks),
+        coordinates: fault.coordinates,
+    };
+    faults.into_iter().map(surface).collect()
 }
 
 /// Returns the format of a file if it is a grid of heights.
@@ -466,7 +495,7 @@ mod tests {
         let summary: Vec<_> = (read.iter())
             .map(|s| match &s.shape {
                 PickedShape::Triangles(t) => (&*s.name, s.is_horizon, t.len()),
-                PickedShape::Points(_) => panic!("points"),
+                _ => panic!("no triangles"),
             })
             .collect();
         assert_eq!(summary, [("Fault_A", Some(false), 3), ("top", None, 1)]);

@@ -3,10 +3,12 @@
 //! - `tsurf`: GOCAD surfaces and lines
 //! - `vtp`: VTK poly data
 //! - `sticks`: fault sticks
+//! - `joining`: fault sticks become surfaces
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 //! - `placed`: brings such a surface into the frame of an image
 
 pub mod interpretation;
+pub mod joining;
 pub mod placed;
 pub mod sticks;
 pub mod tsurf;

@@ -264,6 +264,9 @@ fn read_earlier_surfaces<const D: usize>(
                     triangles.iter().map(|triangle| triangle.to_vec()).collect()
                 }
                 PickedShape::Points(points) => points.iter().map(|x| vec![*x]).collect(),
+                PickedShape::Sticks(sticks) => (sticks.iter())
+                    .flat_map(|stick| stick.points.iter().map(|x| vec![*x]))
+                    .collect(),
             };
             (surface.name, simplices)
         };

@@ -1,6 +1,7 @@
 //! Brings a surface that a user gives into the frame of an image, and drops its null values.
 
 use super::interpretation::{PickedShape, PickedSurface};
+use super::sticks::Stick;
 use crate::error::{Error, Result, cause};
 use crate::image::placing::{Frame, GivenFile};
 use crate::image::point_nulls::{NullSearch, consecutive_pairs, pairs_in_plan};
@@ -30,7 +31,7 @@ impl PickedSurface {
         place: &str,
         options: &CoordinateOptions,
     ) -> Result<PlacedSurface> {
-        let (shape, mut nulls) = self.without_nulls(options);
+        let (mut shape, mut nulls) = self.without_nulls(options);
         if shape.points().next().is_none() {
             let problem = format!("{} has no point: {}", self.name, nulls.join(", "));
             let remedy = "export it again, or keep all values: ,null=none";
@@ -43,14 +44,14 @@ impl PickedSurface {
         };
         let to_frame = |p: [f64; 3]| std::array::from_fn::<f64, D, _>(|k| p[k]);
         let placing = frame.placing(file, &mut shape.points().map(to_frame))?;
-        let move_point = |p: [f64; 3]| {
+        shape.try_map_points(|p| {
             let placed = placing.apply(to_frame(p));
-            std::array::from_fn(|k| placed.get(k).copied().unwrap_or(0.0))
-        };
+            Ok(std::array::from_fn(|k| placed.get(k).copied().unwrap_or(0.0)))
+        })?;
         let mut notes = placing.notes.clone();
         notes.append(&mut nulls);
         Ok(PlacedSurface {
-            shape: shape.mapped(move_point),
+            shape,
             share: placing.share,
             notes,
         })
@@ -80,6 +81,25 @@ impl PickedSurface {
                 let kept = kept.map(|(p, _)| *p).collect();
                 (PickedShape::Points(kept), nulls.notes)
             }
+            PickedShape::Sticks(sticks) => {
+                let points: Vec<[f64; 3]> = self.shape.points().collect();
+                let pairs = || {
+                    let mut first = 0;
+                    let of_stick = |stick: &Stick| {
+                        first += stick.points.len();
+                        consecutive_pairs(first - stick.points.len(), stick.points.len())
+                    };
+                    vec![sticks.iter().flat_map(of_stick).collect()]
+                };
+                let nulls = search(&points, &pairs);
+                let mut flags = nulls.flags.into_iter();
+                let mut kept = sticks.clone();
+                for stick in &mut kept {
+                    stick.points.retain(|_| !flags.next().unwrap_or(false));
+                }
+                kept.retain(|stick| !stick.points.is_empty());
+                (PickedShape::Sticks(kept), nulls.notes)
+            }
             PickedShape::Triangles(triangles) => {
                 let (nodes, corners) = distinct_nodes(triangles);
                 let edges = || {
@@ -92,18 +112,6 @@ impl PickedSurface {
                 let kept = kept.map(|(t, _)| *t).collect();
                 (PickedShape::Triangles(kept), nulls.notes)
             }
-        }
-    }
-}
-
-impl PickedShape {
-    /// Returns the shape with each point moved.
-    fn mapped(&self, move_point: impl Fn([f64; 3]) -> [f64; 3]) -> Self {
-        match self {
-            Self::Triangles(triangles) => {
-                Self::Triangles(triangles.iter().map(|t| t.map(&move_point)).collect())
-            }
-            Self::Points(points) => Self::Points(points.iter().map(|p| move_point(*p)).collect()),
         }
     }
 }

@@ -114,7 +114,7 @@ impl<const D: usize> Frame<D> {
     /// Creates the frame of an image of `dims` samples.
     pub fn new(geometry: &Geometry<D>, dims: [usize; D]) -> Self {
         Self {
-            direction: z_direction(geometry),
+            direction: geometry.z_direction(),
             geometry: geometry.clone(),
             last: dims.map(|n| n.max(1) as f64 - 1.0),
             region: Region::Inside,
@@ -477,9 +477,11 @@ impl<const D: usize> Placing<'_, D> {
         length * self.reading.factors[0]
     }
 
-    /// Returns `true` if the sign of z is turned.
-    pub fn is_turned(&self) -> bool {
-        self.sign < 0.0
+    /// Returns `true` if positions stay as they are in the file.
+    pub fn is_identity(&self) -> bool {
+        self.sign > 0.0
+            && self.reading.factors.iter().all(|factor| *factor == 1.0)
+            && self.reading.vertical == Vertical::Scaled(1.0)
     }
 }
 
@@ -553,14 +555,16 @@ fn sign_note(
     }
 }
 
-/// Returns the direction in which z of an image grows, if its names and units tell.
-fn z_direction<const D: usize>(geometry: &Geometry<D>) -> Option<ZDirection> {
-    let is_down = geometry.points_down();
-    let without_units = geometry.units.iter().all(String::is_empty);
-    let along = (0..D).find(|&k| geometry.main_coordinate(k) == D - 1);
-    let has_plain_name = along.is_none_or(|k| ["x", "y", "z", "w", ""].contains(&&*geometry.names[k]));
-    if without_units && has_plain_name {
-        return None;
+impl<const D: usize> Geometry<D> {
+    /// Returns the direction in which the last physical coordinate grows, if names and units tell.
+    pub fn z_direction(&self) -> Option<ZDirection> {
+        let without_units = self.units.iter().all(String::is_empty);
+        let along = (0..D).find(|&k| self.main_coordinate(k) == D - 1);
+        let plain = ["x", "y", "z", "w", ""];
+        let has_plain_name = along.is_none_or(|k| plain.contains(&&*self.names[k]));
+        if without_units && has_plain_name {
+            return None;
+        }
+        Some(ZDirection::from_up(!self.points_down()))
     }
-    Some(if is_down { ZDirection::Down } else { ZDirection::Up })
 }

@@ -11,6 +11,13 @@ pub enum ZDirection {
     Down,
 }
 
+impl ZDirection {
+    /// Returns the direction of heights if `is_up` is `true`, or else that of depths.
+    pub fn from_up(is_up: bool) -> Self {
+        if is_up { Self::Up } else { Self::Down }
+    }
+}
+
 impl Display for ZDirection {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

@@ -24,6 +24,7 @@
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
 //! - `features`: detects features alone
+//! - `placed_points`: wells and fixed atoms in the frame of the image
 //! - `well_file`: trajectories of wells in CSV files
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
@@ -53,6 +54,7 @@ mod simplices;
 pub mod spec;
 mod stages;
 mod topography;
+mod placed_points;
 pub(crate) mod well_file;
 
 use crate::Result;
@@ -69,6 +71,7 @@ pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
 pub use measure::{BOX_TOLERANCE, scaled_mesh};
 pub(crate) use optimise::optimize_options;
 pub use padding::{Burden, PaddingCells};
+pub use placed_points::PointFile;
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use run::{MeshResult, Outcome, Provenance, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};

@@ -7,13 +7,15 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::given_surfaces::{self, FollowedSurface};
-use super::spec::{DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
+use super::placed_points::PointFile;
+use super::spec::{DistanceSource, FileOption, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
 use crate::files::csv;
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
+use crate::image::stated::StatedCoordinates;
 use crate::image::{Geometry, Image, Modality, VelocityModel};
 use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
@@ -177,11 +179,11 @@ pub enum Evaluator {
 pub struct FixedAtom<const D: usize = 3> {
     /// Name of the atom in errors, e.g. the line of the file it comes from.
     pub name: String,
-    /// Position in the image's physical coordinates.
+    /// Position in the coordinates of its file, or in the image's physical coordinates.
     pub position: [f64; D],
 }
 
-/// A well, in the image's physical coordinates.
+/// A well, in the coordinates of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WellPath<const D: usize = 3> {
     /// Name of the well in errors, e.g. its file.
@@ -190,6 +192,8 @@ pub struct WellPath<const D: usize = 3> {
     pub points: Vec<[f64; D]>,
     /// Largest radius of the well.
     pub radius: f64,
+    /// The file of the well, and what is known about its coordinates.
+    pub file: PointFile,
 }
 
 /// Everything that determines a mesh, apart from the image: the options, and the content of the
@@ -209,6 +213,8 @@ pub struct Params<const D: usize = 3> {
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
     pub fixed_atoms: Vec<FixedAtom<D>>,
+    /// The file of fixed atoms, and what is known about its coordinates.
+    pub atom_file: PointFile,
     /// Wells: fixed atoms along their trajectories.
     pub wells: Vec<WellPath<D>>,
     /// Surfaces to follow.
@@ -306,8 +312,14 @@ impl<const D: usize> Params<D> {
             |flag, options: &[_]| given_surfaces::read(flag, options, nulls.as_deref());
         params.surfaces = read_surfaces("surface", &spec.surface)?;
         params.topography = read_surfaces("topography", spec.topography.as_slice())?;
-        if let Some(path) = &spec.atoms_from {
-            params.fixed_atoms = read_fixed_atoms(path)?;
+        let point_file = |flag: &str, option: &FileOption| PointFile {
+            place: format!("{flag} {option}"),
+            stated: StatedCoordinates::default(),
+            options: option.coordinates.with_nulls(nulls.clone()),
+        };
+        if let Some(option) = &spec.atoms_from {
+            params.fixed_atoms = read_fixed_atoms(&option.path)?;
+            params.atom_file = point_file("atoms-from", option);
         }
         if spec.seeding == SeedingKind::Canny {
             return Ok(params);
@@ -329,7 +341,7 @@ impl<const D: usize> Params<D> {
             )?));
         }
         params.wells = (spec.well.iter())
-            .map(|path| read_well(path))
+            .map(|option| read_well(&option.path, point_file("well", option)))
             .collect::<Result<_>>()?;
         Ok(params)
     }
@@ -361,6 +373,7 @@ impl<const D: usize> Params<D> {
             distance_map: None,
             beta: Weight::Constant(beta),
             fixed_atoms: Vec::new(),
+            atom_file: PointFile::default(),
             wells: Vec::new(),
             surfaces: Vec::new(),
             topography: Vec::new(),
@@ -476,9 +489,10 @@ fn read_fixed_atoms<const D: usize>(path: &Path) -> Result<Vec<FixedAtom<D>>> {
 }
 
 /// Reads a well from a CSV file.
-fn read_well<const D: usize>(path: &Path) -> Result<WellPath<D>> {
+fn read_well<const D: usize>(path: &Path, point_file: PointFile) -> Result<WellPath<D>> {
     let file = WellFile::<D>::read(path, D - 1)?;
     Ok(WellPath {
+        file: point_file,
         name: path.display().to_string(),
         radius: file.points.iter().map(|p| p.2).fold(0.0, f64::max),
         points: file.points.iter().map(|p| p.1).collect(),

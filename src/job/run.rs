@@ -208,7 +208,8 @@ where
     let prepared = PreparedImage::new(source, params)?;
     let source = prepared.source(source);
     let (dims, geometry) = (source.dims(), source.geometry());
-    let params = &*params.with_metric_for(geometry);
+    let (placed, notes_on_points) = params.with_points_in(geometry, dims)?;
+    let params = &*placed.with_metric_for(geometry);
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
     let fitted = fitted_params(params, (dims, geometry), extent)?;
@@ -256,6 +257,7 @@ where
     add_features(&mut report, &features);
     let notes_on_given = given.into_iter().flat_map(|given| given.notes);
     let note_on_distance = placement::distance_note(source, params, &features)?;
+    report.notes.extend(notes_on_points);
     report.notes.extend(notes_on_given.chain(note_on_distance));
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);

@@ -77,13 +77,14 @@ pub struct MeshSpec {
     )]
     pub feature: FeatureKind,
     /// Faults and horizons to follow as they are, beside the features that are found (none with
-    /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one, with
-    /// `,fault` or `,horizon` at the end if the file does not say. GOCAD .ts and .pl, .vtp, .obj,
-    /// grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, in the image's physical
-    /// coordinates; may be repeated
+    /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one. GOCAD
+    /// .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, which are
+    /// brought to the image's coordinates. What the file does not say follows it: ,fault or ,horizon;
+    /// ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or ,domain=depth; ,null=-999.
+    /// May be repeated
     #[cfg_attr(
         feature = "cli",
-        arg(long, value_name = "FILE[:NAME]", help_heading = FEATURES)
+        arg(long, value_name = "FILE[:NAME][,...]", help_heading = FEATURES)
     )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface: Vec<FileOption>,
@@ -203,15 +204,16 @@ pub struct MeshSpec {
     /// Largest number of atoms that --seeding guide places [default: as many as fit]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_atoms: Option<usize>,
-    /// A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), in the image's physical
-    /// coordinates
+    /// A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), which are brought to the
+    /// image's coordinates; what it does not say follows it, as for --surface
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
-    pub atoms_from: Option<PathBuf>,
+    pub atoms_from: Option<FileOption>,
     /// A CSV file of a well trajectory, along which atoms are fixed: lines x,y,z,radius (x,y,radius
-    /// in 2-D) in the image's physical coordinates; may be repeated
+    /// in 2-D), which are brought to the image's coordinates; what it does not say follows it, as for
+    /// --surface. May be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub well: Vec<PathBuf>,
+    pub well: Vec<FileOption>,
     /// Distance between atoms at wells, in samples; it increases to --distance away from them
     #[cfg_attr(feature = "cli", arg(long, value_name = "D", help_heading = ATOMS))]
     pub well_distance: Option<f64>,
@@ -320,9 +322,10 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
     pub pad: Option<Padding>,
     /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
-    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It
-    /// must cover the image and the sides of --pad, and replaces above=DIST of --pad
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
+    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, which are brought to the image's coordinates; what
+    /// it does not say follows it, as for --surface. It must cover the image and the sides of --pad, and replaces
+    /// above=DIST of --pad
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME][,...]"))]
     pub topography: Option<FileOption>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is

@@ -181,6 +181,47 @@ impl<const D: usize> Frame<D> {
         })
     }
 
+    /// Returns a test of whether a position of a file lies in the image, in any of the ways in which
+    /// the file can be read.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Frame::placing`].
+    pub fn membership(&self, file: GivenFile<'_>) -> Result<impl Fn([f64; D]) -> bool + '_> {
+        let placing = |reading: Reading<D>, sign: f64| Placing {
+            frame: self,
+            reading,
+            sign,
+            share: 0.0,
+            notes: Vec::new(),
+        };
+        let readings = self.readings(file)?.into_iter();
+        let placings: Vec<Placing<'_, D>> = readings
+            .flat_map(|reading| [placing(reading.clone(), 1.0), placing(reading, -1.0)])
+            .collect();
+        Ok(move |p| placings.iter().any(|placing| self.contains(placing.apply(p))))
+    }
+
+    /// Returns the middle of the image.
+    pub fn middle(&self) -> [f64; D] {
+        self.geometry.to_physical(self.last.map(|last| 0.5 * last))
+    }
+
+    /// Returns the distances between samples along the axes of the image.
+    pub fn spacing(&self) -> [f64; D] {
+        self.geometry.spacing()
+    }
+
+    /// Returns the domain of z, if the image has one alone.
+    pub fn domain(&self) -> Option<Domain> {
+        if self.time_to_depth.is_some() {
+            return None;
+        }
+        self.unit(D - 1).map(|unit| match unit.quantity {
+            Quantity::Time => Domain::Time,
+            Quantity::Length => Domain::Depth,
+        })
+    }
+
     /// Returns the map from the positions of a file to this frame.
     ///
     /// # Errors
@@ -440,8 +481,7 @@ impl<const D: usize> Frame<D> {
             Some(ZDirection::Down) => 1.0,
             // Without names and units, the side of zero on which the image lies tells.
             None => {
-                let middle = self.geometry.to_physical(self.last.map(|last| 0.5 * last));
-                if middle[D - 1] < 0.0 { -1.0 } else { 1.0 }
+                if self.middle()[D - 1] < 0.0 { -1.0 } else { 1.0 }
             }
         }
     }

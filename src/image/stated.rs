@@ -73,6 +73,8 @@ pub struct CoordinateOptions {
     pub nulls: Option<Vec<f64>>,
     /// Meaning of each column of a table; `_` skips one.
     pub columns: Vec<String>,
+    /// Wellhead of a deviation survey: x, y, and the height of its measured depth 0.
+    pub head: Option<[f64; 3]>,
 }
 
 impl CoordinateOptions {

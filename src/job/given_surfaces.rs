@@ -13,7 +13,7 @@ use crate::image::stated::CoordinateOptions;
 use crate::image::time::default_metres_per_unit;
 use crate::parallel::prelude::*;
 use crate::surface_file::interpretation::{
-    PickedShape, PickedSurface, read_interpretation, triangulate_points,
+    PickedShape, PickedSurface, read_interpretation_as, triangulate_points,
 };
 use crate::surface_file::joining::join_sticks;
 use crate::surface_file::placed::PlacedSurface;
@@ -58,9 +58,13 @@ pub(crate) fn read(
     let mut surfaces: Vec<FollowedSurface> = Vec::new();
     for option in options {
         let place = format!("{flag} {option}");
-        let mut picked = read_interpretation(&option.path)?;
+        let mut picked = read_interpretation_as(&option.path, &option.coordinates.columns)?;
         if let Some(name) = &option.name {
-            match picked.iter().position(|surface| surface.name == *name) {
+            let is_named = |surface: &PickedSurface| surface.name == *name;
+            // A command line is easier to write with `_` in place of spaces.
+            let is_almost = |surface: &PickedSurface| surface.name.replace(' ', "_") == *name;
+            let exact = picked.iter().position(is_named);
+            match exact.or_else(|| picked.iter().position(is_almost)) {
                 Some(index) => picked = vec![picked.swap_remove(index)],
                 None if picked.len() == 1 => picked[0].name.clone_from(name),
                 None => {
@@ -248,11 +252,8 @@ impl FollowedSurface {
                 let notes = joined.notes.iter().map(|note| format!(" {note},"));
                 Ok((triangles, notes.collect()))
             }
-            PickedShape::Points(points) => {
-                let points = points
-                    .iter()
-                    .map(|&p| index(p))
-                    .collect::<Result<Vec<_>>>()?;
+            shape => {
+                let points = shape.points().map(index).collect::<Result<Vec<_>>>()?;
                 let triangles = triangulate_points(&points).map_err(|error| {
                     let problem = format!("its {} points span no surface", points.len());
                     let remedy = "give at least three points that are not on one line";

@@ -23,13 +23,16 @@
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
+//! - `named_faces`: the faces on surfaces that the user gives
+//! - `live`: the share of each cell that holds data
 //! - `features`: detects features alone
 //! - `placed_points`: wells and fixed atoms in the frame of the image
-//! - `well_file`: trajectories of wells in CSV files
+//! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
 //! result into physical coordinates.
 
+pub(crate) mod atom_file;
 mod canny;
 pub(crate) mod cells;
 mod checkpoint;
@@ -42,8 +45,10 @@ mod frame;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
 mod join;
+pub(crate) mod live;
 mod local_cells;
 mod measure;
+mod named_faces;
 mod optimise;
 pub(crate) mod padding;
 mod params;

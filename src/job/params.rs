@@ -6,16 +6,15 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::atom_file::AtomFile;
 use super::given_surfaces::{self, FollowedSurface};
 use super::placed_points::PointFile;
 use super::spec::{DistanceSource, FileOption, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
-use crate::files::csv;
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
-use crate::image::stated::StatedCoordinates;
 use crate::image::{Geometry, Image, Modality, VelocityModel};
 use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
@@ -314,12 +313,12 @@ impl<const D: usize> Params<D> {
         params.topography = read_surfaces("topography", spec.topography.as_slice())?;
         let point_file = |flag: &str, option: &FileOption| PointFile {
             place: format!("{flag} {option}"),
-            stated: StatedCoordinates::default(),
             options: option.coordinates.with_nulls(nulls.clone()),
+            ..PointFile::default()
         };
         if let Some(option) = &spec.atoms_from {
-            params.fixed_atoms = read_fixed_atoms(&option.path)?;
-            params.atom_file = point_file("atoms-from", option);
+            (params.fixed_atoms, params.atom_file) =
+                read_fixed_atoms(option, point_file("atoms-from", option))?;
         }
         if spec.seeding == SeedingKind::Canny {
             return Ok(params);
@@ -340,9 +339,10 @@ impl<const D: usize> Params<D> {
                 read_image(path, &InputOptions::default())?,
             )?));
         }
-        params.wells = (spec.well.iter())
-            .map(|option| read_well(&option.path, point_file("well", option)))
-            .collect::<Result<_>>()?;
+        for option in &spec.well {
+            let wells = read_wells(option, &point_file("well", option))?;
+            params.wells.extend(wells);
+        }
         Ok(params)
     }
 
@@ -479,24 +479,64 @@ impl<const D: usize> Params<D> {
     }
 }
 
-/// Reads fixed atoms from a CSV file; each is named after its line.
-fn read_fixed_atoms<const D: usize>(path: &Path) -> Result<Vec<FixedAtom<D>>> {
+/// Reads fixed atoms from a table; each is named after its line.
+fn read_fixed_atoms<const D: usize>(
+    option: &FileOption,
+    point_file: PointFile,
+) -> Result<(Vec<FixedAtom<D>>, PointFile)> {
+    let atoms = AtomFile::<D>::read(&option.path, &option.coordinates.columns)?;
     let fixed_atom = |(line, position)| FixedAtom {
-        name: format!("{}:{line}", path.display()),
+        name: format!("{}:{line}", option.path.display()),
         position,
     };
-    Ok(csv::points(path)?.into_iter().map(fixed_atom).collect())
+    let point_file = PointFile {
+        stated: atoms.coordinates,
+        notes: atoms.notes,
+        ..point_file
+    };
+    Ok((atoms.points.into_iter().map(fixed_atom).collect(), point_file))
 }
 
-/// Reads a well from a CSV file.
-fn read_well<const D: usize>(path: &Path, point_file: PointFile) -> Result<WellPath<D>> {
-    let file = WellFile::<D>::read(path, D - 1)?;
-    Ok(WellPath {
-        file: point_file,
-        name: path.display().to_string(),
-        radius: file.points.iter().map(|p| p.2).fold(0.0, f64::max),
-        points: file.points.iter().map(|p| p.1).collect(),
-    })
+/// Reads the wells of a file, or the one that the option names.
+fn read_wells<const D: usize>(
+    option: &FileOption,
+    point_file: &PointFile,
+) -> Result<Vec<WellPath<D>>> {
+    let options = &option.coordinates;
+    let mut files = WellFile::<D>::read_all(&option.path, &options.columns, options.head, D - 1)?;
+    if let Some(name) = &option.name {
+        let names: Vec<String> = files.iter().map(|file| file.name.clone()).collect();
+        match names.iter().position(|other| other == name) {
+            Some(index) => files = vec![files.swap_remove(index)],
+            None if files.len() == 1 => files[0].name.clone_from(name),
+            None => {
+                let problem = format!("names no well: the file has {}", names.join(", "));
+                return Err(Error::Job(cause(&point_file.place, problem, "give one of these names")));
+            }
+        }
+    }
+    let several = files.len() > 1;
+    let path = option.path.display();
+    let well = |file: WellFile<D>| WellPath {
+        name: if several {
+            format!("{path}:{}", file.name)
+        } else {
+            path.to_string()
+        },
+        radius: file
+            .points
+            .iter()
+            .filter_map(|p| p.radius)
+            .fold(0.0, f64::max),
+        points: file.points.iter().map(|p| p.position).collect(),
+        file: PointFile {
+            stated: file.coordinates,
+            notes: file.notes,
+            ..point_file.clone()
+        },
+    };
+    Ok(files.into_iter().map(well).collect())
+}
 }
 
 /// Returns the image that an option names; `remedy` says what to give.

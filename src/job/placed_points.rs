@@ -20,6 +20,8 @@ pub struct PointFile {
     pub stated: StatedCoordinates,
     /// The statements of the option.
     pub options: CoordinateOptions,
+    /// What was assumed when the file was read.
+    pub notes: Vec<String>,
 }
 
 /// Points of a file in the frame of an image.
@@ -60,7 +62,10 @@ impl PointFile {
             options: &self.options,
         };
         let placing = frame.placing(file, &mut known.iter().map(|&i| points[i]))?;
-        let mut texts = if placing.is_identity() { Vec::new() } else { placing.notes.clone() };
+        let mut texts = self.notes.clone();
+        if !placing.is_identity() {
+            texts.extend(placing.notes.iter().cloned());
+        }
         texts.extend(nulls.notes);
         Ok(PlacedPoints {
             points: known.iter().map(|&i| (i, placing.apply(points[i]))).collect(),

@@ -10,7 +10,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
-    StageRunner, cells, estimate, simplices,
+    StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -19,6 +19,9 @@ use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
 use crate::mesh::Mesh;
+#[cfg(doc)]
+use crate::mesh::complex::NONE;
+use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
@@ -44,6 +47,11 @@ where
     pub share: Option<MeshShare>,
     /// The features that the mesh follows.
     pub features: Features<D>,
+    /// For each face of the mesh the index in [`Features::names`] of the surface that it lies on, or
+    /// [`NONE`]; empty if no surface has a name.
+    pub face_names: Vec<u32>,
+    /// The share of each cell that holds data; `None` if all cells are full of data.
+    pub live: Option<Vec<f64>>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -241,6 +249,7 @@ where
     })?;
     let MadeMesh {
         mesh,
+        face_names,
         mut report,
         share,
         distance,
@@ -259,6 +268,13 @@ where
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_points);
     report.notes.extend(notes_on_given.chain(note_on_distance));
+    let live = live::live_volume(source, &features, params.spec.input.keeps_nulls())?;
+    // All ranks have the array, whether their own cells are live or not.
+    let live = live
+        .map(|live| live::live_shares(&mesh, step, &live))
+        .filter(|shares| share.is_some() || shares.iter().any(|share| *share < 1.0));
+    let note_on_live = live.as_deref().and_then(live::note_on_live_shares);
+    report.notes.extend(note_on_live);
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
@@ -273,6 +289,8 @@ where
         padding,
         share,
         features,
+        face_names,
+        live,
         distance,
         optimize_result,
         provenance: Provenance::default(),
@@ -439,6 +457,14 @@ impl<const D: usize> PreparedImage<D> {
             {
                 image.mark_dead(!params.spec.input.keeps_nulls())?
             }
+            // Labels continue where samples are left out, and the cells there are not live.
+            ImageSource::InMemory(image) if params.spec.feature.has_labels() => {
+                let marked = image.mark_dead(false)?;
+                marked.map(|marked| MaskedImage {
+                    image: marked.image.filled_from_nearest(),
+                    notes: marked.notes,
+                })
+            }
             _ => None,
         };
         Ok(Self { merged, marked })
@@ -478,6 +504,8 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     mesh: MeshResult<D>,
+    /// Names of faces, as in [`Outcome::face_names`].
+    face_names: Vec<u32>,
     report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
     share: Option<MeshShare>,
@@ -500,13 +528,13 @@ where
         return join_atoms(source, params, features, frame, stages);
     }
     let cells = cells::make_cells(source, params, features, frame, stages)?;
-    let (mesh, report, distance, optimize_result) = cells;
     Ok(MadeMesh {
-        mesh,
-        report,
+        mesh: cells.mesh,
+        face_names: cells.face_names,
+        report: cells.report,
         share: None,
-        distance,
-        optimize_result: Some(optimize_result),
+        distance: cells.distance,
+        optimize_result: Some(cells.optimize_result),
     })
 }
 
@@ -543,8 +571,11 @@ where
     };
     if let Some(partition) = partition {
         features.replace_points(partition.near_points);
+        let annotated = partition.annotated_mesh;
+        let marks: Vec<bool> = marks_from_bits::<D>(&annotated.feature_faces).collect();
         return Ok(MadeMesh {
-            mesh: MeshResult::Simplices(partition.annotated_mesh),
+            face_names: horizons::face_names(&annotated.mesh, &marks, features),
+            mesh: MeshResult::Simplices(annotated),
             report: partition.report,
             share: Some(partition.share),
             distance: partition.distance,
@@ -559,10 +590,11 @@ where
         distance: &distance,
     };
     let atoms = atoms.all_gather(comm)?;
-    let (mesh, report) = simplices::make_simplices(atoms, &scene, source, params, stages)?;
+    let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
     Ok(MadeMesh {
-        mesh,
-        report,
+        mesh: made.mesh,
+        face_names: made.face_names,
+        report: made.report,
         share: None,
         distance,
         optimize_result,

@@ -1,9 +1,10 @@
 //! Brings a surface that a user gives into the frame of an image, and drops its null values.
 
 use super::interpretation::{PickedShape, PickedSurface};
+use super::point_table::{ReadingFrame, TableReadings};
 use super::sticks::Stick;
 use crate::error::{Error, Result, cause};
-use crate::image::placing::{Frame, GivenFile};
+use crate::image::placing::{Frame, GivenFile, Region};
 use crate::image::point_nulls::{NullSearch, consecutive_pairs, pairs_in_plan};
 use crate::image::stated::CoordinateOptions;
 
@@ -31,6 +32,9 @@ impl PickedSurface {
         place: &str,
         options: &CoordinateOptions,
     ) -> Result<PlacedSurface> {
+        if let PickedShape::Readings(table) = &self.shape {
+            return self.fitting(table, frame, place, options)?.placed(frame, place, options);
+        }
         let (mut shape, mut nulls) = self.without_nulls(options);
         if shape.points().next().is_none() {
             let problem = format!("{} has no point: {}", self.name, nulls.join(", "));
@@ -50,11 +54,46 @@ impl PickedSurface {
         })?;
         let mut notes = placing.notes.clone();
         notes.append(&mut nulls);
+        notes.extend(self.notes.iter().cloned());
         Ok(PlacedSurface {
             shape,
             share: placing.share,
             notes,
         })
+    }
+
+    /// Returns the surface with the reading of its table that fits an image.
+    fn fitting<const D: usize>(
+        &self,
+        table: &TableReadings,
+        frame: &Frame<D>,
+        place: &str,
+        options: &CoordinateOptions,
+    ) -> Result<Self> {
+        let file = GivenFile {
+            place,
+            stated: &self.coordinates,
+            options,
+        };
+        let is_inside = frame.membership(file)?;
+        let in_plan = frame.clone().in_region(Region::Column);
+        let is_inside_in_plan = in_plan.membership(file)?;
+        let (middle, spacing) = (frame.middle(), frame.spacing());
+        let reading_frame = ReadingFrame {
+            contains: &|p| is_inside(std::array::from_fn(|k| p[k])),
+            contains_in_plane: &|[x, y]| {
+                let place = |k| [x, y].get(k).copied().unwrap_or(middle[k]);
+                is_inside_in_plan(std::array::from_fn(place))
+            },
+            spacing: std::array::from_fn(|k| spacing.get(k).copied().unwrap_or(1.0)),
+            domain: options.domain.or(frame.domain()),
+        };
+        let fitting = table.fit(place, &reading_frame)?;
+        let mut resolved = self.clone();
+        resolved.shape = PickedShape::Points(fitting.points);
+        resolved.coordinates = fitting.coordinates;
+        resolved.notes.push(fitting.note);
+        Ok(resolved)
     }
 
     /// Returns the shape without null values, and a note on each of these.
@@ -74,6 +113,7 @@ impl PickedSurface {
             .find(groups)
         };
         match &self.shape {
+            PickedShape::Readings(_) => (self.shape.clone(), Vec::new()),
             PickedShape::Points(points) => {
                 let groups = || vec![consecutive_pairs(0, points.len()), pairs_in_plan(points)];
                 let nulls = search(points, &groups);

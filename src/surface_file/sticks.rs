@@ -9,6 +9,7 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use super::joining::join_sticks;
+use super::point_table::read_stick_table;
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
@@ -382,43 +383,14 @@ impl StickCollector {
     }
 }
 
-/// Reads sticks.
+/// Reads a table of sticks.
 ///
 /// # Errors
-/// Returns [`Error::Io`], with the line number, if the file cannot be read or is not a table of
-/// sticks.
+/// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`], with the line number, if it is
+/// not a table of sticks.
 pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
-    let text = read_text(path)?;
-    let refuse = |line: usize, problem: String| {
-        let place = format!("{}:{line}", path.display());
-        let remedy = "give columns fault,stick,x,y,z";
-        Error::Io(cause(place, problem, remedy))
-    };
-    let has_data = |line: &(usize, &str)| !line.1.trim().is_empty() && !line.1.starts_with('#');
-    let mut lines = (1..).zip(text.lines()).filter(has_data);
-    let (number, header) = lines.next().ok_or_else(|| refuse(1, "is empty".into()))?;
-    let names: Vec<String> = header
-        .split(',')
-        .map(|name| name.trim().to_lowercase())
-        .collect();
-    let mut columns = [0; 5];
-    for (column, name) in columns.iter_mut().zip(["fault", "stick", "x", "y", "z"]) {
-        let position = names.iter().position(|other| other == name);
-        *column = position.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
-    }
-    let mut collector = StickCollector::default();
-    for (number, line) in lines {
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        let field = |k: usize| fields.get(columns[k]).copied().unwrap_or("");
-        let mut point = [0.0; 3];
-        for (k, coordinate) in point.iter_mut().enumerate() {
-            let coordinate_value = field(2 + k).parse::<f64>().ok().filter(|c| c.is_finite());
-            *coordinate = coordinate_value
-                .ok_or_else(|| refuse(number, format!("'{}' is not a number", field(2 + k))))?;
-        }
-        collector.add(field(0), field(1), number, point);
-    }
-    Ok(collector.faults)
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    read_stick_table(path, &stem)
 }
 
 #[cfg(test)]
@@ -545,11 +517,10 @@ mod tests {
         assert_eq!(faults[0].sticks[1].points, [[5.0, 2.0, -3.0]]);
         assert_eq!(faults[0].sticks[1].line, Some(6));
         for (text, expected) in [
-            ("", "is empty"),
-            ("x,y,z\n1,2,3\n", "has no column fault"),
+            ("x,y,z\n1,2,3\n", "has no column stick"),
             (
-                "fault,stick,x,y,z\na,1,2,3\n",
-                "a.csv:2: '' is not a number",
+                "fault,stick,x,y,z\na,1,2,3,four\n",
+                "a.csv:2: 'four' in column z is not a number",
             ),
         ] {
             std::fs::write(&path, text).unwrap();

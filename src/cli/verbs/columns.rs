@@ -17,7 +17,7 @@ use crate::job::spec::{FileOption, InvalidValue};
 use crate::model::columns::given::{GivenHorizon, HorizonShape};
 use crate::model::columns::{ColumnsInput, ColumnsSpec};
 use crate::progress::Stage;
-use crate::surface_file::interpretation::read_interpretation;
+use crate::surface_file::interpretation::read_interpretation_as;
 
 /// Endings of files of surfaces and points. All others are images.
 const SURFACE_ENDINGS: [&str; 11] = [
@@ -111,7 +111,7 @@ fn read_horizon(text: &str, input: &InputOptions, console: &Console) -> Result<G
         loaded.notes.iter().for_each(|note| console.note(note));
         return Ok(given(HorizonShape::Grid(loaded.image), &option.coordinates));
     }
-    let mut surfaces = read_interpretation(path)?;
+    let mut surfaces = read_interpretation_as(path, &option.coordinates.columns)?;
     let names: Vec<String> = surfaces.iter().map(|surface| surface.name.clone()).collect();
     if let Some(name) = &option.name {
         let named = names.iter().position(|other| other == name);

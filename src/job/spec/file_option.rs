@@ -18,7 +18,7 @@ const REMEDY: &str = "give FILE or FILE:NAME, and after it what the file does no
                       ,null=-999 or ,null=none, ,columns=x,y,_,z";
 
 /// Names of what may follow a file, each with `=` and a value.
-const KEYS: [&str; 5] = ["unit", "z", "domain", "null", "columns"];
+const KEYS: [&str; 6] = ["unit", "z", "domain", "null", "columns", "head"];
 
 /// A file of positions, with the name of one of its parts, and statements about its coordinates.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -45,6 +45,7 @@ impl FileOption {
     /// Takes the parts after the file from `text`, `,` first. Returns `None` if they are none.
     fn with_parts(text: &str) -> Option<Result<Self, InvalidValue>> {
         let mut option = Self::default();
+        let mut head = Vec::new();
         // The key of the last value, to which further items of a list belong.
         let mut key = "";
         for part in text.split(',').skip(1) {
@@ -53,6 +54,11 @@ impl FileOption {
                 None if part == "fault" || part == "horizon" => {
                     option.is_horizon = Some(part == "horizon");
                 }
+                Some(("head", value)) => {
+                    key = "head";
+                    head.push(value);
+                }
+                None if key == "head" => head.push(part),
                 Some((name, value)) if KEYS.contains(&name) => {
                     key = name;
                     if let Err(error) = option.coordinates.set(name, value) {
@@ -65,6 +71,15 @@ impl FileOption {
                     }
                 }
                 _ => return None,
+            }
+        }
+        if !head.is_empty() {
+            let numbers: Option<Vec<f64>> = head.iter().map(|n| n.trim().parse().ok()).collect();
+            option.coordinates.head = numbers.and_then(|numbers| numbers.try_into().ok());
+            if option.coordinates.head.is_none() {
+                let problem = format!("has the unknown value head={}", head.join(","));
+                let remedy = "give x, y and the height of the wellhead: head=450000,6780000,25";
+                return Some(Err(InvalidValue::new(problem, remedy)));
             }
         }
         Some(option.checked())
@@ -140,7 +155,7 @@ impl FromStr for FileOption {
         }
         Ok(Self {
             path: path.into(),
-            name: name.map(|name| name.split_whitespace().collect::<Vec<_>>().join("_")),
+            name: name.map(|name| name.trim().to_string()),
             ..option
         })
     }
@@ -171,6 +186,7 @@ impl Display for FileOption {
             domain,
             nulls,
             columns,
+            head,
         } = &self.coordinates;
         if !units.is_empty() {
             write!(f, ",unit={}", units.join(","))?;
@@ -188,6 +204,9 @@ impl Display for FileOption {
         }
         if !columns.is_empty() {
             write!(f, ",columns={}", columns.join(","))?;
+        }
+        if let Some(head) = head {
+            write!(f, ",head={}", super::values::joined(head))?;
         }
         Ok(())
     }
@@ -209,13 +228,14 @@ mod tests {
             "a,b.ts:x,unit=m,m,ft,domain=depth",
             "p.csv,null=-999,0,columns=x,y,_,z",
             "p.csv,z=up,null=none",
+            "w.dev:A-1,head=450000,6780000.5,25",
         ] {
             let option: FileOption = text.parse().unwrap();
             assert_eq!(option.to_string(), text);
         }
         let option: FileOption = "p.csv:Top A,columns=x,y,_,z,fault,unit=feet".parse().unwrap();
         assert_eq!(option.path, Path::new("p.csv"));
-        assert_eq!(option.name.as_deref(), Some("Top_A"));
+        assert_eq!(option.name.as_deref(), Some("Top A"));
         assert_eq!(option.is_horizon, Some(false));
         assert_eq!(option.coordinates.columns, ["x", "y", "_", "z"]);
         assert_eq!(option.coordinates.unit(2), Some("ft"));
@@ -232,6 +252,7 @@ mod tests {
             ("a.ts,z=left", "has the unknown value z=left"),
             ("a.ts,null=x", "has the unknown value null=x"),
             ("a.ts,domain=z", "has the unknown value domain=z"),
+            ("a.dev,head=1,2", "has the unknown value head=1,2"),
             ("a.ts,unti=ft", "has the unknown part unti=ft"),
         ] {
             let error = text.parse::<FileOption>().unwrap_err().to_string();

@@ -204,13 +204,14 @@ pub struct MeshSpec {
     /// Largest number of atoms that --seeding guide places [default: as many as fit]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_atoms: Option<usize>,
-    /// A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), which are brought to the
-    /// image's coordinates; what it does not say follows it, as for --surface
+    /// A table of fixed atoms (wells, sources) with the columns x, y and z (x and y in 2-D), which are
+    /// brought to the image's coordinates; what it does not say follows it, as for --surface
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     pub atoms_from: Option<FileOption>,
-    /// A CSV file of a well trajectory, along which atoms are fixed: lines x,y,z,radius (x,y,radius
-    /// in 2-D), which are brought to the image's coordinates; what it does not say follows it, as for
-    /// --surface. May be repeated
+    /// A table of well trajectories, along which atoms are fixed: columns x, y, z and radius (x, y and
+    /// radius in 2-D), or a deviation survey; they are brought to the image's coordinates. FILE:NAME
+    /// takes one well. What the file does not say follows it, as for --surface, and ,head=x,y,z is the
+    /// wellhead; may be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<FileOption>,

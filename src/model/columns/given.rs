@@ -187,14 +187,17 @@ impl GivenHorizon {
 fn horizon_triangles(shape: &PickedShape, place: &str) -> Result<Vec<[[f64; 3]; 3]>> {
     match shape {
         PickedShape::Triangles(triangles) => Ok(triangles.clone()),
-        PickedShape::Points(points) => triangulate_points(points).map_err(|error| {
-            let problem = format!("its {} points span no surface", points.len());
-            let remedy = "give at least three points that are not on one line";
-            Error::Job(cause(place, problem, remedy).with_source(error))
-        }),
         PickedShape::Sticks(_) => {
             let remedy = "give a file of surfaces, a grid of heights or points";
             Err(Error::Job(cause(place, "holds fault sticks and no horizon", remedy)))
+        }
+        shape => {
+            let points: Vec<[f64; 3]> = shape.points().collect();
+            triangulate_points(&points).map_err(|error| {
+                let problem = format!("its {} points span no surface", points.len());
+                let remedy = "give at least three points that are not on one line";
+                Error::Job(cause(place, problem, remedy).with_source(error))
+            })
         }
     }
 }

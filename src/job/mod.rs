@@ -23,6 +23,7 @@
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
+//! - `named_faces`: the faces on surfaces that the user gives
 //! - `features`: detects features alone
 //! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
 //!
@@ -44,6 +45,7 @@ pub(crate) mod horizons;
 mod join;
 mod local_cells;
 mod measure;
+mod named_faces;
 mod optimise;
 pub(crate) mod padding;
 mod params;

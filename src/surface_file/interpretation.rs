@@ -27,6 +27,7 @@ use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
 use crate::image::stated::StatedCoordinates;
 use crate::mesh::delaunay::delaunay_plane;
+use crate::names;
 
 /// A surface that a user gives, in physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,7 +114,7 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
 /// Returns [`Error::Io`] or [`Error::Job`] if the file cannot be read, is damaged, or holds no surface.
 pub fn read_interpretation_as(path: &Path, columns: &[String]) -> Result<Vec<PickedSurface>> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let stem = stem.split_whitespace().collect::<Vec<_>>().join("_");
+    let stem = names::from_file(&stem);
     let surfaces = if has_extension(path, &["vtp"]) {
         from_triangles(&read_surfaces(path)?, None)
     } else if has_extension(path, &["obj"]) {
@@ -178,7 +179,7 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
 /// Returns the faults of a file. Their sticks are joined when they are placed in the image.
 fn from_sticks(faults: Vec<FaultSticks>) -> Vec<PickedSurface> {
     let surface = |fault: FaultSticks| PickedSurface {
-        name: fault.name.split_whitespace().collect::<Vec<_>>().join("_"),
+        name: names::from_file(&fault.name),
         is_horizon: Some(false),
         shape: PickedShape::Sticks(fault.sticks),
         coordinates: fault.coordinates,
@@ -265,7 +266,7 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
                     .push(position.ok_or_else(|| refuse("is not a vertex (x, y, z)"))?);
             }
             Some("g" | "o") => {
-                let name = words.collect::<Vec<_>>().join("_");
+                let name = names::from_file(&words.collect::<Vec<_>>().join(" "));
                 file.names.push(if name.is_empty() {
                     stem.to_string()
                 } else {
@@ -411,7 +412,7 @@ mod tests {
             let path = write(folder.path(), "top A.xyz", text);
             let read = read_interpretation(&path).unwrap();
             assert_eq!(read.len(), 1);
-            assert_eq!((&*read[0].name, read[0].is_horizon), ("top_A", None));
+            assert_eq!((&*read[0].name, read[0].is_horizon), ("top A", None));
             assert_eq!(
                 read[0].shape,
                 PickedShape::Points(expected.clone()),

@@ -32,7 +32,7 @@ pub struct SurfaceFile<const D: usize> {
     pub facets: Vec<[u32; D]>,
     /// Index of the first facet of each surface, and the number of facets at the end.
     pub surface_starts: Vec<usize>,
-    /// Names of the surfaces, without spaces or line ends.
+    /// Names of the surfaces, as a file or the user gives them, on one line.
     pub names: Vec<String>,
     /// Arrays with one tuple per facet.
     pub cell_data: Vec<DataArray>,

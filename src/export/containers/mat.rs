@@ -10,6 +10,7 @@ use std::path::Path;
 
 use super::binary::LazyArray;
 use crate::error::cause;
+use crate::names::NameRules;
 use crate::{Error, Result};
 
 /// Value of a variable or a field.
@@ -164,13 +165,34 @@ fn type_number(kind: &str) -> u32 {
     }
 }
 
-/// Returns `true` if a field or a variable can have this name.
-pub fn is_valid_name(name: &str) -> bool {
-    let is_valid_char = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    name.len() < FIELD_NAME_BYTES
-        && name.starts_with(|c: char| c.is_ascii_alphabetic())
-        && name.chars().all(is_valid_char)
-}
+/// Rules of MATLAB for the names of fields and variables. Its keywords cannot be written after a dot.
+pub const FIELD_NAMES: NameRules = NameRules {
+    max_bytes: FIELD_NAME_BYTES - 1,
+    distinct_bytes: FIELD_NAME_BYTES - 1,
+    reserved: &[
+        "break",
+        "case",
+        "catch",
+        "classdef",
+        "continue",
+        "else",
+        "elseif",
+        "end",
+        "for",
+        "function",
+        "global",
+        "if",
+        "otherwise",
+        "parfor",
+        "persistent",
+        "return",
+        "spmd",
+        "switch",
+        "try",
+        "while",
+    ],
+    ..NameRules::IDENTIFIER
+};
 
 /// Checks that all variables fit, before any is written to the file at `path`.
 ///

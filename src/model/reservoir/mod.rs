@@ -49,11 +49,12 @@ use crate::files::vtk::DataArray;
 use crate::geometry::{dot, sorted_distinct, sub};
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
+use crate::names::append_distinct;
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
 use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
-use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
+use crate::model::surface::names::{SurfaceNames, interface_name};
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 
@@ -491,7 +492,7 @@ impl Model {
             let [a, b] = pair.map(|region| self.region_label(region));
             interface_name([&a, &b])
         });
-        add_names(&mut names, interfaces);
+        append_distinct(&mut names, interfaces);
         let named_pairs = pairs.into_iter().zip(names.split_off(known_count));
         let (pairs, names): (Vec<_>, Vec<_>) = named_pairs
             .filter(|(_, name)| laws.selects_name(name))

@@ -300,14 +300,6 @@ impl Row<'_> {
     }
 }
 
-/// Returns `true` if a deck can hold the name of a well or a group: up to eight letters, digits or
-/// underscores, the first a letter.
-pub fn is_deck_name(name: &str) -> bool {
-    let is_valid_char = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let starts_with_letter = name.starts_with(|c: char| c.is_ascii_alphabetic());
-    name.chars().all(is_valid_char) && starts_with_letter && name.len() <= 8
-}
-
 /// Refuses a table without dates, and one whose columns are not all known: a rate that is not
 /// understood must not be left out.
 fn check_columns(table: &Table) -> Result<()> {
@@ -369,11 +361,6 @@ impl Schedule {
                 continue;
             };
             let group = row.text("group").map(String::from);
-            if let Some(name) = group.iter().find(|name| !is_deck_name(name)) {
-                let problem = format!("group '{name}' has a name that a deck cannot hold");
-                let remedy = "give up to eight letters, digits or _, the first a letter";
-                return Err(row.error(problem, remedy));
-            }
             if let Some(name) = row.text("well") {
                 let Some(well) = wells.iter().position(|well| well.name == name) else {
                     let names: Vec<&str> = wells.iter().map(|well| well.name.as_str()).collect();

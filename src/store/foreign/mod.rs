@@ -18,6 +18,7 @@ use std::path::Path;
 
 use super::labels::{LabelledRegion, regions_field};
 use super::named_surfaces::NamedSurfaces;
+use crate::names::{NameRules, WantedName, assign};
 use super::output::HORIZON_FACES_ARRAY;
 use super::vtu::{read_any_vtu, read_arrays, read_cell_nodes, read_count, read_nodes};
 use super::{AnyMesh, FieldValue, MeshFile};
@@ -293,11 +294,9 @@ struct NamedFaces {
 
 impl NamedFaces {
     fn new(groups: &BTreeMap<i32, String>) -> Self {
-        let names = groups
-            .iter()
-            .map(|(&group, name)| (group, sanitized_name(name)));
-        let (groups, names) = names
-            .filter(|(_, name)| !name.is_empty() && name != SCRAPS_NAME)
+        let (groups, names) = distinct_names(groups.clone())
+            .into_iter()
+            .filter(|(_, name)| name != SCRAPS_NAME)
             .unzip();
         Self { groups, names }
     }
@@ -347,7 +346,7 @@ fn region_number(name: &str) -> Option<i32> {
 }
 
 /// Returns new numbers for regions whose names contain numbers (`region7`), if no other region has
-/// these numbers, and the names of the other regions in a form that exports support.
+/// these numbers, and the distinct names of the other regions.
 fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMap<i32, String>) {
     let numbers: BTreeMap<i32, i32> = (groups.iter())
         .filter_map(|(&group, name)| Some((group, region_number(name)?)))
@@ -357,31 +356,21 @@ fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMa
         let others = groups
             .into_iter()
             .filter(|(group, _)| !numbers.contains_key(group));
-        let names = sanitized_names(others);
+        let names = distinct_names(others);
         return (numbers, names);
     }
-    (BTreeMap::new(), sanitized_names(groups))
+    (BTreeMap::new(), distinct_names(groups))
 }
 
-fn sanitized_names(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
-    let with_names = groups
-        .into_iter()
-        .filter(|(_, name)| !name.trim().is_empty());
-    with_names
-        .map(|(group, name)| (group, sanitized_name(&name)))
-        .collect()
-}
-
-/// Replaces characters that exports do not support, and limits the length to 60.
-fn sanitized_name(name: &str) -> String {
-    let to_plain = |c: char| {
-        if c.is_ascii_alphanumeric() || c == '-' {
-            c
-        } else {
-            '_'
-        }
-    };
-    name.trim().chars().take(60).map(to_plain).collect()
+/// Returns the groups whose names are not blank, with distinct names.
+fn distinct_names(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
+    let groups = groups.into_iter();
+    let named: Vec<(i32, String)> = groups.filter(|group| !group.1.trim().is_empty()).collect();
+    let wanted: Vec<WantedName> = (named.iter())
+        .map(|(_, name)| WantedName::given_or(Some(name), String::new))
+        .collect();
+    let names = assign(&NameRules::TEXT, &wanted);
+    named.into_iter().map(|group| group.0).zip(names).collect()
 }
 
 #[cfg(test)]

@@ -10,7 +10,9 @@ use crate::Result;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::model::surface::SurfaceKind;
-use crate::names::{NameEntry, NameRules, NameSource, NameTable, WantedName, assign, is_identifier};
+use crate::names::{
+    NameEntry, NameRules, NameSource, NameTable, WantedName, assign, is_identifier,
+};
 
 /// The form in which a file holds regions or named faces.
 #[derive(Debug, Clone, Copy)]
@@ -85,7 +87,9 @@ impl FormatNames {
             ("wells", self.wells),
             ("multipliers", self.multipliers),
         ];
-        all.into_iter().filter_map(|(kind, rules)| Some((kind, rules?))).collect()
+        all.into_iter()
+            .filter_map(|(kind, rules)| Some((kind, rules?)))
+            .collect()
     }
 
     /// Rules of formats in which regions and faces have names by the same rules, distinct from one

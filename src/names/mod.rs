@@ -253,7 +253,9 @@ pub fn append_distinct(names: &mut Vec<String>, new_names: impl IntoIterator<Ite
 /// Returns a name as a file gives it, without spaces around it, quotes and control characters.
 pub fn from_file(text: &str) -> String {
     let text = text.trim().replace(char::is_control, " ");
-    let unquoted = text.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
+    let unquoted = text
+        .strip_prefix('"')
+        .and_then(|text| text.strip_suffix('"'));
     unquoted.unwrap_or(&text).trim().to_string()
 }
 

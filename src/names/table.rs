@@ -48,7 +48,10 @@ impl NameTable {
         }
         let line = |e: &NameEntry| {
             let name = e.name.replace(char::is_control, " ");
-            format!("{prefix}{} {} '{name}' is {}\n", e.kind, e.number, e.written)
+            format!(
+                "{prefix}{} {} '{name}' is {}\n",
+                e.kind, e.number, e.written
+            )
         };
         let head = format!("{prefix}names in the mesh and in this file:\n");
         head + &self.entries.iter().map(line).collect::<String>()

@@ -22,11 +22,34 @@ fn difficult_names() -> Vec<Vec<String>> {
         texts(&["Unit-1", "Unit_1", "1", "region1", "r1", "Unit 1"]),
         texts(&["左肺", "右肺", "Größe", "Grösse", "GRÖSSE"]),
         texts(&["", " ", "_", "\t", "a\nb", "\"quoted\"", "'x'"]),
-        texts(&["eall", "EALL", "nall", "all", "NALL", "ALL", "FIELD", "field"]),
-        texts(&["xmin", "XMIN", "boundary", "scraps", "fault1", "interface_1_2"]),
-        texts(&["end", "Zone", "Cells", "T", "attribute", "SEED", "internalMesh"]),
+        texts(&[
+            "eall", "EALL", "nall", "all", "NALL", "ALL", "FIELD", "field",
+        ]),
+        texts(&[
+            "xmin",
+            "XMIN",
+            "boundary",
+            "scraps",
+            "fault1",
+            "interface_1_2",
+        ]),
+        texts(&[
+            "end",
+            "Zone",
+            "Cells",
+            "T",
+            "attribute",
+            "SEED",
+            "internalMesh",
+        ]),
         texts(&["..", ".", "-1", "1e5", "#x", "*", "x_2", "x", "X"]),
-        vec![long("x"), long("y"), long("xx"), same_start("left"), same_start("right")],
+        vec![
+            long("x"),
+            long("y"),
+            long("xx"),
+            same_start("left"),
+            same_start("right"),
+        ],
         (0..300).map(|i| format!("fracture{i}")).collect(),
     ]
 }
@@ -62,7 +85,10 @@ fn names_are_legal_distinct_and_independent_of_order() {
             assert_eq!(folded.len(), count, "{place}: {set:?} {names:?}");
             for name in &names {
                 assert!(rules.is_legal(name), "{place}: {name}");
-                assert!(!name.is_empty() && name.len() <= rules.max_bytes, "{place}: {name}");
+                assert!(
+                    !name.is_empty() && name.len() <= rules.max_bytes,
+                    "{place}: {name}"
+                );
             }
             let reversed: Vec<WantedName> = wanted.iter().rev().cloned().collect();
             let mut again = assign(&rules, &reversed);
@@ -76,7 +102,10 @@ fn names_are_legal_distinct_and_independent_of_order() {
                 let thief = wanted.iter().enumerate().any(is_taken);
                 let is_own = *name == wanted[at].name;
                 let loses_to_case = rules.case != LetterCase::Sensitive;
-                assert!(!thief || is_own || loses_to_case, "{place}: {name} of {set:?}");
+                assert!(
+                    !thief || is_own || loses_to_case,
+                    "{place}: {name} of {set:?}"
+                );
             }
         }
     }
@@ -92,8 +121,14 @@ fn legal_and_distinct_names_stay_as_they_are() {
         reserved: &["EALL"],
         ..NameRules::HYPHENATED
     };
-    let names = assign(&upper, &given(&["bone", "Bone", "eall", "rib 1.5", "rib_1_5", "2"]));
-    assert_eq!(names, ["BONE_2", "BONE", "EALL_2", "RIB_1_5_2", "RIB_1_5", "N2"]);
+    let names = assign(
+        &upper,
+        &given(&["bone", "Bone", "eall", "rib 1.5", "rib_1_5", "2"]),
+    );
+    assert_eq!(
+        names,
+        ["BONE_2", "BONE", "EALL_2", "RIB_1_5_2", "RIB_1_5", "N2"]
+    );
 }
 
 #[test]
@@ -137,9 +172,20 @@ fn the_table_lists_changes_only_if_there_are_any() {
     };
     assert_eq!(table(&[entry("bone", "BONE", false)]).comments("** "), "");
     let changed = table(&[entry("a,\"b\"", "a__b_", false)]);
-    assert_eq!(changed.csv(), "kind,number,name,written\nregion,3,\"a,\"\"b\"\"\",a__b_\n");
-    assert!(changed.comments("-- ").ends_with("-- region 3 'a,\"b\"' is a__b_\n"));
-    assert!(changed.note("x.csv").is_some_and(|note| note.starts_with("1 of 1 names")));
+    assert_eq!(
+        changed.csv(),
+        "kind,number,name,written\nregion,3,\"a,\"\"b\"\"\",a__b_\n"
+    );
+    assert!(
+        changed
+            .comments("-- ")
+            .ends_with("-- region 3 'a,\"b\"' is a__b_\n")
+    );
+    assert!(
+        changed
+            .note("x.csv")
+            .is_some_and(|note| note.starts_with("1 of 1 names"))
+    );
     let numbered = table(&[entry("bone", "3", true)]);
     assert!(numbered.is_needed() && numbered.note("x").is_none());
 }

@@ -14,7 +14,7 @@ use super::sticks::{FaultSticks, Stick};
 use crate::error::cause;
 use crate::files::table::{Table, TableRow};
 use crate::image::stated::{Domain, StatedCoordinates};
-use crate::{Error, Result};
+use crate::{Error, Result, names};
 
 /// Points of a table that can be read in several ways.
 #[derive(Debug, Clone, PartialEq)]
@@ -373,7 +373,7 @@ impl Groups {
             };
             surfaces.push(PickedSurface {
                 is_horizon: self.is_horizon(&group.name),
-                name: joined_words(&group.name),
+                name: names::from_file(&group.name),
                 shape,
                 coordinates: readings[0].coordinates.clone(),
                 notes,
@@ -390,11 +390,6 @@ fn has_repeated_names(table: &Table, column: usize) -> bool {
         .filter_map(|row| row.text(column).map(String::from))
         .collect();
     3 * names.len() <= table.rows().count()
-}
-
-/// Returns the words of a name with `_` between them.
-fn joined_words(name: &str) -> String {
-    name.split_whitespace().collect::<Vec<_>>().join("_")
 }
 
 impl Group {
@@ -634,7 +629,7 @@ mod tests {
             let text = format!("x;{column};y;z\n1;Top A;2;3\n4;Base;5;6\n7;Top A;8;9\n");
             let surfaces = read(&text);
             let names: Vec<&str> = surfaces.iter().map(|surface| &*surface.name).collect();
-            assert_eq!(names, ["Top_A", "Base"]);
+            assert_eq!(names, ["Top A", "Base"]);
             assert_eq!(surfaces[0].is_horizon, kinds, "{column}");
             assert_eq!(
                 surfaces[0].shape,
@@ -659,10 +654,9 @@ mod tests {
             (sticks[1].line, surfaces[0].is_horizon),
             (Some(3), Some(false))
         );
-        let words =
-            "Fault Name Stick ID Easting Northing Z\nMain fault 1 1 2 -3\nMain fault 2 4 5 -6\n";
+        let words = "Fault Name Stick ID Easting Northing Z\nMain 1 1 2 -3\nMain 2 4 5 -6\n";
         let surfaces = read(words);
-        assert_eq!((&*surfaces[0].name, surfaces.len()), ("Main_fault", 1));
+        assert_eq!((&*surfaces[0].name, surfaces.len()), ("Main", 1));
         assert!(matches!(&surfaces[0].shape, PickedShape::Sticks(sticks) if sticks.len() == 2));
         // Names of points are not names of surfaces.
         assert_eq!(read("name,x,y,z\np1,1,2,3\np2,4,5,6\np3,7,8,9\n").len(), 1);

@@ -23,9 +23,9 @@ use super::wells;
 use crate::export::containers::text::{
     FileWriter, TextBuilder, WriteResult, write_items, write_numbers,
 };
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::simulators::deck::{
     self, AquiferConnection, CONNATE_WATER_SATURATION, WellConnection,
 };
@@ -113,12 +113,7 @@ struct CellSum {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides, and
 /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     let outline = Outline::new(graph, &model.mesh.nodes, ERROR_PLACE)?;
     let [n, m, layers] = model.grid.unwrap_or_else(|| default_dims(model, &outline));
@@ -273,7 +268,8 @@ impl FilledGrid<'_> {
                 writeln!(out, "/\n")?;
             }
         }
-        self.resistances.write(out, &self.names.multipliers, &self.grid)
+        self.resistances
+            .write(out, &self.names.multipliers, &self.grid)
     }
 
     /// Writes the region of each cell, and the numbers of tables if they are given.
@@ -317,7 +313,15 @@ impl FilledGrid<'_> {
         };
         let aquifer_cells = aquifers.iter().map(size).max().unwrap_or_default();
         let dims = grid.dims();
-        deck::write_runspec(out, model, self.names, title, dims, connections, aquifer_cells)?;
+        deck::write_runspec(
+            out,
+            model,
+            self.names,
+            title,
+            dims,
+            connections,
+            aquifer_cells,
+        )?;
         let include = |out: FileWriter, name: &OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };

@@ -15,8 +15,8 @@ use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::mesh::poly::Lists;
@@ -88,12 +88,7 @@ type NamedNode<'a> = (String, Hdf5Node<'a>);
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let faces = model.mesh.faces_of_cells();
     let simplices = if model.tets.is_some() || model.triangles.is_some() {
         Some(SimplexMesh::new(model, names, "CGNS")?)
@@ -205,7 +200,10 @@ fn data_node<'a>(
         links.push((" data".into(), Hdf5Node::Dataset(dims, numbers)));
     }
     links.extend(children);
-    (name.into(), Hdf5Node::GroupWithAttributes(attributes, links))
+    (
+        name.into(),
+        Hdf5Node::GroupWithAttributes(attributes, links),
+    )
 }
 
 /// Returns a node without data.

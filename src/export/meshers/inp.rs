@@ -16,12 +16,12 @@ use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::FileWriter;
 use crate::export::containers::text::{TextBuilder, write_items};
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::geometry::sorted_distinct;
-use crate::names::{LetterCase, NameRules};
 use crate::model::reservoir::Model;
+use crate::names::{LetterCase, NameRules};
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -72,12 +72,7 @@ const EDGE_NODES: [&[usize]; 3] = [&[0, 1], &[1, 2], &[2, 0]];
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "Abaqus' format")?;
     let is_horizontal = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
     let kind = match (mesh.corner_count, mesh.is_quadratic()) {

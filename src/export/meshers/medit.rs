@@ -7,8 +7,8 @@ use std::path::Path;
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::write_items;
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
@@ -36,12 +36,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "Medit's format")?;
     let (cell_keyword, side_keyword) = match mesh.corner_count {
         3 => ("Triangles", "Edges"),

@@ -18,8 +18,8 @@ use super::simplices::{SimplexMesh, TornSurface};
 use crate::Result;
 use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::containers::text::{TextBuilder, write_items};
-use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::files::Batch;
 use crate::geometry::bounding_box;
 use crate::model::reservoir::Model;
@@ -130,12 +130,7 @@ fn prism_count(mesh: &SimplexMesh) -> usize {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write_v2(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "Gmsh's format")?;
     let regions = sorted_regions(model);
     mesh.write_face_pairs(batch, path, 1)?;
@@ -189,12 +184,7 @@ pub fn write_v2(
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write_v4(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "Gmsh's format")?;
     let regions = sorted_regions(model);
     let [low, high] = bounding_box(mesh.nodes);

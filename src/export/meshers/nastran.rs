@@ -24,8 +24,8 @@ use super::groups::sorted_regions;
 use super::simplices::SimplexMesh;
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, TextBuilder, WriteResult, write_items};
-use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 use crate::names::NameRules;
@@ -78,12 +78,7 @@ const ELEMENT_CARDS: [[&str; 2]; 5] = [
 /// # Errors
 /// Returns [`Error::Export`] if the cells are neither tetrahedra nor triangles, or if there are
 /// more than 99,999,999 nodes or elements.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, ERROR_PLACE)?;
     let is_2d = mesh.corner_count == 3;
     let [cell_card, side_card] = [mesh.corner_count, mesh.corner_count - 1]

@@ -8,12 +8,12 @@ use super::groups::FaceNames;
 use super::obj::add_obj;
 use crate::Result;
 use crate::export::containers::text::write_items;
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::geometry::{cross, norm, sub};
-use crate::names::NameRules;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 use crate::surface_file::SurfaceFile;
 
 /// Entry of STL in the list of formats.
@@ -73,12 +73,7 @@ fn named_surfaces(model: &Model, names: &FaceNames) -> SurfaceFile<3> {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let file = named_surfaces(model, &names.faces);
     batch.write(path, |out| {
         for (s, name) in file.names.iter().enumerate() {
@@ -108,11 +103,11 @@ pub fn write(
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write_obj(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
-    add_obj(batch, path, &named_surfaces(model, &names.faces), &names.comments())
+pub fn write_obj(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    add_obj(
+        batch,
+        path,
+        &named_surfaces(model, &names.faces),
+        &names.comments(),
+    )
 }

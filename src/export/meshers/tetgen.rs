@@ -6,8 +6,8 @@ use std::path::Path;
 
 use crate::Result;
 use crate::export::containers::text::write_items;
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
@@ -34,12 +34,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
 ///
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are not tetrahedra.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let tets = &model.need_tets("TetGen's format")?.tets;
     let mesh = &model.mesh;
     batch.write(path, |out| {

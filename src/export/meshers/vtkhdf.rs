@@ -13,8 +13,8 @@ use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
@@ -61,12 +61,7 @@ type NamedNodes<'a> = Vec<(String, Hdf5Node<'a>)>;
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let simplices = if model.tets.is_some() || model.triangles.is_some() {
         Some(SimplexMesh::new(model, names, "VTKHDF")?)
     } else {

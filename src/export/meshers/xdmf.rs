@@ -13,8 +13,8 @@ use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
@@ -189,12 +189,7 @@ const GEOMETRY: &str = "<Geometry GeometryType=\"XYZ\">\n";
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "XDMF")?;
     let companion = path.with_extension("h5");
     let name = companion.file_name().unwrap_or_default().to_string_lossy();

@@ -11,11 +11,11 @@ use std::path::Path;
 use super::opm::TRANSMISSIBILITY_UNIT;
 use crate::Result;
 use crate::export::containers::text::write_items;
-use crate::export::names::{Naming, ExportNames, FormatNames, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
-use crate::names::NameRules;
 use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model};
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -51,12 +51,7 @@ const ERROR_PLACE: &str = "a DARTS connection list";
 ///
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if porosity or permeability is missing.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(ERROR_PLACE)?;
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let (graph, t) = (&model.graph, &permeability.transmissibility);

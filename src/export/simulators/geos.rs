@@ -16,10 +16,10 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::Result;
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{NamedSides, region_shift};
 use crate::export::meshers::simplices::{SimplexMesh, TornSurface};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
 use crate::files::vtk::xml::escape;
@@ -27,8 +27,8 @@ use crate::geometry::sorted_distinct;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::model::flow::SplitMesh;
-use crate::names::{LetterCase, NameRules};
 use crate::model::reservoir::Model;
+use crate::names::{LetterCase, NameRules};
 use crate::store::vtu::{MixedCells, add_mixed_vtu};
 
 /// Entry of this format in the list of formats.
@@ -78,12 +78,7 @@ const ERROR_PLACE: &str = "a mesh for GEOS";
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let shift = region_shift(model);
     let regions = model.mesh.region.iter();
     let attribute: Vec<i32> = regions.map(|&r| (i64::from(r) + shift) as i32).collect();

@@ -14,14 +14,14 @@ use std::path::Path;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::mat::{self, MatFields, MatValue};
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceGroup, FaceNames, face_nodes};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::files::vtk::VtkScalar;
 use crate::mesh::poly::{FIRST_SIDE, Lists};
-use crate::names::NameRules;
 use crate::model::reservoir::{Control, Model, Permeability, Well};
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -74,12 +74,7 @@ fn one_based(numbers: &[u32]) -> MatValue<'_> {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if a MAT-file cannot hold the model, and
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, cells) = (&model.mesh, model.len());
     let cell_faces = mesh.faces_of_cells();
     let groups = names.faces.groups();

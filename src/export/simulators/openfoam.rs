@@ -11,12 +11,12 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, WriteResult, write_items};
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes, sorted_regions};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
-use crate::names::{LetterCase, NameRules, is_identifier};
 use crate::model::reservoir::Model;
+use crate::names::{LetterCase, NameRules, is_identifier};
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -67,12 +67,7 @@ const WORDS: NameRules = NameRules {
 /// # Errors
 /// Returns [`Error::Export`] if a fault is neither open nor closed, and [`Error::Io`] if a file
 /// cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &model.mesh;
     let face_names = &names.faces;
     let faces = FaceOrder::new(model, face_names)?;

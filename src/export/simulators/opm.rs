@@ -16,9 +16,9 @@ use super::deck::{
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::corner_point::grdecl::is_corner_point_deck;
-use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::mesh::graph::Graph;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model, Permeability, SimulationCase};
@@ -69,12 +69,7 @@ const ERROR_PLACE: &str = "an OPM deck";
 /// # Errors
 /// Returns [`Error::Export`] if porosity or permeability is missing, if a porosity is outside [0,
 /// 1], if a depth is above the surface, or if a deck cannot hold the name of a well.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(ERROR_PLACE)?;
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let case = &model.case;

@@ -17,14 +17,14 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::containers::text::write_items;
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::ExportFormat;
 use crate::export::meshers::groups::sorted_regions;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
 use crate::mesh::poly::SIDE_NAMES;
-use crate::names::NameRules;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -48,12 +48,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     batch.write(path, |out| {
         writeln!(out, "CELLS {}", model.len())?;

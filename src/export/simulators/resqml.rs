@@ -15,15 +15,15 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::epc::{self, EpcObject, PROXY_KIND, uuid};
 use crate::export::containers::hdf5::{self, Hdf5Node};
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::files::vtk::Values;
 use crate::files::vtk::xml::escape;
 use crate::mesh::poly::Lists;
-use crate::names::NameRules;
 use crate::model::reservoir::{MILLIDARCY, Model};
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -90,12 +90,7 @@ struct ResqmlProperty<'a> {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let cell_faces = model.mesh.faces_of_cells();
     let companion = path.with_extension("h5");
     let companion_name = companion.file_name().unwrap_or_default().to_string_lossy();
@@ -139,7 +134,10 @@ pub fn write(
     for property in properties(model, names) {
         let id = uuid(
             &digest,
-            &format!("property of {} {}", property.indexable_element, property.title),
+            &format!(
+                "property of {} {}",
+                property.indexable_element, property.title
+            ),
         );
         let (proxy, grid, table) = (&objects[0], &objects[2], &objects[3]);
         let values = format!(

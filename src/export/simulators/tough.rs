@@ -10,13 +10,13 @@ use std::path::Path;
 use super::CONNECTION_LIST;
 use crate::error::cause;
 use crate::export::containers::text::write_items;
-use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::format::ExportFormat;
 use crate::export::meshers::groups::sorted_regions;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::mesh::graph::Connection;
-use crate::names::NameRules;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -56,12 +56,7 @@ const MAX_NAMES: usize = 26 * 36 * 36 * 100;
 ///
 /// # Errors
 /// Returns [`Error::Export`] if there are more cells or regions than names.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     if model.len() > MAX_NAMES {
         return Err(Error::Export(cause(

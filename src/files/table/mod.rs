@@ -302,13 +302,17 @@ impl Table {
             fields.iter().filter(|field| is_number(field)).count()
         };
         let usual = self.lines.first().map_or(0, numbers);
+        let has_numbers = self
+            .lines
+            .iter()
+            .any(|line| has_number(line.of(&self.text)));
         let is_end = |line: &Line| {
             let text = line.of(&self.text);
             let has_row_width = self.separator.split(text).len() == width;
             if is_footer(text) {
                 !has_row_width || numbers(line) < usual
             } else {
-                !has_row_width && !has_number(text)
+                has_numbers && !has_row_width && !has_number(text)
             }
         };
         let mut end = self.lines.len();
@@ -319,12 +323,17 @@ impl Table {
         (self.remarks).extend(dropped.iter().map(|line| line.of(&self.text).to_string()));
     }
 
-    /// Returns the largest number of fields in a line with numbers that is no total.
+    /// Returns the largest number of fields in a line with numbers that is no total, or in any line.
     fn usual_width(&self) -> usize {
-        let texts = self.lines.iter().map(|line| line.of(&self.text));
-        let rows = texts.filter(|text| has_number(text) && !is_footer(text));
-        let widths = rows.map(|text| self.separator.split(text).len());
-        widths.max().unwrap_or(1)
+        let widths = |is_row: &dyn Fn(&&str) -> bool| {
+            let texts = self.lines.iter().map(|line| line.of(&self.text));
+            texts
+                .filter(is_row)
+                .map(|text| self.separator.split(text).len())
+                .max()
+        };
+        let of_rows = widths(&|text| has_number(text) && !is_footer(text));
+        of_rows.or_else(|| widths(&|_| true)).unwrap_or(0)
     }
 
     /// Refuses rows that have more fields than there are columns.

@@ -488,7 +488,8 @@ fn check_labels(labels: &[LabelOptions]) -> Result<()> {
     }
     let names = labels.iter().filter_map(|label| label.name.as_deref());
     let repeated = first_repeated(names);
-    if let Some(label) = (labels.iter().rev()).find(|l| repeated.is_some() && l.name.as_deref() == repeated)
+    if let Some(label) =
+        (labels.iter().rev()).find(|l| repeated.is_some() && l.name.as_deref() == repeated)
     {
         let problem = "gives a name that another label has";
         let remedy = "give each label a name of its own, or merge them with into=VALUE";

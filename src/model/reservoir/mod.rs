@@ -49,12 +49,12 @@ use crate::files::vtk::DataArray;
 use crate::geometry::{dot, sorted_distinct, sub};
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
-use crate::names::append_distinct;
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
 use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::{SurfaceNames, interface_name};
+use crate::names::append_distinct;
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 

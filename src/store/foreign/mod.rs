@@ -18,7 +18,6 @@ use std::path::Path;
 
 use super::labels::{LabelledRegion, regions_field};
 use super::named_surfaces::NamedSurfaces;
-use crate::names::{NameRules, WantedName, assign};
 use super::output::HORIZON_FACES_ARRAY;
 use super::vtu::{read_any_vtu, read_arrays, read_cell_nodes, read_count, read_nodes};
 use super::{AnyMesh, FieldValue, MeshFile};
@@ -30,6 +29,7 @@ use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
 use crate::mesh::renumber::{new_numbers, used_items};
 use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::names::{NameRules, WantedName, assign};
 use crate::{Error, Result};
 
 /// Reads a mesh in our format, VTK's, Gmsh's or Exodus', which is recognised by its first bytes.

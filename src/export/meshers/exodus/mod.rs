@@ -28,8 +28,8 @@ use crate::export::containers::binary::LazyArray;
 use crate::export::containers::netcdf::{
     self, MAX_VARIABLE_BYTES, NetcdfAttribute, NetcdfFile, NetcdfVariable,
 };
-use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
@@ -150,12 +150,7 @@ impl Block {
 ///
 /// # Errors
 /// Returns [`Error::Export`] if there are too many cells for the format.
-pub fn write(
-    model: &Model,
-    names: &ExportNames,
-    batch: &mut Batch,
-    path: &Path,
-) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let grid = if model.tets.is_some() || model.triangles.is_some() {
         simplices::exodus_mesh(model, names, &SimplexMesh::new(model, names, "Exodus II")?)
     } else {

@@ -15,12 +15,12 @@ use std::io::Write;
 use crate::Result;
 use crate::error::{Error, cause};
 use crate::export::containers::text::write_numbers;
-use crate::export::names::ExportNames;
 use crate::export::containers::text::{FileWriter, WriteResult};
-use crate::names::{LetterCase, NameRules};
+use crate::export::names::ExportNames;
 use crate::model::reservoir::{
     Aquifer, AquiferModel, BAR, DAY, DeckRegions, Fluid, Model, SimulationCase,
 };
+use crate::names::{LetterCase, NameRules};
 
 /// Conversion factor from m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC
 /// units.

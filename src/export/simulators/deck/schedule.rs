@@ -6,9 +6,7 @@ use super::{TRANSMISSIBILITY_UNIT, WellConnection};
 use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::names::ExportNames;
 use crate::model::reservoir::schedule::{ControlKind, Controls, DEFAULT_GROUP, WellKind};
-use crate::model::reservoir::{
-    BAR, Control, DAY, Date, Fluid, Model, SimulationCase, Well,
-};
+use crate::model::reservoir::{BAR, Control, DAY, Date, Fluid, Model, SimulationCase, Well};
 
 /// Number of reports.
 const REPORT_COUNT: usize = 10;
@@ -81,7 +79,12 @@ fn write_wells(
         let change = case.schedule.as_ref().and_then(|s| s.first_change(well));
         let group = change.and_then(|change| change.group.as_deref());
         let group = group.map_or(DEFAULT_GROUP, |group| names.group(group));
-        write_specification(out, case, &connections[well], WellGroup { well, group, names })?;
+        write_specification(
+            out,
+            case,
+            &connections[well],
+            WellGroup { well, group, names },
+        )?;
     }
     writeln!(out, "/\nCOMPDAT")?;
     for (well, connections) in connections.iter().enumerate() {
@@ -171,7 +174,12 @@ fn write_steps(
             if let Some(group) = change.group.as_deref().filter(|_| !is_specified) {
                 writeln!(out, "WELSPECS")?;
                 let (well, group) = (change.well, names.group(group));
-                write_specification(out, case, &connections[well], WellGroup { well, group, names })?;
+                write_specification(
+                    out,
+                    case,
+                    &connections[well],
+                    WellGroup { well, group, names },
+                )?;
                 writeln!(out, "/")?;
             }
             let (well, name) = (&case.wells[change.well], &names.wells[change.well]);

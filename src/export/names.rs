@@ -166,7 +166,7 @@ impl ExportNames {
                 WantedName::given_or(model.region_name(region), default)
             })
             .collect();
-        let given = PROGRAM_NAME_COUNT + model.surfaces.names.len();
+        let given = PROGRAM_NAME_COUNT + model.surfaces.names.len().min(model.surfaces.kept_count);
         let face_source = |index: usize| match index {
             _ if index < PROGRAM_NAME_COUNT => NameSource::Program,
             _ if index < given => NameSource::Given,
@@ -190,7 +190,15 @@ impl ExportNames {
         let (written_regions, elements, written_faces) =
             self.assign_spaces(&wanted_regions, &wanted_faces, &split);
         self.list_regions(model, &regions, &wanted_regions, &written_regions);
-        self.list_faces(&model_names, &written_faces);
+        let own_names = model.surfaces.names.iter().take(model.surfaces.kept_count);
+        let mut names_in_mesh = model_names.clone();
+        for (name, own_name) in names_in_mesh[PROGRAM_NAME_COUNT..]
+            .iter_mut()
+            .zip(own_names)
+        {
+            name.clone_from(own_name);
+        }
+        self.list_faces(&names_in_mesh, &written_faces, face_source);
         let sides = &written_faces[model_names.len()..];
         let pairs = split.iter().zip(elements).zip(sides.as_chunks::<2>().0);
         self.split = (pairs)
@@ -207,6 +215,7 @@ impl ExportNames {
                 name: model_names[surface.number as usize - 1].clone(),
                 written: surface.elements.clone(),
                 is_numbered: false,
+                is_given: face_source(surface.number as usize - 1) == NameSource::Given,
             });
         }
         self.faces.names = written_faces[..model_names.len()].to_vec();
@@ -267,12 +276,18 @@ impl ExportNames {
                     written.clone()
                 },
                 is_numbered,
+                is_given: wanted.source == NameSource::Given,
             });
         }
     }
 
     /// Adds the names that have faces to the table.
-    fn list_faces(&mut self, names: &[String], written: &[String]) {
+    fn list_faces(
+        &mut self,
+        names: &[String],
+        written: &[String],
+        source: impl Fn(usize) -> NameSource,
+    ) {
         if matches!(self.rules.faces, Naming::Absent) {
             return;
         }
@@ -291,6 +306,7 @@ impl ExportNames {
                     written.clone()
                 },
                 is_numbered,
+                is_given: source(number - 1) == NameSource::Given,
             });
         }
     }
@@ -321,7 +337,7 @@ impl ExportNames {
         let pairs = wanted.iter().zip(&written).skip(skipped);
         let given_pairs = pairs.filter(|(wanted, _)| wanted.source == NameSource::Given);
         for (number, (wanted, written)) in (1..).zip(given_pairs) {
-            self.add_entry("property", number, &wanted.name, written);
+            self.add_given("property", number, &wanted.name, written);
         }
         self.properties = written[skipped..].to_vec();
     }
@@ -341,12 +357,12 @@ impl ExportNames {
         let wanted: Vec<WantedName> = wells.iter().map(|well| given(&well.name)).collect();
         self.wells = assign(&rules, &wanted);
         for (number, (well, written)) in (1..).zip(wells.iter().zip(self.wells.clone())) {
-            self.add_entry("well", number, &well.name, &written);
+            self.add_given("well", number, &well.name, &written);
         }
         let wanted: Vec<WantedName> = groups.iter().map(|name| given(name)).collect();
         let written = assign(&rules, &wanted);
         for (number, (name, written)) in (1..).zip(groups.iter().zip(&written)) {
-            self.add_entry("group", number, name, written);
+            self.add_given("group", number, name, written);
         }
         self.groups = groups.into_iter().map(String::from).zip(written).collect();
     }
@@ -383,17 +399,26 @@ impl ExportNames {
         let all_names = surfaces.all_names().names;
         let named = self.multipliers.clone().into_iter().skip(1);
         for (number, (name, written)) in (1..).zip(all_names.iter().zip(named)) {
-            self.add_entry("surface", number, name, &written);
+            self.table.entries.push(NameEntry {
+                kind: "surface",
+                number,
+                name: name.clone(),
+                written,
+                is_numbered: false,
+                is_given: wanted[number as usize].source == NameSource::Given
+                    && !name.starts_with("interface_"),
+            });
         }
     }
 
-    fn add_entry(&mut self, kind: &'static str, number: i64, name: &str, written: &str) {
+    fn add_given(&mut self, kind: &'static str, number: i64, name: &str, written: &str) {
         self.table.entries.push(NameEntry {
             kind,
             number,
             name: name.into(),
             written: written.into(),
             is_numbered: false,
+            is_given: true,
         });
     }
 

@@ -49,7 +49,11 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
         let place = format!("{flag} {option}");
         let mut picked = read_interpretation(&option.path)?;
         if let Some(name) = &option.name {
-            match picked.iter().position(|surface| surface.name == *name) {
+            let is_named = |surface: &PickedSurface| surface.name == *name;
+            // A command line is easier to write with `_` in place of spaces.
+            let is_almost = |surface: &PickedSurface| surface.name.replace(' ', "_") == *name;
+            let exact = picked.iter().position(is_named);
+            match exact.or_else(|| picked.iter().position(is_almost)) {
                 Some(index) => picked = vec![picked.swap_remove(index)],
                 None if picked.len() == 1 => picked[0].name.clone_from(name),
                 None => {

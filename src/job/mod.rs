@@ -24,6 +24,7 @@
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
 //! - `named_faces`: the faces on surfaces that the user gives
+//! - `live`: the share of each cell that holds data
 //! - `features`: detects features alone
 //! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
 //!
@@ -43,6 +44,7 @@ mod frame;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
 mod join;
+pub(crate) mod live;
 mod local_cells;
 mod measure;
 mod named_faces;

@@ -10,7 +10,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
-    StageRunner, cells, estimate, horizons, simplices,
+    StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -50,6 +50,8 @@ where
     /// For each face of the mesh the index in [`Features::names`] of the surface that it lies on, or
     /// [`NONE`]; empty if no surface has a name.
     pub face_names: Vec<u32>,
+    /// The share of each cell that holds data; `None` if all cells are full of data.
+    pub live: Option<Vec<f64>>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -264,6 +266,13 @@ where
     let notes_on_given = given.into_iter().flat_map(|given| given.notes);
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_given.chain(note_on_distance));
+    let live = live::live_volume(source, &features, params.spec.input.keeps_nulls())?;
+    // All ranks have the array, whether their own cells are live or not.
+    let live = live
+        .map(|live| live::live_shares(&mesh, step, &live))
+        .filter(|shares| share.is_some() || shares.iter().any(|share| *share < 1.0));
+    let note_on_live = live.as_deref().and_then(live::note_on_live_shares);
+    report.notes.extend(note_on_live);
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
@@ -279,6 +288,7 @@ where
         share,
         features,
         face_names,
+        live,
         distance,
         optimize_result,
         provenance: Provenance::default(),
@@ -444,6 +454,14 @@ impl<const D: usize> PreparedImage<D> {
                 if feature::fills_gaps(image, params.spec.feature, params.modality) =>
             {
                 image.mark_dead(!params.spec.input.keeps_nulls())?
+            }
+            // Labels continue where samples are left out, and the cells there are not live.
+            ImageSource::InMemory(image) if params.spec.feature.has_labels() => {
+                let marked = image.mark_dead(false)?;
+                marked.map(|marked| MaskedImage {
+                    image: marked.image.filled_from_nearest(),
+                    notes: marked.notes,
+                })
             }
             _ => None,
         };

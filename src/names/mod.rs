@@ -110,13 +110,13 @@ impl NameRules {
 
     /// Returns the legal name that is nearest to a name.
     fn legal(&self, name: &str) -> String {
-        let replaced = (name.trim().chars()).map(|c| if (self.is_allowed)(c) { c } else { '_' });
-        let mut name: String = match self.case {
-            LetterCase::Upper => replaced.map(|c| c.to_ascii_uppercase()).collect(),
-            _ => replaced.collect(),
-        };
+        let replace = |c| if (self.is_allowed)(c) { c } else { '_' };
+        let mut name: String = name.trim().chars().map(replace).collect();
         if !name.starts_with(self.is_allowed_first) {
             name.insert(0, self.first_letter);
+        }
+        if self.case == LetterCase::Upper {
+            name.make_ascii_uppercase();
         }
         shortened(&name, self.max_bytes).to_string()
     }

@@ -18,6 +18,8 @@ pub struct NameEntry {
     pub written: String,
     /// `true` if the file has numbers in place of names for this kind of object.
     pub is_numbered: bool,
+    /// `true` if the user or a file gave the name.
+    pub is_given: bool,
 }
 
 impl NameEntry {
@@ -67,10 +69,10 @@ impl NameTable {
         format!("kind,number,name,written\n{rows}")
     }
 
-    /// Returns a sentence about the names that changed, if any did. `place` says where the table is.
+    /// Returns a sentence about the given names that changed, if any did. `place` says where the table is.
     pub fn note(&self, place: &str) -> Option<String> {
         let changed: Vec<String> = (self.entries.iter())
-            .filter(|entry| entry.is_changed())
+            .filter(|entry| entry.is_changed() && entry.is_given)
             .map(|e| format!("{} '{}' is {}", e.kind, e.name, e.written))
             .collect();
         if changed.is_empty() {

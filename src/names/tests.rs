@@ -166,6 +166,7 @@ fn the_table_lists_changes_only_if_there_are_any() {
         name: name.into(),
         written: written.into(),
         is_numbered,
+        is_given: true,
     };
     let table = |entries: &[NameEntry]| NameTable {
         entries: entries.to_vec(),

@@ -15,9 +15,10 @@ use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::ResolvedOptions;
 use crate::files::vtk::DataArray;
-use crate::image::{Geometry, ImageSource};
+use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
+use crate::job::live::shares_of_cells;
 use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
 use crate::mesh::complex::NONE;
 #[cfg(feature = "cli")]
@@ -104,6 +105,7 @@ where
             fields
         },
     };
+    file.cell_data.extend(live_array(outcome));
     if !outcome.face_names.is_empty()
         && let Ok(neighbors) = lattice.neighbors()
     {
@@ -121,6 +123,15 @@ where
             .push(DataArray::scalars(HORIZON_FACES_ARRAY, bits));
     }
     file
+}
+
+/// Returns the array with the share of each cell that holds data, unless all cells are full of data.
+pub(super) fn live_array<const D: usize>(outcome: &Outcome<D>) -> Option<DataArray>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let shares = outcome.live.as_ref()?;
+    Some(DataArray::scalars(LIVE_ARRAY, shares.clone()))
 }
 
 /// Returns the names of the surfaces that have one.
@@ -310,6 +321,40 @@ fn with_optional_image<const D: usize, M: Mesh<D>>(
     }
 }
 
+/// Returns the share of each cell that holds data, if a mesh file has the array: one number from 0 to
+/// 1 for each of `cells` cells.
+pub(crate) fn read_live(cell_data: &[DataArray], cells: usize) -> Option<Vec<f64>> {
+    let array = cell_data.iter().find(|array| array.name == LIVE_ARRAY)?;
+    let shares = array.values.to_f64();
+    let is_share = |share: &f64| (0.0..=1.0).contains(share);
+    (array.components == 1 && shares.len() == cells && shares.iter().all(is_share))
+        .then_some(shares)
+}
+
+/// Adds the share of each cell that holds data, unless all cells are full of data. The samples of the
+/// image must be marked already. A mesh that has the array gets new values.
+///
+/// # Errors
+/// Returns an [`Error::Job`] if there is not enough memory.
+pub fn with_live<const D: usize, M: Mesh<D>>(
+    mut file: MeshFile<M>,
+    image: &Image<D>,
+) -> Result<MeshFile<M>> {
+    file.cell_data.retain(|array| array.name != LIVE_ARRAY);
+    let Some(live) = LiveVolume::new(image)? else {
+        return Ok(file);
+    };
+    let space = LatticeSpace::from_file(&file, file.mesh.nodes()).filter(|space| space.is_stored);
+    let geometry = space.map_or_else(|| image.geometry.clone(), |space| space.geometry);
+    let shares = shares_of_cells(&file.mesh, &live, |x| {
+        geometry.to_index(x).unwrap_or([f64::NAN; D])
+    });
+    if shares.iter().any(|share| *share < 1.0) {
+        file.cell_data.push(DataArray::scalars(LIVE_ARRAY, shares));
+    }
+    Ok(file)
+}
+
 /// Adds the image's value at each node and at each cell's centroid, interpolated linearly, as
 /// arrays `image`.
 ///
@@ -333,6 +378,8 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     Ok(file)
 }
 
+/// Name of the array with the share of each cell that holds data.
+pub(crate) const LIVE_ARRAY: &str = "live";
 /// Name of the arrays with the image's values.
 pub(crate) const IMAGE_ARRAY: &str = "image";
 /// Name of the array that marks cells with angles outside [30, 150] degrees, and tells whether

@@ -442,7 +442,7 @@ mod tests {
                 _ => panic!("no triangles"),
             })
             .collect();
-        assert_eq!(summary, [("Fault_A", Some(false), 3), ("top", None, 1)]);
+        assert_eq!(summary, [("Fault A", Some(false), 3), ("top", None, 1)]);
         let path = write(folder.path(), "b.obj", "v 0 0 0\nf 1 2 3\n");
         let message = read_interpretation(&path).unwrap_err().to_string();
         assert!(message.contains("b.obj:2: "), "{message}");

@@ -78,9 +78,10 @@ impl<'a> XdmfContent<'a> {
         let _ = writeln!(
             self.xml,
             "<DataItem Dimensions=\"{}\" NumberType=\"{kind}\" Precision=\"{precision}\" \
-             Format=\"HDF\">{}:/{name}</DataItem>",
+             Format=\"HDF\">{}:/{}</DataItem>",
             lengths.join(" "),
             escape(&self.file),
+            escape(&name),
         );
         let dims = dims.iter().map(|&n| n as u64).collect();
         self.nodes.push((name, Hdf5Node::Dataset(dims, numbers)));

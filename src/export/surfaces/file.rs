@@ -50,6 +50,7 @@ impl<const D: usize> SurfaceFile<D> {
             name: name.clone(),
             written: written.clone(),
             is_numbered: false,
+            is_given: true,
         });
         let table = NameTable {
             entries: entries.collect(),

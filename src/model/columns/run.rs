@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::file::columns_to_file;
+use super::file::{MapCells, columns_to_file};
 use super::horizon::Horizon;
 use super::spec::ColumnsSpec;
 use super::torn_map::{TornHorizon, TornMap};
@@ -11,7 +11,7 @@ use crate::error::cause;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
-use crate::store::output::Provenance;
+use crate::store::output::{Provenance, read_live};
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, StoredMesh};
 use crate::{Error, Result};
 
@@ -83,7 +83,7 @@ pub fn columns(
     progress: &mut dyn Progress,
 ) -> Result<ColumnsOutcome> {
     spec.validate()?;
-    let (map, space) = prepare_map(input.map, input.name)?;
+    let (map, space, live) = prepare_map(input.map, input.name)?;
     let torn = match spec.throws {
         Some(distance) => TornMap::torn(&map, distance),
         None => TornMap::whole(&map),
@@ -124,7 +124,13 @@ pub fn columns(
         missing_counts,
         is_z_up,
         juxtaposed: built.juxtaposed,
-        mesh: columns_to_file(built, &map.region, &space, z_unit, &provenance),
+        mesh: {
+            let cells = MapCells {
+                regions: &map.region,
+                live: live.as_deref(),
+            };
+            columns_to_file(built, cells, &space, z_unit, &provenance)
+        },
     })
 }
 
@@ -152,13 +158,17 @@ fn uncrossed(horizons: Vec<TornHorizon>) -> Vec<Vec<f64>> {
     z
 }
 
-/// Returns the cells of a map and its lattice space.
-fn prepare_map(map: AnyMesh, name: &str) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
+/// The cells of a map, its lattice space, and the share of each cell that holds data.
+type PreparedMap = (PolyMesh<2>, LatticeSpace<2>, Option<Vec<f64>>);
+
+/// Returns the cells of a map, its lattice space, and the share of each cell that holds data.
+fn prepare_map(map: AnyMesh, name: &str) -> Result<PreparedMap> {
     let problem = match map {
         AnyMesh::Polygons(file) => {
+            let live = read_live(&file.cell_data, file.mesh.sites.len());
             let stored = StoredMesh::new(file, name)?;
             let space = stored.space.clone();
-            return Ok((stored.into_file().mesh, space));
+            return Ok((stored.into_file().mesh, space, live));
         }
         AnyMesh::Triangles(_) => "has triangles, which make poor columns for flow",
         AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_) => "is not a map but a 3-D mesh",

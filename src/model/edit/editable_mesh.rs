@@ -11,7 +11,7 @@ use crate::lattice::seeding::{Alignment, kind_at};
 use crate::mesh::Simplices;
 use crate::mesh::check::check;
 use crate::report::{assess_angles, smallest_angles};
-use crate::store::output::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY};
+use crate::store::output::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, replace_nodes};
 use crate::{Error, Result};
 
@@ -413,6 +413,7 @@ pub fn dropped_arrays<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Ve
         ANGLES_ARRAY,
         HORIZON_FACES_ARRAY,
         IMAGE_ARRAY,
+        LIVE_ARRAY,
     ];
     unknown_arrays(file, &known)
 }

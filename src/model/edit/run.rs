@@ -15,7 +15,7 @@ use crate::job::{MeshSpec, Params};
 use crate::model::input::{ImageInput, MeshInput};
 use crate::progress::Progress;
 use crate::report::Report;
-use crate::store::output::with_image;
+use crate::store::output::{with_image, with_live};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Storable, with_mesh};
 use crate::{Error, Result};
 
@@ -172,7 +172,10 @@ impl EditRun<'_> {
                 cells_name: M::CELLS_NAME,
                 summary,
             },
-            mesh: any_mesh(with_image(edited.file, ImageSource::InMemory(&image))?),
+            mesh: {
+                let file = with_live(edited.file, &image)?;
+                any_mesh(with_image(file, ImageSource::InMemory(&image))?)
+            },
         })
     }
 }

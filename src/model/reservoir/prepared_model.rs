@@ -11,7 +11,7 @@ use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::flow::anisotropy::AxisRatios;
 use crate::model::reservoir::{
-    DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, SamplePositions, averaging,
+    CellMeans, DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, SamplePositions, averaging,
 };
 use crate::model::surface::facet_selection::labels_of_faces;
 use crate::model::surface::stored_surfaces::numbered_surfaces;
@@ -375,7 +375,7 @@ impl PreparedModel {
     /// # Errors
     /// Returns [`Error::Image`] if the image has neither, and the errors of
     /// `averaging::average_cells`.
-    pub fn average(&self, image: &Image<3>, mean: MeanKind, place: &str) -> Result<Vec<f64>> {
+    pub fn average(&self, image: &Image<3>, mean: MeanKind, place: &str) -> Result<CellMeans> {
         let dims = image.dims();
         let same_dims = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
         let geometry = if same_dims {

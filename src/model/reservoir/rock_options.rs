@@ -15,6 +15,7 @@ use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
 use crate::job::spec::{InvalidValue, names_image, parse_number};
 use crate::model::flow::{Rock, Tensor};
+use crate::names::NameRules;
 use crate::option_text::{deserialize_optional, serde_as_text};
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -199,7 +200,7 @@ impl Display for PermeabilityUnit {
 /// A property of the cells, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellProperty {
-    /// The name: letters, digits and `_`.
+    /// The name, on one line and without `=`.
     pub name: String,
     /// The value for each cell.
     pub value: CellValue,
@@ -212,8 +213,7 @@ impl FromStr for CellProperty {
         let (name, value) = text
             .split_once('=')
             .ok_or_else(|| InvalidValue::new("has no '='", PROPERTY_REMEDY))?;
-        let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        if name.is_empty() || !letters {
+        if name.trim().is_empty() || !NameRules::TEXT.is_legal(name) {
             return Err(InvalidValue::new(PROPERTY_NAME_PROBLEM, PROPERTY_REMEDY));
         }
         let Ok(value) = value.parse();
@@ -231,8 +231,7 @@ impl Display for CellProperty {
 }
 
 const PROPERTY_REMEDY: &str = "give NAME=VALUE, such as amplitude=survey.sgy";
-const PROPERTY_NAME_PROBLEM: &str =
-    "has a name that is empty, taken, or not of letters, digits and _";
+const PROPERTY_NAME_PROBLEM: &str = "has a name that is empty, taken, or not on one line";
 
 serde_as_text!(
     CellValue: [","; 2],
@@ -249,7 +248,7 @@ fn option_error(option: &str, value: impl Display, problem: &str, remedy: &str) 
 
 impl RockOptions {
     /// Sets the properties of the cells: regions first, as the others may depend on them. Returns
-    /// the permeability, if it is given.
+    /// the permeability, if it is given, and the cells in which an image holds no data.
     ///
     /// # Errors
     /// Returns [`Error::Export`] or [`Error::Job`] for values that make no sense, a region without
@@ -259,11 +258,12 @@ impl RockOptions {
         prepared: &mut PreparedModel,
         read_image: ReadImage<'_>,
         progress: &mut dyn Progress,
-    ) -> Result<Option<Rock>> {
+    ) -> Result<FilledRock> {
         let mut filling = Filling {
             input: &self.input,
             read_image,
             progress,
+            without_data: Vec::new(),
         };
         if let Some(text) = &self.region {
             let labels = filling.image_values("region", text, MeanKind::Nearest, prepared)?;
@@ -305,13 +305,17 @@ impl RockOptions {
             let array = DataArray::scalars(name.as_str(), values);
             prepared.model.properties.push(array);
         }
-        match &self.permeability {
-            None => Ok(None),
+        let rock = match &self.permeability {
+            None => None,
             Some(permeability) => {
                 let unit = self.unit(permeability)?;
-                filling.rock(permeability, unit, prepared).map(Some)
+                Some(filling.rock(permeability, unit, prepared)?)
             }
-        }
+        };
+        Ok(FilledRock {
+            rock,
+            without_data: filling.without_data,
+        })
     }
 
     /// Returns which cells are below a cut-off. `rock` is the permeability in m^2.
@@ -372,6 +376,7 @@ impl RockOptions {
             input,
             read_image,
             progress,
+            without_data: Vec::new(),
         };
         filling.values(option, value, MeanKind::Arithmetic, prepared)
     }
@@ -390,11 +395,21 @@ impl RockOptions {
     }
 }
 
+/// The rock of a model that was filled.
+pub(crate) struct FilledRock {
+    /// The permeability in m^2, if it is given.
+    pub rock: Option<Rock>,
+    /// `true` for each cell in which an image of a property holds no data; empty if there is none.
+    pub without_data: Vec<bool>,
+}
+
 /// Sets the properties of cells from options.
 struct Filling<'a> {
     input: &'a InputOptions,
     read_image: ReadImage<'a>,
     progress: &'a mut dyn Progress,
+    /// `true` for each cell in which an image holds no data; empty if there is none.
+    without_data: Vec<bool>,
 }
 
 impl Filling<'_> {
@@ -546,17 +561,44 @@ impl Filling<'_> {
             ));
         }
         let image = self.read_image(path)?;
-        prepared.average(&image, mean, &path.display().to_string())
+        let means = prepared.average(&image, mean, &path.display().to_string())?;
+        self.add_cells_without_data(option, path, &means.without_data);
+        Ok(means.values)
     }
 
-    /// Reads an image; a 2-D image becomes a 3-D image of one layer.
+    /// Adds the cells in which an image holds no data, with a note.
+    fn add_cells_without_data(&mut self, option: &str, path: &Path, without_data: &[bool]) {
+        let count = without_data.iter().filter(|flag| **flag).count();
+        if count == 0 {
+            return;
+        }
+        self.progress.note(&format!(
+            "--{option}: {} holds no data in {count} of {} cells, which are inactive and have the value of the nearest sample",
+            path.display(),
+            without_data.len()
+        ));
+        self.without_data.resize(without_data.len(), false);
+        let flags = self.without_data.iter_mut().zip(without_data);
+        flags.for_each(|(flag, added)| *flag |= added);
+    }
+
+    /// Reads an image and marks the samples that hold no data; a 2-D image becomes a 3-D image of one
+    /// layer.
     fn read_image(&mut self, path: &Path) -> Result<Image<3>> {
         let (image, notes) = match (self.read_image)(path, self.input)? {
             AnyImage::Plane(loaded) => (loaded.image.to_3d(), loaded.notes),
             AnyImage::Space(loaded) => (loaded.image, loaded.notes),
         };
         notes.iter().for_each(|note| self.progress.note(note));
-        Ok(image)
+        let marked = image.mark_nulls(!self.input.keeps_nulls());
+        let marked = marked.map_err(|error| error.with_place(path.display()))?;
+        let Some(marked) = marked else {
+            return Ok(image);
+        };
+        for note in &marked.notes {
+            self.progress.note(&format!("{}: {note}", path.display()));
+        }
+        Ok(marked.image)
     }
 }
 

@@ -29,7 +29,7 @@ use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
 use crate::mesh::renumber::{new_numbers, used_items};
 use crate::mesh::{Simplices, TetMesh, TriMesh};
-use crate::names::{NameRules, WantedName, assign};
+use crate::names;
 use crate::{Error, Result};
 
 /// Reads a mesh in our format, VTK's, Gmsh's or Exodus', which is recognised by its first bytes.
@@ -294,7 +294,7 @@ struct NamedFaces {
 
 impl NamedFaces {
     fn new(groups: &BTreeMap<i32, String>) -> Self {
-        let (groups, names) = distinct_names(groups.clone())
+        let (groups, names) = named_groups(groups.clone())
             .into_iter()
             .filter(|(_, name)| name != SCRAPS_NAME)
             .unzip();
@@ -346,7 +346,7 @@ fn region_number(name: &str) -> Option<i32> {
 }
 
 /// Returns new numbers for regions whose names contain numbers (`region7`), if no other region has
-/// these numbers, and the distinct names of the other regions.
+/// these numbers, and the names of the other regions.
 fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMap<i32, String>) {
     let numbers: BTreeMap<i32, i32> = (groups.iter())
         .filter_map(|(&group, name)| Some((group, region_number(name)?)))
@@ -356,21 +356,17 @@ fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMa
         let others = groups
             .into_iter()
             .filter(|(group, _)| !numbers.contains_key(group));
-        let names = distinct_names(others);
+        let names = named_groups(others);
         return (numbers, names);
     }
-    (BTreeMap::new(), distinct_names(groups))
+    (BTreeMap::new(), named_groups(groups))
 }
 
-/// Returns the groups whose names are not blank, with distinct names.
-fn distinct_names(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
-    let groups = groups.into_iter();
-    let named: Vec<(i32, String)> = groups.filter(|group| !group.1.trim().is_empty()).collect();
-    let wanted: Vec<WantedName> = (named.iter())
-        .map(|(_, name)| WantedName::given_or(Some(name), String::new))
-        .collect();
-    let names = assign(&NameRules::TEXT, &wanted);
-    named.into_iter().map(|group| group.0).zip(names).collect()
+/// Returns the groups that have names.
+fn named_groups(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
+    let names = groups.into_iter();
+    let names = names.map(|(group, name)| (group, names::from_file(&name)));
+    names.filter(|(_, name)| !name.is_empty()).collect()
 }
 
 #[cfg(test)]

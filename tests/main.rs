@@ -58,6 +58,7 @@ mod slice;
 mod surface_files;
 mod surfaces;
 mod surfaces_in_surveys;
+mod tables;
 mod topography;
 mod velocity;
 mod voronoi;

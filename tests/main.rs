@@ -58,6 +58,7 @@ mod surfaces;
 mod surfaces_in_surveys;
 mod topography;
 mod velocity;
+mod verdict;
 mod voronoi;
 mod vtk;
 mod wells;

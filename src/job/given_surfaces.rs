@@ -30,6 +30,8 @@ pub(crate) struct SurfacesInImage<const D: usize> {
     pub points: Arc<GivenPoints<D>>,
     /// A note on each.
     pub notes: Vec<String>,
+    /// The name of each, and the fraction of its area outside the image.
+    pub outside: Vec<(String, f64)>,
 }
 
 /// Number of times that a triangle is divided to find the part of it that lies in the image.
@@ -89,9 +91,10 @@ impl<const D: usize> Params<D> {
         if self.surfaces.is_empty() {
             return Ok(None);
         }
-        let (mut given, mut notes) = (Vec::new(), Vec::new());
+        let (mut given, mut notes, mut outside) = (Vec::new(), Vec::new(), Vec::new());
         for given_surface in &self.surfaces {
-            let (surface, note) = given_surface.in_image(geometry, dims)?;
+            let (surface, note, share) = given_surface.in_image(geometry, dims)?;
+            outside.push((surface.name.clone(), share));
             given.push(surface);
             notes.push(note);
         }
@@ -106,17 +109,19 @@ impl<const D: usize> Params<D> {
         Ok(Some(SurfacesInImage {
             points: Arc::new(points),
             notes,
+            outside,
         }))
     }
 }
 
 impl FollowedSurface {
-    /// Returns the surface in sample coordinates, and a note on it.
+    /// Returns the surface in sample coordinates, a note on it, and the fraction of its area outside
+    /// the image.
     fn in_image<const D: usize>(
         &self,
         geometry: &Geometry<D>,
         dims: [usize; D],
-    ) -> Result<(GivenSurface<D>, String)> {
+    ) -> Result<(GivenSurface<D>, String, f64)> {
         let PickedSurface {
             name, is_horizon, ..
         } = &self.surface;
@@ -151,7 +156,7 @@ impl FollowedSurface {
                 .map(|t| std::array::from_fn(|i| std::array::from_fn(|k| t[i][k])))
                 .collect(),
         };
-        Ok((surface, note))
+        Ok((surface, note, outside))
     }
 
     /// Returns `true` if the surface lies in the image only with the opposite sign of z. Programs

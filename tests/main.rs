@@ -41,6 +41,7 @@ mod mesh;
 mod meshers;
 mod missing_traces;
 mod modflow;
+mod names;
 mod options;
 mod page;
 mod plane;

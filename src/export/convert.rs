@@ -235,9 +235,11 @@ impl ConvertSpec {
 
 /// Reads surfaces, lines or sticks, and returns them in the form that `output` holds.
 fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
-    let joined = |sticks: &[FaultSticks]| match extension(output).as_str() {
-        "pl" => AnySurfaces::Curves(FaultSticks::to_lines(sticks)),
-        _ => AnySurfaces::Surfaces(FaultSticks::to_surfaces(sticks)),
+    let joined = |sticks: &[FaultSticks]| -> Result<AnySurfaces> {
+        Ok(match extension(output).as_str() {
+            "pl" => AnySurfaces::Curves(FaultSticks::to_lines(sticks)),
+            _ => AnySurfaces::Surfaces(FaultSticks::to_surfaces(sticks)?),
+        })
     };
     let is_to_sticks = extension(output) == "csv";
     let content = match extension(input).as_str() {
@@ -250,7 +252,7 @@ fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
             let converted = if is_to_sticks {
                 Converted::Sticks(sticks)
             } else {
-                Converted::Surfaces(joined(&sticks))
+                Converted::Surfaces(joined(&sticks)?)
             };
             return converted.checked(input);
         }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::names::ExportNames;
 use super::spec::{ExportSpec, no_effect_error};
 use super::{ExportContent, ExportFormat};
 use crate::Result;
@@ -232,7 +233,11 @@ fn write_model(
     progress: &mut dyn Progress,
 ) -> Result<()> {
     let deck = format.deck_path(path);
-    format.write(model, path)?;
+    let names = ExportNames::new(model, &format.names);
+    format.write_with_names(model, &names, path)?;
+    if let Some(note) = names.note(path, format.is_folder()) {
+        progress.note(&note);
+    }
     let default_deck = path.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
     if let Some(deck) = deck.filter(|deck| has_deck && *deck != default_deck) {

@@ -1,5 +1,6 @@
 //! Surfaces that the user gives: from files to the samples of the image.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::Params;
@@ -13,6 +14,8 @@ use crate::parallel::prelude::*;
 use crate::surface_file::interpretation::{
     PickedShape, PickedSurface, read_interpretation, triangulate_points,
 };
+use crate::surface_file::joining::join_sticks;
+use crate::surface_file::point_table::ReadingFrame;
 use crate::{Error, Result};
 
 /// A surface to follow.
@@ -46,7 +49,11 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
         let place = format!("{flag} {option}");
         let mut picked = read_interpretation(&option.path)?;
         if let Some(name) = &option.name {
-            match picked.iter().position(|surface| surface.name == *name) {
+            let is_named = |surface: &PickedSurface| surface.name == *name;
+            // A command line is easier to write with `_` in place of spaces.
+            let is_almost = |surface: &PickedSurface| surface.name.replace(' ', "_") == *name;
+            let exact = picked.iter().position(is_named);
+            match exact.or_else(|| picked.iter().position(is_almost)) {
                 Some(index) => picked = vec![picked.swap_remove(index)],
                 None if picked.len() == 1 => picked[0].name.clone_from(name),
                 None => {
@@ -124,8 +131,10 @@ impl FollowedSurface {
             let problem = format!("is for 3-D images, but the image has {D} axes");
             return Err(Error::Job(cause(&self.option, problem, "omit it")));
         }
-        let is_flipped = self.has_opposite_z(geometry, dims);
-        let (triangles, note_on_points) = self.triangles(geometry, is_flipped)?;
+        let resolved = self.with_fitting_reading(geometry, dims)?;
+        let this = resolved.as_ref();
+        let is_flipped = this.has_opposite_z(geometry, dims);
+        let (triangles, note_on_points) = this.triangles(geometry, is_flipped)?;
         let mut note = format!("surface {name}:{note_on_points}");
         let (is_horizon, origin) = match is_horizon {
             Some(is_horizon) => (*is_horizon, String::new()),
@@ -140,6 +149,9 @@ impl FollowedSurface {
         if is_flipped {
             note += ", with the sign of z turned";
         }
+        for text in &this.surface.notes {
+            note += &format!(", {text}");
+        }
         let outside = outside_fraction(&triangles, dims);
         if outside > 5e-4 {
             note += &format!(", {:.1} % of it outside the image", 100.0 * outside);
@@ -152,6 +164,45 @@ impl FollowedSurface {
                 .collect(),
         };
         Ok((surface, note))
+    }
+
+    /// Returns the surface with the reading of its table that fits an image.
+    fn with_fitting_reading<const D: usize>(
+        &self,
+        geometry: &Geometry<D>,
+        dims: [usize; D],
+    ) -> Result<Cow<'_, Self>> {
+        let PickedShape::Readings(table) = &self.surface.shape else {
+            return Ok(Cow::Borrowed(self));
+        };
+        let is_inside = |p: [f64; D]| {
+            let index = geometry.to_index(p);
+            index.is_some_and(|index| {
+                (0..D).all(|k| (-0.5..=dims[k] as f64 - 0.5).contains(&index[k]))
+            })
+        };
+        let middle = geometry.to_physical(dims.map(|n| 0.5 * (n as f64 - 1.0)));
+        let spacing = geometry.spacing();
+        let frame = ReadingFrame {
+            contains: &|p| {
+                [1.0, -1.0]
+                    .iter()
+                    .any(|&sign| is_inside(with_z_sign(p, sign)))
+            },
+            contains_in_plane: &|[x, y]| {
+                is_inside(std::array::from_fn(|k| {
+                    [x, y].get(k).copied().unwrap_or(middle[k])
+                }))
+            },
+            spacing: std::array::from_fn(|k| spacing.get(k).copied().unwrap_or(1.0)),
+            domain: None,
+        };
+        let fitting = table.fit(&self.option, &frame)?;
+        let mut resolved = self.clone();
+        resolved.surface.shape = PickedShape::Points(fitting.points);
+        resolved.surface.coordinates = fitting.coordinates;
+        resolved.surface.notes.push(fitting.note);
+        Ok(Cow::Owned(resolved))
     }
 
     /// Returns `true` if the surface lies in the image only with the opposite sign of z. Programs
@@ -192,11 +243,19 @@ impl FollowedSurface {
                     .collect::<Result<_>>()?;
                 Ok((triangles, String::new()))
             }
-            PickedShape::Points(points) => {
-                let points = points
-                    .iter()
-                    .map(|&p| index(p))
-                    .collect::<Result<Vec<_>>>()?;
+            PickedShape::Sticks(sticks) => {
+                let units: [&str; 3] =
+                    std::array::from_fn(|k| geometry.units.get(k).map_or("", |unit| unit));
+                let scale = units.map(default_metres_per_unit);
+                let joined = join_sticks(&self.surface.name, sticks, scale)?;
+                let triangles = (joined.triangles.iter())
+                    .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
+                    .collect::<Result<_>>()?;
+                let notes = joined.notes.iter().map(|note| format!(" {note},"));
+                Ok((triangles, notes.collect()))
+            }
+            shape => {
+                let points = shape.points().map(index).collect::<Result<Vec<_>>>()?;
                 let triangles = triangulate_points(&points).map_err(|error| {
                     let problem = format!("its {} points span no surface", points.len());
                     let remedy = "give at least three points that are not on one line";

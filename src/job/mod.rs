@@ -23,13 +23,15 @@
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
+//! - `named_faces`: the faces on surfaces that the user gives
 //! - `live`: the share of each cell that holds data
 //! - `features`: detects features alone
-//! - `well_file`: trajectories of wells in CSV files
+//! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
 //! result into physical coordinates.
 
+pub(crate) mod atom_file;
 mod canny;
 pub(crate) mod cells;
 mod checkpoint;
@@ -45,6 +47,7 @@ mod join;
 pub(crate) mod live;
 mod local_cells;
 mod measure;
+mod named_faces;
 mod optimise;
 pub(crate) mod padding;
 mod params;

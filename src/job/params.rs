@@ -6,12 +6,12 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::atom_file::AtomFile;
 use super::given_surfaces::{self, FollowedSurface};
 use super::spec::{DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
-use crate::files::csv;
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::{Geometry, Image, Modality};
@@ -321,9 +321,9 @@ impl<const D: usize> Params<D> {
                 read_image(path, &InputOptions::default())?,
             )?));
         }
-        params.wells = (spec.well.iter())
-            .map(|path| read_well(path))
-            .collect::<Result<_>>()?;
+        for path in &spec.well {
+            params.wells.extend(read_wells(path)?);
+        }
         Ok(params)
     }
 
@@ -457,23 +457,34 @@ impl<const D: usize> Params<D> {
     }
 }
 
-/// Reads fixed atoms from a CSV file; each is named after its line.
+/// Reads fixed atoms from a table; each is named after its line.
 fn read_fixed_atoms<const D: usize>(path: &Path) -> Result<Vec<FixedAtom<D>>> {
+    let atoms = AtomFile::<D>::read(path, &[])?;
     let fixed_atom = |(line, position)| FixedAtom {
         name: format!("{}:{line}", path.display()),
         position,
     };
-    Ok(csv::points(path)?.into_iter().map(fixed_atom).collect())
+    Ok(atoms.points.into_iter().map(fixed_atom).collect())
 }
 
-/// Reads a well from a CSV file.
-fn read_well<const D: usize>(path: &Path) -> Result<WellPath<D>> {
-    let file = WellFile::<D>::read(path, D - 1)?;
-    Ok(WellPath {
-        name: path.display().to_string(),
-        radius: file.points.iter().map(|p| p.2).fold(0.0, f64::max),
-        points: file.points.iter().map(|p| p.1).collect(),
-    })
+/// Reads the wells of a file.
+fn read_wells<const D: usize>(path: &Path) -> Result<Vec<WellPath<D>>> {
+    let files = WellFile::<D>::read_all(path, &[], None, D - 1)?;
+    let several = files.len() > 1;
+    let well = |file: WellFile<D>| WellPath {
+        name: if several {
+            format!("{}:{}", path.display(), file.name)
+        } else {
+            path.display().to_string()
+        },
+        radius: file
+            .points
+            .iter()
+            .filter_map(|p| p.radius)
+            .fold(0.0, f64::max),
+        points: file.points.iter().map(|p| p.position).collect(),
+    };
+    Ok(files.into_iter().map(well).collect())
 }
 
 /// Returns the image that an option names; `remedy` says what to give.

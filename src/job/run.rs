@@ -10,7 +10,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
-    StageRunner, cells, estimate, live, simplices,
+    StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -19,6 +19,9 @@ use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
 use crate::mesh::Mesh;
+#[cfg(doc)]
+use crate::mesh::complex::NONE;
+use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
@@ -44,6 +47,9 @@ where
     pub share: Option<MeshShare>,
     /// The features that the mesh follows.
     pub features: Features<D>,
+    /// For each face of the mesh the index in [`Features::names`] of the surface that it lies on, or
+    /// [`NONE`]; empty if no surface has a name.
+    pub face_names: Vec<u32>,
     /// The share of each cell that holds data; `None` if all cells are full of data.
     pub live: Option<Vec<f64>>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
@@ -242,6 +248,7 @@ where
     })?;
     let MadeMesh {
         mesh,
+        face_names,
         mut report,
         share,
         distance,
@@ -280,6 +287,7 @@ where
         padding,
         share,
         features,
+        face_names,
         live,
         distance,
         optimize_result,
@@ -494,6 +502,8 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     mesh: MeshResult<D>,
+    /// Names of faces, as in [`Outcome::face_names`].
+    face_names: Vec<u32>,
     report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
     share: Option<MeshShare>,
@@ -516,13 +526,13 @@ where
         return join_atoms(source, params, features, frame, stages);
     }
     let cells = cells::make_cells(source, params, features, frame, stages)?;
-    let (mesh, report, distance, optimize_result) = cells;
     Ok(MadeMesh {
-        mesh,
-        report,
+        mesh: cells.mesh,
+        face_names: cells.face_names,
+        report: cells.report,
         share: None,
-        distance,
-        optimize_result: Some(optimize_result),
+        distance: cells.distance,
+        optimize_result: Some(cells.optimize_result),
     })
 }
 
@@ -559,8 +569,11 @@ where
     };
     if let Some(partition) = partition {
         features.replace_points(partition.near_points);
+        let annotated = partition.annotated_mesh;
+        let marks: Vec<bool> = marks_from_bits::<D>(&annotated.feature_faces).collect();
         return Ok(MadeMesh {
-            mesh: MeshResult::Simplices(partition.annotated_mesh),
+            face_names: horizons::face_names(&annotated.mesh, &marks, features),
+            mesh: MeshResult::Simplices(annotated),
             report: partition.report,
             share: Some(partition.share),
             distance: partition.distance,
@@ -575,10 +588,11 @@ where
         distance: &distance,
     };
     let atoms = atoms.all_gather(comm)?;
-    let (mesh, report) = simplices::make_simplices(atoms, &scene, source, params, stages)?;
+    let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
     Ok(MadeMesh {
-        mesh,
-        report,
+        mesh: made.mesh,
+        face_names: made.face_names,
+        report: made.report,
         share: None,
         distance,
         optimize_result,

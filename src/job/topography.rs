@@ -343,6 +343,7 @@ mod tests {
                 is_horizon: Some(true),
                 shape: PickedShape::Triangles(triangles.collect()),
                 coordinates: Default::default(),
+                notes: Vec::new(),
             },
         }
     }

@@ -17,11 +17,10 @@ use crate::feature::ResolvedOptions;
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 pub use crate::job::Provenance;
-use crate::job::horizons::{horizon_bits, name_indices};
+use crate::job::horizons::horizon_bits;
 use crate::job::live::shares_of_cells;
 use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
 use crate::mesh::complex::NONE;
-use crate::mesh::interface::marks_from_bits;
 #[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
@@ -64,7 +63,12 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest = smallest_angles(lattice);
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    let horizons = horizon_bits(lattice, &annotated.feature_faces, &outcome.features);
+    let horizons = horizon_bits(
+        lattice,
+        &annotated.feature_faces,
+        &outcome.face_names,
+        &outcome.features,
+    );
     let mirrored = geometry.determinant() < 0.0;
     let mut file = MeshFile {
         mesh,
@@ -102,15 +106,12 @@ where
         },
     };
     file.cell_data.extend(live_array(outcome));
-    let marks: Vec<bool> = marks_from_bits::<D>(&annotated.feature_faces).collect();
-    let names = name_indices(lattice, &marks, &outcome.features);
-    if !names.is_empty()
+    if !outcome.face_names.is_empty()
         && let Ok(neighbors) = lattice.neighbors()
     {
-        let faces = (names.iter().enumerate()).filter_map(|(face, name)| {
+        let faces = (outcome.face_names.iter().enumerate()).filter_map(|(face, &name)| {
             let (cell, other) = ((face / (D + 1)) as u32, neighbors[face]);
-            name.filter(|_| other != NONE)
-                .map(|name| ([cell.min(other), cell.max(other)], name))
+            (name != NONE && other != NONE).then(|| ([cell.min(other), cell.max(other)], name))
         });
         let fields = NamedSurfaces::new(&feature_names(outcome), faces.collect()).into_fields();
         file.field_data.extend(fields);

@@ -4,13 +4,10 @@
 //! |---|---|
 //! | GOCAD `TSurf`, VTK poly data, Wavefront OBJ | its triangles |
 //! | a grid of heights: IRAP classic, ZMAP+, CPS-3 | two triangles for each cell with four known heights |
-//! | fault sticks: a table with the columns `fault,stick,x,y,z`, Charisma's sticks, or GOCAD `PLine` | triangles between neighbouring sticks |
-//! | points, a line for each | points, which [`triangulate_points`] joins |
+//! | fault sticks: a table with a column `stick`, Charisma's sticks, or GOCAD `PLine` | triangles between neighbouring sticks |
+//! | a table of points | points, which [`triangulate_points`] joins |
 //!
-//! In lines of points, words that are not numbers are skipped. If the first two of at least five
-//! numbers are integers in all lines, they are line numbers, and x, y, z follow; otherwise x, y, z
-//! come first. A line of names (`x`, `y`, `z`) says which columns hold them, and other columns may
-//! hold anything. A line without a finite x, y and z has no point.
+//! [`point_table`](super::point_table) reads tables.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -18,7 +15,8 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use super::has_extension;
-use super::sticks::{FaultSticks, is_charisma, read_charisma, read_sticks};
+use super::point_table::{TableReadings, read_point_table};
+use super::sticks::{FaultSticks, Stick, is_charisma, read_charisma};
 use super::tsurf::{Gocad, read_gocad};
 use super::vtp::read_surfaces;
 use crate::error::{Error, Result, cause, io_error};
@@ -29,6 +27,7 @@ use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
 use crate::image::stated::StatedCoordinates;
 use crate::mesh::delaunay::delaunay_plane;
+use crate::names;
 
 /// A surface that a user gives, in physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +40,8 @@ pub struct PickedSurface {
     pub shape: PickedShape,
     /// The statements of the file about its coordinates.
     pub coordinates: StatedCoordinates,
+    /// What was assumed when the file was read.
+    pub notes: Vec<String>,
 }
 
 /// The shape of a surface that a user gives.
@@ -50,26 +51,70 @@ pub enum PickedShape {
     Triangles(Vec<[[f64; 3]; 3]>),
     /// Points in no order.
     Points(Vec<[f64; 3]>),
+    /// Fault sticks in no order, which [`join_sticks`](super::joining::join_sticks) joins where they
+    /// are placed.
+    Sticks(Vec<Stick>),
+    /// Points of a table that can be read in several ways. The image decides, by
+    /// [`TableReadings::fit`].
+    Readings(TableReadings),
 }
 
 impl PickedShape {
     /// Returns the points, or the corners of the triangles.
     pub fn points(&self) -> impl Iterator<Item = [f64; 3]> {
-        let (triangles, points) = match self {
-            Self::Triangles(triangles) => (triangles.as_slice(), &[][..]),
-            Self::Points(points) => (&[][..], points.as_slice()),
+        let (points, sticks, readings) = match self {
+            Self::Triangles(triangles) => (triangles.as_flattened(), &[][..], None),
+            Self::Points(points) => (points.as_slice(), &[][..], None),
+            Self::Sticks(sticks) => (&[][..], sticks.as_slice(), None),
+            Self::Readings(table) => (&[][..], &[][..], Some(table.points(0))),
         };
-        triangles.as_flattened().iter().chain(points).copied()
+        let of_sticks = sticks.iter().flat_map(|stick| &stick.points);
+        let points = points.iter().chain(of_sticks).copied();
+        points.chain(readings.into_iter().flatten())
+    }
+
+    /// Replaces each point by `place(point)`. Of a table that can be read in several ways, the first
+    /// reading counts.
+    ///
+    /// # Errors
+    /// Returns the first error of `place`.
+    pub fn try_map_points(
+        &mut self,
+        mut place: impl FnMut([f64; 3]) -> Result<[f64; 3]>,
+    ) -> Result<()> {
+        if let Self::Readings(table) = self {
+            *self = Self::Points(table.points(0));
+        }
+        let (points, sticks) = match self {
+            Self::Readings(_) => (&mut [][..], &mut [][..]),
+            Self::Triangles(triangles) => (triangles.as_flattened_mut(), &mut [][..]),
+            Self::Points(points) => (points.as_mut_slice(), &mut [][..]),
+            Self::Sticks(sticks) => (&mut [][..], sticks.as_mut_slice()),
+        };
+        let of_sticks = sticks.iter_mut().flat_map(|stick| &mut stick.points);
+        for point in points.iter_mut().chain(of_sticks) {
+            *point = place(*point)?;
+        }
+        Ok(())
     }
 }
 
 /// Reads all surfaces of a file. Surfaces of the same name are one.
 ///
 /// # Errors
-/// Returns [`Error::Io`] if the file cannot be read, is damaged, or holds no surface.
+/// Returns [`Error::Io`] or [`Error::Job`] if the file cannot be read, is damaged, or holds no surface.
 pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
+    read_interpretation_as(path, &[])
+}
+
+/// Reads all surfaces of a file, as [`read_interpretation`] does. If the file is a table, `columns`
+/// names its columns in place of the file; `_` is a column without use.
+///
+/// # Errors
+/// Returns [`Error::Io`] or [`Error::Job`] if the file cannot be read, is damaged, or holds no surface.
+pub fn read_interpretation_as(path: &Path, columns: &[String]) -> Result<Vec<PickedSurface>> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let stem = stem.split_whitespace().collect::<Vec<_>>().join("_");
+    let stem = names::from_file(&stem);
     let surfaces = if has_extension(path, &["vtp"]) {
         from_triangles(&read_surfaces(path)?, None)
     } else if has_extension(path, &["obj"]) {
@@ -77,28 +122,22 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
     } else if has_extension(path, &["ts", "pl"]) {
         match read_gocad(path)? {
             Gocad::Surfaces(file) => from_triangles(&file, None),
-            Gocad::Lines(file) => from_sticks(&FaultSticks::from_lines(&file)),
+            Gocad::Lines(file) => from_sticks(FaultSticks::from_lines(&file)),
         }
     } else if let Some(format) = grid_format(path)? {
         vec![read_grid(path, format, stem)?]
     } else {
-        let text = read_text(path)?;
-        if is_stick_table(&text) {
-            from_sticks(&read_sticks(path)?)
-        } else if is_charisma(&text) {
-            from_sticks(&read_charisma(path)?)
+        if is_charisma(&read_text(path)?) {
+            from_sticks(read_charisma(path)?)
         } else {
-            vec![PickedSurface {
-                name: stem,
-                is_horizon: None,
-                shape: PickedShape::Points(parse_points(path, &text)?),
-                coordinates: StatedCoordinates::default(),
-            }]
+            read_point_table(path, &stem, columns)?
         }
     };
     let is_empty = |surface: &PickedSurface| match &surface.shape {
         PickedShape::Triangles(triangles) => triangles.is_empty(),
         PickedShape::Points(points) => points.is_empty(),
+        PickedShape::Sticks(sticks) => sticks.is_empty(),
+        PickedShape::Readings(_) => false,
     };
     if surfaces.iter().all(is_empty) {
         let remedy = "give surfaces, grids of heights, at least two fault sticks, or points x,y,z";
@@ -131,17 +170,22 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
             name,
             shape: PickedShape::Triangles(triangles),
             coordinates: file.stated.clone(),
+            notes: Vec::new(),
         }
     };
     by_name.into_iter().map(surface).collect()
 }
 
-fn from_sticks(faults: &[FaultSticks]) -> Vec<PickedSurface> {
-    let mut file = FaultSticks::to_surfaces(faults);
-    for name in &mut file.names {
-        *name = name.split_whitespace().collect::<Vec<_>>().join("_");
-    }
-    from_triangles(&file, Some(false))
+/// Returns the faults of a file. Their sticks are joined when they are placed in the image.
+fn from_sticks(faults: Vec<FaultSticks>) -> Vec<PickedSurface> {
+    let surface = |fault: FaultSticks| PickedSurface {
+        name: names::from_file(&fault.name),
+        is_horizon: Some(false),
+        shape: PickedShape::Sticks(fault.sticks),
+        coordinates: fault.coordinates,
+        notes: Vec::new(),
+    };
+    faults.into_iter().map(surface).collect()
 }
 
 /// Returns the format of a file if it is a grid of heights.
@@ -163,6 +207,7 @@ fn read_grid(path: &Path, format: ImageFormat, name: String) -> Result<PickedSur
         is_horizon: Some(true),
         shape: PickedShape::Triangles(grid_triangles(&grid.image)),
         coordinates: StatedCoordinates::default(),
+        notes: Vec::new(),
     })
 }
 
@@ -198,14 +243,6 @@ fn read_text(path: &Path) -> Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Returns `true` if the first line of a table names the columns of fault sticks.
-fn is_stick_table(text: &str) -> bool {
-    let is_data = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
-    let header = text.lines().find(is_data).unwrap_or("").to_lowercase();
-    let has_column = |name: &str| header.split(',').any(|column| column.trim() == name);
-    has_column("fault") && has_column("stick")
-}
-
 /// Reads the surfaces of an OBJ file: those of each group or object. Polygons are cut into fans.
 fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
     let text = read_text(path)?;
@@ -229,7 +266,7 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
                     .push(position.ok_or_else(|| refuse("is not a vertex (x, y, z)"))?);
             }
             Some("g" | "o") => {
-                let name = words.collect::<Vec<_>>().join("_");
+                let name = names::from_file(&words.collect::<Vec<_>>().join(" "));
                 file.names.push(if name.is_empty() {
                     stem.to_string()
                 } else {
@@ -264,68 +301,6 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
         }
     }
     Ok(file)
-}
-
-/// Reads points from lines of numbers, as the head of this module says.
-fn parse_points(path: &Path, text: &str) -> Result<Vec<[f64; 3]>> {
-    let mut rows: Vec<Vec<f64>> = Vec::new();
-    let mut named_columns: Option<[usize; 3]> = None;
-    for (number, line) in (1..).zip(text.lines()) {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with(['#', '!', '@']) {
-            continue;
-        }
-        let words = columns_of(line);
-        let number_at = |k: usize| words.get(k).and_then(|word| word.parse().ok());
-        if let Some(columns) = named_columns {
-            let point = columns.map(|k| number_at(k).unwrap_or(f64::NAN));
-            rows.push(point.to_vec());
-            continue;
-        }
-        let numbers: Vec<f64> = (line.split([' ', '\t', ',', ';']))
-            .filter_map(|word| word.parse().ok())
-            .collect();
-        if numbers.len() < 3 && rows.is_empty() {
-            let column = |name: &str| {
-                words
-                    .iter()
-                    .position(|word| word.eq_ignore_ascii_case(name))
-            };
-            if let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(column) {
-                named_columns = Some([x, y, z]);
-            }
-            continue;
-        }
-        if numbers.len() < 3 {
-            let place = format!("{}:{number}", path.display());
-            let problem = format!("has {} numbers", numbers.len());
-            let remedy = "give x, y and z in each line, or a file of surfaces (.ts, .vtp, .obj)";
-            return Err(Error::Io(cause(place, problem, remedy)));
-        }
-        rows.push(numbers);
-    }
-    let are_line_numbers =
-        |row: &Vec<f64>| row.len() >= 5 && row[..2].iter().all(|n| n.fract() == 0.0);
-    let starts_with_lines = !rows.is_empty() && rows.iter().all(are_line_numbers);
-    let columns = if starts_with_lines {
-        [2, 3, 4]
-    } else {
-        [0, 1, 2]
-    };
-    let point = |row: &Vec<f64>| {
-        let point = columns.map(|k| row.get(k).copied().unwrap_or(f64::NAN));
-        point.iter().all(|c| c.is_finite()).then_some(point)
-    };
-    Ok(rows.iter().filter_map(point).collect())
-}
-
-/// Returns the columns of a line: between commas or semicolons, where some may be empty, or else
-/// between spaces.
-fn columns_of(line: &str) -> Vec<&str> {
-    match [',', ';'].into_iter().find(|c| line.contains(*c)) {
-        Some(separator) => line.split(separator).map(str::trim).collect(),
-        None => line.split_whitespace().collect(),
-    }
 }
 
 /// Longest edge of a triangle between points, in units of the median of all triangles' longest
@@ -432,21 +407,19 @@ mod tests {
             "500.5 700 -3.25\n510 700 -4\n500 710 -5\n",
             "# x y z\nX,Y,Z\n500.5,700,-3.25\n510,700,-4\n500,710,-5\n",
             "z;x;y\n-3.25;500.5;700\n-4;510;700\n-5;500;710\n",
-            "101 7 500.5 700 -3.25\n101 8 510 700 -4\n102 7 500 710 -5\n",
-            "INLINE : 101 XLINE : 7 500.5 700 -3.25\nINLINE : 101 XLINE : 8 510 700 -4\nINLINE : 102 XLINE : 7 500 710 -5\n",
-            "500.5 700 -3.25 1 2\n510 700 -4 1 3\n500 710 -5 2 2\n",
+            "500.5 700 -3.25 1.5\n510 700 -4 1.5\n500 710 -5 2.5\n",
         ] {
             let path = write(folder.path(), "top A.xyz", text);
             let read = read_interpretation(&path).unwrap();
             assert_eq!(read.len(), 1);
-            assert_eq!((&*read[0].name, read[0].is_horizon), ("top_A", None));
+            assert_eq!((&*read[0].name, read[0].is_horizon), ("top A", None));
             assert_eq!(
                 read[0].shape,
                 PickedShape::Points(expected.clone()),
                 "{text}"
             );
         }
-        let text = "name,x,y,z\nFault 7,1,2,3\nFault 8,,5,6\n,4,5,6\n";
+        let text = "quality,x,y,z\ngood,1,2,3\npoor,,5,6\n,4,5,6\n";
         let read = read_interpretation(&write(folder.path(), "c.xyz", text)).unwrap();
         let expected = vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
         assert_eq!(read[0].shape, PickedShape::Points(expected));
@@ -466,10 +439,10 @@ mod tests {
         let summary: Vec<_> = (read.iter())
             .map(|s| match &s.shape {
                 PickedShape::Triangles(t) => (&*s.name, s.is_horizon, t.len()),
-                PickedShape::Points(_) => panic!("points"),
+                _ => panic!("no triangles"),
             })
             .collect();
-        assert_eq!(summary, [("Fault_A", Some(false), 3), ("top", None, 1)]);
+        assert_eq!(summary, [("Fault A", Some(false), 3), ("top", None, 1)]);
         let path = write(folder.path(), "b.obj", "v 0 0 0\nf 1 2 3\n");
         let message = read_interpretation(&path).unwrap_err().to_string();
         assert!(message.contains("b.obj:2: "), "{message}");

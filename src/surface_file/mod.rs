@@ -3,9 +3,14 @@
 //! - `tsurf`: GOCAD surfaces and lines
 //! - `vtp`: VTK poly data
 //! - `sticks`: fault sticks
+//! - `joining`: fault sticks become surfaces
+//! - `place_columns`, `point_table`: points and sticks in tables
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 
 pub mod interpretation;
+pub mod joining;
+pub mod place_columns;
+pub mod point_table;
 pub mod sticks;
 pub mod tsurf;
 pub mod vtp;
@@ -27,7 +32,7 @@ pub struct SurfaceFile<const D: usize> {
     pub facets: Vec<[u32; D]>,
     /// Index of the first facet of each surface, and the number of facets at the end.
     pub surface_starts: Vec<usize>,
-    /// Names of the surfaces, without spaces or line ends.
+    /// Names of the surfaces, as a file or the user gives them, on one line.
     pub names: Vec<String>,
     /// Arrays with one tuple per facet.
     pub cell_data: Vec<DataArray>,

@@ -13,6 +13,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::sorted_distinct;
+use crate::names;
 
 /// Writes surfaces. Coordinates have all digits and the units that are known.
 ///
@@ -134,7 +135,7 @@ fn read_objects<const D: usize>(
             _ if first.starts_with("name:") => {
                 let name = line.trim_start().trim_start_matches("name:").trim();
                 if let (Some(last), false) = (surfaces.names.last_mut(), name.is_empty()) {
-                    *last = name.split_whitespace().collect::<Vec<_>>().join("_");
+                    *last = names::from_file(name);
                 }
             }
             "AXIS_UNIT" => {

@@ -263,7 +263,7 @@ fn read_earlier_surfaces<const D: usize>(
                 PickedShape::Triangles(triangles) => {
                     triangles.iter().map(|triangle| triangle.to_vec()).collect()
                 }
-                PickedShape::Points(points) => points.iter().map(|x| vec![*x]).collect(),
+                shape => shape.points().map(|x| vec![x]).collect(),
             };
             (surface.name, simplices)
         };

@@ -200,12 +200,12 @@ pub struct MeshSpec {
     /// Largest number of atoms that --seeding guide places [default: as many as fit]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_atoms: Option<usize>,
-    /// A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), in the image's physical
-    /// coordinates
+    /// A table of fixed atoms (wells, sources) with the columns x, y and z (x and y in 2-D), in the
+    /// image's physical coordinates
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     pub atoms_from: Option<PathBuf>,
-    /// A CSV file of a well trajectory, along which atoms are fixed: lines x,y,z,radius (x,y,radius
-    /// in 2-D) in the image's physical coordinates; may be repeated
+    /// A table of well trajectories, along which atoms are fixed: columns x, y, z and radius (x, y and
+    /// radius in 2-D) in the image's physical coordinates, or a deviation survey; may be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<PathBuf>,

@@ -259,7 +259,7 @@ impl FromStr for SurfaceOption {
         }
         Ok(Self {
             path: path.into(),
-            name: name.map(|name| name.split_whitespace().collect::<Vec<_>>().join("_")),
+            name: name.map(|name| name.trim().to_string()),
             is_horizon,
         })
     }

@@ -53,7 +53,8 @@ use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
 use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
-use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
+use crate::model::surface::names::{SurfaceNames, interface_name};
+use crate::names::append_distinct;
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 
@@ -513,7 +514,7 @@ impl Model {
             let [a, b] = pair.map(|region| self.region_label(region));
             interface_name([&a, &b])
         });
-        add_names(&mut names, interfaces);
+        append_distinct(&mut names, interfaces);
         let named_pairs = pairs.into_iter().zip(names.split_off(known_count));
         let (pairs, names): (Vec<_>, Vec<_>) = named_pairs
             .filter(|(_, name)| laws.selects_name(name))

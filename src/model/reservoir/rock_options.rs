@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
-use crate::files::csv::values_by_region;
+use crate::files::table::values_by_region;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
 use crate::job::spec::{InvalidValue, names_image, parse_number};
 use crate::model::flow::{Rock, Tensor};
+use crate::names::NameRules;
 use crate::option_text::{deserialize_optional, serde_as_text};
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -199,7 +200,7 @@ impl Display for PermeabilityUnit {
 /// A property of the cells, with its name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellProperty {
-    /// The name: letters, digits and `_`.
+    /// The name, on one line and without `=`.
     pub name: String,
     /// The value for each cell.
     pub value: CellValue,
@@ -212,8 +213,7 @@ impl FromStr for CellProperty {
         let (name, value) = text
             .split_once('=')
             .ok_or_else(|| InvalidValue::new("has no '='", PROPERTY_REMEDY))?;
-        let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        if name.is_empty() || !letters {
+        if name.trim().is_empty() || !NameRules::TEXT.is_legal(name) {
             return Err(InvalidValue::new(PROPERTY_NAME_PROBLEM, PROPERTY_REMEDY));
         }
         let Ok(value) = value.parse();
@@ -231,8 +231,7 @@ impl Display for CellProperty {
 }
 
 const PROPERTY_REMEDY: &str = "give NAME=VALUE, such as amplitude=survey.sgy";
-const PROPERTY_NAME_PROBLEM: &str =
-    "has a name that is empty, taken, or not of letters, digits and _";
+const PROPERTY_NAME_PROBLEM: &str = "has a name that is empty, taken, or not on one line";
 
 serde_as_text!(
     CellValue: [","; 2],

@@ -61,6 +61,7 @@ mod surfaces_in_surveys;
 mod tables;
 mod topography;
 mod velocity;
+mod verdict;
 mod voronoi;
 mod vtk;
 mod wells;

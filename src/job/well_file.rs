@@ -262,7 +262,7 @@ fn wells_of_points<const D: usize>(table: &Table) -> Result<Vec<WellFile<D>>> {
             }
         }
         if points.len() < count {
-            notes.push(format!("{} rows have no place", count - points.len()));
+            notes.push(format!("rows without a place: {}", count - points.len()));
         }
         if bore.column.is_none() {
             notes.push("the file has no radius".into());

@@ -356,7 +356,7 @@ impl Groups {
         for group in &self.groups {
             let mut notes = readings[0].notes.clone();
             if group.missing > 0 {
-                notes.push(format!("{} rows have no place", group.missing));
+                notes.push(format!("rows without a place: {}", group.missing));
             }
             let shape = if self.has_sticks {
                 PickedShape::Sticks(group.sticks(self.width, &readings[0]))
@@ -598,6 +598,7 @@ mod tests {
             (Some(ZDirection::Down), Some(Domain::Time))
         );
         assert_eq!(stated("x,y,z(ms)", 7.0).domain, Some(Domain::Time));
+        assert_eq!(stated("x,y,Z (TWT)", 7.0).domain, Some(Domain::Time));
         assert_eq!(stated("x,y,z", 7.0), StatedCoordinates::default());
         assert_eq!(stated("x,y,Top_Balder", 7.0), StatedCoordinates::default());
         let petrel = "# Petrel Points with attributes\n# Unit in X and Y direction: m\n# Unit in depth: ft\nVERSION 1\nBEGIN HEADER\nX\nY\nZ\nFLOAT,Thickness\nEND HEADER\n1 2 -3 9\n";

@@ -486,10 +486,11 @@ impl Table {
     pub fn missing(&self, terms: &[Term]) -> Error {
         let names: Vec<&str> = terms.iter().map(|term| term.name).collect();
         let own: Vec<&str> = self.columns.iter().map(|column| &*column.name).collect();
-        let known = terms
-            .iter()
-            .flat_map(|term| [term.name].into_iter().chain(term.aliases.iter().copied()));
-        let known: Vec<&str> = known.take(12).collect();
+        let known = terms.iter().flat_map(|term| {
+            let aliases = term.aliases.iter().take(4 / terms.len());
+            [term.name].into_iter().chain(aliases.copied())
+        });
+        let known: Vec<&str> = known.collect();
         let problem = if self.has_names() {
             format!(
                 "has no column {}: its columns are {}",

@@ -247,12 +247,19 @@ fn convert_surfaces(input: &Path, output: &Path) -> Result<(Converted, Vec<Strin
         ));
     }
     if let Converted::Sticks(_) = converted {
-        let named = |(name, unit): (&str, &Option<String>)| Some(format!("{name} in {}", unit.as_ref()?));
-        let mut words: Vec<String> =
-            ["x", "y", "z"].into_iter().zip(&stated.units).filter_map(named).collect();
+        let named =
+            |(name, unit): (&str, &Option<String>)| Some(format!("{name} in {}", unit.as_ref()?));
+        let mut words: Vec<String> = ["x", "y", "z"]
+            .into_iter()
+            .zip(&stated.units)
+            .filter_map(named)
+            .collect();
         words.extend(stated.z_direction.map(|direction| format!("z {direction}")));
         if !words.is_empty() {
-            notes.push(format!("{output} cannot say what {input} says: {}", words.join(", ")));
+            notes.push(format!(
+                "{output} cannot say what {input} says: {}",
+                words.join(", ")
+            ));
         }
     }
     Ok((converted, notes))
@@ -261,7 +268,10 @@ fn convert_surfaces(input: &Path, output: &Path) -> Result<(Converted, Vec<Strin
 /// Reads surfaces, lines or sticks, and returns them in the form that `output` holds.
 fn read_converted(input: &Path, output: &Path) -> Result<Converted> {
     let joined = |sticks: &[FaultSticks]| -> Result<AnySurfaces> {
-        let stated = sticks.first().map(|fault| fault.coordinates.clone()).unwrap_or_default();
+        let stated = sticks
+            .first()
+            .map(|fault| fault.coordinates.clone())
+            .unwrap_or_default();
         if extension(output) == "pl" {
             let mut file = FaultSticks::to_lines(sticks);
             file.set_stated(stated);
@@ -329,9 +339,10 @@ impl Converted {
         match self {
             Self::Surfaces(AnySurfaces::Curves(file)) => file.stated.clone(),
             Self::Surfaces(AnySurfaces::Surfaces(file)) => file.stated.clone(),
-            Self::Sticks(sticks) => {
-                sticks.first().map(|fault| fault.coordinates.clone()).unwrap_or_default()
-            }
+            Self::Sticks(sticks) => sticks
+                .first()
+                .map(|fault| fault.coordinates.clone())
+                .unwrap_or_default(),
             _ => StatedCoordinates::default(),
         }
     }

@@ -13,9 +13,9 @@
 //!
 //! [`Placing::notes`] say what was read, assumed and turned.
 
+use super::Geometry;
 use super::stated::{CoordinateOptions, Domain, StatedCoordinates, ZDirection};
 use super::velocity::VelocityModel;
-use super::Geometry;
 use crate::error::cause;
 use crate::units::{self, Quantity, Unit};
 use crate::{Error, Result};
@@ -131,14 +131,22 @@ impl<const D: usize> Frame<D> {
     /// Returns the frame of an image that was converted from two-way time in `unit`. An image that is
     /// in two-way time itself needs no conversion.
     #[must_use]
-    pub fn with_time_to_depth(self, conversion: Option<TimeToDepth<D>>, unit: Option<&str>) -> Self {
-        let is_time = self.unit(D - 1).is_some_and(|unit| unit.quantity == Quantity::Time);
+    pub fn with_time_to_depth(
+        self,
+        conversion: Option<TimeToDepth<D>>,
+        unit: Option<&str>,
+    ) -> Self {
+        let is_time = self
+            .unit(D - 1)
+            .is_some_and(|unit| unit.quantity == Quantity::Time);
         let millisecond = Unit {
             symbol: "ms",
             quantity: Quantity::Time,
             size: 1e-3,
         };
-        let unit = unit.and_then(units::find).filter(|unit| unit.quantity == Quantity::Time);
+        let unit = unit
+            .and_then(units::find)
+            .filter(|unit| unit.quantity == Quantity::Time);
         let conversion = conversion.filter(|_| !is_time);
         Self {
             time_to_depth: conversion.map(|conversion| (conversion, unit.unwrap_or(millisecond))),
@@ -198,7 +206,11 @@ impl<const D: usize> Frame<D> {
         let placings: Vec<Placing<'_, D>> = readings
             .flat_map(|reading| [placing(reading.clone(), 1.0), placing(reading, -1.0)])
             .collect();
-        Ok(move |p| placings.iter().any(|placing| self.contains(placing.apply(p))))
+        Ok(move |p| {
+            placings
+                .iter()
+                .any(|placing| self.contains(placing.apply(p)))
+        })
     }
 
     /// Returns the middle of the image.
@@ -240,7 +252,9 @@ impl<const D: usize> Frame<D> {
             .map(|reading| self.with_sign(reading, file, &tested))
             .collect();
         let best = placings.iter().map(|p| p.share).fold(0.0, f64::max);
-        let chosen = placings.into_iter().find(|p| p.share >= best - SHARE_MARGIN);
+        let chosen = placings
+            .into_iter()
+            .find(|p| p.share >= best - SHARE_MARGIN);
         chosen.ok_or_else(|| {
             let problem = "cannot be placed in the image";
             Error::Job(cause(file.place, problem, "give coordinates of the image"))
@@ -264,7 +278,10 @@ impl<const D: usize> Frame<D> {
         };
         let mut share = |sign: f64| {
             placing.sign = sign;
-            let count = points.iter().filter(|p| self.contains(placing.apply(**p))).count();
+            let count = points
+                .iter()
+                .filter(|p| self.contains(placing.apply(**p)))
+                .count();
             count as f64 / points.len().max(1) as f64
         };
         let [as_given, turned] = [share(1.0), share(-1.0)];
@@ -285,7 +302,9 @@ impl<const D: usize> Frame<D> {
         let sign = if is_refuted { -sign } else { sign };
         placing.sign = sign;
         placing.share = share(sign);
-        placing.notes.extend(sign_note(sign, stated, self.direction, is_refuted, file));
+        placing
+            .notes
+            .extend(sign_note(sign, stated, self.direction, is_refuted, file));
         placing
     }
 
@@ -310,7 +329,12 @@ impl<const D: usize> Frame<D> {
             .map(|(vertical, note)| Reading {
                 factors,
                 vertical,
-                notes: notes.iter().cloned().chain(Some(note)).filter(|n| !n.is_empty()).collect(),
+                notes: notes
+                    .iter()
+                    .cloned()
+                    .chain(Some(note))
+                    .filter(|n| !n.is_empty())
+                    .collect(),
             })
             .collect();
         // A unit of z may be that of x and y, too.
@@ -323,7 +347,8 @@ impl<const D: usize> Frame<D> {
         {
             let mut all = readings[0].clone();
             all.factors = [unit.size / image.size; D];
-            all.notes.insert(0, format!("x and y in {}, too, as z", unit.symbol));
+            all.notes
+                .insert(0, format!("x and y in {}, too, as z", unit.symbol));
             readings.push(all);
         }
         Ok(readings)
@@ -347,8 +372,14 @@ impl<const D: usize> Frame<D> {
                 Ok(unit.size / image.size)
             }
             (Some(unit), Some(image)) => {
-                let problem = format!("has {name} in {}, but the image in {}", unit.symbol, image.symbol);
-                let remedy = format!("give {name} in {}, or say its unit: ,unit=X,Y,Z", image.symbol);
+                let problem = format!(
+                    "has {name} in {}, but the image in {}",
+                    unit.symbol, image.symbol
+                );
+                let remedy = format!(
+                    "give {name} in {}, or say its unit: ,unit=X,Y,Z",
+                    image.symbol
+                );
                 Err(Error::Job(cause(file.place, problem, remedy)))
             }
             _ => Ok(1.0),
@@ -361,9 +392,8 @@ impl<const D: usize> Frame<D> {
         file: GivenFile<'_>,
         unit: Option<Unit>,
     ) -> Result<Vec<(Vertical, String)>> {
-        let refuse = |problem: String, remedy: String| {
-            Err(Error::Job(cause(file.place, problem, remedy)))
-        };
+        let refuse =
+            |problem: String, remedy: String| Err(Error::Job(cause(file.place, problem, remedy)));
         let domain = file.options.domain.or(match unit {
             // The unit of the option says the domain better than the file.
             Some(_) if file.options.unit(2).is_some() => None,
@@ -377,7 +407,10 @@ impl<const D: usize> Frame<D> {
             && domain != other
         {
             let problem = format!("has z in {}, which is no unit of {domain}", unit.symbol);
-            return refuse(problem, format!("say the unit: ,unit=U, or omit domain={domain}"));
+            return refuse(
+                problem,
+                format!("say the unit: ,unit=U, or omit domain={domain}"),
+            );
         }
         let image = self.unit(2);
         let image_domain = image.map(|unit| match unit.quantity {
@@ -431,17 +464,22 @@ impl<const D: usize> Frame<D> {
                 Ok(match &self.time_to_depth {
                     Some((_, unit)) => {
                         let (vertical, note) = self.time_reading(*unit);
-                        let note = format!("{note}, as the file has no unit (else add ,domain=depth)");
-                        let depth = format!("z in {image_name}, as the file has no unit (else add ,domain=time)");
+                        let note =
+                            format!("{note}, as the file has no unit (else add ,domain=depth)");
+                        let depth = format!(
+                            "z in {image_name}, as the file has no unit (else add ,domain=time)"
+                        );
                         vec![(vertical, note), (Vertical::Scaled(1.0), depth)]
                     }
                     None => vec![as_image],
                 })
             }
             (unit, _, _) => {
-                let note = unit.filter(|unit| unit.symbol != "m").map_or(String::new(), |unit| {
-                    format!("z in {} as it is, as the image has no unit", unit.symbol)
-                });
+                let note = unit
+                    .filter(|unit| unit.symbol != "m")
+                    .map_or(String::new(), |unit| {
+                        format!("z in {} as it is, as the image has no unit", unit.symbol)
+                    });
                 Ok(vec![(Vertical::Scaled(1.0), note)])
             }
         }
@@ -481,7 +519,11 @@ impl<const D: usize> Frame<D> {
             Some(ZDirection::Down) => 1.0,
             // Without names and units, the side of zero on which the image lies tells.
             None => {
-                if self.middle()[D - 1] < 0.0 { -1.0 } else { 1.0 }
+                if self.middle()[D - 1] < 0.0 {
+                    -1.0
+                } else {
+                    1.0
+                }
             }
         }
     }
@@ -489,7 +531,13 @@ impl<const D: usize> Frame<D> {
     /// Returns the ranges of the coordinates of the image, for messages.
     pub fn ranges(&self) -> String {
         let corners = (0..1usize << D).map(|corner| {
-            let index = std::array::from_fn(|k| if corner >> k & 1 == 1 { self.last[k] } else { 0.0 });
+            let index = std::array::from_fn(|k| {
+                if corner >> k & 1 == 1 {
+                    self.last[k]
+                } else {
+                    0.0
+                }
+            });
             self.geometry.to_physical(index)
         });
         ranges(corners)
@@ -499,8 +547,7 @@ impl<const D: usize> Frame<D> {
 impl<const D: usize> Placing<'_, D> {
     /// Returns a position of the file in the frame of the image.
     pub fn apply(&self, position: [f64; D]) -> [f64; D] {
-        let mut placed: [f64; D] =
-            std::array::from_fn(|k| position[k] * self.reading.factors[k]);
+        let mut placed: [f64; D] = std::array::from_fn(|k| position[k] * self.reading.factors[k]);
         let z = self.sign * position[D - 1];
         placed[D - 1] = match self.reading.vertical {
             Vertical::Scaled(factor) => factor * z,
@@ -546,7 +593,9 @@ fn stated_unit(file: GivenFile<'_>, k: usize, notes: &mut Vec<String>) -> Result
     let by_file = units::find(text);
     if let Some(by_option) = file.options.unit(k).and_then(units::find) {
         if by_file.is_some_and(|unit| unit != by_option) {
-            notes.push(format!("the option's unit of {name} replaces the file's, {text}"));
+            notes.push(format!(
+                "the option's unit of {name} replaces the file's, {text}"
+            ));
         }
         return Ok(Some(by_option));
     }
@@ -570,7 +619,9 @@ fn sign_note(
     if let (Some(option), Some(other)) = (by_option, file.stated.z_direction)
         && option != other
     {
-        return Some(format!("z {option} as the option says, though the file says {other}"));
+        return Some(format!(
+            "z {option} as the option says, though the file says {other}"
+        ));
     }
     let words = |direction: ZDirection| match direction {
         ZDirection::Up => "upwards",

@@ -57,10 +57,18 @@ impl NullSearch<'_> {
     /// enough to tell that points lie far from their neighbours. It is called only if a common null
     /// value occurs.
     pub fn find(&self, neighbours: impl FnOnce() -> Vec<Pairs>) -> NullPoints {
-        let is_named = |c: f64| self.named.iter().any(|null| c == *null || is_null(c as f32, *null as f32));
+        let is_named = |c: f64| {
+            self.named
+                .iter()
+                .any(|null| c == *null || is_null(c as f32, *null as f32))
+        };
         let is_certain = |c: f64| !c.is_finite() || c.abs() >= f64::from(CERTAIN_NULL_MAGNITUDE);
         let mut flags: Vec<bool> = (self.points.iter())
-            .map(|p| p.iter().any(|&c| is_certain(c)) || is_named(p[2]) || is_named(p[0]) && is_named(p[1]))
+            .map(|p| {
+                p.iter().any(|&c| is_certain(c))
+                    || is_named(p[2])
+                    || is_named(p[0]) && is_named(p[1])
+            })
             .collect();
         let count = flags.iter().filter(|flag| **flag).count();
         let mut notes = Vec::new();
@@ -73,7 +81,11 @@ impl NullSearch<'_> {
         let candidates: Vec<f32> = (COMMON_NULLS.into_iter().chain([0.0]))
             .filter(|null| self.count(&flags, *null) >= MIN_NULL_COUNT)
             .collect();
-        let groups = if candidates.is_empty() { Vec::new() } else { neighbours() };
+        let groups = if candidates.is_empty() {
+            Vec::new()
+        } else {
+            neighbours()
+        };
         for null in candidates {
             let has_null: Vec<bool> = (self.points.iter().zip(&flags))
                 .map(|(p, flag)| !flag && is_null(p[2] as f32, null))
@@ -85,7 +97,10 @@ impl NullSearch<'_> {
             notes.push(format!(
                 "{count} points with the common null value {null} dropped (,null=none keeps them)"
             ));
-            flags.iter_mut().zip(has_null).for_each(|(flag, null)| *flag |= null);
+            flags
+                .iter_mut()
+                .zip(has_null)
+                .for_each(|(flag, null)| *flag |= null);
         }
         NullPoints { flags, notes }
     }
@@ -93,7 +108,9 @@ impl NullSearch<'_> {
     /// Returns the number of points with a value that are not dropped yet.
     fn count(&self, flags: &[bool], null: f32) -> usize {
         let points = self.points.iter().zip(flags);
-        points.filter(|(p, flag)| !**flag && is_null(p[2] as f32, null)).count()
+        points
+            .filter(|(p, flag)| !**flag && is_null(p[2] as f32, null))
+            .count()
     }
 
     /// Returns `true` if the points with a value lie far from their neighbours.
@@ -106,7 +123,8 @@ impl NullSearch<'_> {
             return null != 0.0;
         }
         others.sort_by(f64::total_cmp);
-        let [low, high] = [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE].map(|share| quantile(&others, share));
+        let [low, high] =
+            [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE].map(|share| quantile(&others, share));
         let mut have_contact = false;
         let is_far = groups.iter().any(|pairs| {
             let (mut across, mut between) = (Vec::new(), Vec::new());
@@ -122,8 +140,10 @@ impl NullSearch<'_> {
             have_contact |= !across.is_empty();
             across.sort_by(f64::total_cmp);
             between.sort_by(f64::total_cmp);
-            let [across, between] =
-                [quantile(&across, QUANTILES[0]), quantile(&between, QUANTILES[1])];
+            let [across, between] = [
+                quantile(&across, QUANTILES[0]),
+                quantile(&between, QUANTILES[1]),
+            ];
             across > FAR_RATIO * between && across > FAR_SHARE * (high - low)
         });
         let gap = f64::max(low - null, null - high);
@@ -140,12 +160,17 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 /// Returns the pairs of points that follow one another.
 pub(crate) fn consecutive_pairs(first: usize, count: usize) -> Pairs {
     let first = first as u32;
-    (1..count as u32).map(|i| [first + i - 1, first + i]).collect()
+    (1..count as u32)
+        .map(|i| [first + i - 1, first + i])
+        .collect()
 }
 
 /// Returns the pairs of points that are close in x and y.
 pub(crate) fn pairs_in_plan(points: &[[f64; 3]]) -> Pairs {
-    let is_place = |p: &[f64; 3]| p.iter().all(|c| c.abs() < f64::from(CERTAIN_NULL_MAGNITUDE));
+    let is_place = |p: &[f64; 3]| {
+        p.iter()
+            .all(|c| c.abs() < f64::from(CERTAIN_NULL_MAGNITUDE))
+    };
     let places: Vec<(u32, [f64; 2])> = (0..)
         .zip(points)
         .step_by(points.len().div_ceil(MAX_PLAN_POINTS).max(1))
@@ -156,7 +181,10 @@ pub(crate) fn pairs_in_plan(points: &[[f64; 3]]) -> Pairs {
     let [low, high] = bounding_box(positions.iter().copied());
     let [width, height] = [high[0] - low[0], high[1] - low[1]];
     let count = positions.len() as f64;
-    let step = f64::max((width * height / count).sqrt(), f64::max(width, height) / count);
+    let step = f64::max(
+        (width * height / count).sqrt(),
+        f64::max(width, height) / count,
+    );
     let mut pairs = Pairs::new();
     if !(step > 0.0 && step.is_finite()) {
         return pairs;
@@ -229,7 +257,13 @@ mod tests {
         let passing = |x: f64, _: f64| -999.0 + (x - 100.0);
         assert_eq!(found(&points(0.0, 0.0, passing), &[], true), 0);
         // Sticks of a fault begin at 0.
-        let sticks = |i: u32| [f64::from(i / 8) * 50.0, f64::from(i % 8) * 20.0, -100.0 * f64::from(i % 8)];
+        let sticks = |i: u32| {
+            [
+                f64::from(i / 8) * 50.0,
+                f64::from(i % 8) * 20.0,
+                -100.0 * f64::from(i % 8),
+            ]
+        };
         let sticks: Vec<[f64; 3]> = (0..160).map(sticks).collect();
         assert_eq!(found(&sticks, &[], true), 0);
     }

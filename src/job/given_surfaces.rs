@@ -226,10 +226,12 @@ impl FollowedSurface {
         geometry: &Geometry<D>,
     ) -> Result<(Vec<[[f64; 3]; 3]>, String)> {
         let index = |p: [f64; 3]| -> Result<[f64; 3]> {
-            let index = geometry.to_index(std::array::from_fn(|k| p[k])).ok_or_else(|| {
-                let problem = "cannot be placed: the image's axes are linearly dependent";
-                Error::Job(cause(&self.option, problem, "correct the image's geometry"))
-            })?;
+            let index = geometry
+                .to_index(std::array::from_fn(|k| p[k]))
+                .ok_or_else(|| {
+                    let problem = "cannot be placed: the image's axes are linearly dependent";
+                    Error::Job(cause(&self.option, problem, "correct the image's geometry"))
+                })?;
             Ok(std::array::from_fn(|k| {
                 index.get(k).copied().unwrap_or(0.0)
             }))

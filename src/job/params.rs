@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::atom_file::AtomFile;
 use super::given_surfaces::{self, FollowedSurface};
 use super::placed_points::PointFile;
-use super::spec::{DistanceSource, FileOption, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
+use super::spec::{
+    DistanceSource, FileOption, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind,
+};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
@@ -494,7 +496,10 @@ fn read_fixed_atoms<const D: usize>(
         notes: atoms.notes,
         ..point_file
     };
-    Ok((atoms.points.into_iter().map(fixed_atom).collect(), point_file))
+    Ok((
+        atoms.points.into_iter().map(fixed_atom).collect(),
+        point_file,
+    ))
 }
 
 /// Reads the wells of a file, or the one that the option names.
@@ -511,7 +516,11 @@ fn read_wells<const D: usize>(
             None if files.len() == 1 => files[0].name.clone_from(name),
             None => {
                 let problem = format!("names no well: the file has {}", names.join(", "));
-                return Err(Error::Job(cause(&point_file.place, problem, "give one of these names")));
+                return Err(Error::Job(cause(
+                    &point_file.place,
+                    problem,
+                    "give one of these names",
+                )));
             }
         }
     }
@@ -536,7 +545,6 @@ fn read_wells<const D: usize>(
         },
     };
     Ok(files.into_iter().map(well).collect())
-}
 }
 
 /// Returns the image that an option names; `remedy` says what to give.

@@ -41,8 +41,10 @@ impl PointFile {
         points: &[[f64; D]],
         frame: &Frame<D>,
     ) -> Result<PlacedPoints<D>> {
-        let named: Vec<f64> =
-            (self.stated.nulls.iter()).chain(self.options.nulls.iter().flatten()).copied().collect();
+        let named: Vec<f64> = (self.stated.nulls.iter())
+            .chain(self.options.nulls.iter().flatten())
+            .copied()
+            .collect();
         let in_space: Vec<[f64; 3]> = points.iter().map(|p| to_3d(*p)).collect();
         let nulls = NullSearch {
             points: &in_space,
@@ -68,7 +70,10 @@ impl PointFile {
         }
         texts.extend(nulls.notes);
         Ok(PlacedPoints {
-            points: known.iter().map(|&i| (i, placing.apply(points[i]))).collect(),
+            points: known
+                .iter()
+                .map(|&i| (i, placing.apply(points[i])))
+                .collect(),
             scale: placing.length(1.0),
             note: (!texts.is_empty()).then(|| format!("{}: {}", self.place, texts.join(", "))),
         })

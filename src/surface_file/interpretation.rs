@@ -27,8 +27,8 @@ use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
 use crate::image::stated::{StatedCoordinates, ZDirection};
 use crate::mesh::delaunay::delaunay_plane;
-use crate::units;
 use crate::names;
+use crate::units;
 
 /// A surface that a user gives, in physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -309,7 +309,12 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
 fn read_remark(line: &str, file: &mut SurfaceFile<3>) {
     let text = line.trim_start_matches(['#', ' ']);
     if let Some(names) = text.strip_prefix("units:") {
-        for (k, name) in names.split([',', ' ']).filter(|n| !n.is_empty()).take(3).enumerate() {
+        for (k, name) in names
+            .split([',', ' '])
+            .filter(|n| !n.is_empty())
+            .take(3)
+            .enumerate()
+        {
             let unit = units::find(name).map(|_| name.to_string());
             file.units[k] = unit.clone().unwrap_or_default();
             file.stated.units[k] = unit;

@@ -10,8 +10,8 @@
 
 pub mod interpretation;
 pub mod joining;
-pub mod placed;
 pub mod place_columns;
+pub mod placed;
 pub mod point_table;
 pub mod sticks;
 pub mod tsurf;

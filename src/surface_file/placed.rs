@@ -33,7 +33,9 @@ impl PickedSurface {
         options: &CoordinateOptions,
     ) -> Result<PlacedSurface> {
         if let PickedShape::Readings(table) = &self.shape {
-            return self.fitting(table, frame, place, options)?.placed(frame, place, options);
+            return self
+                .fitting(table, frame, place, options)?
+                .placed(frame, place, options);
         }
         let (mut shape, mut nulls) = self.without_nulls(options);
         if shape.points().next().is_none() {
@@ -50,7 +52,9 @@ impl PickedSurface {
         let placing = frame.placing(file, &mut shape.points().map(to_frame))?;
         shape.try_map_points(|p| {
             let placed = placing.apply(to_frame(p));
-            Ok(std::array::from_fn(|k| placed.get(k).copied().unwrap_or(0.0)))
+            Ok(std::array::from_fn(|k| {
+                placed.get(k).copied().unwrap_or(0.0)
+            }))
         })?;
         let mut notes = placing.notes.clone();
         notes.append(&mut nulls);
@@ -228,7 +232,11 @@ mod tests {
                     "ms" => 0.5e-3 * VELOCITY,
                     _ => 1.0,
                 };
-            if self.direction == ZDirection::Up { -down } else { down }
+            if self.direction == ZDirection::Up {
+                -down
+            } else {
+                down
+            }
         }
 
         fn points(&self) -> Vec<[f64; 3]> {
@@ -251,7 +259,11 @@ mod tests {
             let option = format!(",unit={z_unit}");
             let text = match self.format {
                 "ts" => {
-                    let positive = if direction == ZDirection::Up { "Elevation" } else { "Depth" };
+                    let positive = if direction == ZDirection::Up {
+                        "Elevation"
+                    } else {
+                        "Depth"
+                    };
                     let mut text = format!(
                         "GOCAD TSurf 1\nHEADER {{\nname:A\n}}\nGOCAD_ORIGINAL_COORDINATE_SYSTEM\nAXIS_UNIT \
                          \"m\" \"m\" \"{z_unit}\"\nZPOSITIVE {positive}\nEND_ORIGINAL_COORDINATE_SYSTEM\nTFACE\n"
@@ -270,10 +282,21 @@ mod tests {
                     }
                     text
                 }
-                "xyz" => return self.written(path, rows(&|_, [x, y, z]| format!("{x} {y} {z}\n")), option),
+                "xyz" => {
+                    return self.written(
+                        path,
+                        rows(&|_, [x, y, z]| format!("{x} {y} {z}\n")),
+                        option,
+                    );
+                }
                 "csv" => {
-                    let row = |n: usize, [x, y, z]: [f64; 3]| format!("A,{},{x},{y},{z}\n", n / COUNT);
-                    return self.written(path, format!("fault,stick,x,y,z\n{}", rows(&row)), option);
+                    let row =
+                        |n: usize, [x, y, z]: [f64; 3]| format!("A,{},{x},{y},{z}\n", n / COUNT);
+                    return self.written(
+                        path,
+                        format!("fault,stick,x,y,z\n{}", rows(&row)),
+                        option,
+                    );
                 }
                 "charisma" => {
                     let row = |n: usize, [x, y, z]: [f64; 3]| {
@@ -331,7 +354,9 @@ mod tests {
         fn placed(&self, folder: &Path, extra: &str) -> Result<PlacedSurface> {
             let path = self.path(folder);
             let suffix = self.write(&path);
-            let option: FileOption = format!("{}{suffix}{extra}", path.display()).parse().unwrap();
+            let option: FileOption = format!("{}{suffix}{extra}", path.display())
+                .parse()
+                .unwrap();
             let read = read_interpretation(&path).unwrap();
             read[0].placed(&self.frame().0, "surface plane", &option.coordinates)
         }
@@ -341,11 +366,19 @@ mod tests {
             let down = self.frame().1;
             let mut count = 0;
             for [x, y, z] in placed.shape.points() {
-                assert!((down * z - depth([x, y])).abs() < 0.01, "{self:?}: {x} {y} {z} {:?}", placed.notes);
+                assert!(
+                    (down * z - depth([x, y])).abs() < 0.01,
+                    "{self:?}: {x} {y} {z} {:?}",
+                    placed.notes
+                );
                 count += 1;
             }
             // A triangle beside the 4 x 6 null values goes with them.
-            let cells = if self.null.is_some() { 19 * 19 - 5 * 7 } else { 19 * 19 };
+            let cells = if self.null.is_some() {
+                19 * 19 - 5 * 7
+            } else {
+                19 * 19
+            };
             let lone_corners = if self.null.is_some() { 2 } else { 0 };
             let expected = match (&placed.shape, self.null) {
                 (PickedShape::Triangles(_), _) if !self.is_grid() => 3 * (2 * cells + lone_corners),
@@ -397,7 +430,9 @@ mod tests {
                             image,
                         };
                         match case.placed(folder.path(), "") {
-                            Ok(placed) if unit != "ms" || image == "converted" => case.check(&placed),
+                            Ok(placed) if unit != "ms" || image == "converted" => {
+                                case.check(&placed)
+                            }
                             Err(error) if unit == "ms" && image != "converted" => {
                                 let error = error.to_string();
                                 assert!(error.contains("--velocity"), "{case:?}: {error}");
@@ -433,7 +468,9 @@ mod tests {
                 let surface = write(&|[x, y, z]| format!("{x} {y} {z}\n"), &case);
                 let (frame, _) = case.frame();
                 let options = CoordinateOptions::default();
-                let placed = surface.placed(&frame, "surface plain.xyz", &options).unwrap();
+                let placed = surface
+                    .placed(&frame, "surface plain.xyz", &options)
+                    .unwrap();
                 case.check(&placed);
                 let notes = placed.notes.join(", ");
                 assert!(notes.contains("as the file has no unit"), "{notes}");
@@ -447,10 +484,15 @@ mod tests {
             null: None,
             image: "up",
         };
-        let surface = write(&|[x, y, z]| format!("{} {} {z}\n", x / 0.3048, y / 0.3048), &case);
+        let surface = write(
+            &|[x, y, z]| format!("{} {} {z}\n", x / 0.3048, y / 0.3048),
+            &case,
+        );
         let options = |text: &str| text.parse::<FileOption>().unwrap().coordinates;
         for option in ["a.xyz,unit=ft", "a.xyz,unit=ft,ft,ft"] {
-            let placed = surface.placed(&case.frame().0, "surface a", &options(option)).unwrap();
+            let placed = surface
+                .placed(&case.frame().0, "surface a", &options(option))
+                .unwrap();
             case.check(&placed);
         }
     }
@@ -472,14 +514,25 @@ mod tests {
             "z in ft, converted to m, with the sign of z turned, as it grows downwards in the file"
         );
         let placed = case.placed(folder.path(), ",unit=m").unwrap();
-        assert!(placed.notes[0].contains("the option's unit of z replaces the file's"), "{:?}", placed.notes);
+        assert!(
+            placed.notes[0].contains("the option's unit of z replaces the file's"),
+            "{:?}",
+            placed.notes
+        );
         let z = placed.shape.points().next().unwrap()[2];
         assert!((z + 1500.0 / 0.3048).abs() < 1e-6, "{z}");
         let placed = case.placed(folder.path(), ",z=up").unwrap();
-        assert!(placed.notes.join(", ").contains("z up as the option says, though the file says down"));
+        assert!(
+            placed
+                .notes
+                .join(", ")
+                .contains("z up as the option says, though the file says down")
+        );
         // What the file says about the sign is refuted by the image.
         let path = case.path(folder.path());
-        let text = std::fs::read_to_string(&path).unwrap().replace("Depth", "Elevation");
+        let text = std::fs::read_to_string(&path)
+            .unwrap()
+            .replace("Depth", "Elevation");
         std::fs::write(&path, &text).unwrap();
         let surface = read_interpretation(&path).unwrap().swap_remove(0);
         let place = |options: &str| {
@@ -488,11 +541,25 @@ mod tests {
         };
         let placed = place("").unwrap();
         case.check(&placed);
-        assert!(placed.notes.join(", ").contains("as it fits the image only so"));
+        assert!(
+            placed
+                .notes
+                .join(", ")
+                .contains("as it fits the image only so")
+        );
         for (options, expected) in [
-            (",domain=time", "surface a.ts: has z in ft, which is no unit of time; "),
-            (",unit=ms", "surface a.ts: has z in two-way time (ms), but the image is in m; "),
-            (",unit=s,m,m", "surface a.ts: has x in s, but the image in m; "),
+            (
+                ",domain=time",
+                "surface a.ts: has z in ft, which is no unit of time; ",
+            ),
+            (
+                ",unit=ms",
+                "surface a.ts: has z in two-way time (ms), but the image is in m; ",
+            ),
+            (
+                ",unit=s,m,m",
+                "surface a.ts: has x in s, but the image in m; ",
+            ),
         ] {
             let error = place(options).unwrap_err().to_string();
             assert!(error.starts_with(expected), "{error}");
@@ -501,20 +568,34 @@ mod tests {
         std::fs::write(&path, text.replace("\"ft\"", "\"furlong\"")).unwrap();
         let surface = read_interpretation(&path).unwrap().swap_remove(0);
         let options = CoordinateOptions::default();
-        let error = surface.placed(&case.frame().0, "surface a.ts", &options).unwrap_err();
-        assert!(error.to_string().contains("has z in furlong, which is no known unit"), "{error}");
+        let error = surface
+            .placed(&case.frame().0, "surface a.ts", &options)
+            .unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("has z in furlong, which is no known unit"),
+            "{error}"
+        );
     }
 
     #[test]
     fn a_surface_of_null_values_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.xyz");
-        let text: String = (0..30).map(|i| format!("{} {} -999.25\n", i % 6, i / 6)).collect();
+        let text: String = (0..30)
+            .map(|i| format!("{} {} -999.25\n", i % 6, i / 6))
+            .collect();
         std::fs::write(&path, text).unwrap();
         let surface = read_interpretation(&path).unwrap().swap_remove(0);
         let frame = Frame::new(&Geometry::default(), [20; 3]);
         let error = surface.placed(&frame, "surface a.xyz", &CoordinateOptions::default());
         let error = error.unwrap_err().to_string();
-        assert!(error.starts_with("surface a.xyz: a has no point: 30 points with the common null value -999.25"), "{error}");
+        assert!(
+            error.starts_with(
+                "surface a.xyz: a has no point: 30 points with the common null value -999.25"
+            ),
+            "{error}"
+        );
     }
 }

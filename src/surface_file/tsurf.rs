@@ -148,7 +148,9 @@ fn read_objects<const D: usize>(
                 }
             }
             "ZPOSITIVE" => {
-                let is_down = words.get(1).is_some_and(|word| word.eq_ignore_ascii_case("depth"));
+                let is_down = words
+                    .get(1)
+                    .is_some_and(|word| word.eq_ignore_ascii_case("depth"));
                 surfaces.z_up = !is_down;
                 surfaces.stated.z_direction = Some(ZDirection::from_up(!is_down));
             }

@@ -48,8 +48,11 @@ pub struct ColumnsArgs {
 pub fn columns(args: &ColumnsArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
     let spec = &args.spec;
     spec.validate().map_err(with_option_name::<ColumnsSpec>)?;
-    let options: Vec<Option<FileOption>> =
-        args.horizon.iter().map(|text| horizon_file(text)).collect::<Result<_>>()?;
+    let options: Vec<Option<FileOption>> = args
+        .horizon
+        .iter()
+        .map(|text| horizon_file(text))
+        .collect::<Result<_>>()?;
     let files = options.iter().flatten().map(|option| option.path.as_path());
     let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
@@ -81,11 +84,17 @@ fn horizon_file(text: &str) -> Result<Option<FileOption>> {
     if text.parse::<f64>().is_ok() {
         return Ok(None);
     }
-    let option: FileOption = (text.parse())
-        .map_err(|error: InvalidValue| option_error("--horizon", text, &error.problem, &error.remedy))?;
+    let option: FileOption = (text.parse()).map_err(|error: InvalidValue| {
+        option_error("--horizon", text, &error.problem, &error.remedy)
+    })?;
     if let Some(false) = option.is_horizon {
         let remedy = "omit ,fault";
-        return Err(option_error("--horizon", text, "is a horizon and no fault", remedy));
+        return Err(option_error(
+            "--horizon",
+            text,
+            "is a horizon and no fault",
+            remedy,
+        ));
     }
     Ok(Some(option))
 }
@@ -112,10 +121,16 @@ fn read_horizon(text: &str, input: &InputOptions, console: &Console) -> Result<G
         return Ok(given(HorizonShape::Grid(loaded.image), &option.coordinates));
     }
     let mut surfaces = read_interpretation_as(path, &option.coordinates.columns)?;
-    let names: Vec<String> = surfaces.iter().map(|surface| surface.name.clone()).collect();
+    let names: Vec<String> = surfaces
+        .iter()
+        .map(|surface| surface.name.clone())
+        .collect();
     if let Some(name) = &option.name {
         let named = names.iter().position(|other| other == name);
-        let by_number = name.parse::<usize>().ok().and_then(|number| number.checked_sub(1));
+        let by_number = name
+            .parse::<usize>()
+            .ok()
+            .and_then(|number| number.checked_sub(1));
         match named.or(by_number.filter(|&k| k < surfaces.len())) {
             Some(k) => surfaces = vec![surfaces.swap_remove(k)],
             None => {
@@ -130,6 +145,10 @@ fn read_horizon(text: &str, input: &InputOptions, console: &Console) -> Result<G
 
 /// Returns `true` if a file holds surfaces or points and no image, judged by its ending.
 fn is_surface_file(path: &Path) -> bool {
-    let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let ending = path
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_lowercase();
     SURFACE_ENDINGS.contains(&&*ending)
 }

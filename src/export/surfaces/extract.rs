@@ -30,7 +30,9 @@ use crate::model::surface::{
     GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
 };
 use crate::progress::{Progress, Stage};
-use crate::store::{AnyMesh, LabelledRegion, LatticeSpace, MeshFile, Storable, StoredMesh, read_labels};
+use crate::store::{
+    AnyMesh, LabelledRegion, LatticeSpace, MeshFile, Storable, StoredMesh, read_labels,
+};
 use crate::surface_file::has_extension;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::{Error, Result};
@@ -268,7 +270,11 @@ fn read_earlier_surfaces<const D: usize>(
         let place = format!("names-from {}", path.display());
         let mut of_picks = |surface: PickedSurface| {
             let placed = surface.placed(&frame, &place, &CoordinateOptions::default())?;
-            notes.push(format!("{place}: {}: {}", surface.name, placed.notes.join(", ")));
+            notes.push(format!(
+                "{place}: {}: {}",
+                surface.name,
+                placed.notes.join(", ")
+            ));
             let simplices = match placed.shape {
                 PickedShape::Triangles(triangles) => {
                     triangles.iter().map(|triangle| triangle.to_vec()).collect()

@@ -233,7 +233,9 @@ mod tests {
             let option: FileOption = text.parse().unwrap();
             assert_eq!(option.to_string(), text);
         }
-        let option: FileOption = "p.csv:Top A,columns=x,y,_,z,fault,unit=feet".parse().unwrap();
+        let option: FileOption = "p.csv:Top A,columns=x,y,_,z,fault,unit=feet"
+            .parse()
+            .unwrap();
         assert_eq!(option.path, Path::new("p.csv"));
         assert_eq!(option.name.as_deref(), Some("Top A"));
         assert_eq!(option.is_horizon, Some(false));

@@ -62,11 +62,13 @@ impl GivenHorizon {
     /// Returns the statements of the file.
     fn stated(&self) -> StatedCoordinates {
         match &self.shape {
-            HorizonShape::Surfaces(surfaces) => {
-                surfaces.first().map(|surface| surface.coordinates.clone()).unwrap_or_default()
-            }
+            HorizonShape::Surfaces(surfaces) => surfaces
+                .first()
+                .map(|surface| surface.coordinates.clone())
+                .unwrap_or_default(),
             HorizonShape::Grid(image) => {
-                let unit = |k: usize| Some(image.geometry.units[k].clone()).filter(|u| !u.is_empty());
+                let unit =
+                    |k: usize| Some(image.geometry.units[k].clone()).filter(|u| !u.is_empty());
                 StatedCoordinates {
                     units: [unit(0), unit(1), None],
                     ..StatedCoordinates::default()
@@ -115,7 +117,9 @@ pub fn place_horizons(
     let frame = Frame::new(&geometry, [nx, ny, 1])
         .in_region(Region::Column)
         .with_direction(direction);
-    let reference = given.iter().position(|horizon| horizon.direction() == direction);
+    let reference = given
+        .iter()
+        .position(|horizon| horizon.direction() == direction);
     let is_stated: Vec<bool> = given.iter().map(|h| h.direction().is_some()).collect();
     let mut notes = Vec::new();
     let mut horizons = Vec::new();
@@ -170,7 +174,10 @@ impl GivenHorizon {
                 for surface in &surfaces {
                     let placed = surface.placed(frame, &place, &options)?;
                     triangles.extend(horizon_triangles(&placed.shape, &place)?);
-                    let new = placed.notes.into_iter().filter(|note| !notes.contains(note));
+                    let new = placed
+                        .notes
+                        .into_iter()
+                        .filter(|note| !notes.contains(note));
                     notes.extend(new.collect::<Vec<_>>());
                 }
                 if triangles.is_empty() {
@@ -189,7 +196,11 @@ fn horizon_triangles(shape: &PickedShape, place: &str) -> Result<Vec<[[f64; 3]; 
         PickedShape::Triangles(triangles) => Ok(triangles.clone()),
         PickedShape::Sticks(_) => {
             let remedy = "give a file of surfaces, a grid of heights or points";
-            Err(Error::Job(cause(place, "holds fault sticks and no horizon", remedy)))
+            Err(Error::Job(cause(
+                place,
+                "holds fault sticks and no horizon",
+                remedy,
+            )))
         }
         shape => {
             let points: Vec<[f64; 3]> = shape.points().collect();
@@ -211,7 +222,8 @@ fn placed_grid(
     map: &LatticeSpace<2>,
 ) -> Result<(Horizon, Vec<String>)> {
     let unplaced = Geometry::<2>::default();
-    let is_placed = (image.geometry.origin, image.geometry.axes) != (unplaced.origin, unplaced.axes);
+    let is_placed =
+        (image.geometry.origin, image.geometry.axes) != (unplaced.origin, unplaced.axes);
     if !is_placed && map.fits_dims(image.dims()) {
         image.geometry = map.geometry.clone();
     }
@@ -241,7 +253,11 @@ fn placed_grid(
     let placing = frame.placing(file, &mut known.map(|(p, _)| *p))?;
     let mut samples = Vec::with_capacity(points.len());
     for (p, null) in points.iter().zip(&nulls.flags) {
-        let z = if *null { f64::NAN } else { placing.apply(*p)[2] };
+        let z = if *null {
+            f64::NAN
+        } else {
+            placing.apply(*p)[2]
+        };
         samples.push(z as f32);
     }
     let mut placed = Geometry {
@@ -257,7 +273,10 @@ fn placed_grid(
     }
     let mut notes = placing.notes.clone();
     notes.append(&mut nulls.notes);
-    Ok((Horizon::Grid(Image::new(image.dims(), samples, placed)), notes))
+    Ok((
+        Horizon::Grid(Image::new(image.dims(), samples, placed)),
+        notes,
+    ))
 }
 
 /// Returns the mean of a horizon's z, if there is any.

@@ -46,7 +46,7 @@ pub(crate) mod velocity;
 pub use check::Stats;
 pub use depth_conversion::DepthConversion;
 pub use field::ScalarField;
-pub use geometry::Geometry;
+pub use geometry::{Geometry, NoAngles};
 pub use labels::{ExactLabels, LabelTable, LabelValue};
 pub use layers::{ImageLayers, ImageSource};
 pub(crate) use live_mask::LiveMask;

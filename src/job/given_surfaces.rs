@@ -36,6 +36,8 @@ pub(crate) struct SurfacesInImage<const D: usize> {
     pub points: Arc<GivenPoints<D>>,
     /// Notes on each.
     pub notes: Vec<String>,
+    /// The name of each, and the fraction of its area outside the image.
+    pub outside: Vec<(String, f64)>,
 }
 
 /// Number of times that a triangle is divided to find the part of it that lies in the image.
@@ -146,6 +148,9 @@ impl<const D: usize> Params<D> {
         Ok(Some(SurfacesInImage {
             points: Arc::new(points),
             notes,
+            outside: (found.iter())
+                .map(|found| (found.surface.name.clone(), found.outside))
+                .collect(),
         }))
     }
 }

@@ -126,9 +126,9 @@ impl Metric {
     pub fn lengths<const D: usize>(&self, geometry: &Geometry<D>) -> [f64; D] {
         match self {
             Self::Auto | Self::Samples => [1.0; D],
-            Self::Physical => geometry.spacing(),
+            Self::Physical => spacing_in_one_unit(geometry),
             Self::Shape => {
-                let spacing = geometry.spacing();
+                let spacing = spacing_in_one_unit(geometry);
                 spacing.map(|s| s / geometric_mean(spacing))
             }
             Self::Permeability(values) => {
@@ -146,6 +146,13 @@ impl Metric {
             Self::Scales(scales) => array::from_fn(|axis| scales.get(axis).copied().unwrap_or(1.0)),
         }
     }
+}
+
+/// Returns the distance between samples along each axis: in metres if coordinates have several units of
+/// length, else as it is.
+fn spacing_in_one_unit<const D: usize>(geometry: &Geometry<D>) -> [f64; D] {
+    let in_one_unit = geometry.in_one_unit();
+    in_one_unit.as_ref().unwrap_or(geometry).spacing()
 }
 
 /// Returns the geometric mean of some lengths; it is exact where all are the same.

@@ -608,7 +608,7 @@ mod tests {
             ("1,2,3,0.1\n", "has 1 points"),
             ("1,2,3,0.1\n1,2,3,0.1\n", "P1.csv:2: is at the same place"),
             (
-                "x,y,depth_of_sea\n1,2,3\n",
+                "x,y,colour,size\n1,2,3,4\n",
                 "P1.csv:1: has no column z or tvdss",
             ),
         ] {

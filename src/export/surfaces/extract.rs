@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
 use super::survey_grid::SurveyGrid;
+use super::table::doubtful_throw_notes;
 use super::vtp::read_shapes;
 use super::{AnySurfaces, SurfaceFile};
 use crate::error::cause;
@@ -163,6 +164,9 @@ impl Extraction<'_> {
             let nodes = nodes_in_samples(&stored);
             self.names_from(path, &surfaces, &mut measures, &nodes, &stored.space)?;
             file.names = measures.iter().map(surface_name).collect();
+        }
+        for note in doubtful_throw_notes(&measures) {
+            self.progress.note(&note);
         }
         let mesh = original.and_then(|mut original| {
             let named = named_faces(&stored, &surfaces, &file.names);
@@ -364,7 +368,7 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
 }
 
 /// Returns the name of a surface in files.
-fn surface_name(measure: &SurfaceMeasure) -> String {
+pub(super) fn surface_name(measure: &SurfaceMeasure) -> String {
     let name = measure.name.clone();
     name.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
 }

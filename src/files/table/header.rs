@@ -14,6 +14,9 @@ pub(super) struct Header {
     pub first_row: usize,
 }
 
+/// Largest number of lines, besides comments, before the names of columns.
+const MAX_LINES_BEFORE_NAMES: usize = 100;
+
 /// First words of lines that a program writes before its table, together with numbers.
 const PREAMBLES: [&str; 4] = ["version", "ffasci", "fsasci", "ffattr"];
 
@@ -43,7 +46,8 @@ pub(super) fn find(
             .find(|line| has_number(line.of(text)));
         row.map_or(0, |row| fields(row).len())
     };
-    let named = lines.iter().enumerate().find_map(|(at, line)| {
+    let first_lines = lines.iter().enumerate().take(MAX_LINES_BEFORE_NAMES);
+    let named = first_lines.into_iter().find_map(|(at, line)| {
         let (columns, known) = names(line.of(text), separator, width_after(at), terms)?;
         let is_header = known >= 2 || known == columns.len();
         is_header.then_some((at, columns))
@@ -95,7 +99,7 @@ fn first_row(text: &str, lines: &[Line], separator: Separator) -> usize {
 }
 
 /// Returns the columns that a line names, and the number of names that are known; `None` if the line
-/// has numbers. Of all separators, the one counts by which the line has `width` names, or else most
+/// has numbers between any separators. Of all others, the one counts by which the line has `width` names, or else most
 /// that are known.
 fn names(
     line: &str,
@@ -116,10 +120,11 @@ fn names(
     // Names of several words stand two blanks apart.
     let apart = line.split("  ").map(|name| name.trim().to_string());
     splits.push(apart.filter(|name| !name.is_empty()).collect());
+    splits.push(known_pairs(line, width, terms));
     let mut best: Option<(Vec<Column>, [usize; 2])> = None;
     for split in splits {
         if split.iter().any(|name| is_number(name)) {
-            return None;
+            continue;
         }
         let columns: Vec<Column> = split.iter().map(|name| column(name, terms)).collect();
         let known = columns
@@ -132,6 +137,24 @@ fn names(
         }
     }
     best.map(|(columns, [_, known])| (columns, known))
+}
+
+/// Returns the words of a line, of which neighbours are joined that together are a known name, until
+/// there are `width`.
+fn known_pairs(line: &str, width: usize, terms: &'static [Term]) -> Vec<String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let mut extra = words.len().saturating_sub(width);
+    let mut names: Vec<String> = Vec::new();
+    for word in words {
+        match names.last_mut() {
+            Some(last) if extra > 0 && column(&format!("{last} {word}"), terms).term.is_some() => {
+                *last = format!("{last} {word}");
+                extra -= 1;
+            }
+            _ => names.push(word.to_string()),
+        }
+    }
+    names
 }
 
 /// Returns a column of a line in Petrel's header: its name, or its type and its name.

@@ -288,13 +288,15 @@ impl MeshRun<'_> {
             console.write_outcome(&output, &outcome, image, comm)?;
         }
         if comm.is_root() || outcome.share.is_some() {
-            outcome.report.quality_physical = outcome.quality_in_world(comm)?;
+            let quality = outcome.quality_in_world(comm)?;
+            quality
+                .into_iter()
+                .for_each(|quality| outcome.report.set_physical_quality(quality));
         }
         if !comm.is_root() {
             return Ok(status);
         }
-        let modality = params.modality.or_detect(geometry);
-        outcome.report.used_in_physical_space = modality != Modality::Survey;
+        outcome.report.set_angle_space(geometry);
         outcome.report.input = Some(Input {
             file: path.display().to_string(),
             dims: dims.to_vec(),

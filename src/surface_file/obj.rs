@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::SurfaceFile;
 use crate::error::{Error, Result, cause};
+use crate::image::stated::ZDirection;
 use crate::{files, names, units};
 
 /// Reads the surfaces of an OBJ file: those of each group or object, or one with the name `stem`.
@@ -26,11 +27,7 @@ pub fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
         };
         let mut words = line.split_whitespace();
         match words.next() {
-            Some("#") => {
-                if let Some(units) = unit_of_comment(line) {
-                    file.stated.units = units;
-                }
-            }
+            Some("#") => read_remark(line, &mut file),
             Some("v") => {
                 let position: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
                 let position = position.first_chunk::<3>().copied();
@@ -76,9 +73,37 @@ pub fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
     Ok(file)
 }
 
-/// Returns the unit of all coordinates that a comment states, such as `# File units = meters`.
-fn unit_of_comment(line: &str) -> Option<[Option<String>; 3]> {
-    let (before, name) = line.rsplit_once([':', '=', ' '])?;
-    let is_stated = before.to_lowercase().contains("unit") && units::find(name).is_some();
-    is_stated.then(|| [(); 3].map(|()| Some(name.trim().to_string())))
+/// Takes what a remark of an OBJ file says about the coordinates: `# units: m,m,ms` and `# z: up`,
+/// as atomesh writes them.
+fn read_remark(line: &str, file: &mut SurfaceFile<3>) {
+    let text = line.trim_start_matches(['#', ' ']);
+    if let Some(names) = text.strip_prefix("units:") {
+        for (k, name) in names
+            .split([',', ' '])
+            .filter(|n| !n.is_empty())
+            .take(3)
+            .enumerate()
+        {
+            let unit = units::find(name).map(|_| name.to_string());
+            file.units[k] = unit.clone().unwrap_or_default();
+            file.stated.units[k] = unit;
+        }
+    }
+    if let Some(unit) = unit_of_remark(text) {
+        file.stated.units = [(); 3].map(|()| Some(unit.to_string()));
+        file.units = [(); 3].map(|()| unit.to_string());
+    }
+    if let Some(direction) = text.strip_prefix("z:") {
+        let is_up = direction.trim() != "down";
+        file.z_up = is_up;
+        file.stated.z_direction = Some(ZDirection::from_up(is_up));
+    }
+}
+
+/// Returns the unit of all coordinates that a remark of another program states, such as
+/// `File units = meters`.
+fn unit_of_remark(text: &str) -> Option<&str> {
+    let (before, name) = text.rsplit_once(['=', ':', ' '])?;
+    let is_stated = before.to_lowercase().contains("unit") && !before.contains(',');
+    (is_stated && units::find(name).is_some()).then(|| name.trim())
 }

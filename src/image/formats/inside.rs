@@ -5,12 +5,13 @@ use std::path::Path;
 
 use super::{AnyImage, LoadedImage, ReadOptions, detect, read_any};
 use crate::error::{Error, Result, cause, io_error};
-use crate::files::csv;
+use crate::files::table::Table;
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
 use crate::image::Image;
 use crate::parallel::prelude::*;
+use crate::surface_file::place_columns::PLACE_TERMS;
 
 const REMEDY: &str = "give a table of x,y, a closed GOCAD line (.pl), lines or polygons (.vtp), or an image that is not 0 inside";
 
@@ -134,23 +135,40 @@ fn edges_of(points: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
     points.windows(2).map(|pair| [pair[0], pair[1]])
 }
 
-/// Reads the edges of a table of points. A ring ends at its first point.
+/// Reads the edges of a table of points. A ring ends at its first point, or where a segment does.
 fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
-    let point = |row: &[f64]| (2..=3).contains(&row.len()).then(|| [row[0], row[1]]);
-    let rows = csv::rows(path, point, "x,y or x,y,z", REMEDY)?;
+    let table = Table::read(path, PLACE_TERMS)?;
+    let columns = match (table.column("x")?, table.column("y")?) {
+        (Some(x), Some(y)) => [x, y],
+        _ if !table.has_names() && (2..=3).contains(&table.columns().len()) => [0, 1],
+        _ => return Err(table.error("has no columns x and y", REMEDY)),
+    };
     let mut edges = Vec::new();
-    let mut ring: Vec<[f64; 2]> = Vec::new();
-    for (_, point) in rows {
+    let mut close = |ring: &mut Vec<[f64; 2]>| {
+        if ring.len() > 2 {
+            ring.push(ring[0]);
+        }
+        edges.extend(edges_of(ring));
+        ring.clear();
+    };
+    let (mut ring, mut segment): (Vec<[f64; 2]>, usize) = (Vec::new(), 0);
+    for row in table.rows() {
+        let mut point = [0.0; 2];
+        for (value, column) in point.iter_mut().zip(columns) {
+            let number = row.number(column)?;
+            *value = number.ok_or_else(|| row.error("is not a point", REMEDY))?;
+        }
+        if row.segment != segment {
+            close(&mut ring);
+            segment = row.segment;
+        }
+        let ends_ring = ring.len() > 2 && ring[0] == point;
         ring.push(point);
-        if ring.len() > 3 && ring[0] == point {
-            edges.extend(edges_of(&ring));
-            ring.clear();
+        if ends_ring {
+            close(&mut ring);
         }
     }
-    if ring.len() > 2 {
-        ring.push(ring[0]);
-    }
-    edges.extend(edges_of(&ring));
+    close(&mut ring);
     Ok(edges)
 }
 

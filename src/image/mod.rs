@@ -17,7 +17,9 @@
 //! - `live_mask`: the samples that hold data, and the gaps between them
 //! - `live_volume`: the share of a cell that holds data
 //! - `nulls`: finds samples that hold no data
-//! - `stated`: statements of files about their coordinates
+//! - `point_nulls`: finds points whose z is a null value
+//! - `stated`: statements of files and options about coordinates
+//! - `placing`: brings positions that a user gives into the frame of an image
 //! - `formats`: image files
 //! - `synth`: synthetic images with exactly known features
 
@@ -32,6 +34,8 @@ pub(crate) mod live_mask;
 pub(crate) mod live_volume;
 pub(crate) mod modality;
 pub(crate) mod nulls;
+pub mod placing;
+pub(crate) mod point_nulls;
 pub(crate) mod sparse_field;
 pub mod stated;
 pub mod synth;
@@ -42,7 +46,7 @@ pub(crate) mod velocity;
 pub use check::Stats;
 pub use depth_conversion::DepthConversion;
 pub use field::ScalarField;
-pub use geometry::Geometry;
+pub use geometry::{Geometry, NoAngles};
 pub use labels::{ExactLabels, LabelTable, LabelValue};
 pub use layers::{ImageLayers, ImageSource};
 pub(crate) use live_mask::LiveMask;

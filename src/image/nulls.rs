@@ -13,7 +13,7 @@ use crate::parallel::prelude::*;
 
 /// Values that programs write where there is no data: Kingdom and Petrel, LAS files, GIS grids,
 /// IRAP, CPS-3, ZMAP+, Surfer, netCDF.
-const COMMON_NULLS: [f32; 11] = [
+pub(super) const COMMON_NULLS: [f32; 11] = [
     -999.25,
     -999.0,
     -9999.0,
@@ -32,10 +32,10 @@ const MIN_NULL_MAGNITUDE: f32 = 999.0;
 
 /// Magnitude from which a single sample is enough to identify a null value, because no measurement
 /// is so large.
-const CERTAIN_NULL_MAGNITUDE: f32 = 1e29;
+pub(super) const CERTAIN_NULL_MAGNITUDE: f32 = 1e29;
 
 /// Smallest number of samples of a null value below [`CERTAIN_NULL_MAGNITUDE`].
-const MIN_NULL_COUNT: usize = 8;
+pub(super) const MIN_NULL_COUNT: usize = 8;
 
 /// Largest difference between a value and a null value that counts as near, as a share of the null
 /// value.

@@ -262,7 +262,7 @@ fn wells_of_points<const D: usize>(table: &Table) -> Result<Vec<WellFile<D>>> {
             }
         }
         if points.len() < count {
-            notes.push(format!("{} rows have no place", count - points.len()));
+            notes.push(format!("rows without a place: {}", count - points.len()));
         }
         if bore.column.is_none() {
             notes.push("the file has no radius".into());
@@ -608,7 +608,7 @@ mod tests {
             ("1,2,3,0.1\n", "has 1 points"),
             ("1,2,3,0.1\n1,2,3,0.1\n", "P1.csv:2: is at the same place"),
             (
-                "x,y,depth_of_sea\n1,2,3\n",
+                "x,y,colour,size\n1,2,3,4\n",
                 "P1.csv:1: has no column z or tvdss",
             ),
         ] {

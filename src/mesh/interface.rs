@@ -109,6 +109,12 @@ pub struct Positions<const D: usize> {
 pub trait Simplices<const D: usize>: Mesh<D> {
     /// Name in files of the array with the smallest angle of each cell.
     const MIN_ANGLE_ARRAY: &'static str = if D == 2 { "min_angle" } else { "min_dihedral" };
+    /// Name in files of the array with the smallest angle of each cell in physical space.
+    const PHYSICAL_ANGLE_ARRAY: &'static str = if D == 2 {
+        "min_angle_physical"
+    } else {
+        "min_dihedral_physical"
+    };
     /// Name in files of the array that marks the faces on features: bit k of a cell's byte stands
     /// for the face opposite node k.
     const FEATURE_FACES_ARRAY: &'static str = if D == 2 {

@@ -19,7 +19,7 @@ use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 pub use crate::job::Provenance;
 use crate::job::horizons::horizon_bits;
 use crate::job::live::shares_of_cells;
-use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
+use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome, scaled_mesh};
 use crate::mesh::complex::NONE;
 #[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
@@ -70,6 +70,7 @@ where
         &outcome.features,
     );
     let mirrored = geometry.determinant() < 0.0;
+    let physical_angles = physical_angles(&mesh, geometry, outcome.step);
     let mut file = MeshFile {
         mesh,
         point_data: vec![
@@ -106,6 +107,7 @@ where
         },
     };
     file.cell_data.extend(live_array(outcome));
+    file.cell_data.extend(physical_angles);
     if !outcome.face_names.is_empty()
         && let Ok(neighbors) = lattice.neighbors()
     {
@@ -265,10 +267,10 @@ where
         let Some(annotated) = self.simplices() else {
             return Ok(None);
         };
-        if self.geometry.preserves_shapes(self.step) || !self.geometry.has_uniform_units() {
+        let Some(geometry) = geometry_of_other_shapes(&self.geometry, self.step) else {
             return Ok(None);
-        }
-        let mesh = to_physical(&annotated.mesh, self.step, &self.geometry);
+        };
+        let mesh = to_physical(&annotated.mesh, self.step, &geometry);
         Ok(Some(match &self.share {
             None => quality(&mesh),
             Some(share) => quality_of_partition(
@@ -298,6 +300,29 @@ where
             self.geometry.to_physical(index)
         })
     }
+}
+
+/// Returns the geometry in which angles are those of physical space, if they have a meaning there and
+/// differ from those in a lattice space in which samples are `step` apart.
+pub(crate) fn geometry_of_other_shapes<const D: usize>(
+    geometry: &Geometry<D>,
+    step: [f64; D],
+) -> Option<Geometry<D>> {
+    let geometry = geometry.in_one_unit().ok()?;
+    (!geometry.preserves_shapes(step)).then_some(geometry)
+}
+
+/// Returns the array with the smallest angle of each cell in physical space, if this differs from lattice
+/// space and angles have a meaning there. `mesh` is in physical coordinates.
+pub(crate) fn physical_angles<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    geometry: &Geometry<D>,
+    step: [f64; D],
+) -> Option<DataArray> {
+    geometry_of_other_shapes(geometry, step)?;
+    let mesh = scaled_mesh(mesh, geometry.length_scales().ok()?);
+    let angles = smallest_angles(&*mesh);
+    Some(DataArray::scalars(M::PHYSICAL_ANGLE_ARRAY, angles))
 }
 
 /// Returns the error for Voronoi cells, which cannot be written in parts.
@@ -399,7 +424,9 @@ pub(crate) const THROWS_FIELD: &str = "throws";
 /// numbers without unit, or if the unit is not known.
 pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> String {
     match array {
-        "min_dihedral" | "min_angle" => "degrees".to_string(),
+        "min_dihedral" | "min_angle" | "min_dihedral_physical" | "min_angle_physical" => {
+            "degrees".to_string()
+        }
         DISTANCE_ARRAY => "samples".to_string(),
         "volume" | "area" if units.iter().all(|unit| *unit == units[0]) => {
             match units[0].as_str() {

@@ -25,9 +25,10 @@ use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
-use crate::image::stated::StatedCoordinates;
+use crate::image::stated::{StatedCoordinates, ZDirection};
 use crate::mesh::delaunay::delaunay_plane;
 use crate::names;
+use crate::units;
 
 /// A surface that a user gives, in physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -258,6 +259,7 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
         };
         let mut words = line.split_whitespace();
         match words.next() {
+            Some("#") => read_remark(line, &mut file),
             Some("v") => {
                 let position: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
                 let position = position.first_chunk::<3>().copied();
@@ -301,6 +303,28 @@ fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
         }
     }
     Ok(file)
+}
+
+/// Takes what a remark of an OBJ file says about the coordinates: `# units: m,m,ms` and `# z: up`.
+fn read_remark(line: &str, file: &mut SurfaceFile<3>) {
+    let text = line.trim_start_matches(['#', ' ']);
+    if let Some(names) = text.strip_prefix("units:") {
+        for (k, name) in names
+            .split([',', ' '])
+            .filter(|n| !n.is_empty())
+            .take(3)
+            .enumerate()
+        {
+            let unit = units::find(name).map(|_| name.to_string());
+            file.units[k] = unit.clone().unwrap_or_default();
+            file.stated.units[k] = unit;
+        }
+    }
+    if let Some(direction) = text.strip_prefix("z:") {
+        let is_up = direction.trim() != "down";
+        file.z_up = is_up;
+        file.stated.z_direction = Some(ZDirection::from_up(is_up));
+    }
 }
 
 /// Longest edge of a triangle between points, in units of the median of all triangles' longest

@@ -6,10 +6,12 @@
 //! - `joining`: fault sticks become surfaces
 //! - `place_columns`, `point_table`: points and sticks in tables
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
+//! - `placed`: brings such a surface into the frame of an image
 
 pub mod interpretation;
 pub mod joining;
 pub mod place_columns;
+pub mod placed;
 pub mod point_table;
 pub mod sticks;
 pub mod tsurf;
@@ -21,7 +23,7 @@ use crate::files::vtk::DataArray;
 use crate::files::vtk::pieces::FieldValue;
 use crate::geometry::{sorted_distinct, to_3d};
 use crate::image::Geometry;
-use crate::image::stated::StatedCoordinates;
+use crate::image::stated::{StatedCoordinates, ZDirection};
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -78,6 +80,13 @@ impl<const D: usize> SurfaceFile<D> {
         labels
             .flat_map(|(s, n)| std::iter::repeat_n(s, n))
             .collect()
+    }
+
+    /// Sets units and direction of z to those that a file states.
+    pub fn set_stated(&mut self, stated: StatedCoordinates) {
+        self.units = stated.units.clone().map(Option::unwrap_or_default);
+        self.z_up = stated.z_direction != Some(ZDirection::Down);
+        self.stated = stated;
     }
 
     /// Returns the surfaces with the units of a geometry. `z_up` is `true` if z grows upwards.

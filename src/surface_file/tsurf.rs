@@ -13,6 +13,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::sorted_distinct;
+use crate::image::stated::ZDirection;
 use crate::names;
 
 /// Writes surfaces. Coordinates have all digits and the units that are known.
@@ -140,15 +141,19 @@ fn read_objects<const D: usize>(
             }
             "AXIS_UNIT" => {
                 let units = words[1..].iter().map(|unit| unit.trim_matches('"'));
-                for (unit, name) in surfaces.units.iter_mut().zip(units) {
-                    *unit = if name == "unitless" {
-                        String::new()
-                    } else {
-                        name.to_string()
-                    };
+                for (k, name) in units.enumerate().take(3) {
+                    let is_stated = !name.eq_ignore_ascii_case("unitless");
+                    surfaces.stated.units[k] = is_stated.then(|| name.to_string());
+                    surfaces.units[k] = surfaces.stated.units[k].clone().unwrap_or_default();
                 }
             }
-            "ZPOSITIVE" => surfaces.z_up = words.get(1) != Some(&"Depth"),
+            "ZPOSITIVE" => {
+                let is_down = words
+                    .get(1)
+                    .is_some_and(|word| word.eq_ignore_ascii_case("depth"));
+                surfaces.z_up = !is_down;
+                surfaces.stated.z_direction = Some(ZDirection::from_up(!is_down));
+            }
             "VRTX" | "PVRTX" => {
                 let position: Option<Vec<f64>> =
                     (2..5).map(|k| words.get(k)?.parse::<f64>().ok()).collect();

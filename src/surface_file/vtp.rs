@@ -12,8 +12,16 @@ use crate::files::vtk::pieces::{
 };
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{ArraySource, Document, VtkFile};
+use crate::image::stated::{StatedCoordinates, ZDirection};
+use crate::units;
 
-/// Writes surfaces. The cell data is the surface number of each facet (`surface`) and the file's
+/// Field with the units of x, y and z, with commas between them.
+const UNITS_FIELD: &str = "units";
+
+/// Field with the direction in which z grows: `up` or `down`.
+const DIRECTION_FIELD: &str = "z_direction";
+
+/// Writes surfaces. The fields `units` and `z_direction` say what the coordinates are. The cell data is the surface number of each facet (`surface`) and the file's
 /// own arrays. The names of the surfaces are one text with a line per surface.
 ///
 /// # Errors
@@ -23,10 +31,16 @@ pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
     let (points, cells) = (file.nodes.len(), file.facets.len());
     check_lengths(path, &file.cell_data, cells, "facets")?;
     let names = file.names.join("\n");
+    let units = file.units.join(",");
     let labels = file.labels();
     let mut document = Document::new("PolyData", &[]);
     document.open("FieldData", &[]);
     document.add_array(ArraySource::text("surfaces", &names));
+    if units.len() > 2 {
+        document.add_array(ArraySource::text(UNITS_FIELD, &units));
+        let direction = if file.z_up { "up" } else { "down" };
+        document.add_array(ArraySource::text(DIRECTION_FIELD, direction));
+    }
     for (name, value) in &file.field_data {
         document.add_array(match value {
             FieldValue::Text(text) => ArraySource::text(name, text),
@@ -143,13 +157,31 @@ pub(crate) fn is_numbered(file: &VtkFile) -> Result<bool> {
 
 /// Returns the names of the surfaces of a file. The first name is that of surface 1.
 pub(crate) fn surface_names(file: &VtkFile) -> Vec<String> {
-    let names = file.data_set().child("FieldData").and_then(|fields| {
-        let is_names_array = |array: &&Element| array.attribute("Name") == Some("surfaces");
-        file.text(fields.children.iter().find(is_names_array)?).ok()
-    });
-    let names = names.unwrap_or_default();
-    let lines = names.trim_end_matches('\0').lines();
-    lines.map(String::from).collect()
+    let names = field_text(file, "surfaces").unwrap_or_default();
+    names.lines().map(String::from).collect()
+}
+
+/// Returns the text of a field, if the file has it.
+fn field_text(file: &VtkFile, name: &str) -> Option<String> {
+    let fields = file.data_set().child("FieldData")?;
+    let has_name = |array: &&Element| array.attribute("Name") == Some(name);
+    let text = file.text(fields.children.iter().find(has_name)?).ok()?;
+    Some(text.trim_end_matches('\0').to_string())
+}
+
+/// Returns the statements of a file about its coordinates.
+fn stated_coordinates(file: &VtkFile) -> StatedCoordinates {
+    let mut stated = StatedCoordinates::default();
+    let units = field_text(file, UNITS_FIELD).unwrap_or_default();
+    for (stated, unit) in stated.units.iter_mut().zip(units.split(',')) {
+        *stated = units::find(unit).map(|_| unit.to_string());
+    }
+    stated.z_direction = match field_text(file, DIRECTION_FIELD).as_deref() {
+        Some("up") => Some(ZDirection::Up),
+        Some("down") => Some(ZDirection::Down),
+        _ => None,
+    };
+    stated
 }
 
 pub(crate) fn surface_name(label: i64, names: &[String]) -> String {
@@ -166,9 +198,12 @@ pub(crate) fn surface_name(label: i64, names: &[String]) -> String {
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
     let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));
+    let stated = stated_coordinates(&file);
     let mut file_surfaces = SurfaceFile {
         surface_starts: vec![0],
-        z_up: true,
+        z_up: stated.z_direction != Some(ZDirection::Down),
+        units: (stated.units.each_ref()).map(|unit| unit.clone().unwrap_or_default()),
+        stated,
         ..SurfaceFile::default()
     };
     let mut triangles_by_label: BTreeMap<i64, Vec<[[f64; 3]; 3]>> = BTreeMap::new();

@@ -227,6 +227,16 @@ impl InputOptions {
         parse_list("null", &self.null, number).map(Option::unwrap_or_default)
     }
 
+    /// Returns the null values of points and surfaces: `None` recognises common ones, and an empty
+    /// list keeps all values.
+    ///
+    /// # Errors
+    /// Returns an [`Error::Job`] if a value is not a number.
+    pub fn point_nulls(&self) -> Result<Option<Vec<f64>>> {
+        let nulls = self.nulls()?.into_iter().map(f64::from).collect();
+        Ok(self.null.as_ref().map(|_| nulls))
+    }
+
     /// Returns `true` if no value but NaN stands for missing samples.
     pub fn keeps_nulls(&self) -> bool {
         self.null.as_deref() == Some("none")

@@ -187,6 +187,7 @@ fn prepare_image<const D: usize>(
     read_image: ReadImage<'_>,
 ) -> Result<(Image<D>, Params<D>)> {
     let mut params = Params::<D>::read_with(recorded, read_image)?;
+    params.note_time_unit(&image.geometry);
     // An image that is in depth already is not converted.
     let velocity = recorded.velocity.as_ref();
     let velocity = velocity.filter(|_| image.geometry.time_coordinate().is_some());

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{AnyImage, LoadedImage, ReadOptions, detect, read_any};
 use crate::error::{Error, Result, cause, io_error};
-use crate::files::csv;
+use crate::files::table::{Table, Term};
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
@@ -134,13 +134,24 @@ fn edges_of(points: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
     points.windows(2).map(|pair| [pair[0], pair[1]])
 }
 
+/// Names of the columns of an outline.
+const XY_TERMS: &[Term] = &[
+    Term::new("x", &["easting", "east"]),
+    Term::new("y", &["northing", "north"]),
+];
+
 /// Reads the edges of a table of points. A ring ends at its first point.
 fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
-    let point = |row: &[f64]| (2..=3).contains(&row.len()).then(|| [row[0], row[1]]);
-    let rows = csv::rows(path, point, "x,y or x,y,z", REMEDY)?;
+    let table = Table::read(path, XY_TERMS)?;
+    let column = |term, default| Ok::<_, Error>(table.column(term)?.unwrap_or(default));
+    let columns = [column("x", 0)?, column("y", 1)?];
     let mut edges = Vec::new();
     let mut ring: Vec<[f64; 2]> = Vec::new();
-    for (_, point) in rows {
+    for row in table.rows() {
+        let [Some(x), Some(y)] = [row.number(columns[0])?, row.number(columns[1])?] else {
+            return Err(row.error("is no point x,y or x,y,z", REMEDY));
+        };
+        let point = [x, y];
         ring.push(point);
         if ring.len() > 3 && ring[0] == point {
             edges.extend(edges_of(&ring));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{AnyImage, LoadedImage, ReadOptions, detect, read_any};
 use crate::error::{Error, Result, cause, io_error};
-use crate::files::csv;
+use crate::files::table::{Table, Term, X_TERM, Y_TERM};
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
@@ -136,11 +136,30 @@ fn edges_of(points: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
 
 /// Reads the edges of a table of points. A ring ends at its first point.
 fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
-    let point = |row: &[f64]| (2..=3).contains(&row.len()).then(|| [row[0], row[1]]);
-    let rows = csv::rows(path, point, "x,y or x,y,z", REMEDY)?;
+    const TERMS: &[Term] = &[X_TERM, Y_TERM];
+    let table = Table::read(path, TERMS)?;
+    let count = table.columns().len();
+    let columns = if table.has_names() {
+        [table.required(&X_TERM)?, table.required(&Y_TERM)?]
+    } else if table.is_empty() || (2..=3).contains(&count) {
+        [0, 1]
+    } else {
+        let problem = format!("has {count} columns without names, not x,y or x,y,z");
+        return Err(table.error(problem, REMEDY));
+    };
+    let mut rows = Vec::new();
+    for row in table.rows() {
+        let mut point = [0.0; 2];
+        for (value, column) in point.iter_mut().zip(columns) {
+            *value = row
+                .number(column)?
+                .ok_or_else(|| row.error("is not x,y or x,y,z", REMEDY))?;
+        }
+        rows.push(point);
+    }
     let mut edges = Vec::new();
     let mut ring: Vec<[f64; 2]> = Vec::new();
-    for (_, point) in rows {
+    for point in rows {
         ring.push(point);
         if ring.len() > 3 && ring[0] == point {
             edges.extend(edges_of(&ring));

@@ -276,7 +276,9 @@ where
     report.add_given_surfaces(outside, &features.names);
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_points);
-    report.notes.extend(notes_on_given.chain(note_on_distance));
+    report
+        .notes
+        .extend(notes_on_given.into_iter().chain(note_on_distance));
     let live = live::live_volume(source, &features, params.spec.input.keeps_nulls())?;
     // All ranks have the array, whether their own cells are live or not.
     let live = live

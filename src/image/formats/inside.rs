@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{AnyImage, LoadedImage, ReadOptions, detect, read_any};
 use crate::error::{Error, Result, cause, io_error};
-use crate::files::table::{Table, Term, X_TERM, Y_TERM};
+use crate::files::table::{Table, X_TERM, Y_TERM};
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
@@ -134,42 +134,40 @@ fn edges_of(points: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
     points.windows(2).map(|pair| [pair[0], pair[1]])
 }
 
-/// Reads the edges of a table of points. A ring ends at its first point.
+/// Reads the edges of a table of points. A ring ends at its first point, or where a segment does.
 fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
-    const TERMS: &[Term] = &[X_TERM, Y_TERM];
-    let table = Table::read(path, TERMS)?;
-    let count = table.columns().len();
-    let columns = if table.has_names() {
-        [table.required(&X_TERM)?, table.required(&Y_TERM)?]
-    } else if table.is_empty() || (2..=3).contains(&count) {
-        [0, 1]
-    } else {
-        let problem = format!("has {count} columns without names, not x,y or x,y,z");
-        return Err(table.error(problem, REMEDY));
+    let table = Table::read(path, &[X_TERM, Y_TERM])?;
+    let columns = match (table.column("x")?, table.column("y")?) {
+        (Some(x), Some(y)) => [x, y],
+        _ if !table.has_names() && (2..=3).contains(&table.columns().len()) => [0, 1],
+        _ => return Err(table.error("has no columns x and y", REMEDY)),
     };
-    let mut rows = Vec::new();
+    let mut edges = Vec::new();
+    let mut close = |ring: &mut Vec<[f64; 2]>| {
+        if ring.len() > 2 {
+            ring.push(ring[0]);
+        }
+        edges.extend(edges_of(ring));
+        ring.clear();
+    };
+    let (mut ring, mut segment): (Vec<[f64; 2]>, usize) = (Vec::new(), 0);
     for row in table.rows() {
         let mut point = [0.0; 2];
         for (value, column) in point.iter_mut().zip(columns) {
-            *value = row
-                .number(column)?
-                .ok_or_else(|| row.error("is not x,y or x,y,z", REMEDY))?;
+            let number = row.number(column)?;
+            *value = number.ok_or_else(|| row.error("is not a point", REMEDY))?;
         }
-        rows.push(point);
-    }
-    let mut edges = Vec::new();
-    let mut ring: Vec<[f64; 2]> = Vec::new();
-    for point in rows {
+        if row.segment != segment {
+            close(&mut ring);
+            segment = row.segment;
+        }
+        let ends_ring = ring.len() > 2 && ring[0] == point;
         ring.push(point);
-        if ring.len() > 3 && ring[0] == point {
-            edges.extend(edges_of(&ring));
-            ring.clear();
+        if ends_ring {
+            close(&mut ring);
         }
     }
-    if ring.len() > 2 {
-        ring.push(ring[0]);
-    }
-    edges.extend(edges_of(&ring));
+    close(&mut ring);
     Ok(edges)
 }
 

@@ -8,7 +8,7 @@ use crate::model::columns::{COLUMN, Columns, LAYER};
 use crate::store::output::{LIVE_ARRAY, Provenance, THROWS_FIELD, common_fields};
 use crate::store::{FieldValue, LatticeSpace, MeshFile};
 
-/// What the cells of a map pass on to their columns.
+/// Properties of a map's cells that their columns take over.
 pub struct MapCells<'a> {
     /// The region of each cell.
     pub regions: &'a [i32],

@@ -53,6 +53,86 @@ impl Term {
     }
 }
 
+/// The term of x, and the names by which it is known.
+pub const X_TERM: Term = Term::new(
+    "x",
+    &[
+        "easting",
+        "eastings",
+        "east",
+        "e",
+        "utmx",
+        "utme",
+        "xutm",
+        "xcoord",
+        "xcoordinate",
+        "coordx",
+        "xc",
+        "xpos",
+        "xposition",
+        "cdpx",
+        "xcdp",
+        "mapx",
+        "xmap",
+        "worldx",
+        "xworld",
+        "realx",
+        "xlocation",
+        "xloc",
+        "utmeasting",
+        "eastingutm",
+        "mapeasting",
+        "xeast",
+        "xeasting",
+        "eastingx",
+        "rechtswert",
+        "surfacex",
+        "pointx",
+        "points0",
+        "xmidpoint",
+    ],
+);
+
+/// The term of y, and the names by which it is known.
+pub const Y_TERM: Term = Term::new(
+    "y",
+    &[
+        "northing",
+        "northings",
+        "north",
+        "n",
+        "utmy",
+        "utmn",
+        "yutm",
+        "ycoord",
+        "ycoordinate",
+        "coordy",
+        "yc",
+        "ypos",
+        "yposition",
+        "cdpy",
+        "ycdp",
+        "mapy",
+        "ymap",
+        "worldy",
+        "yworld",
+        "realy",
+        "ylocation",
+        "yloc",
+        "utmnorthing",
+        "northingutm",
+        "mapnorthing",
+        "ynorth",
+        "ynorthing",
+        "northingy",
+        "hochwert",
+        "surfacey",
+        "pointy",
+        "points1",
+        "ymidpoint",
+    ],
+);
+
 /// A column of a table.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Column {

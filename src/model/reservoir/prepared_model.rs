@@ -4,6 +4,7 @@
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::sub;
+use crate::image::placing::Frame;
 use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
@@ -253,6 +254,11 @@ impl ModelParts {
 }
 
 impl PreparedModel {
+    /// Returns the frame of the meshed image, into which the positions that the user gives are brought.
+    pub(super) fn image_frame(&self) -> Frame<3> {
+        Frame::new(&self.geometry, self.dims.map(|n| n.round() as usize))
+    }
+
     /// Builds a model from a mesh with any kind of cells; `place` names the mesh in errors.
     /// Triangles and polygons become prisms.
     ///

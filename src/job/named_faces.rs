@@ -12,9 +12,9 @@ use crate::Result;
 use crate::feature::FeaturePoint;
 use crate::geometry::to_3d;
 use crate::improve::regions::AnchoredNodes;
-use crate::mesh::{Mesh, Simplices};
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
+use crate::mesh::{Mesh, Simplices};
 use crate::progress::CancelToken;
 
 /// Returns for each face of a mesh of simplices the index in

@@ -132,28 +132,15 @@ pub fn average_cells(
                 weight += volume;
             }
         };
-        for &f in faces.get(cell) {
-            let ring = mesh.faces.get(f as usize);
-            let position_pair = |n: u32| [mesh.nodes[n as usize], positions.nodes[n as usize]];
-            let middle = |index: usize| -> [f64; 3] {
-                let sum = |k: usize| {
-                    ring.iter()
-                        .map(|&n| position_pair(n)[index][k])
-                        .sum::<f64>()
-                };
-                std::array::from_fn(|k| sum(k) / ring.len() as f64)
-            };
-            // The centre of a triangle is not needed.
-            let (apex, edges) = match ring.len() {
-                3 => (position_pair(ring[0]), 1..2),
-                n => ([middle(0), middle(1)], 0..n),
-            };
-            for i in edges {
-                let [p, q] = [ring[i], ring[(i + 1) % ring.len()]].map(position_pair);
-                let volume = volume6(&[mesh.sites[cell], apex[0], p[0], q[0]]).abs();
-                for_each_piece([site, apex[1], p[1], q[1]], volume, &mut add);
-            }
-        }
+        let cell_faces = faces.get(cell);
+        for_each_piece_of_cell(
+            mesh,
+            positions,
+            cell_faces,
+            cell,
+            MAX_PIECE_EDGE_SAMPLES,
+            &mut add,
+        );
         if zero_volume > weight {
             return 0.0;
         }
@@ -173,10 +160,50 @@ pub fn average_cells(
     }
 }
 
-/// Halves a tetrahedron until it is small, and calls `add` with the volume and the centre of each
+/// Calls `add` with six times the volume and the centre (a sample index) of each piece of a cell with
+/// these faces. No edge of a piece is longer than `max_edge` samples.
+pub(super) fn for_each_piece_of_cell(
+    mesh: &PolyMesh<3>,
+    positions: &SamplePositions,
+    faces: &[u32],
+    cell: usize,
+    max_edge: f64,
+    add: &mut impl FnMut(f64, [f64; 3]),
+) {
+    for &f in faces {
+        let ring = mesh.faces.get(f as usize);
+        let position_pair = |n: u32| [mesh.nodes[n as usize], positions.nodes[n as usize]];
+        let middle = |index: usize| -> [f64; 3] {
+            let sum = |k: usize| {
+                ring.iter()
+                    .map(|&n| position_pair(n)[index][k])
+                    .sum::<f64>()
+            };
+            std::array::from_fn(|k| sum(k) / ring.len() as f64)
+        };
+        // The centre of a triangle is not needed.
+        let (apex, edges) = match ring.len() {
+            3 => (position_pair(ring[0]), 1..2),
+            n => ([middle(0), middle(1)], 0..n),
+        };
+        for i in edges {
+            let [p, q] = [ring[i], ring[(i + 1) % ring.len()]].map(position_pair);
+            let volume = volume6(&[mesh.sites[cell], apex[0], p[0], q[0]]).abs();
+            let piece = [positions.sites[cell], apex[1], p[1], q[1]];
+            for_each_piece(piece, volume, max_edge, add);
+        }
+    }
+}
+
+/// Halves a tetrahedron until no edge is longer than `max_edge`, and calls `add` with the volume and the centre of each
 /// piece.
-fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64; 3])) {
-    let mut longest = (MAX_PIECE_EDGE_SAMPLES * MAX_PIECE_EDGE_SAMPLES, 0, 0);
+fn for_each_piece(
+    p: [[f64; 3]; 4],
+    volume: f64,
+    max_edge: f64,
+    add: &mut impl FnMut(f64, [f64; 3]),
+) {
+    let mut longest = (max_edge * max_edge, 0, 0);
     for i in 0..4 {
         for j in 0..i {
             let length = distance2(&p[i], &p[j]);
@@ -194,7 +221,7 @@ fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64;
     for end in [i, j] {
         let mut half = p;
         half[end] = midpoint;
-        for_each_piece(half, 0.5 * volume, add);
+        for_each_piece(half, 0.5 * volume, max_edge, add);
     }
 }
 

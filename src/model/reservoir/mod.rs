@@ -3,6 +3,7 @@
 //! module `export` writes it.
 //!
 //! - `prepared_model`: models from mesh files
+//! - `region_shares`: regions from an image that the mesh was not made of
 //! - `rock_options`: options for the rock in the cells
 //! - `space_options`: options that place a model in space
 //! - `case_options`: options for the wells and fluids of a simulation
@@ -32,6 +33,7 @@ mod extended_faults;
 pub(crate) mod frame;
 pub(crate) mod gouge;
 pub(crate) mod prepared_model;
+pub(crate) mod region_shares;
 pub(crate) mod rock_options;
 pub(crate) mod schedule;
 pub(crate) mod seal_check;
@@ -49,12 +51,12 @@ use crate::files::vtk::DataArray;
 use crate::geometry::{dot, sorted_distinct, sub};
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
-use crate::names::append_distinct;
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
 use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::{SurfaceNames, interface_name};
+use crate::names::append_distinct;
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 

@@ -681,7 +681,8 @@ class ExportOptions(TypedDict, total=False):
     #: Another property of the cells, such as a seismic attribute, given like a porosity; may be
     #: repeated
     property: _Values | None
-    #: An image of labels that sets the regions of the cells
+    #: An image of labels that sets the regions of the cells: each cell has the label that fills the
+    #: largest part of it, or with `:nearest` at the end that at its centre
     region: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be

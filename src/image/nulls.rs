@@ -123,7 +123,7 @@ impl DeadSamples {
                  keeps them)",
                 null.count,
                 percent(null.count),
-                null.value,
+                null_text(null.value),
             ));
         }
         if !self.outliers.is_empty() {
@@ -442,6 +442,15 @@ impl<const D: usize> Image<D> {
 struct NullValue {
     value: f32,
     count: usize,
+}
+
+/// Returns a null value as files have it: 1e30 rather than thirty zeros.
+fn null_text(null: f32) -> String {
+    if null.abs() >= CERTAIN_NULL_MAGNITUDE {
+        format!("{null:e}")
+    } else {
+        null.to_string()
+    }
 }
 
 /// Returns `true` if a sample holds a null value. A tolerance covers the rounding of IBM floats.

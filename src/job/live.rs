@@ -1,10 +1,31 @@
 //! The share of each cell that holds data.
 
-use super::{MeshResult, MeshSpace, Meshing};
+use super::{MeshResult, MeshSpace, Meshing, Params};
 use crate::Result;
 use crate::feature::Features;
 use crate::image::{ImageSource, LiveVolume};
 use crate::mesh::Mesh;
+
+/// Returns the share of each cell of a job's mesh that holds data; `None` if all cells are full of
+/// data. `step` is the length of one sample along each axis of lattice space. If the mesh is
+/// partitioned, all ranks have shares, whether their own cells are full or not.
+///
+/// # Errors
+/// Returns the errors of loading the image, and an [`Error::Job`](crate::Error::Job) if there is not
+/// enough memory.
+pub(super) fn shares_in_job<const D: usize>(
+    source: ImageSource<'_, D>,
+    features: &Features<D>,
+    params: &Params<D>,
+    (mesh, step, is_partitioned): (&MeshResult<D>, [f64; D], bool),
+) -> Result<Option<Vec<f64>>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let live = live_volume(source, features, params.spec.input.keeps_nulls())?;
+    let shares = live.map(|live| live_shares(mesh, step, &live));
+    Ok(shares.filter(|shares| is_partitioned || shares.iter().any(|share| *share < 1.0)))
+}
 
 /// Returns the part of an image that holds data, or `None` if all samples do. The samples of an
 /// image in memory must be marked already. An image in layers is loaded only if its features say
@@ -13,7 +34,7 @@ use crate::mesh::Mesh;
 /// # Errors
 /// Returns the errors of loading the image, and an [`Error::Job`](crate::Error::Job) if there is
 /// not enough memory.
-pub(super) fn live_volume<const D: usize>(
+fn live_volume<const D: usize>(
     source: ImageSource<'_, D>,
     features: &Features<D>,
     keeps_nulls: bool,
@@ -30,7 +51,7 @@ pub(super) fn live_volume<const D: usize>(
 
 /// Returns the share of each cell that holds data. `step` is the length of one sample along each
 /// axis of lattice space.
-pub(super) fn live_shares<const D: usize>(
+fn live_shares<const D: usize>(
     mesh: &MeshResult<D>,
     step: [f64; D],
     live: &LiveVolume<D>,

@@ -270,8 +270,8 @@ where
     }
     report.has_memory_for_finer = has_memory_for_finer(&mesh, params.spec.cell_kind());
     add_optimisation(&mut report, optimize_result.as_ref());
-    report.notes.extend(prepared.notes().cloned());
-    add_features(&mut report, &features);
+    let live = live::shares_in_job(source, &features, params, (&mesh, step, share.is_some()))?;
+    add_findings(&mut report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let note_on_distance = placement::distance_note(source, params, &features)?;
@@ -279,13 +279,6 @@ where
     report
         .notes
         .extend(notes_on_given.into_iter().chain(note_on_distance));
-    let live = live::live_volume(source, &features, params.spec.input.keeps_nulls())?;
-    // All ranks have the array, whether their own cells are live or not.
-    let live = live
-        .map(|live| live::live_shares(&mesh, step, &live))
-        .filter(|shares| share.is_some() || shares.iter().any(|share| *share < 1.0));
-    let note_on_live = live.as_deref().and_then(live::note_on_live_shares);
-    report.notes.extend(note_on_live);
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
@@ -416,6 +409,20 @@ where
         report.padding = Some(measured);
         cells
     }))
+}
+
+/// Adds what is known of the image, the features and the shares of the cells that hold data to the
+/// report.
+fn add_findings<const D: usize>(
+    report: &mut Report,
+    image: &PreparedImage<D>,
+    features: &Features<D>,
+    live: Option<&[f64]>,
+) {
+    report.notes.extend(image.notes().cloned());
+    add_features(report, features);
+    let note_on_live = live.and_then(live::note_on_live_shares);
+    report.notes.extend(note_on_live);
 }
 
 /// Adds what is known of the features to the report.

@@ -537,16 +537,16 @@ fn measure_cells<const D: usize>(
     let voronoi = measure_unless_cancelled(&SelfComm, cancel, || {
         let (view, low) = (MeshView::from_mesh(mesh), [0.0; D]);
         let check = check_view(&view, hints, low, scene.extent, BOX_TOLERANCE, cancel)?;
-        let physical = Graph::from_poly(&to_world(mesh, step, geometry));
+        let in_one_unit = geometry.in_one_unit();
+        let world = to_world(mesh, step, in_one_unit.as_ref().unwrap_or(geometry));
+        let physical = Graph::from_poly(&world);
         let cube_counts = graph.volume.iter().zip(&graph.site);
         let cube_counts =
             cube_counts.map(|(volume, &x)| volume / distance.value_at(x).powi(D as i32));
         let measured = report::measure_voronoi(check, &graph, &physical);
         Ok(report::Voronoi {
             cells_per_cube: Some(graph.volume.len() as f64 / cube_counts.sum::<f64>()),
-            angle_physical: measured
-                .angle_physical
-                .filter(|_| geometry.has_uniform_units()),
+            angle_physical: measured.angle_physical.filter(|_| in_one_unit.is_ok()),
             ..measured
         })
     })?;

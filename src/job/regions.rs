@@ -18,7 +18,9 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
-use crate::report::{Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary};
+use crate::report::{
+    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
+};
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
 const MIN_KEPT_SHARE: f64 = 0.25;
@@ -406,21 +408,6 @@ fn sufficient_distance<const D: usize>(volume: f64, surface: f64) -> f64 {
     let d = volume_distance.min(ratio * thickness);
     let tenths = 10f64.powf(1.0 - d.log10().floor());
     (d * tenths).floor() / tenths
-}
-
-/// Smallest distance between atoms that is suggested, in lattice units.
-const MIN_ATOM_DISTANCE: f64 = 0.25;
-
-/// Returns `distance`, or a smaller one if `requested` was not larger than it. Returns `None` if
-/// that would be too small.
-fn finer_distance(distance: f64, requested: Option<f64>) -> Option<f64> {
-    match requested {
-        Some(requested) if distance >= requested => {
-            let finer = (70.0 * requested).floor() / 100.0;
-            (finer >= MIN_ATOM_DISTANCE).then_some(finer)
-        }
-        _ => Some(distance.max(MIN_ATOM_DISTANCE)),
-    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@ use crate::parallel::prelude::*;
 use super::labels::labels_field;
 use super::named_surfaces::NamedSurfaces;
 use super::output::{
-    HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, feature_names, resolved_options_field,
+    HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, feature_names, live_array,
+    resolved_options_field,
 };
 use super::{FieldValue, MeshFile};
 use crate::files::vtk::DataArray;
@@ -62,12 +63,14 @@ where
     if !pairs.is_empty() {
         field_data.push((HORIZON_FACES_ARRAY.into(), FieldValue::Ints(pairs)));
     }
+    let mut cell_data = vec![
+        DataArray::scalars(if D == 2 { "area" } else { "volume" }, volume),
+        DataArray::scalars("on_feature", on_feature),
+        DataArray::scalars("distance", distance),
+    ];
+    cell_data.extend(live_array(outcome));
     MeshFile {
-        cell_data: vec![
-            DataArray::scalars(if D == 2 { "area" } else { "volume" }, volume),
-            DataArray::scalars("on_feature", on_feature),
-            DataArray::scalars("distance", distance),
-        ],
+        cell_data,
         point_data: Vec::new(),
         field_data,
         mesh,

@@ -1,88 +1,14 @@
 //! Columns of places in tables: which of them hold x, y and z, and what their names say.
 
 use crate::Result;
-use crate::files::table::{Column, Table, Term};
+use crate::files::table::{Column, Table, Term, X_TERM, Y_TERM};
 use crate::image::stated::{Domain, StatedCoordinates, ZDirection};
 use crate::units::{self, Quantity};
 
 /// Meanings of columns in tables of points, sticks and wells.
 pub const PLACE_TERMS: &[Term] = &[
-    Term::new(
-        "x",
-        &[
-            "easting",
-            "eastings",
-            "east",
-            "e",
-            "utmx",
-            "utme",
-            "xutm",
-            "xcoord",
-            "xcoordinate",
-            "coordx",
-            "xc",
-            "xpos",
-            "xposition",
-            "cdpx",
-            "xcdp",
-            "mapx",
-            "xmap",
-            "worldx",
-            "xworld",
-            "realx",
-            "xlocation",
-            "xloc",
-            "utmeasting",
-            "eastingutm",
-            "mapeasting",
-            "xeast",
-            "xeasting",
-            "eastingx",
-            "rechtswert",
-            "surfacex",
-            "pointx",
-            "points0",
-            "xmidpoint",
-        ],
-    ),
-    Term::new(
-        "y",
-        &[
-            "northing",
-            "northings",
-            "north",
-            "n",
-            "utmy",
-            "utmn",
-            "yutm",
-            "ycoord",
-            "ycoordinate",
-            "coordy",
-            "yc",
-            "ypos",
-            "yposition",
-            "cdpy",
-            "ycdp",
-            "mapy",
-            "ymap",
-            "worldy",
-            "yworld",
-            "realy",
-            "ylocation",
-            "yloc",
-            "utmnorthing",
-            "northingutm",
-            "mapnorthing",
-            "ynorth",
-            "ynorthing",
-            "northingy",
-            "hochwert",
-            "surfacey",
-            "pointy",
-            "points1",
-            "ymidpoint",
-        ],
-    ),
+    X_TERM,
+    Y_TERM,
     Term::new(
         "z",
         &[
@@ -161,7 +87,6 @@ pub const PLACE_TERMS: &[Term] = &[
         "time",
         &[
             "twt",
-            "tims",
             "t",
             "twowaytime",
             "twowaytraveltime",
@@ -373,11 +298,11 @@ pub struct PlaceReading<const D: usize> {
     pub lines: Option<[usize; 2]>,
     /// `true` if a column of consecutive numbers precedes the coordinates.
     pub is_numbered: bool,
-    /// What is added to the last coordinate, as its datum is not that of the others.
+    /// A number that is added to the last coordinate, as its datum is not that of the others.
     pub shift: f64,
-    /// What the file says about the coordinates.
+    /// The statements of the file about the coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed.
+    /// Notes on assumptions.
     pub notes: Vec<String>,
 }
 
@@ -447,6 +372,11 @@ pub(crate) fn has_coordinates(table: &Table) -> bool {
 /// Returns [`Error::Job`](crate::Error::Job) for a table without a column for each coordinate, or with
 /// two for one.
 pub fn named_readings<const D: usize>(table: &Table) -> Result<Vec<PlaceReading<D>>> {
+    let has_lines = table.column("inline")?.is_some() && table.column("crossline")?.is_some();
+    if has_lines && table.column("x")?.is_none() {
+        let problem = "has line numbers, but no x and y";
+        return Err(table.error(problem, "export the file again with X and Y"));
+    }
     let x = table.required(term("x"))?;
     let y = table.column("y")?;
     let mut found = Vec::new();
@@ -481,9 +411,17 @@ pub fn named_readings<const D: usize>(table: &Table) -> Result<Vec<PlaceReading<
         .position(|(vertical, _)| vertical.domain == Some(Domain::Time));
     let first = (!found.is_empty()).then_some(0);
     let chosen = [first, in_time.filter(|&k| k > 0)].into_iter().flatten();
-    let readings: Vec<_> = chosen
+    let mut readings: Vec<_> = chosen
         .map(|k| reading(table, &horizontal, found[k].0, found[k].1))
         .collect();
+    if let (true, Some(column)) = (readings.is_empty(), only_other_column(table)) {
+        let mut other: PlaceReading<D> = reading(table, &horizontal, &VERTICALS[0], column);
+        other.notes.push(format!(
+            "column {} taken as z",
+            table.columns()[column].name
+        ));
+        readings.push(other);
+    }
     if readings.is_empty() {
         let terms: Vec<Term> = VERTICALS
             .iter()
@@ -492,6 +430,36 @@ pub fn named_readings<const D: usize>(table: &Table) -> Result<Vec<PlaceReading<
         return Err(table.missing(&terms));
     }
     Ok(readings)
+}
+
+/// Returns, for each column of a table, whether it has numbers and nothing else.
+pub(crate) fn number_columns(table: &Table) -> Vec<bool> {
+    let mut has_numbers = vec![false; table.columns().len()];
+    let mut has_texts = has_numbers.clone();
+    for row in table.rows() {
+        for k in 0..has_texts.len() {
+            if !has_texts[k] {
+                match row.number(k) {
+                    Ok(value) => has_numbers[k] |= value.is_some(),
+                    Err(_) => has_texts[k] = true,
+                }
+            }
+        }
+    }
+    let flags = has_numbers.into_iter().zip(has_texts);
+    flags.map(|(numbers, texts)| numbers && !texts).collect()
+}
+
+/// Returns the only column of numbers whose name is not known. In a table with x and y it is z, under
+/// the name of a surface.
+fn only_other_column(table: &Table) -> Option<usize> {
+    let is_number = number_columns(table);
+    let is_other = |&k: &usize| {
+        let term = table.columns()[k].term;
+        is_number[k] && matches!(term, None | Some("horizon" | "surface" | "fault"))
+    };
+    let mut others = (0..is_number.len()).filter(is_other);
+    others.next().filter(|_| others.next().is_none())
 }
 
 /// Returns the unit of a column.

@@ -7,13 +7,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::interpretation::{PickedShape, PickedSurface};
-use super::place_columns::{PLACE_TERMS, PlaceReading, has_coordinates, named_readings, term};
+use super::place_columns::{
+    PLACE_TERMS, PlaceReading, has_coordinates, named_readings, number_columns, term,
+};
 use super::sticks::{FaultSticks, Stick};
 use crate::error::cause;
 use crate::files::table::{Table, TableRow};
 use crate::image::stated::{Domain, StatedCoordinates};
-use crate::names;
-use crate::{Error, Result};
+use crate::{Error, Result, names};
 
 /// Points of a table that can be read in several ways.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,7 +44,7 @@ pub struct ReadingFrame<'a> {
 pub struct FittingReading {
     /// The points.
     pub points: Vec<[f64; 3]>,
-    /// What the table says about them.
+    /// The statements of the table about them.
     pub coordinates: StatedCoordinates,
     /// A note on the columns that were taken.
     pub note: String,
@@ -355,7 +356,7 @@ impl Groups {
         for group in &self.groups {
             let mut notes = readings[0].notes.clone();
             if group.missing > 0 {
-                notes.push(format!("{} rows have no place", group.missing));
+                notes.push(format!("rows without a place: {}", group.missing));
             }
             let shape = if self.has_sticks {
                 PickedShape::Sticks(group.sticks(self.width, &readings[0]))
@@ -437,18 +438,8 @@ impl Group {
 /// Returns the only surface of a table without names of columns, with all readings of them.
 fn guessed_surface(table: &Table, stem: &str) -> Result<Vec<PickedSurface>> {
     let all = table.columns().len();
-    let is_number_column = |&k: &usize| {
-        let mut has_number = false;
-        let are_numbers = table.rows().all(|row| match row.number(k) {
-            Ok(value) => {
-                has_number |= value.is_some();
-                true
-            }
-            Err(_) => false,
-        });
-        are_numbers && has_number
-    };
-    let columns: Vec<usize> = (0..all).filter(is_number_column).collect();
+    let is_number = number_columns(table);
+    let columns: Vec<usize> = (0..all).filter(|&k| is_number[k]).collect();
     if table.is_empty() {
         return Ok(Vec::new());
     }
@@ -607,7 +598,9 @@ mod tests {
             (Some(ZDirection::Down), Some(Domain::Time))
         );
         assert_eq!(stated("x,y,z(ms)", 7.0).domain, Some(Domain::Time));
+        assert_eq!(stated("x,y,Z (TWT)", 7.0).domain, Some(Domain::Time));
         assert_eq!(stated("x,y,z", 7.0), StatedCoordinates::default());
+        assert_eq!(stated("x,y,Top_Balder", 7.0), StatedCoordinates::default());
         let petrel = "# Petrel Points with attributes\n# Unit in X and Y direction: m\n# Unit in depth: ft\nVERSION 1\nBEGIN HEADER\nX\nY\nZ\nFLOAT,Thickness\nEND HEADER\n1 2 -3 9\n";
         let surface = read(petrel).swap_remove(0);
         assert_eq!(surface.shape, PickedShape::Points(vec![[1.0, 2.0, -3.0]]));
@@ -662,6 +655,10 @@ mod tests {
             (sticks[1].line, surfaces[0].is_horizon),
             (Some(3), Some(false))
         );
+        let words = "Fault Name Stick ID Easting Northing Z\nMain 1 1 2 -3\nMain 2 4 5 -6\n";
+        let surfaces = read(words);
+        assert_eq!((&*surfaces[0].name, surfaces.len()), ("Main", 1));
+        assert!(matches!(&surfaces[0].shape, PickedShape::Sticks(sticks) if sticks.len() == 2));
         // Names of points are not names of surfaces.
         assert_eq!(read("name,x,y,z\np1,1,2,3\np2,4,5,6\np3,7,8,9\n").len(), 1);
         // IRAP's lines are separated by rows of 999.
@@ -768,7 +765,7 @@ mod tests {
                 "top A.xyz:1: has no column x: its columns are right, high, z",
             ),
             (
-                "x,y,colour\n1,2,3\n",
+                "x,y,colour,size\n1,2,3,4\n",
                 "top A.xyz:1: has no column z or tvdss or elevation",
             ),
             ("1 2\n3 4\n", "top A.xyz:1: has 2 numbers"),

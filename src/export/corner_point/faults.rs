@@ -510,7 +510,11 @@ fn find_connections(
             let cell = [i, row % dims[1], row / dims[1]];
             let mut next = cell;
             next[axis] += 1;
-            if next[axis] == dims[axis] {
+            // Vertically, the neighbour of a cell is the next one that is not pinched out.
+            while axis == 2 && next[2] < dims[2] && grid.is_pinched(next) {
+                next[2] += 1;
+            }
+            if next[axis] == dims[axis] || axis == 2 && grid.is_pinched(cell) {
                 continue;
             }
             let p = grid.point(cell, [0.5; 3]);

@@ -245,6 +245,11 @@ impl FilledGrid<'_> {
         write_ints(out, cells, |at| {
             i64::from(self.cell(at).active_weight > 0.0)
         })?;
+        if self.grid.has_pinched_cells() {
+            // Without PINCH, a layer without thickness separates the layers above and below it.
+            let thickness = self.grid.pinch_thickness();
+            writeln!(out, "PINCH\n {thickness:e} GAP 1* TOPBOT TOP /\n")?;
+        }
         if model.porosity.is_some() {
             writeln!(out, "PORO")?;
             write_numbers(out, cells, |at| match self.cell(at).net_to_gross {

@@ -7,6 +7,7 @@ use std::path::Path;
 use crate::error::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
+use crate::image::stated::ZDirection;
 use crate::names::NameRules;
 use crate::surface_file::SurfaceFile;
 
@@ -34,6 +35,11 @@ pub fn add_obj<const D: usize>(
     let element = if D == 2 { "l" } else { "f" };
     batch.write(path, |out| {
         writeln!(out, "# atomesh {}", env!("CARGO_PKG_VERSION"))?;
+        let units = file.units.join(",");
+        if units.len() > 2 {
+            let direction = ZDirection::from_up(file.z_up);
+            writeln!(out, "# units: {units}\n# z: {direction}")?;
+        }
         write!(out, "{comments}")?;
         write_items(out, file.nodes.len(), |text, i| {
             text.word("v").point(file.nodes[i]).end_line();

@@ -5,7 +5,7 @@
 //! length of the face's area and point from the first neighbour to the second. `G.faces.tagNames`
 //! has the name of each `G.faces.tag`, and `G.nodes.sets` the nodes of each name. `G.cells.sites`
 //! are the points to which `T` refers. `computeTrans` uses centroids instead, which is wrong for
-//! Voronoi cells. `W` are the wells, if there are any, with the fields that `addWell` makes.
+//! Voronoi cells. `G.cells.active` is 0 for inactive cells, which have no transmissibilities. `W` are the wells, if there are any, with the fields that `addWell` makes.
 //! Source: K.-A. Lie, "An Introduction to Reservoir Simulation Using MATLAB/GNU Octave", section
 //! 3.4.
 
@@ -157,6 +157,10 @@ fn cell_fields<'a>(model: &'a Model, faces: &'a Lists) -> MatFields<'a> {
         (
             "region",
             MatValue::column(LazyArray::from_slice(&graph.region)),
+        ),
+        (
+            "active",
+            MatValue::column(LazyArray::from_fn(cells, |c| f64::from(model.is_active(c)))),
         ),
     ]
 }

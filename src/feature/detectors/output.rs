@@ -38,6 +38,8 @@ impl fmt::Display for Thresholds {
 pub struct DetectorOutput<const D: usize> {
     /// Points that may lie on features, in the order of samples.
     pub candidates: Vec<Candidate<D>>,
+    /// Points on possible faults that dip too little, in the order of samples.
+    pub flat_candidates: Vec<Candidate<D>>,
     /// Layers of which this rank has all candidates, if ranks share the candidates; `None` if every
     /// rank has all candidates.
     pub layers: Option<Range<usize>>,
@@ -67,6 +69,7 @@ impl<const D: usize> DetectorOutput<D> {
     pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
         Self {
             candidates,
+            flat_candidates: Vec::new(),
             layers: None,
             scale,
             thresholds,
@@ -80,16 +83,18 @@ impl<const D: usize> DetectorOutput<D> {
         }
     }
 
-    /// Takes the candidates of all ranks; the candidates are no longer distributed afterwards.
+    /// Takes the candidates of all ranks. Neither they nor flat candidates are distributed afterwards.
     ///
     /// # Errors
     /// Returns the errors of other ranks.
     pub fn gather_candidates(&mut self, comm: &dyn Comm) -> Result<Vec<Candidate<D>>> {
         let local = std::mem::take(&mut self.candidates);
-        match self.layers.take() {
-            Some(_) => Ok(concatenate(comm.all_gather("candidates", local)?)),
-            None => Ok(local),
+        if self.layers.take().is_none() {
+            return Ok(local);
         }
+        let flat = std::mem::take(&mut self.flat_candidates);
+        self.flat_candidates = concatenate(comm.all_gather("flat candidates", flat)?);
+        Ok(concatenate(comm.all_gather("candidates", local)?))
     }
 
     /// Drops candidates in chaotic zones, unless `keep_chaos` is set. `kind` is what is sought.
@@ -108,7 +113,9 @@ impl<const D: usize> DetectorOutput<D> {
             ));
             return;
         }
-        self.candidates.retain(|c| !zones.contains(c.position));
+        for candidates in [&mut self.candidates, &mut self.flat_candidates] {
+            candidates.retain(|c| !zones.contains(c.position));
+        }
         self.chaotic_share = Some(zones.share);
         notes.push(format!(
             "{share:.1} % of the image is chaotic (salt, gas, noise), and no {kind} are sought there; --keep-chaos seeks \
@@ -141,7 +148,9 @@ impl<const D: usize> DetectorOutput<D> {
         if self.layers.is_some() {
             dropped = comm.all_gather("candidates dropped", dropped)?.iter().sum();
         }
-        self.candidates.retain(|c| !is_near_missing[row(c)]);
+        for candidates in [&mut self.candidates, &mut self.flat_candidates] {
+            candidates.retain(|c| !is_near_missing[row(c)]);
+        }
         notes.push(format!(
             "{dropped} points are dropped, because they lie within {reach} samples of missing traces"
         ));

@@ -14,6 +14,9 @@ pub(super) struct Header {
     pub first_row: usize,
 }
 
+/// Largest number of lines, besides comments, before the names of columns.
+const MAX_LINES_BEFORE_NAMES: usize = 100;
+
 /// First words of lines that a program writes before its table, together with numbers.
 const PREAMBLES: [&str; 4] = ["version", "ffasci", "fsasci", "ffattr"];
 
@@ -24,46 +27,48 @@ pub(super) fn find(
     separator: Separator,
     terms: &'static [Term],
 ) -> Header {
-    let fields = |line: &Line| separator.split(line.of(text));
-    let is_word = |line: &Line, word: &str| plain_name(line.of(text)) == word;
+    let is_word = |line: &Line, word: &str| plain_name(line.text(text)) == word;
     let begin = lines.iter().position(|line| is_word(line, "beginheader"));
     let end = lines.iter().position(|line| is_word(line, "endheader"));
     if let (Some(begin), Some(end)) = (begin, end.filter(|&end| begin < Some(end))) {
         let block = &lines[begin + 1..end];
-        let columns = block.iter().map(|line| typed_column(line.of(text), terms));
+        let columns = block
+            .iter()
+            .map(|line| typed_column(line.text(text), terms));
         return Header {
             line: Some(lines[begin].number),
             columns: columns.collect(),
             first_row: end + 1,
         };
     }
-    let width_after = |at: usize| {
-        let row = lines[at + 1..]
-            .iter()
-            .find(|line| has_number(line.of(text)));
-        row.map_or(0, |row| fields(row).len())
-    };
-    let named = lines.iter().enumerate().find_map(|(at, line)| {
-        let (columns, known) = names(line.of(text), separator, width_after(at), terms)?;
+    let (first, width) = first_row(text, lines, separator);
+    let mut named: Option<(usize, Vec<Column>, usize)> = None;
+    for (at, line) in lines.iter().enumerate().take(MAX_LINES_BEFORE_NAMES) {
+        let Some((columns, known)) = names(line.text(text), separator, width, terms) else {
+            continue;
+        };
+        // Names in another number than fields are of another line's.
+        let rank = known + columns.len() * usize::from(columns.len() == width);
         let is_header = known >= 2 || known == columns.len();
-        is_header.then_some((at, columns))
-    });
-    let named = named.or_else(|| {
-        let first = first_row(text, lines, separator);
+        if is_header && named.as_ref().is_none_or(|named| named.2 < rank) {
+            named = Some((at, columns, rank));
+        }
+    }
+    let named = named.map(|(at, columns, _)| (at, columns)).or_else(|| {
         let at = first.checked_sub(1)?;
-        let (columns, _) = names(lines[at].of(text), separator, width_after(at), terms)?;
-        (columns.len() > 1 && columns.len() == width_after(at)).then_some((at, columns))
+        let (columns, _) = names(lines[at].text(text), separator, width, terms)?;
+        (columns.len() > 1 && columns.len() == width).then_some((at, columns))
     });
     let Some((at, mut columns)) = named else {
         return Header {
             line: None,
             columns: Vec::new(),
-            first_row: first_row(text, lines, separator),
+            first_row: first,
         };
     };
     let mut first_row = at + 1;
     if let Some(line) = lines.get(first_row)
-        && add_units(&mut columns, line.of(text), separator)
+        && add_units(&mut columns, line.text(text), separator)
     {
         first_row += 1;
     }
@@ -75,27 +80,28 @@ pub(super) fn find(
 }
 
 /// Returns the index of the first line that is a row of a table without names: one with numbers that
-/// has as many fields as most of such lines, or begins with a number.
-fn first_row(text: &str, lines: &[Line], separator: Separator) -> usize {
+/// has as many fields as most of such lines, or begins with a number. Also returns this number of
+/// fields.
+fn first_row(text: &str, lines: &[Line], separator: Separator) -> (usize, usize) {
     let is_row = |line: &&Line| {
-        let first = line.of(text).split(|c: char| !c.is_alphanumeric()).next();
-        has_number(line.of(text)) && !PREAMBLES.contains(&&*plain_name(first.unwrap_or("")))
+        let first = line.text(text).split(|c: char| !c.is_alphanumeric()).next();
+        has_number(line.text(text)) && !PREAMBLES.contains(&&*plain_name(first.unwrap_or("")))
     };
     let rows = lines.iter().filter(is_row);
     let mut widths: Vec<usize> = rows
-        .map(|line| separator.split(line.of(text)).len())
+        .map(|line| separator.split(line.text(text)).len())
         .collect();
     widths.sort_unstable();
     let usual = widths.get(widths.len() / 2).copied().unwrap_or(0);
     let position = lines.iter().position(|line| {
-        let fields = separator.split(line.of(text));
+        let fields = separator.split(line.text(text));
         is_row(&line) && (fields.len() == usual || is_number(&fields[0]))
     });
-    position.unwrap_or(0)
+    (position.unwrap_or(0), usual)
 }
 
 /// Returns the columns that a line names, and the number of names that are known; `None` if the line
-/// has numbers. Of all separators, the one counts by which the line has `width` names, or else most
+/// has numbers between any separators. Of all others, the one counts by which the line has `width` names, or else most
 /// that are known.
 fn names(
     line: &str,
@@ -113,13 +119,14 @@ fn names(
                 .collect(),
         );
     }
-    // Names of several words stand two blanks apart.
-    let apart = line.split("  ").map(|name| name.trim().to_string());
-    splits.push(apart.filter(|name| !name.is_empty()).collect());
+    // Names of several words are separated by two blanks or more.
+    let by_two_blanks = line.split("  ").map(|name| name.trim().to_string());
+    splits.push(by_two_blanks.filter(|name| !name.is_empty()).collect());
+    splits.push(known_pairs(line, width, terms));
     let mut best: Option<(Vec<Column>, [usize; 2])> = None;
     for split in splits {
         if split.iter().any(|name| is_number(name)) {
-            return None;
+            continue;
         }
         let columns: Vec<Column> = split.iter().map(|name| column(name, terms)).collect();
         let known = columns
@@ -132,6 +139,24 @@ fn names(
         }
     }
     best.map(|(columns, [_, known])| (columns, known))
+}
+
+/// Returns the words of a line, of which neighbours are joined that together are a known name, until
+/// there are `width`.
+fn known_pairs(line: &str, width: usize, terms: &'static [Term]) -> Vec<String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let mut extra = words.len().saturating_sub(width);
+    let mut names: Vec<String> = Vec::new();
+    for word in words {
+        match names.last_mut() {
+            Some(last) if extra > 0 && column(&format!("{last} {word}"), terms).term.is_some() => {
+                *last = format!("{last} {word}");
+                extra -= 1;
+            }
+            _ => names.push(word.to_string()),
+        }
+    }
+    names
 }
 
 /// Returns a column of a line in Petrel's header: its name, or its type and its name.
@@ -156,10 +181,13 @@ pub(super) fn column(name: &str, terms: &'static [Term]) -> Column {
     let bracket = name.find(['(', '[', '{', '<']);
     if let Some((name, unit)) = bracket.map(|at| name.split_at(at)) {
         let unit = unit.trim_matches(|c: char| c.is_whitespace() || "()[]{}<>".contains(c));
+        let is_unit = units::find(unit).is_some();
+        // Z (TWT) is a time.
+        let term = if is_unit { None } else { find(unit) };
         return Column {
             name: name.trim().to_string(),
-            unit: units::find(unit).map(|_| unit.to_string()),
-            term: find(name),
+            unit: is_unit.then(|| unit.to_string()),
+            term: term.or_else(|| find(name)),
         };
     }
     if let Some(term) = find(name) {

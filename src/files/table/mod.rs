@@ -53,6 +53,86 @@ impl Term {
     }
 }
 
+/// The term of x, and the names by which it is known.
+pub const X_TERM: Term = Term::new(
+    "x",
+    &[
+        "easting",
+        "eastings",
+        "east",
+        "e",
+        "utmx",
+        "utme",
+        "xutm",
+        "xcoord",
+        "xcoordinate",
+        "coordx",
+        "xc",
+        "xpos",
+        "xposition",
+        "cdpx",
+        "xcdp",
+        "mapx",
+        "xmap",
+        "worldx",
+        "xworld",
+        "realx",
+        "xlocation",
+        "xloc",
+        "utmeasting",
+        "eastingutm",
+        "mapeasting",
+        "xeast",
+        "xeasting",
+        "eastingx",
+        "rechtswert",
+        "surfacex",
+        "pointx",
+        "points0",
+        "xmidpoint",
+    ],
+);
+
+/// The term of y, and the names by which it is known.
+pub const Y_TERM: Term = Term::new(
+    "y",
+    &[
+        "northing",
+        "northings",
+        "north",
+        "n",
+        "utmy",
+        "utmn",
+        "yutm",
+        "ycoord",
+        "ycoordinate",
+        "coordy",
+        "yc",
+        "ypos",
+        "yposition",
+        "cdpy",
+        "ycdp",
+        "mapy",
+        "ymap",
+        "worldy",
+        "yworld",
+        "realy",
+        "ylocation",
+        "yloc",
+        "utmnorthing",
+        "northingutm",
+        "mapnorthing",
+        "ynorth",
+        "ynorthing",
+        "northingy",
+        "hochwert",
+        "surfacey",
+        "pointy",
+        "points1",
+        "ymidpoint",
+    ],
+);
+
 /// A column of a table.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Column {
@@ -92,8 +172,8 @@ struct Line {
 }
 
 impl Line {
-    fn of(self, text: &str) -> &str {
-        text[self.start..self.end].trim_matches([' ', '\r', '\u{a0}'])
+    fn text(self, whole: &str) -> &str {
+        whole[self.start..self.end].trim_matches([' ', '\r', '\u{a0}'])
     }
 }
 
@@ -199,23 +279,29 @@ impl Table {
         Self::parse(path, decode(bytes), terms)
     }
 
+    /// Reads lines of fields that have no names, and of which each may have its own number of fields.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] if the file cannot be read.
+    pub fn read_lines(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| io_error(path, "read", e))?;
+        let mut table = Self::empty(path, decode(bytes));
+        let lines = split_lines(&table.text);
+        let (content, _) = without_comments(&table.text, lines);
+        let texts = content.iter().map(|line| line.text(&table.text));
+        table.separator = Separator::of_lines(texts);
+        table.lines = content;
+        table.find_decimal_mark();
+        Ok(table)
+    }
+
     /// Reads a table from a text. `path` is its file in messages.
     ///
     /// # Errors
     /// Returns [`Error::Job`], with the line, for a text that is not a table.
     pub fn parse(path: &Path, text: String, terms: &'static [Term]) -> Result<Self> {
         let lines = split_lines(&text);
-        let mut table = Self {
-            path: path.to_path_buf(),
-            text,
-            header_line: None,
-            columns: Vec::new(),
-            lines: Vec::new(),
-            remarks: Vec::new(),
-            separator: Separator::Blanks,
-            decimal_mark: DecimalMark::Point,
-            nulls: Vec::new(),
-        };
+        let mut table = Self::empty(path, text);
         if table.is_las(&lines) {
             table.parse_las(&lines, terms)?;
         } else {
@@ -225,39 +311,36 @@ impl Table {
         Ok(table)
     }
 
+    fn empty(path: &Path, text: String) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            text,
+            header_line: None,
+            columns: Vec::new(),
+            lines: Vec::new(),
+            remarks: Vec::new(),
+            separator: Separator::Blanks,
+            decimal_mark: DecimalMark::Point,
+            nulls: Vec::new(),
+        }
+    }
+
     /// Keeps the lines that are rows, and takes names, units and remarks from the others.
     fn find_rows(&mut self, lines: Vec<Line>, terms: &'static [Term]) -> Result<()> {
         let text = std::mem::take(&mut self.text);
-        let mut content: Vec<Line> = Vec::new();
-        let mut comments: Vec<(usize, String)> = Vec::new();
-        let mut segment = 0;
-        for mut line in lines {
-            let words = line.of(&text).trim_start();
-            if words.starts_with('>') || words.starts_with("->") {
-                segment += 1;
-            } else if let Some(comment) = comment_text(words) {
-                comments.push((line.number, comment.to_string()));
-            } else {
-                line.end = line.start + {
-                    let whole = &text[line.start..line.end];
-                    without_comment(whole).len()
-                };
-                line.segment = segment;
-                content.push(line);
-            }
-        }
-        let numeric = content.iter().map(|line| line.of(&text));
+        let (mut content, comments) = without_comments(&text, lines);
+        let numeric = content.iter().map(|line| line.text(&text));
         let numeric = numeric.filter(|line| has_number(line)).count();
-        let is_numeric = |line: &&Line| numeric == 0 || has_number(line.of(&text));
+        let is_numeric = |line: &&Line| numeric == 0 || has_number(line.text(&text));
         let lines_of_numbers = content.iter().filter(is_numeric);
-        self.separator = Separator::of_lines(lines_of_numbers.map(|line| line.of(&text)));
+        self.separator = Separator::of_lines(lines_of_numbers.map(|line| line.text(&text)));
         let header = header::find(&text, &content, self.separator, terms);
         let before = content[..header.first_row].iter();
         let before = before.filter(|line| Some(line.number) != header.line);
         let last_comment = content
             .get(header.first_row)
             .map_or(usize::MAX, |row| row.number);
-        self.remarks = before.map(|line| line.of(&text).to_string()).collect();
+        self.remarks = before.map(|line| line.text(&text).to_string()).collect();
         (self.remarks).extend(comments.iter().map(|comment| comment.1.clone()));
         self.header_line = header.line;
         self.columns = header.columns;
@@ -275,13 +358,17 @@ impl Table {
                 self.columns = vec![Column::default(); width];
             }
         }
+        self.find_decimal_mark();
+        Ok(())
+    }
+
+    fn find_decimal_mark(&mut self) {
         let mut evidence = DecimalEvidence::default();
         for line in &self.lines {
-            let fields = self.separator.split(line.of(&self.text));
+            let fields = self.separator.split(line.text(&self.text));
             fields.iter().for_each(|field| evidence.add(field));
         }
         self.decimal_mark = evidence.mark();
-        Ok(())
     }
 
     /// Removes what follows the last row: the words that end a table, and totals.
@@ -291,17 +378,21 @@ impl Table {
             width => width,
         };
         let numbers = |line: &Line| {
-            let fields = self.separator.split(line.of(&self.text));
+            let fields = self.separator.split(line.text(&self.text));
             fields.iter().filter(|field| is_number(field)).count()
         };
         let usual = self.lines.first().map_or(0, numbers);
+        let has_numbers = self
+            .lines
+            .iter()
+            .any(|line| has_number(line.text(&self.text)));
         let is_end = |line: &Line| {
-            let text = line.of(&self.text);
+            let text = line.text(&self.text);
             let has_row_width = self.separator.split(text).len() == width;
             if is_footer(text) {
                 !has_row_width || numbers(line) < usual
             } else {
-                !has_row_width && !has_number(text)
+                has_numbers && !has_row_width && !has_number(text)
             }
         };
         let mut end = self.lines.len();
@@ -309,16 +400,20 @@ impl Table {
             end -= 1;
         }
         let dropped = self.lines.split_off(end);
-        (self.remarks).extend(dropped.iter().map(|line| line.of(&self.text).to_string()));
+        (self.remarks).extend(dropped.iter().map(|line| line.text(&self.text).to_string()));
     }
 
-    /// Returns the largest number of fields in a line.
+    /// Returns the largest number of fields in a line with numbers that is no total, or in any line.
     fn usual_width(&self) -> usize {
-        let widths = self
-            .lines
-            .iter()
-            .map(|line| self.separator.split(line.of(&self.text)).len());
-        widths.max().unwrap_or(0)
+        let widths = |is_row: &dyn Fn(&&str) -> bool| {
+            let texts = self.lines.iter().map(|line| line.text(&self.text));
+            texts
+                .filter(is_row)
+                .map(|text| self.separator.split(text).len())
+                .max()
+        };
+        let of_rows = widths(&|text| has_number(text) && !is_footer(text));
+        of_rows.or_else(|| widths(&|_| true)).unwrap_or(0)
     }
 
     /// Refuses rows that have more fields than there are columns.
@@ -384,7 +479,7 @@ impl Table {
     }
 
     fn row(&self, line: &Line) -> TableRow<'_> {
-        let mut fields = self.separator.split(line.of(&self.text));
+        let mut fields = self.separator.split(line.text(&self.text));
         let width = self.columns.len();
         // Between blanks, the words of a name without quotes are one field.
         if self.separator == Separator::Blanks && self.has_names() && fields.len() > width {
@@ -471,10 +566,11 @@ impl Table {
     pub fn missing(&self, terms: &[Term]) -> Error {
         let names: Vec<&str> = terms.iter().map(|term| term.name).collect();
         let own: Vec<&str> = self.columns.iter().map(|column| &*column.name).collect();
-        let known = terms
-            .iter()
-            .flat_map(|term| [term.name].into_iter().chain(term.aliases.iter().copied()));
-        let known: Vec<&str> = known.take(12).collect();
+        let known = terms.iter().flat_map(|term| {
+            let aliases = term.aliases.iter().take(4 / terms.len());
+            [term.name].into_iter().chain(aliases.copied())
+        });
+        let known: Vec<&str> = known.collect();
         let problem = if self.has_names() {
             format!(
                 "has no column {}: its columns are {}",
@@ -637,6 +733,26 @@ fn has_number(line: &str) -> bool {
                 .split(',')
                 .any(|part| is_number(part.trim_matches('"')))
     })
+}
+
+/// Returns the lines that are not comments, and the comments with the numbers of their lines.
+fn without_comments(text: &str, lines: Vec<Line>) -> (Vec<Line>, Vec<(usize, String)>) {
+    let mut content: Vec<Line> = Vec::new();
+    let mut comments: Vec<(usize, String)> = Vec::new();
+    let mut segment = 0;
+    for mut line in lines {
+        let words = line.text(text).trim_start();
+        if words.starts_with('>') || words.starts_with("->") {
+            segment += 1;
+        } else if let Some(comment) = comment_text(words) {
+            comments.push((line.number, comment.to_string()));
+        } else {
+            line.end = line.start + without_comment(&text[line.start..line.end]).len();
+            line.segment = segment;
+            content.push(line);
+        }
+    }
+    (content, comments)
 }
 
 /// Returns the lines that have text.

@@ -177,6 +177,8 @@ fn tables_without_names_have_their_rows_after_words() {
         .collect();
     assert_eq!(rows, [(3, vec![1.0, 2.0, 3.0]), (4, vec![4.0, 5.0, 6.0])]);
     assert_eq!(table.remarks().len(), 2);
+    let table = parse("Fault: name\nDate: 2020\nX Y Z\n1 2 3\n4 5 6\n").unwrap();
+    assert_eq!(points(&table), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
 }
 
 #[test]

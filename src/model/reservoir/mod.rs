@@ -3,6 +3,7 @@
 //! module `export` writes it.
 //!
 //! - `prepared_model`: models from mesh files
+//! - `region_shares`: regions from an image that the mesh was not made of
 //! - `rock_options`: options for the rock in the cells
 //! - `space_options`: options that place a model in space
 //! - `case_options`: options for the wells and fluids of a simulation
@@ -32,6 +33,7 @@ mod extended_faults;
 pub(crate) mod frame;
 pub(crate) mod gouge;
 pub(crate) mod prepared_model;
+pub(crate) mod region_shares;
 pub(crate) mod rock_options;
 pub(crate) mod schedule;
 pub(crate) mod seal_check;
@@ -60,7 +62,7 @@ use crate::{Error, Result};
 
 pub use crate::model::surface::fault_extension::ExtendedFault;
 pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
-pub use averaging::{MeanKind, SamplePositions};
+pub use averaging::{CellMeans, MeanKind, SamplePositions};
 pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
@@ -122,6 +124,9 @@ pub struct Model {
     /// `true` for each cell whose porosity or permeability is zero, so that it takes no part. Empty
     /// if all cells are active.
     pub inactive: Vec<bool>,
+    /// The share of each cell that holds data; empty if all cells are full of data. The porosity is
+    /// already reduced by it.
+    pub live: Vec<f64>,
     /// Porosity: the pore fraction of each cell's volume.
     pub porosity: Option<Vec<f64>>,
     /// Net-to-gross ratio: the part of each cell's height that is reservoir rock. The porosity is
@@ -443,6 +448,25 @@ impl Model {
         }
         self.inactive = if count > 0 { inactive } else { Vec::new() };
         Ok(count)
+    }
+
+    /// Takes ground without data out of the rock: multiplies the porosity by the share of each cell
+    /// that holds data. Returns which cells hold none.
+    pub(crate) fn take_live(&mut self, live: Vec<f64>) -> Vec<bool> {
+        if let Some(porosity) = &mut self.porosity {
+            porosity
+                .iter_mut()
+                .zip(&live)
+                .for_each(|(p, share)| *p *= share);
+        }
+        self.live = live;
+        self.live.iter().map(|share| *share == 0.0).collect()
+    }
+
+    /// Returns the volume in m^3 of the ground that holds data, if that is not all ground.
+    pub fn live_volume(&self) -> Option<f64> {
+        let volumes = self.graph.volume.iter().zip(&self.live);
+        (!self.live.is_empty()).then(|| volumes.map(|(volume, share)| volume * share).sum())
     }
 
     /// Returns the depth of a cell's site in metres.

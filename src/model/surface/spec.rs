@@ -8,7 +8,9 @@ use super::Options;
 use super::measure::MapAxes;
 use crate::error::cause;
 use crate::feature::FeatureKind;
+use crate::image::Geometry;
 use crate::image::formats::InputOptions;
+use crate::image::stated::ZDirection;
 use crate::job::MeshSpec;
 use crate::job::spec::{NumberOrFile, SignedAxis};
 use crate::{Error, Result};
@@ -62,6 +64,17 @@ pub struct SurfaceSpec {
     /// confidence; its lines number points, and its bins are the nodes of grids
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub survey: Option<PathBuf>,
+    /// Smallest confidence of a fault or horizon in the survey: omit those below. Noise has about 1
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "C",
+            allow_negative_numbers = true,
+            requires = "survey"
+        )
+    )]
+    pub min_confidence: Option<f64>,
     /// Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
     /// of IMAGE [default: 0.6]
     #[cfg_attr(feature = "cli", arg(long, value_name = "DEPTH", requires = "image"))]
@@ -171,18 +184,25 @@ impl GroupingOptions {
         })
     }
 
-    /// Returns the directions of up, north and east, and `true` if the axis that is up points in
-    /// its positive direction.
+    /// Returns the directions of up, north and east.
     ///
     /// # Errors
     /// Returns [`Error::Job`] for an axis that the mesh does not have.
-    pub(crate) fn up_direction<const D: usize>(&self) -> Result<(MapAxes<D>, bool)> {
+    pub(crate) fn up_direction<const D: usize>(&self) -> Result<MapAxes<D>> {
         let up = self.up.unwrap_or(SignedAxis {
             axis: D - 1,
             is_positive: true,
         });
         up.check::<D>("up")?;
-        Ok((MapAxes::from_axis(up.axis, up.is_positive), up.is_positive))
+        Ok(MapAxes::from_axis(up.axis, up.is_positive))
+    }
+
+    /// Returns `true` if z of a mesh grows upwards: as the option says, or else its geometry.
+    pub(crate) fn is_z_up<const D: usize>(&self, geometry: &Geometry<D>) -> bool {
+        match self.up {
+            Some(up) => up.is_positive,
+            None => geometry.z_direction() != Some(ZDirection::Down),
+        }
     }
 }
 
@@ -209,6 +229,17 @@ impl SurfaceSpec {
                 "is out of range",
                 remedy,
             )));
+        }
+        if let Some(confidence) = self.min_confidence {
+            let place = || format!("min-confidence {confidence}");
+            if !(confidence.is_finite() && confidence >= 0.0) {
+                let remedy = "give 0 or more; noise has about 1";
+                return Err(Error::Job(cause(place(), "is out of range", remedy)));
+            }
+            if self.survey.is_none() {
+                let problem = "needs the amplitudes in which confidence is measured";
+                return Err(Error::Job(cause(place(), problem, "give them as survey")));
+            }
         }
         if self.by == GroupBy::Regions
             && (self.image.is_some()

@@ -16,7 +16,7 @@ The package's tests run all examples of this page. [Python](python.md) has the f
 `atomesh.options("mesh")` lists them.
 
 """
-SECTIONS = ["Parameters", "Attributes", "Returns", "Raises", "See Also", "Examples"]
+SECTIONS = ["Parameters", "Attributes", "Returns", "Warns", "Raises", "See Also", "Examples"]
 
 
 def trees():
@@ -136,7 +136,8 @@ def undocumented(place, node):
 def names_of(modules):
     """Yields the names on the page, with their definitions: functions, classes, and after them the errors."""
     known = definitions(modules)
-    names = [name for name in public_names(modules["__init__"]) if name in known]
+    errors = {node.name for node in modules["_errors"].body if isinstance(node, ast.ClassDef)}
+    names = [name for name in public_names(modules["__init__"]) if name in known and name not in errors]
     yield from ((name, known[name]) for name in sorted(names, key=lambda name: isinstance(known[name], ast.ClassDef)))
     yield from ((node.name, node) for node in modules["_errors"].body if isinstance(node, ast.ClassDef))
 
@@ -163,7 +164,7 @@ def page():
             lines += ["## Errors", "", markdown(ast.get_docstring(modules["_errors"])), ""]
         if not is_function:
             bases = ", ".join(f"`{ast.unparse(base)}`" for base in node.bases) if name in errors else ""
-            lines += [f"### {name}", "", *([f"An error of the kinds {bases}.", ""] if bases else [])]
+            lines += [f"### {name}", "", *([f"A subclass of {bases}.", ""] if bases else [])]
             lines.append(markdown(ast.get_docstring(node)))
             for method in public_methods(node):
                 kind = "" if "property" in decorators(method) else call(method)

@@ -72,6 +72,8 @@ pub mod lattice;
 pub mod memory;
 pub mod mesh;
 pub mod model;
+#[doc(hidden)]
+pub mod names;
 pub(crate) mod option_text;
 pub(crate) mod parallel;
 pub mod progress;

@@ -170,6 +170,10 @@ pub struct LatticeSnapshot<'a> {
     pub image_energy: f64,
 }
 
+/// Start of a note on what neither the files nor the options say, and was assumed. The verdict repeats
+/// these notes.
+pub(crate) const ASSUMED: &str = "assumed: ";
+
 /// Estimated size of a mesh, before it is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SizeEstimate {

@@ -83,13 +83,7 @@ const UNITS: [(Quantity, f64, &[&str]); 14] = {
         (
             Length,
             1e-10,
-            &[
-                "angstrom",
-                "angstroms",
-                "\u{e5}",
-                "\u{e5}ngstr\u{f6}m",
-                "\u{212b}",
-            ],
+            &["angstrom", "angstroms", "\u{e5}", "\u{e5}ngstr\u{f6}m"],
         ),
         (Length, 0.0254, &["in", "inch", "inches"]),
         (
@@ -105,6 +99,10 @@ const UNITS: [(Quantity, f64, &[&str]); 14] = {
                 "usft",
                 "us-ft",
                 "ft_us",
+                "us ft",
+                "ft us",
+                "us foot",
+                "us feet",
                 "us survey foot",
                 "us survey feet",
             ],

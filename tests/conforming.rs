@@ -105,7 +105,11 @@ fn merge_nodes(surface: &FacetSurface<3>) -> FacetSurface<3> {
     }
     let renumbered = |facet: &[u32; 3]| facet.map(|n| new_index[n as usize]);
     let facets = surface.facets.iter().map(renumbered).collect();
-    FacetSurface { nodes, facets }
+    FacetSurface {
+        nodes,
+        facets,
+        names: Vec::new(),
+    }
 }
 
 /// Returns the Voronoi cells of the sites and of atoms around them at a similar distance, and the

@@ -81,8 +81,8 @@ fn read_objects(path: &Path) -> BTreeMap<String, Vec<[[f64; 3]; 3]>> {
                 let corners = [1, 2, 3].map(|k| nodes[number(k) as usize - 1]);
                 objects.entry(name.clone()).or_default().push(corners);
             }
-            first => {
-                if let Some(text) = first.strip_prefix("name:") {
+            _ => {
+                if let Some(text) = line.strip_prefix("name:") {
                     name = text.into();
                 }
             }
@@ -195,14 +195,14 @@ fn the_mesh_has_named_faces_on_surfaces_that_cross() {
     );
     assert!(report.contains("mesh"), "{report}");
     let table = run_args(dir, &["surface", "mesh.vtu", "-o", "surfaces.ts"]);
-    for (name, kind) in [("Main_fault", "fault"), ("Top", "horizon")] {
+    for (name, kind) in [("Main fault", "fault"), ("Top", "horizon")] {
         let has_row = |line: &str| line.contains(kind) && line.trim_end().ends_with(name);
         assert!(table.lines().any(has_row), "{table}");
     }
     let objects = read_objects(&dir.join("surfaces.ts"));
     let names: Vec<&str> = objects.keys().map(String::as_str).collect();
-    assert_eq!(names, ["Main_fault", "Top"]);
-    for (name, exact) in [("Main_fault", FAULT), ("Top", HORIZON)] {
+    assert_eq!(names, ["Main fault", "Top"]);
+    for (name, exact) in [("Main fault", FAULT), ("Top", HORIZON)] {
         let [near, covered] = exact.agreement(&objects[name], 0.1);
         assert!(near >= 0.99 && covered >= 0.99, "{name}: {near} {covered}");
     }
@@ -217,7 +217,7 @@ fn the_mesh_has_named_faces_on_surfaces_that_cross() {
     run(dir, &cells);
     let table = run_args(dir, &["surface", "cells.vtu", "-o", "cells.ts"]);
     assert!(
-        table.contains("Main_fault") && table.contains("Top"),
+        table.contains("Main fault") && table.contains("Top"),
         "{table}"
     );
 }

@@ -433,12 +433,12 @@ fn impossible_wells_are_refused() {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     write("good.csv", "6,6,3,0.1\n7,6,20,0.1\n");
     write("outside.csv", "6,6,50,0.1\n7,6,60,0.1\n");
-    write("bare.csv", "6,6,3\n7,6,20\n");
+    write("bare.csv", "6,6\n7,6\n");
     write("wide.csv", "6,6,3,5\n7,6,20,5\n");
     write("bad.csv", "x,y,z,radius\n6,6,3,0.1\n6,six,3,0.1\n");
     for (well, expected) in [
         ("outside.csv:5", "outside the mesh"),
-        ("bare.csv:5", "bare.csv:1: "),
+        ("bare.csv:5", "bare.csv: has 2 columns without names"),
         ("wide.csv:5", "radius of 5 m"),
         ("bad.csv:5", "bad.csv:3: "),
         ("none.csv:5", "none.csv"),

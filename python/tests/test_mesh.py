@@ -277,6 +277,25 @@ def test_exceptions_of_a_callback_are_raised():
         atomesh.mesh(disc(), distance=6, progress=refuse)
 
 
+def test_quality_names_its_space_and_has_both():
+    flat = ball()
+    with pytest.warns(atomesh.MeshWarning, match="metric='shape'") as caught:
+        mesh = atomesh.mesh(flat, distance=6, feature="edges", spacing=(25, 25, 4), units="m", metric="samples")
+    assert caught[0].filename == __file__
+    quality = mesh.quality
+    assert quality["space"] == quality["physical"]["space"] == "physical"
+    assert quality["smallest_angle"] == quality["physical"]["smallest_angle"]
+    assert quality["smallest_angle"]["worst"] < 15 < quality["lattice"]["smallest_angle"]["worst"]
+    arrays = mesh.cell_data
+    assert arrays["min_dihedral_physical"].min() == pytest.approx(quality["smallest_angle"]["worst"], abs=1e-3)
+    assert arrays["min_dihedral"].min() == pytest.approx(quality["lattice"]["smallest_angle"]["worst"], abs=1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        time = atomesh.mesh(flat, distance=6, feature="edges", spacing=(25, 25, 4), units=("m", "m", "ms"))
+    assert time.quality["space"] == "lattice" and time.quality["physical"] is None
+    assert "min_dihedral_physical" not in time.cell_data
+
+
 def test_time_coordinates_cause_a_warning():
     with pytest.warns(UserWarning, match="is time") as caught:
         atomesh.mesh(ball(), distance=8, units=("m", "m", "ms"))

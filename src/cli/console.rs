@@ -198,15 +198,15 @@ impl Console {
             Some(image) => {
                 let remaining = InputOptions {
                     null: None,
+                    crop: None,
+                    inside: None,
                     ..input.clone()
                 };
                 remaining.refuse_unused(
                     "the image is in memory",
                     "omit it; spacing, origin and units are those of the image in memory",
                 )?;
-                OpenedImage::InMemory(image)
-                    .with_nulls(&input.nulls()?)
-                    .load(path)
+                input.restrict(image, path)
             }
             None => formats::read_any(path, &read_options(input, path)?),
         }

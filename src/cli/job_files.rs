@@ -32,11 +32,14 @@ pub fn check_files(
 ) -> Result<()> {
     let mut inputs = vec![image];
     inputs.extend(config);
-    inputs.extend(spec.atoms_from.as_deref());
     inputs.extend(spec.input.geometry_from.as_deref());
-    let surfaces = spec.surface.iter().chain(&spec.topography);
+    let surfaces = spec
+        .surface
+        .iter()
+        .chain(&spec.topography)
+        .chain(&spec.atoms_from)
+        .chain(&spec.well);
     inputs.extend(surfaces.map(|surface| surface.path.as_path()));
-    inputs.extend(spec.well.iter().map(PathBuf::as_path));
     inputs.extend(spec.beta.file());
     if let DistanceSource::File(path) = &spec.distance_from {
         inputs.push(path);

@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::surfaces::AnySurfaces;
-use super::surfaces::sticks::read_charisma;
 use super::surfaces::vtp::read_surfaces;
-use super::{FaultSticks, Gocad, read_gocad, read_sticks, write_sticks};
+use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
 use crate::image::Image;
 use crate::image::formats::segy::{SegyFloat, write_like};
@@ -17,8 +16,13 @@ use crate::image::formats::{
     self, AnyImage, ImageFormat, InputOptions, LoadedImage, OpenedImage, ReadOptions, SegyBytes,
     StreamedImage, can_stream, extension,
 };
+use crate::image::stated::StatedCoordinates;
 use crate::job::depth::image_in_depth;
 use crate::job::spec::NumberOrFile;
+use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
+use crate::surface_file::obj::read_obj;
+use crate::surface_file::ply::read_ply;
+use crate::surface_file::stl::read_stl;
 use crate::{Error, Result};
 
 /// Options of `atomesh convert`.
@@ -53,7 +57,7 @@ pub struct ConvertSpec {
 pub(crate) const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
 
 /// File endings of surfaces that can be read.
-const SURFACE_EXTENSIONS: [&str; 5] = ["vtp", "ts", "pl", "csv", "charisma"];
+const SURFACE_EXTENSIONS: [&str; 8] = ["vtp", "ts", "pl", "csv", "charisma", "obj", "stl", "ply"];
 
 /// Returns `true` if the file at `path` holds surfaces and no image, judged by its ending.
 pub(crate) fn holds_surfaces(path: &Path) -> bool {
@@ -171,7 +175,7 @@ pub fn convert(
 ) -> Result<(Converted, Vec<String>)> {
     spec.validate(input, output)?;
     if holds_surfaces(input) {
-        return Ok((convert_surfaces(input, output)?, Vec::new()));
+        return convert_surfaces(input, output);
     }
     if let Some(template) = &spec.like {
         return Ok((spec.survey_copy(input, template, open)?, Vec::new()));
@@ -233,24 +237,83 @@ impl ConvertSpec {
     }
 }
 
+/// Reads the fault sticks of a file.
+fn sticks_of(path: &Path) -> Result<Vec<FaultSticks>> {
+    let fault = |surface: PickedSurface| match surface.shape {
+        PickedShape::Sticks(sticks) => Ok(FaultSticks {
+            name: surface.name,
+            sticks,
+            coordinates: surface.coordinates,
+        }),
+        _ => {
+            let problem = format!("{} has no sticks", surface.name);
+            let remedy = "give columns fault,stick,x,y,z";
+            Err(Error::Job(cause(path.display(), problem, remedy)))
+        }
+    };
+    read_interpretation(path)?.into_iter().map(fault).collect()
+}
+
+/// Reads surfaces, lines or sticks, and returns them in the form that `output` holds, with notes.
+/// Coordinates stay as they are; `output` states their units and the direction of z as `input` does.
+fn convert_surfaces(input: &Path, output: &Path) -> Result<(Converted, Vec<String>)> {
+    let converted = read_converted(input, output)?;
+    let stated = converted.stated();
+    let [input, output] = [input, output].map(Path::display);
+    let mut notes = Vec::new();
+    if converted.states_direction() && stated.z_direction.is_none() {
+        notes.push(format!(
+            "{input} does not say whether z grows upwards or downwards: {output} says upwards"
+        ));
+    }
+    if let Converted::Sticks(_) = converted {
+        let named =
+            |(name, unit): (&str, &Option<String>)| Some(format!("{name} in {}", unit.as_ref()?));
+        let mut words: Vec<String> = ["x", "y", "z"]
+            .into_iter()
+            .zip(&stated.units)
+            .filter_map(named)
+            .collect();
+        words.extend(stated.z_direction.map(|direction| format!("z {direction}")));
+        if !words.is_empty() {
+            notes.push(format!(
+                "{output} cannot say what {input} says: {}",
+                words.join(", ")
+            ));
+        }
+    }
+    Ok((converted, notes))
+}
+
 /// Reads surfaces, lines or sticks, and returns them in the form that `output` holds.
-fn convert_surfaces(input: &Path, output: &Path) -> Result<Converted> {
-    let joined = |sticks: &[FaultSticks]| match extension(output).as_str() {
-        "pl" => AnySurfaces::Curves(FaultSticks::to_lines(sticks)),
-        _ => AnySurfaces::Surfaces(FaultSticks::to_surfaces(sticks)),
+fn read_converted(input: &Path, output: &Path) -> Result<Converted> {
+    let joined = |sticks: &[FaultSticks]| -> Result<AnySurfaces> {
+        let stated = sticks
+            .first()
+            .map(|fault| fault.coordinates.clone())
+            .unwrap_or_default();
+        if extension(output) == "pl" {
+            let mut file = FaultSticks::to_lines(sticks);
+            file.set_stated(stated);
+            return Ok(AnySurfaces::Curves(file));
+        }
+        let mut file = FaultSticks::to_surfaces(sticks)?;
+        file.set_stated(stated);
+        Ok(AnySurfaces::Surfaces(file))
     };
     let is_to_sticks = extension(output) == "csv";
+    let stem = input.file_stem().unwrap_or_default().to_string_lossy();
     let content = match extension(input).as_str() {
         "vtp" => AnySurfaces::Surfaces(read_surfaces(input)?),
-        ending @ ("csv" | "charisma") => {
-            let sticks = match ending {
-                "csv" => read_sticks(input)?,
-                _ => read_charisma(input)?,
-            };
+        "obj" => AnySurfaces::Surfaces(read_obj(input, &stem)?),
+        "stl" => AnySurfaces::Surfaces(read_stl(input, &stem)?),
+        "ply" => AnySurfaces::Surfaces(read_ply(input, &stem)?),
+        "csv" | "charisma" => {
+            let sticks = sticks_of(input)?;
             let converted = if is_to_sticks {
                 Converted::Sticks(sticks)
             } else {
-                Converted::Surfaces(joined(&sticks))
+                Converted::Surfaces(joined(&sticks)?)
             };
             return converted.checked(input);
         }
@@ -290,6 +353,24 @@ impl Converted {
             "holds no surface",
             remedy,
         )))
+    }
+
+    /// Returns what the file that was read states about the coordinates of surfaces.
+    fn stated(&self) -> StatedCoordinates {
+        match self {
+            Self::Surfaces(AnySurfaces::Curves(file)) => file.stated.clone(),
+            Self::Surfaces(AnySurfaces::Surfaces(file)) => file.stated.clone(),
+            Self::Sticks(sticks) => sticks
+                .first()
+                .map(|fault| fault.coordinates.clone())
+                .unwrap_or_default(),
+            _ => StatedCoordinates::default(),
+        }
+    }
+
+    /// Returns `true` if the file that is written states the direction of z.
+    fn states_direction(&self) -> bool {
+        matches!(self, Self::Surfaces(_))
     }
 
     /// Returns the number of surfaces; 0 for images.

@@ -7,6 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use super::companion::add_companion;
+use super::names::{ExportNames, FormatNames};
 use super::{corner_point, meshers, simulators};
 use crate::error::cause;
 use crate::files::{Batch, check_target};
@@ -118,8 +119,10 @@ pub struct ExportFormat {
     /// Path of the deck that is written beside a grid, if porosity and permeability are known.
     /// `None` for formats without such a deck.
     pub(super) deck_path: Option<fn(&Path) -> PathBuf>,
+    /// Rules for names.
+    pub(crate) names: FormatNames,
     /// Writes a model to a file or a folder.
-    pub(super) write: fn(&Model, &mut Batch, &Path) -> Result<()>,
+    pub(super) write: fn(&Model, &ExportNames, &mut Batch, &Path) -> Result<()>,
 }
 
 /// Returns all formats, in the order in which they are listed.
@@ -166,7 +169,7 @@ impl ExportFormat {
     /// Returns [`Error::Export`] if the file has another extension, and [`Error::Io`] if its folder
     /// does not exist.
     pub fn check_target(&self, path: &Path) -> Result<()> {
-        if self.extensions.is_empty() {
+        if self.is_folder() {
             if path.is_file() {
                 let problem = format!("is a file, but {} needs a folder", self.name);
                 return Err(Error::Io(cause(path.display(), problem, "name a folder")));
@@ -243,9 +246,25 @@ impl ExportFormat {
     /// Returns [`Error::Export`] if the model lacks what the format needs, and [`Error::Io`] if a
     /// file cannot be written.
     pub fn write(&self, model: &Model, path: &Path) -> Result<()> {
+        self.write_with_names(model, &ExportNames::new(model, &self.names), path)
+    }
+
+    /// Returns `true` if the format is a folder.
+    pub(super) fn is_folder(&self) -> bool {
+        self.extensions.is_empty()
+    }
+
+    /// Writes a model, as [`write`](Self::write) does, with names that are decided already.
+    pub(super) fn write_with_names(
+        &self,
+        model: &Model,
+        names: &ExportNames,
+        path: &Path,
+    ) -> Result<()> {
         self.check_target(path)?;
         let mut batch = Batch::default();
-        (self.write)(model, &mut batch, path)?;
+        (self.write)(model, names, &mut batch, path)?;
+        names.add_table(&mut batch, path, self.is_folder())?;
         if let Some(companion) = self.companion_path(path) {
             add_companion(&mut batch, &companion, model)?;
         }

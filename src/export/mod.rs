@@ -31,6 +31,7 @@
 //! - [`page`]: a page for the browser that shows a mesh with its image and its report
 //! - `report`: writes this page, from options to a file
 //! - `containers`: numbers as text and as bytes, and container files
+//! - `names`: the names of a model's objects in one export
 //! - `values`: values of each cell as arrays
 //! - `companion`: the VTU beside a file whose format does not hold the shapes of cells
 
@@ -40,6 +41,7 @@ pub mod convert;
 pub mod corner_point;
 pub mod format;
 pub mod meshers;
+pub(crate) mod names;
 pub mod page;
 mod report;
 mod run;

@@ -5,17 +5,20 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::names::ExportNames;
 use super::spec::{ExportSpec, no_effect_error};
 use super::{ExportContent, ExportFormat};
 use crate::Result;
 use crate::model::MeshInput;
 use crate::model::flow::FaultResistance;
+use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
     ExtendedFault, MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well,
 };
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
+use crate::store::output::read_live;
 
 /// A model that was written.
 #[derive(Debug, Clone)]
@@ -80,7 +83,7 @@ pub fn export<'a>(
     let read_image = input.read_image;
     let mut prepared = prepare_model(input, format, spec, progress)?;
     progress.stage(Stage::FillingCells);
-    let rock = spec.rock.fill(&mut prepared, read_image, progress)?;
+    let mut filled = spec.rock.fill(&mut prepared, read_image, progress)?;
     let laws = spec.fault_options.laws(FaultResistance::Open)?;
     let extended = match spec.extend_faults {
         Some(distance) => prepared.model.extend_faults(distance),
@@ -98,20 +101,8 @@ pub fn export<'a>(
             .iter()
             .for_each(|rock| progress.note(&rock.note()));
     }
-    let cut_off = spec.rock.cut_off(&prepared.model, rock.as_ref())?;
-    let inactive = prepared.model.find_inactive(rock.as_ref(), &cut_off)?;
-    if inactive > 0 {
-        progress.note(&format!(
-            "{inactive} of {} cells are inactive: their porosity or permeability is 0{}",
-            prepared.model.len(),
-            if cut_off.contains(&true) {
-                " or below a cut-off"
-            } else {
-                ""
-            }
-        ));
-    }
-    if let Some(rock) = rock {
+    deactivate(&mut prepared, &mut filled, format, spec, progress)?;
+    if let Some(rock) = filled.rock {
         prepared.model.set_permeability(rock)?;
     }
     if spec.case.has_wells() || format.uses_depth {
@@ -144,6 +135,56 @@ pub fn export<'a>(
         seals,
         extended,
     })
+}
+
+/// Makes the cells inactive that hold no data, or whose rock is below a cut-off or conducts nothing.
+/// The porosity of cells of which a part holds data is reduced.
+fn deactivate(
+    prepared: &mut PreparedModel,
+    filled: &mut FilledRock,
+    format: &ExportFormat,
+    spec: &ExportSpec,
+    progress: &mut dyn Progress,
+) -> Result<()> {
+    let cells = prepared.model.len();
+    let mut excluded = spec.rock.cut_off(&prepared.model, filled.rock.as_ref())?;
+    let has_cut_off = excluded.contains(&true);
+    let mut without_data = std::mem::take(&mut filled.without_data);
+    let live = read_live(&prepared.cell_data, cells).filter(|_| spec.is_for_flow(format));
+    if let Some(live) = live {
+        let dead = prepared.model.take_live(live);
+        without_data.resize(cells, false);
+        let flags = without_data.iter_mut().zip(dead);
+        flags.for_each(|(flag, dead)| *flag |= dead);
+        let total: f64 = prepared.model.graph.volume.iter().sum();
+        if let Some(volume) = prepared.model.live_volume() {
+            progress.note(&format!(
+                "{:.2} % of the ground holds data ({volume:.6e} of {total:.6e} m^3; cell array live): cells without data are inactive, and porosity is multiplied by the share of each cell",
+                100.0 * volume / total
+            ));
+        }
+    }
+    if without_data.contains(&true) {
+        let porosity = prepared.model.porosity.iter_mut().flatten();
+        let dead = porosity.zip(&without_data).filter(|(_, dead)| **dead);
+        dead.for_each(|(porosity, _)| *porosity = 0.0);
+        let rock = filled.rock.as_ref();
+        filled.rock = rock.map(|rock| rock.scaled_where(&without_data, 0.0));
+        excluded.resize(cells, false);
+        let flags = excluded.iter_mut().zip(&without_data);
+        flags.for_each(|(flag, dead)| *flag |= dead);
+    }
+    let inactive = (prepared.model).find_inactive(filled.rock.as_ref(), &excluded)?;
+    if inactive > 0 {
+        let mut reasons = vec!["their porosity or permeability is 0"];
+        reasons.extend(has_cut_off.then_some("it is below a cut-off"));
+        reasons.extend(without_data.contains(&true).then_some("they hold no data"));
+        progress.note(&format!(
+            "{inactive} of {cells} cells are inactive: {}",
+            reasons.join(", or ")
+        ));
+    }
+    Ok(())
 }
 
 /// Returns the model of a mesh, with its surfaces if the format or an option needs them.
@@ -192,7 +233,11 @@ fn write_model(
     progress: &mut dyn Progress,
 ) -> Result<()> {
     let deck = format.deck_path(path);
-    format.write(model, path)?;
+    let names = ExportNames::new(model, &format.names);
+    format.write_with_names(model, &names, path)?;
+    if let Some(note) = names.note(path, format.is_folder()) {
+        progress.note(&note);
+    }
     let default_deck = path.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
     if let Some(deck) = deck.filter(|deck| has_deck && *deck != default_deck) {

@@ -49,10 +49,12 @@ pub struct SurfaceName {
     pub number: u32,
     /// Its name.
     pub name: String,
+    /// `true` for a horizon, which is no barrier to flow.
+    pub is_horizon: bool,
 }
 
 codec_fields! {
-    SurfaceName as SurfaceName { number, name }
+    SurfaceName as SurfaceName { number, name, is_horizon }
 }
 
 /// The points of given surfaces in an image.
@@ -196,7 +198,16 @@ impl<const D: usize> GivenPoints<D> {
             spacing: spacing.as_deref().map(Cow::Borrowed),
         };
         let potential = valleys.potential(&SelfComm, cancel);
-        let names = (1..).zip(&self.surfaces);
+        let mut names: Vec<SurfaceName> = (1..)
+            .zip(&self.surfaces)
+            .map(|(number, (name, is_horizon))| SurfaceName {
+                number,
+                name: name.clone(),
+                is_horizon: *is_horizon,
+            })
+            .collect();
+        // A face on a fault and a horizon belongs to the fault, which may be a barrier.
+        names.sort_by_key(|name| name.is_horizon);
         Ok(Features {
             surface: self.points.iter().map(|(_, s)| s + 1).collect(),
             on_horizon: (self.points.iter())
@@ -205,12 +216,7 @@ impl<const D: usize> GivenPoints<D> {
             points,
             potential,
             spacing,
-            names: names
-                .map(|(number, (name, _))| SurfaceName {
-                    number,
-                    name: name.clone(),
-                })
-                .collect(),
+            names,
             ..Features::empty(dims, options)
         })
     }

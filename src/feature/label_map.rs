@@ -4,6 +4,7 @@ use super::components::Components;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
 use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
+use crate::names::NameRules;
 use std::fmt;
 
 /// User options for one label.
@@ -61,7 +62,7 @@ impl LabelOptions {
                 },
                 "name" if is_name(value) => options.name = Some(value.trim().to_string()),
                 "name" => {
-                    let problem = format!("name '{value}' is not made of letters, digits, - and _");
+                    let problem = format!("name '{value}' is empty or has a control character");
                     return Err((problem, "give a name such as left_lung"));
                 }
                 _ => return Err((format!("'{part}' is not an option of a label"), remedy)),
@@ -77,14 +78,9 @@ impl LabelOptions {
     }
 }
 
-/// Returns `true` if file formats with named sets accept the name.
+/// Returns `true` if a text can be a name.
 fn is_name(text: &str) -> bool {
-    let text = text.trim();
-    !text.is_empty()
-        && text.len() <= 60
-        && text
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+    NameRules::TEXT.is_legal(text.trim()) && !text.trim().is_empty()
 }
 
 impl fmt::Display for LabelOptions {
@@ -364,6 +360,7 @@ mod tests {
             "3:distance=4,name=fault",
             "-2:into=7",
             "0.5:name=a-b_1",
+            "4:name=two words 1.5",
             "18446744073709551615:into=-9223372036854775808",
         ] {
             assert_eq!(LabelOptions::parse(text).unwrap().to_string(), text);
@@ -374,7 +371,7 @@ mod tests {
             ("3:distance=0", "not a positive"),
             ("3:distance=nan", "not a positive"),
             ("3:into=3", "another label"),
-            ("3:name=two words", "letters"),
+            ("3:name= ", "is empty"),
             ("3:colour=red", "not an option"),
             ("3:into=4,name=x", "merged into another"),
         ] {

@@ -107,7 +107,7 @@ pub use given::{GivenPoints, GivenSurface, SurfaceName};
 pub use label_map::{LabelMap, LabelOptions};
 pub(crate) use lines::lines_with_cancel;
 pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
-pub use outcome::{KindOutcome, MIN_FAULT_DIP, MissingData};
+pub use outcome::{FlatFaults, KindOutcome, MIN_FAULT_DIP, MissingData};
 pub use partition::PointCounts;
 pub(crate) use partition::PointSubset;
 pub use resolved::ResolvedOptions;
@@ -402,6 +402,7 @@ fn run_detector<const D: usize>(
     let rules = surface_rules(input, detector, &output, open_sides);
     let resolved = resolved_options(kind, &output, &rules);
     let comm = input.comm;
+    let below_min_dip = flat_faults(input, detector, &output, &rules)?;
     let mut surfaces = surfaces::extract_surfaces(
         dims,
         output.candidates,
@@ -444,6 +445,7 @@ fn run_detector<const D: usize>(
         dropped: surfaces.dropped,
         signal_to_noise: output.signal_to_noise,
         chaotic: output.chaotic_share,
+        below_min_dip,
         gently_dipping: if detector.is_fault() {
             let dips = WorldDip::new(input.source.geometry(), output.vertical_axis);
             outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm)?
@@ -488,21 +490,54 @@ fn find_candidates<const D: usize>(
     if let Some(given) = &input.options.given {
         let distance = detector.resolution() * input.options.min_distance();
         let count = given.drop_parallel(&mut output.candidates, distance);
+        given.drop_parallel(&mut output.flat_candidates, distance);
         notes.push(format!(
             "{count} candidates dropped as they lie nearer than {distance:.1} samples to a given surface"
         ));
     }
     match (input.live_mask, input.source) {
-        (Some(live), _) => output.candidates.retain(|c| {
-            let at = Volume::new(input.dims(), &[]).coordinates(c.voxel.index());
-            live.is_usable(at)
-        }),
+        (Some(live), _) => {
+            let volume = Volume::new(input.dims(), &[]);
+            for candidates in [&mut output.candidates, &mut output.flat_candidates] {
+                candidates.retain(|c| live.is_usable(volume.coordinates(c.voxel.index())));
+            }
+        }
         (None, ImageSource::InMemory(image)) => {
             output.drop_near_missing_data(image, detector.extra_reach(), notes, input.comm)?;
         }
         (None, ImageSource::Layered(_)) => (),
     }
     Ok(output)
+}
+
+/// Returns the faults that are left out because they dip too little, if there are any. They meet the
+/// same rules as those that are followed. Collective.
+fn flat_faults<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    output: &DetectorOutput<D>,
+    rules: &SurfaceRules<D>,
+) -> Result<Option<FlatFaults>> {
+    if !detector.is_fault() {
+        return Ok(None);
+    }
+    let (comm, options, geometry) = (input.comm, input.options, input.source.geometry());
+    let flat = surfaces::extract_surfaces(
+        input.dims(),
+        output.flat_candidates.clone(),
+        output.layers.clone(),
+        options.step,
+        rules,
+        (comm, input.cancel),
+    )?;
+    let flat = flat.gather(comm)?;
+    let dips = (&WorldDip::new(geometry, output.vertical_axis), geometry);
+    Ok(FlatFaults::measure(
+        &flat,
+        dips,
+        options.step,
+        options.min_dip,
+    ))
 }
 
 /// Returns the rules by which the candidates in `output` form surfaces.

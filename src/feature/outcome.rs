@@ -1,10 +1,13 @@
 //! Outcome of detection for each kind of feature: numbers of points, dropped points, and
 //! credibility.
 
+use super::surfaces::FeatureSurfaces;
 use super::world_dip::WorldDip;
 use super::{DroppedPoints, FeatureKind, FeaturePoint};
 use crate::comm::Comm;
 use crate::error::Result;
+use crate::image::Geometry;
+use crate::image::time::DEFAULT_VELOCITY;
 use serde::Serialize;
 
 /// Smallest dip of a fault, in degrees: faults seldom dip by less, but layers mostly do.
@@ -24,9 +27,59 @@ pub struct KindOutcome {
     /// For faults, the share of the points that dip by less than [`MIN_FAULT_DIP`]. Two-way time is
     /// converted to depth at 2,000 m/s.
     pub gently_dipping: Option<f64>,
+    /// Faults that are left out because they dip too little; `None` if there are none.
+    pub below_min_dip: Option<FlatFaults>,
     /// Share of the image that lies in chaotic zones, in which none is sought; `None` if there are no
     /// such zones, or features are sought in them.
     pub chaotic: Option<f64>,
+}
+
+/// Faults that are left out because they dip less than
+/// [`min_dip`](super::DetectionOptions::min_dip).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FlatFaults {
+    /// The smallest dip of faults that are followed, in degrees.
+    pub min_dip: f64,
+    /// Number of faults that are left out.
+    pub count: usize,
+    /// Area of the largest, in square metres (in 2-D length in metres). Coordinates without a unit
+    /// count as metres.
+    pub largest_area: f64,
+    /// Mean dips of the flattest and of the steepest, in degrees.
+    pub dips: [f64; 2],
+    /// Velocity in m/s at which two-way time was converted to depth; `None` if no coordinate is time.
+    pub assumed_velocity: Option<f64>,
+}
+
+impl FlatFaults {
+    /// Measures the surfaces of faults that dip too little; `None` if there are none. Normals are in
+    /// lattice space, with samples `step` apart.
+    pub(super) fn measure<const D: usize>(
+        surfaces: &FeatureSurfaces<D>,
+        (dips, geometry): (&WorldDip<D>, &Geometry<D>),
+        step: [f64; D],
+        min_dip: f64,
+    ) -> Option<Self> {
+        // Area, and area times dip, of each surface.
+        let mut sums = vec![[0.0; 2]; surfaces.surface_count];
+        for (point, &surface) in surfaces.points.iter().zip(&surfaces.surface) {
+            let normal = std::array::from_fn(|k| f64::from(point.normal[k]) * step[k]);
+            let area = dips.area_of_column(normal);
+            let sum = &mut sums[surface as usize - 1];
+            *sum = [sum[0] + area, sum[1] + area * dips.degrees(normal)];
+        }
+        let means = || sums.iter().map(|[area, dip]| dip / area);
+        (!sums.is_empty()).then(|| Self {
+            min_dip,
+            count: sums.len(),
+            largest_area: sums.iter().map(|sum| sum[0]).fold(0.0, f64::max),
+            dips: [
+                means().fold(f64::INFINITY, f64::min),
+                means().fold(0.0, f64::max),
+            ],
+            assumed_velocity: geometry.time_coordinate().map(|_| DEFAULT_VELOCITY),
+        })
+    }
 }
 
 impl KindOutcome {
@@ -82,7 +135,6 @@ pub(super) fn gently_dipping_share<const D: usize>(
 mod tests {
     use super::*;
     use crate::comm::SelfComm;
-    use crate::image::Geometry;
 
     #[test]
     fn the_share_counts_dips_in_world_coordinates() {

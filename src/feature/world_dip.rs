@@ -36,6 +36,17 @@ impl<const D: usize> WorldDip<D> {
         }
     }
 
+    /// Returns the area (in 2-D the length), in square metres, of the part of a surface with this
+    /// normal in samples that one column of samples crosses. The column is along the axis nearest to
+    /// the normal.
+    pub fn area_of_column(&self, normal: [f64; D]) -> f64 {
+        let steepest = normal.iter().fold(0.0, |max: f64, n| max.max(n.abs()));
+        let world: Option<[f64; D]> = self.slopes.to_index(normal);
+        world.map_or(0.0, |world| {
+            self.slopes.determinant().abs() * norm(world) / steepest.max(f64::MIN_POSITIVE)
+        })
+    }
+
     /// Returns the dip, in degrees, of a surface with this normal in samples. Where the axes of the
     /// image span no space, every surface is vertical.
     pub fn degrees(&self, normal: [f64; D]) -> f64 {
@@ -74,6 +85,12 @@ mod tests {
                 let slope = [-4.0 * normal[2], 12.5 * normal[0], 25.0 * normal[1]];
                 let measured = WorldDip::new(&survey, 0).degrees(slope);
                 assert!((measured - dip).abs() < 1e-6, "{azimuth} {dip} {measured}");
+                // A column of samples of 12.5 m x 25 m crosses this area of a surface that dips.
+                if dip < 10.0 {
+                    let area = WorldDip::new(&survey, 0).area_of_column(slope);
+                    let expected = 12.5 * 25.0 / angle.cos();
+                    assert!((area / expected - 1.0).abs() < 1e-9, "{area} {expected}");
+                }
                 let feet = Geometry {
                     units: ["ft".into(), "ft".into(), "ms".into()],
                     ..survey.clone()

@@ -144,6 +144,11 @@ impl<const D: usize> DepthConversion<D> {
         Ok(conversion)
     }
 
+    /// Returns the velocities of the conversion.
+    pub fn velocities(&self) -> &VelocityModel<D> {
+        &self.velocities
+    }
+
     /// Returns the index of the first sample of each trace, except for rows of samples that are
     /// `missing`, if these are the traces.
     fn trace_starts(&self, missing: &[bool]) -> Vec<[f64; D]> {

@@ -2,8 +2,31 @@
 
 use serde::Serialize;
 
-use super::time::seconds_per_unit;
+use super::modality::Modality;
+use super::time::{metres_per_unit, seconds_per_unit};
 use crate::geometry::{dot, hypot, norm, unit};
+
+/// Reason why the physical coordinates of an image cannot be compared, so that angles in physical
+/// space have no meaning.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoAngles {
+    /// A coordinate is time, in this unit.
+    Time(String),
+    /// The coordinates are numbers of lines and samples.
+    LineNumbers,
+    /// The coordinates differ in their units, of which at least one is not known.
+    UnknownUnits,
+}
+
+impl std::fmt::Display for NoAngles {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Time(unit) => write!(f, "one coordinate is time ({unit})"),
+            Self::LineNumbers => write!(f, "coordinates are numbers of lines"),
+            Self::UnknownUnits => write!(f, "units of coordinates differ or are not known"),
+        }
+    }
+}
 
 /// Affine map from sample indices (x first) to physical coordinates: `origin + sum_k index[k] *
 /// axes[k]`.
@@ -51,10 +74,43 @@ impl<const D: usize> Geometry<D> {
         self.axes.map(norm)
     }
 
-    /// Returns `true` if all physical coordinates have the same unit of length, or none, so that
-    /// angles are meaningful.
-    pub fn has_uniform_units(&self) -> bool {
-        self.time_coordinate().is_none() && self.units.iter().all(|unit| *unit == self.units[0])
+    /// Returns the factor of each physical coordinate that brings all of them to one unit, so that
+    /// angles have a meaning. The factors are 1 if all coordinates have the same unit, or none.
+    ///
+    /// # Errors
+    /// Returns the reason why the coordinates cannot be compared.
+    pub fn length_scales(&self) -> Result<[f64; D], NoAngles> {
+        if let Some(time) = self.time_coordinate() {
+            return Err(NoAngles::Time(self.units[time].clone()));
+        }
+        if self.units.iter().all(|unit| *unit == self.units[0]) {
+            // Coordinates without a unit beside the names of lines are numbers of lines.
+            let are_lines = self.units[0].is_empty() && self.modality() == Modality::Survey;
+            return if are_lines {
+                Err(NoAngles::LineNumbers)
+            } else {
+                Ok([1.0; D])
+            };
+        }
+        let sizes = self.units.each_ref().map(|unit| metres_per_unit(unit));
+        if sizes.contains(&None) {
+            return Err(NoAngles::UnknownUnits);
+        }
+        Ok(sizes.map(Option::unwrap_or_default))
+    }
+
+    /// Returns the geometry with all coordinates in one unit, so that its angles are those of space.
+    ///
+    /// # Errors
+    /// Returns the errors of [`length_scales`](Self::length_scales).
+    pub fn in_one_unit(&self) -> Result<Self, NoAngles> {
+        let scales = self.length_scales()?;
+        let scaled = |p: [f64; D]| std::array::from_fn(|c| p[c] * scales[c]);
+        Ok(Self {
+            origin: scaled(self.origin),
+            axes: self.axes.map(scaled),
+            ..self.clone()
+        })
     }
 
     /// Returns the physical coordinates of a (fractional) sample index.
@@ -317,6 +373,32 @@ impl Geometry<3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn coordinates_are_compared_in_one_unit_or_not_at_all() {
+        let geometry = |units: [&str; 3]| Geometry::<3> {
+            units: units.map(str::to_owned),
+            ..Geometry::with_spacing([0.0; 3], [10.0, 10.0, 10.0])
+        };
+        let scales = |units: [&str; 3]| geometry(units).length_scales();
+        assert_eq!(scales([""; 3]), Ok([1.0; 3]));
+        assert_eq!(scales(["mm"; 3]), Ok([1.0; 3]));
+        assert_eq!(scales(["m", "m", "ft"]), Ok([1.0, 1.0, 0.3048]));
+        let time = NoAngles::Time("ms".into());
+        assert_eq!(scales(["m", "m", "ms"]), Err(time));
+        assert_eq!(scales(["", "", "m"]), Err(NoAngles::UnknownUnits));
+        let lines = Geometry::<3> {
+            names: ["sample", "crossline", "inline"].map(str::to_owned),
+            ..geometry([""; 3])
+        };
+        assert_eq!(lines.length_scales(), Err(NoAngles::LineNumbers));
+
+        let feet = geometry(["m", "m", "ft"]);
+        assert!(feet.preserves_shapes([1.0; 3]));
+        let metres = feet.in_one_unit().unwrap();
+        assert!((metres.spacing()[2] - 3.048).abs() < 1e-12);
+        assert!(!metres.preserves_shapes([1.0; 3]));
+    }
 
     #[test]
     fn index_to_physical_and_back() {

@@ -23,26 +23,36 @@ impl<const D: usize> Image<D> {
     /// # Errors
     /// Returns an [`Error::Job`](crate::Error::Job) if there is not enough memory.
     pub(crate) fn live_mask(&self) -> Result<Option<LiveMask<D>>> {
-        let mut dims = self.dims();
-        if self.dead.is_empty() && self.missing.is_empty() {
+        let Some(gaps) = self.gaps() else {
             return Ok(None);
+        };
+        memory::ensure_available(
+            "the image",
+            BYTES_PER_SAMPLE * gaps.flags.len() as f64,
+            "finding the gaps in the image",
+            "give a part of the image",
+        )?;
+        Ok(Some(LiveMask::new(gaps)))
+    }
+
+    /// Returns the gaps in the image, or `None` if all samples hold data.
+    pub(super) fn gaps(&self) -> Option<Gaps<D>> {
+        if self.dead.is_empty() && self.missing.is_empty() {
+            return None;
         }
+        let mut dims = self.dims();
         let (uniform_axis, flags) = if self.dead.is_empty() {
             (Some(0), self.missing.clone())
         } else {
             self.collapse_dead()
         };
         let uniform_len = uniform_axis.map_or(1, |axis| std::mem::replace(&mut dims[axis], 1));
-        memory::ensure_available(
-            "the image",
-            BYTES_PER_SAMPLE * flags.len() as f64,
-            "finding the gaps in the image",
-            "give a part of the image",
-        )?;
-        Ok(Some(LiveMask::new(
-            (dims, uniform_axis, uniform_len),
-            &flags,
-        )))
+        Some(Gaps {
+            dims,
+            uniform_axis,
+            uniform_len,
+            flags,
+        })
     }
 
     /// Returns the axis along which the dead flags are constant, if there is one, and the flags
@@ -60,6 +70,19 @@ impl<const D: usize> Image<D> {
         }
         (None, self.dead.clone())
     }
+}
+
+/// The samples of an image that hold no data.
+pub(super) struct Gaps<const D: usize> {
+    /// Number of cells along each axis. A cell is a sample; along the axis with constant flags
+    /// there is one cell.
+    pub dims: [usize; D],
+    /// The axis along which all samples are alike, if there is one.
+    pub uniform_axis: Option<usize>,
+    /// Number of samples along `uniform_axis`; 1 if there is none.
+    pub uniform_len: usize,
+    /// `true` for each cell that holds no data.
+    pub flags: Vec<bool>,
 }
 
 /// State of a sample.
@@ -89,10 +112,13 @@ pub(crate) struct LiveMask<const D: usize> {
 const NO_CELL: u32 = u32::MAX;
 
 impl<const D: usize> LiveMask<D> {
-    fn new(
-        (dims, uniform_axis, uniform_len): ([usize; D], Option<usize>, usize),
-        dead: &[bool],
-    ) -> Self {
+    fn new(gaps: Gaps<D>) -> Self {
+        let Gaps {
+            dims,
+            uniform_axis,
+            uniform_len,
+            flags: dead,
+        } = gaps;
         let nearest_live = nearest_cells(dims, |i| !dead[i], MAX_FILL_DISTANCE);
         let is_within = |i: usize, other: u32| {
             other != NO_CELL

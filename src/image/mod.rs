@@ -15,8 +15,11 @@
 //! - `labels`: exact label values
 //! - `layers`: samples of an image in memory or in a file, some layers at a time
 //! - `live_mask`: the samples that hold data, and the gaps between them
+//! - `live_volume`: the share of a cell that holds data
 //! - `nulls`: finds samples that hold no data
-//! - `stated`: statements of files about their coordinates
+//! - `point_nulls`: finds points whose z is a null value
+//! - `stated`: statements of files and options about coordinates
+//! - `placing`: brings positions that a user gives into the frame of an image
 //! - `formats`: image files
 //! - `synth`: synthetic images with exactly known features
 
@@ -28,8 +31,11 @@ pub(crate) mod geometry;
 pub(crate) mod labels;
 pub(crate) mod layers;
 pub(crate) mod live_mask;
+pub(crate) mod live_volume;
 pub(crate) mod modality;
 pub(crate) mod nulls;
+pub mod placing;
+pub(crate) mod point_nulls;
 pub(crate) mod sparse_field;
 pub mod stated;
 pub mod synth;
@@ -40,11 +46,12 @@ pub(crate) mod velocity;
 pub use check::Stats;
 pub use depth_conversion::DepthConversion;
 pub use field::ScalarField;
-pub use geometry::Geometry;
+pub use geometry::{Geometry, NoAngles};
 pub use labels::{ExactLabels, LabelTable, LabelValue};
 pub use layers::{ImageLayers, ImageSource};
 pub(crate) use live_mask::LiveMask;
 use live_mask::distance_squared;
+pub(crate) use live_volume::LiveVolume;
 pub use modality::Modality;
 pub use nulls::MaskedImage;
 pub(crate) use sparse_field::MissFlag;
@@ -58,7 +65,7 @@ use std::sync::Arc;
 use ndarray::ArrayD;
 
 use crate::error::{Error, Result, cause};
-use crate::geometry::grid_index::{for_each_corner, index_at};
+use crate::geometry::grid_index::{for_each_corner, index_at, offset_of};
 
 /// A `D`-dimensional image: `f32` samples and their [`Geometry`].
 #[derive(Debug, Clone, PartialEq)]
@@ -152,6 +159,46 @@ impl<const D: usize> Image<D> {
         }
         let continued = Self::new(dims, samples, self.geometry.clone());
         Some(continued.with_missing(self.missing.clone()))
+    }
+
+    /// Returns the image with each sample that holds no data replaced by a copy of the nearest sample
+    /// that does, whatever its distance; the flags stay. At least one sample must hold data.
+    pub(crate) fn filled_from_nearest(mut self) -> Self {
+        let Some(gaps) = self.gaps() else {
+            return self;
+        };
+        let (dims, flags) = (self.dims(), gaps.flags);
+        let nearest = live_mask::nearest_cells(gaps.dims, |i| !flags[i], usize::MAX);
+        let cell_of = |offset: usize| {
+            let mut index = index_at(dims, offset);
+            if let Some(axis) = gaps.uniform_axis {
+                index[axis] = 0;
+            }
+            offset_of(gaps.dims, index)
+        };
+        let source_of = |offset: usize| {
+            let mut source = index_at(gaps.dims, nearest[cell_of(offset)] as usize);
+            if let Some(axis) = gaps.uniform_axis {
+                source[axis] = index_at(dims, offset)[axis];
+            }
+            offset_of(dims, source)
+        };
+        let sources: Vec<usize> = (0..self.samples.len()).map(source_of).collect();
+        let samples = sources
+            .iter()
+            .map(|&source| self.as_slice()[source])
+            .collect();
+        self.labels = self.labels.map(|labels| {
+            let values = sources
+                .iter()
+                .map(|&i| labels.values[labels.indices[i] as usize]);
+            ExactLabels::from_integers(values)
+        });
+        let filled = Self::new(dims, samples, self.geometry.clone());
+        Self {
+            samples: filled.samples,
+            ..self
+        }
     }
 
     /// Returns one flag per row along x: `true` if the row is missing or lies at most `reach`

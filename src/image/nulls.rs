@@ -13,7 +13,7 @@ use crate::parallel::prelude::*;
 
 /// Values that programs write where there is no data: Kingdom and Petrel, LAS files, GIS grids,
 /// IRAP, CPS-3, ZMAP+, Surfer, netCDF.
-const COMMON_NULLS: [f32; 11] = [
+pub(super) const COMMON_NULLS: [f32; 11] = [
     -999.25,
     -999.0,
     -9999.0,
@@ -32,10 +32,14 @@ const MIN_NULL_MAGNITUDE: f32 = 999.0;
 
 /// Magnitude from which a single sample is enough to identify a null value, because no measurement
 /// is so large.
-const CERTAIN_NULL_MAGNITUDE: f32 = 1e29;
+pub(super) const CERTAIN_NULL_MAGNITUDE: f32 = 1e29;
 
 /// Smallest number of samples of a null value below [`CERTAIN_NULL_MAGNITUDE`].
-const MIN_NULL_COUNT: usize = 8;
+pub(super) const MIN_NULL_COUNT: usize = 8;
+
+/// Largest difference between a value and a null value that counts as near, as a share of the null
+/// value.
+const NEAR_NULL_RATIO: f32 = 0.1;
 
 /// Shortest trace, in samples, that counts as missing if it is zero throughout. Shorter traces may
 /// be zero by chance.
@@ -75,8 +79,9 @@ struct DeadSamples {
 }
 
 impl DeadSamples {
-    /// Finds the samples that are not finite and, if `recognise` is set, the others.
-    fn find<const D: usize>(image: &Image<D>, recognise: bool) -> Self {
+    /// Finds the samples that are not finite and, if `recognise` is set, the others; outliers only
+    /// with `with_outliers`.
+    fn find<const D: usize>(image: &Image<D>, recognise: bool, with_outliers: bool) -> Self {
         let non_finite = |part: &[f32]| part.iter().filter(|s| !s.is_finite()).count();
         let mut found = Self {
             non_finite: image.as_slice().par_chunks(4096).map(non_finite).sum(),
@@ -85,6 +90,8 @@ impl DeadSamples {
         if recognise {
             found.nulls = image.common_nulls();
             found.zero_traces = image.zero_traces(&found.nulls);
+        }
+        if recognise && with_outliers {
             found.outliers = image.outliers(&found.nulls);
         }
         found
@@ -116,7 +123,7 @@ impl DeadSamples {
                  keeps them)",
                 null.count,
                 percent(null.count),
-                null.value,
+                null_text(null.value),
             ));
         }
         if !self.outliers.is_empty() {
@@ -175,9 +182,22 @@ impl<const D: usize> Image<D> {
     /// Returns an [`Error::Image`] if no sample is left, and an [`Error::Job`] if there is not
     /// enough memory for the marks.
     pub fn mark_dead(&self, recognise: bool) -> Result<Option<MaskedImage<D>>> {
+        self.mark(&DeadSamples::find(self, recognise, true))
+    }
+
+    /// Returns the image with dead samples marked as [`mark_dead`](Self::mark_dead) does, except that
+    /// outliers count as data: a few samples of a permeability may be far above all others.
+    ///
+    /// # Errors
+    /// Returns the errors of [`mark_dead`](Self::mark_dead).
+    pub(crate) fn mark_nulls(&self, recognise: bool) -> Result<Option<MaskedImage<D>>> {
+        self.mark(&DeadSamples::find(self, recognise, false))
+    }
+
+    /// Returns the image with these samples marked as dead, or `None` if there are none.
+    fn mark(&self, found: &DeadSamples) -> Result<Option<MaskedImage<D>>> {
         let samples = self.as_slice();
         let count = samples.len();
-        let found = DeadSamples::find(self, recognise);
         if found.is_empty() {
             return Ok(None);
         }
@@ -200,7 +220,8 @@ impl<const D: usize> Image<D> {
         for (sample, _) in samples.iter_mut().zip(&flags).filter(|(_, dead)| **dead) {
             *sample = 0.0;
         }
-        let image = Self::new(self.dims(), samples, self.geometry.clone()).with_dead(flags);
+        let mut image = Self::new(self.dims(), samples, self.geometry.clone()).with_dead(flags);
+        image.labels.clone_from(&self.labels);
         Ok(Some(MaskedImage { image, notes }))
     }
 
@@ -244,22 +265,27 @@ impl<const D: usize> Image<D> {
                     || index[k] + 1 < dims[k] && samples[i + strides[k]] == samples[i]
             })
         };
-        // For each value: the number of its samples, of those with an equal neighbour, and of
-        // samples of the opposite value.
-        type NullCounts = [[usize; 3]; COMMON_NULLS.len()];
+        // For each value: the number of its samples, of those with an equal neighbour, of samples of
+        // the opposite value, of other samples near the value, and of other samples that are at
+        // least half as large and have the same sign.
+        type NullCounts = [[usize; 5]; COMMON_NULLS.len()];
         const CHUNK_LEN: usize = 1 << 14;
         let count = |(chunk, part): (usize, &[f32])| {
             let mut counts: NullCounts = Default::default();
             for (i, &s) in part.iter().enumerate() {
-                if s.abs() < MIN_NULL_MAGNITUDE {
+                if s.abs() < 0.5 * MIN_NULL_MAGNITUDE || !s.is_finite() {
                     continue;
                 }
+                let is_value = !may_be_null(s);
                 for (counts, &null) in counts.iter_mut().zip(&COMMON_NULLS) {
                     if is_null(s, null) {
                         counts[0] += 1;
                         counts[1] += usize::from(has_equal_neighbour(chunk * CHUNK_LEN + i));
                     }
                     counts[2] += usize::from(is_null(s, -null));
+                    let ratio = s / null;
+                    counts[3] += usize::from(is_value && (ratio - 1.0).abs() < NEAR_NULL_RATIO);
+                    counts[4] += usize::from(is_value && ratio >= 0.5);
                 }
             }
             counts
@@ -271,12 +297,17 @@ impl<const D: usize> Image<D> {
             .collect();
         let total = |value: usize, kind: usize| parts.iter().map(|part| part[value][kind]).sum();
         let nulls = COMMON_NULLS.iter().enumerate().filter_map(|(i, &value)| {
-            let [count, repeated, opposite]: [usize; 3] = [0, 1, 2].map(|kind| total(i, kind));
+            let [count, repeated, opposite, near, beyond]: [usize; 5] =
+                std::array::from_fn(|kind| total(i, kind));
+            // A fill value covers areas, or it is much more frequent than the values next to it.
+            let is_frequent = 10 * repeated >= 9 * count || 4 * near < count;
             // Clipped amplitudes occur at both ends of the range, null values do not.
-            let is_fill =
-                count >= MIN_NULL_COUNT && 10 * repeated >= 9 * count && 4 * opposite < count;
-            let impossible = value.abs() >= CERTAIN_NULL_MAGNITUDE && count > 0;
-            (is_fill || impossible).then_some(NullValue { value, count })
+            let is_fill = count >= MIN_NULL_COUNT && is_frequent && 4 * opposite < count;
+            // A few samples are enough where no other value comes near.
+            let stands_apart = beyond + opposite == 0;
+            let impossible = value.abs() >= CERTAIN_NULL_MAGNITUDE;
+            (count > 0 && (is_fill || stands_apart || impossible))
+                .then_some(NullValue { value, count })
         });
         nulls.collect()
     }
@@ -411,6 +442,15 @@ impl<const D: usize> Image<D> {
 struct NullValue {
     value: f32,
     count: usize,
+}
+
+/// Returns a null value as files have it: 1e30 rather than thirty zeros.
+fn null_text(null: f32) -> String {
+    if null.abs() >= CERTAIN_NULL_MAGNITUDE {
+        format!("{null:e}")
+    } else {
+        null.to_string()
+    }
 }
 
 /// Returns `true` if a sample holds a null value. A tolerance covers the rounding of IBM floats.

@@ -12,7 +12,7 @@ pub(super) const MIN_VELOCITY: f64 = 50.0;
 pub(super) const MAX_VELOCITY: f64 = 10_000.0;
 
 /// Velocity (metres per second) that converts two-way time to depth if none is given.
-const DEFAULT_VELOCITY: f64 = 2000.0;
+pub(crate) const DEFAULT_VELOCITY: f64 = 2000.0;
 
 /// Returns the remedy for a velocity in another unit, which has this many metres per second.
 fn remedy_per_second(velocity: f64) -> String {

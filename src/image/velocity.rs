@@ -12,7 +12,7 @@ use crate::image::{Geometry, Image};
 use crate::{Error, Result, memory};
 
 /// A volume (a section in 2-D) of interval velocities in m/s on a grid of its own in two-way time.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct VelocityModel<const D: usize> {
     /// Name in errors and notes.
     pub name: String,

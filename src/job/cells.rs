@@ -11,6 +11,7 @@ use crate::parallel::prelude::*;
 use super::equalise::CellEqualiser;
 use super::frame::JobDomain;
 use super::measure::measure_unless_cancelled;
+use super::named_faces::close_given_surfaces;
 use super::{
     AnnotatedMesh, BOX_TOLERANCE, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner,
     join, placement, regions, simplices,
@@ -31,6 +32,7 @@ use crate::lattice::partition::OwnedAtoms;
 use crate::lattice::seeding::line_atoms::{Projection, line_atoms};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed_atoms};
 use crate::mesh::check::{CheckHints, check_view};
+use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::mesh::view::MeshView;
@@ -60,8 +62,22 @@ const MAX_SURFACE_SPACING_RATIO: f64 = 1.5;
 /// are not removed.
 const MIN_SURFACE_ANGLE: f64 = 30.0;
 
-/// Voronoi cells, their report, the distance between atoms, and the result of the optimiser.
-type VoronoiResult<const D: usize> = (MeshResult<D>, Report, Distance<D>, optimize::OptimizeResult);
+/// Voronoi cells with what is known of them.
+pub(super) struct MadeCells<const D: usize>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    /// The cells.
+    pub mesh: MeshResult<D>,
+    /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
+    pub face_names: Vec<u32>,
+    /// Their report.
+    pub report: Report,
+    /// Nominal distance between atoms.
+    pub distance: Distance<D>,
+    /// Result of the optimiser.
+    pub optimize_result: optimize::OptimizeResult,
+}
 
 /// Makes Voronoi cells that conform to features, and measures them.
 pub(super) fn make_cells<const D: usize>(
@@ -70,7 +86,7 @@ pub(super) fn make_cells<const D: usize>(
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<VoronoiResult<D>>
+) -> Result<MadeCells<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
@@ -110,8 +126,9 @@ where
         &mut || stages.keep_going(),
     )?;
     mesh.on_feature = sites.faces_on_surface(&mesh, atoms.len());
+    let face_names = sites.names_of_faces(&mesh, atoms.len());
     let labelled = features.labels.as_ref();
-    let label_indices = labelled.map(|labelled| assign_labels(&mut mesh, labelled));
+    let label_indices = labelled.map(|labelled| assign_labels(&mut mesh, &face_names, labelled));
 
     stages.begin(Stage::Measuring);
     let scene = MeshScene {
@@ -147,17 +164,22 @@ where
             }
             Ok::<_, crate::Error>(report)
         })?;
-    Ok((
-        MeshResult::Voronoi { mesh, weld },
+    Ok(MadeCells {
+        mesh: MeshResult::Voronoi { mesh, weld },
+        face_names,
         report,
         distance,
         optimize_result,
-    ))
+    })
 }
 
 /// Gives each cell the region of most of its samples, and returns the index of its label. The faces
-/// on features become the interfaces between labels, which have no holes.
-fn assign_labels<const D: usize>(mesh: &mut PolyMesh<D>, labelled: &LabelMap<D>) -> Vec<u32> {
+/// on features become the interfaces between labels, which have no holes, and those with names.
+fn assign_labels<const D: usize>(
+    mesh: &mut PolyMesh<D>,
+    face_names: &[u32],
+    labelled: &LabelMap<D>,
+) -> Vec<u32> {
     let votes = SamplePoints::from_cells(mesh).votes(labelled);
     let label_indices: Vec<u32> = votes.iter().map(Votes::winner).collect();
     let label_regions = labelled.regions();
@@ -171,7 +193,10 @@ fn assign_labels<const D: usize>(mesh: &mut PolyMesh<D>, labelled: &LabelMap<D>)
         }
         _ => false,
     };
-    mesh.on_feature = (0..mesh.face_cells.len()).map(is_interface).collect();
+    let has_name = |f: usize| face_names.get(f).is_some_and(|&name| name != NONE);
+    mesh.on_feature = (0..mesh.face_cells.len())
+        .map(|f| is_interface(f) || has_name(f))
+        .collect();
     label_indices
 }
 
@@ -303,20 +328,25 @@ where
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
     let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
-    let (mut joined, neighbors) = simplices::seal_mesh(joined, &scene, stages)?;
+    let (joined, neighbors) = simplices::seal_mesh(joined, &scene, stages)?;
+    let mut annotated = joined.annotated_mesh;
+    let face_names = stages.run_cancellable(|cancel| {
+        let marks = &mut annotated.feature_faces;
+        close_given_surfaces(&annotated.mesh, &neighbors, &scene, marks, cancel)
+    })?;
     if let Some(labelled) = &features.labels {
         let angle = Some(target.min_dihedral);
         stages.run_cancellable(|cancel| {
-            let annotated = &mut joined.annotated_mesh;
-            regions::assign_regions(annotated, &neighbors, &scene, labelled, angle, cancel)
+            let faces = (&*neighbors, &*face_names);
+            regions::assign_regions(&mut annotated, faces, &scene, labelled, angle, cancel)
         });
     }
     let AnnotatedMesh {
         mesh,
         feature_faces,
         ..
-    } = &joined.annotated_mesh;
-    let mut surface = FacetSurface::from_marked(mesh, &neighbors, feature_faces);
+    } = &annotated;
+    let mut surface = FacetSurface::from_marked(mesh, &neighbors, feature_faces, &face_names);
     surface.regularise(extent);
     surface.flatten(extent);
     Ok(surface)
@@ -507,16 +537,16 @@ fn measure_cells<const D: usize>(
     let voronoi = measure_unless_cancelled(&SelfComm, cancel, || {
         let (view, low) = (MeshView::from_mesh(mesh), [0.0; D]);
         let check = check_view(&view, hints, low, scene.extent, BOX_TOLERANCE, cancel)?;
-        let physical = Graph::from_poly(&to_world(mesh, step, geometry));
+        let in_one_unit = geometry.in_one_unit();
+        let world = to_world(mesh, step, in_one_unit.as_ref().unwrap_or(geometry));
+        let physical = Graph::from_poly(&world);
         let cube_counts = graph.volume.iter().zip(&graph.site);
         let cube_counts =
             cube_counts.map(|(volume, &x)| volume / distance.value_at(x).powi(D as i32));
         let measured = report::measure_voronoi(check, &graph, &physical);
         Ok(report::Voronoi {
             cells_per_cube: Some(graph.volume.len() as f64 / cube_counts.sum::<f64>()),
-            angle_physical: measured
-                .angle_physical
-                .filter(|_| geometry.has_uniform_units()),
+            angle_physical: measured.angle_physical.filter(|_| in_one_unit.is_ok()),
             ..measured
         })
     })?;

@@ -3,16 +3,20 @@
 use std::sync::Arc;
 
 use super::Params;
-use super::spec::SurfaceOption;
+use super::spec::{FileOption, NumberOrFile};
 use crate::error::cause;
 use crate::feature::{GivenPoints, GivenSurface, MIN_FAULT_DIP};
 use crate::geometry::{cross, norm, sub};
 use crate::image::Geometry;
+use crate::image::placing::{Frame, TimeToDepth, ranges};
+use crate::image::stated::CoordinateOptions;
 use crate::image::time::default_metres_per_unit;
 use crate::parallel::prelude::*;
 use crate::surface_file::interpretation::{
-    PickedShape, PickedSurface, read_interpretation, triangulate_points,
+    PickedShape, PickedSurface, read_interpretation_as, triangulate_points,
 };
+use crate::surface_file::joining::join_sticks;
+use crate::surface_file::placed::PlacedSurface;
 use crate::{Error, Result};
 
 /// A surface to follow.
@@ -20,33 +24,51 @@ use crate::{Error, Result};
 pub struct FollowedSurface {
     /// The option that names it, for messages.
     pub option: String,
-    /// The surface, in physical coordinates.
+    /// What the option says about its coordinates.
+    pub coordinates: CoordinateOptions,
+    /// The surface, in the coordinates of its file.
     pub surface: PickedSurface,
+    /// The options that give the surface again, and its names there.
+    pub twins: Vec<String>,
 }
 
 /// Given surfaces in an image.
 pub(crate) struct SurfacesInImage<const D: usize> {
     /// Their points.
     pub points: Arc<GivenPoints<D>>,
-    /// A note on each.
+    /// Notes on each.
     pub notes: Vec<String>,
+    /// The name of each, and the fraction of its area outside the image.
+    pub outside: Vec<(String, f64)>,
 }
 
 /// Number of times that a triangle is divided to find the part of it that lies in the image.
 const MAX_DIVISIONS: u32 = 5;
 
-/// Reads the surfaces that the options name. `flag` is the name of the options in messages.
+/// Share of a surface outside the image from which a note gives the ranges of both.
+const MAX_OUTSIDE_SHARE: f64 = 0.5;
+
+/// Reads the surfaces that the options name. `flag` is the name of the options in messages, and
+/// `nulls` are the null values of all files.
 ///
 /// # Errors
 /// Returns the errors of the files, and [`Error::Job`] for a name that its file does not have, or
 /// that two surfaces have.
-pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<FollowedSurface>> {
+pub(crate) fn read(
+    flag: &str,
+    options: &[FileOption],
+    nulls: Option<&[f64]>,
+) -> Result<Vec<FollowedSurface>> {
     let mut surfaces: Vec<FollowedSurface> = Vec::new();
     for option in options {
         let place = format!("{flag} {option}");
-        let mut picked = read_interpretation(&option.path)?;
+        let mut picked = read_interpretation_as(&option.path, &option.coordinates.columns)?;
         if let Some(name) = &option.name {
-            match picked.iter().position(|surface| surface.name == *name) {
+            let is_named = |surface: &PickedSurface| surface.name == *name;
+            // A command line is easier to write with `_` in place of spaces.
+            let is_almost = |surface: &PickedSurface| surface.name.replace(' ', "_") == *name;
+            let exact = picked.iter().position(is_named);
+            match exact.or_else(|| picked.iter().position(is_almost)) {
                 Some(index) => picked = vec![picked.swap_remove(index)],
                 None if picked.len() == 1 => picked[0].name.clone_from(name),
                 None => {
@@ -58,6 +80,11 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
         }
         for mut surface in picked {
             surface.is_horizon = option.is_horizon.or(surface.is_horizon);
+            let twin = surfaces.iter_mut().find(|s| s.surface.is_twin(&surface));
+            if let Some(twin) = twin {
+                twin.twins.push(format!("{} of {place}", surface.name));
+                continue;
+            }
             let same_name = surfaces.iter().find(|s| s.surface.name == surface.name);
             if let Some(other) = same_name {
                 let problem = format!(
@@ -69,7 +96,9 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
             }
             surfaces.push(FollowedSurface {
                 option: place.clone(),
+                coordinates: option.coordinates.with_nulls(nulls.map(<[f64]>::to_vec)),
                 surface,
+                twins: Vec::new(),
             });
         }
     }
@@ -77,6 +106,17 @@ pub(super) fn read(flag: &str, options: &[SurfaceOption]) -> Result<Vec<Followed
 }
 
 impl<const D: usize> Params<D> {
+    /// Returns the frame of an image of `dims` samples, into which the positions that the user gives
+    /// are brought.
+    pub(crate) fn frame(&self, geometry: &Geometry<D>, dims: [usize; D]) -> Frame<D> {
+        let constant = match self.spec.velocity {
+            Some(NumberOrFile::Constant(velocity)) => Some(TimeToDepth::Constant(velocity)),
+            _ => None,
+        };
+        let model = self.velocities.clone().map(TimeToDepth::Model);
+        Frame::new(geometry, dims).with_time_to_depth(model.or(constant), self.time_unit.as_deref())
+    }
+
     /// Returns the given surfaces in an image of `dims` samples; `None` if none are given.
     ///
     /// # Errors
@@ -89,34 +129,67 @@ impl<const D: usize> Params<D> {
         if self.surfaces.is_empty() {
             return Ok(None);
         }
-        let (mut given, mut notes) = (Vec::new(), Vec::new());
-        for given_surface in &self.surfaces {
-            let (surface, note) = given_surface.in_image(geometry, dims)?;
-            given.push(surface);
-            notes.push(note);
-        }
+        let frame = self.frame(geometry, dims);
+        let found: Vec<SurfaceInImage<D>> = (self.surfaces.iter())
+            .map(|followed| followed.in_image(&frame, geometry, dims))
+            .collect::<Result<_>>()?;
+        let given: Vec<GivenSurface<D>> = found.iter().map(|s| s.surface.clone()).collect();
         let points = GivenPoints::new(&given, dims);
-        for (index, note) in notes.iter_mut().enumerate() {
+        let mut notes = Vec::new();
+        for (index, (found, followed)) in found.iter().zip(&self.surfaces).enumerate() {
             let count = points.count(index);
+            let problem = || followed.outside_problem(&found.placed, &frame);
             if count == 0 {
-                return Err(outside_error(&self.surfaces[index], geometry, dims));
+                let remedy = "give coordinates of the image, which `atomesh info` shows, or say how they differ: \
+                              ,unit=ft ,z=down ,domain=time";
+                return Err(Error::Job(cause(&followed.option, problem(), remedy)));
             }
-            *note = format!("{note}, {count} points");
+            notes.push(format!("{}, {count} points", found.note));
+            if found.outside > MAX_OUTSIDE_SHARE {
+                notes.push(format!(
+                    "warning: {:.0} % of surface {}",
+                    100.0 * found.outside,
+                    problem()
+                ));
+            }
         }
         Ok(Some(SurfacesInImage {
             points: Arc::new(points),
             notes,
+            outside: (found.iter())
+                .map(|found| (found.surface.name.clone(), found.outside))
+                .collect(),
         }))
     }
 }
 
+/// A given surface in an image.
+struct SurfaceInImage<const D: usize> {
+    /// The surface in physical coordinates.
+    placed: PlacedSurface,
+    /// The surface in sample coordinates.
+    surface: GivenSurface<D>,
+    /// The share of its area outside the image.
+    outside: f64,
+    note: String,
+}
+
 impl FollowedSurface {
-    /// Returns the surface in sample coordinates, and a note on it.
+    /// Returns the surface in the physical coordinates of an image.
+    ///
+    /// # Errors
+    /// Returns the errors of [`PickedSurface::placed`].
+    pub(crate) fn placed<const D: usize>(&self, frame: &Frame<D>) -> Result<PlacedSurface> {
+        self.surface.placed(frame, &self.option, &self.coordinates)
+    }
+
+    /// Returns the surface in an image, and a note on it.
     fn in_image<const D: usize>(
         &self,
+        frame: &Frame<D>,
         geometry: &Geometry<D>,
         dims: [usize; D],
-    ) -> Result<(GivenSurface<D>, String)> {
+    ) -> Result<SurfaceInImage<D>> {
         let PickedSurface {
             name, is_horizon, ..
         } = &self.surface;
@@ -124,8 +197,8 @@ impl FollowedSurface {
             let problem = format!("is for 3-D images, but the image has {D} axes");
             return Err(Error::Job(cause(&self.option, problem, "omit it")));
         }
-        let is_flipped = self.has_opposite_z(geometry, dims);
-        let (triangles, note_on_points) = self.triangles(geometry, is_flipped)?;
+        let placed = self.placed(frame)?;
+        let (triangles, note_on_points) = self.triangles(&placed.shape, geometry)?;
         let mut note = format!("surface {name}:{note_on_points}");
         let (is_horizon, origin) = match is_horizon {
             Some(is_horizon) => (*is_horizon, String::new()),
@@ -137,8 +210,11 @@ impl FollowedSurface {
         };
         note += if is_horizon { " a horizon" } else { " a fault" };
         note += &origin;
-        if is_flipped {
-            note += ", with the sign of z turned";
+        for twin in &self.twins {
+            note += &format!(", the same as {twin}");
+        }
+        for text in &placed.notes {
+            note += &format!(", {text}");
         }
         let outside = outside_fraction(&triangles, dims);
         if outside > 5e-4 {
@@ -151,52 +227,51 @@ impl FollowedSurface {
                 .map(|t| std::array::from_fn(|i| std::array::from_fn(|k| t[i][k])))
                 .collect(),
         };
-        Ok((surface, note))
+        Ok(SurfaceInImage {
+            placed,
+            surface,
+            outside,
+            note,
+        })
     }
 
-    /// Returns `true` if the surface lies in the image only with the opposite sign of z. Programs
-    /// differ in the sign of depths and times.
-    fn has_opposite_z<const D: usize>(&self, geometry: &Geometry<D>, dims: [usize; D]) -> bool {
-        let is_inside = |p: [f64; D]| {
-            geometry.to_index(p).is_some_and(|index| {
-                (0..D).all(|k| (-0.5..=dims[k] as f64 - 0.5).contains(&index[k]))
-            })
-        };
-        let is_anywhere = |sign| {
-            let mut points = self.surface.shape.points();
-            points.any(|p| is_inside(with_z_sign(p, sign)))
-        };
-        !is_anywhere(1.0) && is_anywhere(-1.0)
-    }
-
-    /// Returns the surface's triangles in sample coordinates, and a note on points that are joined.
+    /// Returns a shape's triangles in sample coordinates, and a note on points that are joined.
     pub(super) fn triangles<const D: usize>(
         &self,
+        shape: &PickedShape,
         geometry: &Geometry<D>,
-        is_flipped: bool,
     ) -> Result<(Vec<[[f64; 3]; 3]>, String)> {
-        let sign = if is_flipped { -1.0 } else { 1.0 };
         let index = |p: [f64; 3]| -> Result<[f64; 3]> {
-            let index = geometry.to_index(with_z_sign(p, sign)).ok_or_else(|| {
-                let problem = "cannot be placed: the image's axes are linearly dependent";
-                Error::Job(cause(&self.option, problem, "correct the image's geometry"))
-            })?;
+            let index = geometry
+                .to_index(std::array::from_fn(|k| p[k]))
+                .ok_or_else(|| {
+                    let problem = "cannot be placed: the image's axes are linearly dependent";
+                    Error::Job(cause(&self.option, problem, "correct the image's geometry"))
+                })?;
             Ok(std::array::from_fn(|k| {
                 index.get(k).copied().unwrap_or(0.0)
             }))
         };
-        match &self.surface.shape {
+        match shape {
             PickedShape::Triangles(triangles) => {
                 let triangles = (triangles.iter())
                     .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
                     .collect::<Result<_>>()?;
                 Ok((triangles, String::new()))
             }
-            PickedShape::Points(points) => {
-                let points = points
-                    .iter()
-                    .map(|&p| index(p))
-                    .collect::<Result<Vec<_>>>()?;
+            PickedShape::Sticks(sticks) => {
+                let units: [&str; 3] =
+                    std::array::from_fn(|k| geometry.units.get(k).map_or("", |unit| unit));
+                let scale = units.map(default_metres_per_unit);
+                let joined = join_sticks(&self.surface.name, sticks, scale)?;
+                let triangles = (joined.triangles.iter())
+                    .map(|t| Ok([index(t[0])?, index(t[1])?, index(t[2])?]))
+                    .collect::<Result<_>>()?;
+                let notes = joined.notes.iter().map(|note| format!(" {note},"));
+                Ok((triangles, notes.collect()))
+            }
+            shape => {
+                let points = shape.points().map(index).collect::<Result<Vec<_>>>()?;
                 let triangles = triangulate_points(&points).map_err(|error| {
                     let problem = format!("its {} points span no surface", points.len());
                     let remedy = "give at least three points that are not on one line";
@@ -210,11 +285,17 @@ impl FollowedSurface {
             }
         }
     }
-}
 
-/// Returns a point with its z multiplied by a sign.
-fn with_z_sign<const D: usize>(p: [f64; 3], sign: f64) -> [f64; D] {
-    std::array::from_fn(|k| if k == 2 { sign * p[k] } else { p[k] })
+    /// Returns that the surface lies outside the image, with the ranges of both.
+    fn outside_problem<const D: usize>(&self, placed: &PlacedSurface, frame: &Frame<D>) -> String {
+        format!(
+            "{} lies outside the image: it has {} ({}), the image {}",
+            self.surface.name,
+            ranges(placed.shape.points()),
+            placed.notes.join(", "),
+            frame.ranges()
+        )
+    }
 }
 
 /// Returns the fraction of the area of triangles that lies outside an image of `dims` samples.
@@ -284,47 +365,4 @@ fn mean_dip<const D: usize>(triangles: &[[[f64; 3]; 3]], geometry: &Geometry<D>)
         }
     }
     (upright / f64::max(total, f64::MIN_POSITIVE)).to_degrees()
-}
-
-/// Returns the error of a surface outside the image.
-fn outside_error<const D: usize>(
-    given_surface: &FollowedSurface,
-    geometry: &Geometry<D>,
-    dims: [usize; D],
-) -> Error {
-    let corner_ranges = (0..1usize << D).map(|corner| {
-        geometry.to_physical(std::array::from_fn(|k| {
-            if corner >> k & 1 == 1 {
-                dims[k] as f64 - 1.0
-            } else {
-                0.0
-            }
-        }))
-    });
-    let ranges = |points: &mut dyn Iterator<Item = Vec<f64>>| {
-        let points: Vec<Vec<f64>> = points.collect();
-        let range = |(k, name): (usize, &str)| {
-            let values = points.iter().map(|p| p[k]);
-            let low = values.clone().fold(f64::INFINITY, f64::min);
-            let high = values.fold(f64::NEG_INFINITY, f64::max);
-            format!("{name} {low} to {high}")
-        };
-        let names = ["x", "y", "z"];
-        names
-            .into_iter()
-            .enumerate()
-            .map(range)
-            .collect::<Vec<_>>()
-            .join(", ")
-    };
-    let surface = ranges(&mut given_surface.surface.shape.points().map(|p| p.to_vec()));
-    let image = ranges(&mut corner_ranges.map(|p| p.to_vec()));
-    Error::Job(cause(
-        &given_surface.option,
-        format!(
-            "{} lies outside the image: it has {surface}, the image {image}",
-            given_surface.surface.name
-        ),
-        "give the image's physical coordinates, which `atomesh info` shows",
-    ))
 }

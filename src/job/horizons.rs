@@ -8,6 +8,7 @@ use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, dot, norm, normal, sub};
 use crate::mesh::Mesh;
 use crate::mesh::Simplices;
+use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
 
 /// Smallest cosine of the angle between the normals of a face and of a point on its feature (45
@@ -15,11 +16,12 @@ use crate::mesh::interface::marks_from_bits;
 const MIN_NORMAL_COSINE: f64 = 0.7;
 
 /// Returns for each simplex of a mesh in lattice space the faces on horizons, as bits;
-/// `feature_faces` holds the faces on features in the same way. The result is empty if no face lies
-/// on a horizon.
+/// `feature_faces` holds the faces on features in the same way, and `face_names` the names of faces
+/// as [`face_names`] returns them. The result is empty if no face lies on a horizon.
 pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     mesh: &M,
     feature_faces: &[u8],
+    face_names: &[u32],
     features: &Features<D>,
 ) -> Vec<u8> {
     if features.point_counts().on_horizon == 0 {
@@ -28,15 +30,17 @@ pub(crate) fn horizon_bits<const D: usize, M: Simplices<D>>(
     let marks: Vec<bool> = marks_from_bits::<D>(feature_faces).collect();
     let bit = |(k, on): (usize, &bool)| u8::from(*on) << k;
     let bits = |faces: &[bool]| faces.iter().enumerate().map(bit).sum::<u8>();
-    let flags = horizon_flags(mesh, &marks, features);
+    let flags = horizon_flags(mesh, &marks, face_names, features);
     flags.chunks_exact(D + 1).map(bits).collect()
 }
 
 /// Returns for each face of a mesh in lattice space `true` if it lies on a horizon. `marks` holds
-/// `true` for faces on features. The result is empty if no face lies on a horizon.
+/// `true` for faces on features, and `face_names` the names of faces as [`face_names`] returns them.
+/// The result is empty if no face lies on a horizon.
 pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
     mesh: &F,
     marks: &[bool],
+    face_names: &[u32],
     features: &Features<D>,
 ) -> Vec<bool> {
     let counts = features.point_counts();
@@ -48,27 +52,30 @@ pub(crate) fn horizon_flags<const D: usize, F: Mesh<D>>(
     }
     let horizon =
         |[parallel, _]: [Option<usize>; 2]| parallel.is_some_and(|i| features.on_horizon[i]);
-    nearest_points(mesh, marks, features)
-        .into_iter()
-        .map(horizon)
-        .collect()
+    let nearest = nearest_points(mesh, marks, features).into_iter();
+    let is_horizon = |(face, points): (usize, _)| match face_names.get(face) {
+        Some(&name) if name != NONE => features.names[name as usize].is_horizon,
+        _ => horizon(points),
+    };
+    nearest.enumerate().map(is_horizon).collect()
 }
 
 /// Returns for each face of a mesh in lattice space the index in [`Features::names`] of the surface
-/// that it lies on, if that has a name. `marks` holds `true` for faces on features. The result is
-/// empty if no surface has a name.
-pub(crate) fn name_indices<const D: usize, F: Mesh<D>>(
+/// that it lies on, or [`NONE`] if that has no name. `marks` holds `true` for faces on features. The
+/// result is empty if no surface has a name.
+pub(crate) fn face_names<const D: usize, F: Mesh<D>>(
     mesh: &F,
     marks: &[bool],
     features: &Features<D>,
-) -> Vec<Option<u32>> {
+) -> Vec<u32> {
     if features.names.is_empty() {
         return Vec::new();
     }
     let index = |[parallel, any]: [Option<usize>; 2]| {
-        let number = features.surface[parallel.or(any)?];
-        let index = features.names.iter().position(|name| name.number == number);
-        index.map(|index| index as u32)
+        let number = parallel.or(any).map(|point| features.surface[point]);
+        let mut names = features.names.iter();
+        let index = names.position(|name| Some(name.number) == number);
+        index.map_or(NONE, |index| index as u32)
     };
     nearest_points(mesh, marks, features)
         .into_iter()

@@ -247,23 +247,20 @@ pub(super) fn snap_distance<const D: usize>(scene: &MeshScene<'_, D>) -> f64 {
     SNAP_RADIUS * scene.distance.min()
 }
 
-/// Adds the faces that close holes to the faces on features (`marks`).
+/// Adds the faces that close holes to the faces on features (`marks`), or on the feature surface of
+/// this number alone.
 pub(super) fn close_holes<const D: usize>(
     mesh: &<MeshSpace<D> as Meshing<D>>::Mesh,
     neighbors: &[u32],
     scene: &MeshScene<'_, D>,
+    surface: Option<u32>,
     marks: &mut [u8],
     cancel: &CancelToken<'_>,
 ) -> Result<SealReport>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let points = scene
-        .features
-        .points
-        .iter()
-        .map(MeshSpace::<D>::point_in_space);
-    let points: Vec<FeaturePoint<3>> = points.collect();
+    let points = points_in_space(scene, surface);
     let (view, extent, d_max) = (
         MeshView::from_mesh(mesh),
         scene.extent,
@@ -273,6 +270,23 @@ where
     improve::seal(
         &view, neighbors, &points, extent, d_max, distance, marks, cancel,
     )
+}
+
+/// Returns the feature points in space, or those of the feature surface of this number alone.
+pub(super) fn points_in_space<const D: usize>(
+    scene: &MeshScene<'_, D>,
+    surface: Option<u32>,
+) -> Vec<FeaturePoint<3>>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let features = scene.features;
+    let is_selected = |index: usize| surface.is_none_or(|s| features.surface[index] == s);
+    let points = features.points.iter().enumerate();
+    let selected = points.filter(|(index, _)| is_selected(*index));
+    selected
+        .map(|(_, point)| MeshSpace::<D>::point_in_space(point))
+        .collect()
 }
 
 /// Closes holes in a part of a mesh.
@@ -285,7 +299,7 @@ where
 {
     let neighbors = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
     let (marks, cancel) = (&mut part.feature_faces, CancelToken::never());
-    close_holes(&part.mesh, &neighbors, scene, marks, &cancel).map_err(ReshapeError::Mesh)?;
+    close_holes(&part.mesh, &neighbors, scene, None, marks, &cancel).map_err(ReshapeError::Mesh)?;
     Ok(part)
 }
 

@@ -23,12 +23,16 @@
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
 //! - `horizons`: the faces that lie on horizons
+//! - `named_faces`: the faces on surfaces that the user gives
+//! - `live`: the share of each cell that holds data
 //! - `features`: detects features alone
-//! - `well_file`: trajectories of wells in CSV files
+//! - `placed_points`: wells and fixed atoms in the frame of the image
+//! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
 //! result into physical coordinates.
 
+pub(crate) mod atom_file;
 mod canny;
 pub(crate) mod cells;
 mod checkpoint;
@@ -41,11 +45,14 @@ mod frame;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
 mod join;
+pub(crate) mod live;
 mod local_cells;
 mod measure;
+mod named_faces;
 mod optimise;
 pub(crate) mod padding;
 mod params;
+mod placed_points;
 mod placement;
 mod regions;
 mod run;
@@ -70,6 +77,7 @@ pub use measure::{BOX_TOLERANCE, scaled_mesh};
 pub(crate) use optimise::optimize_options;
 pub use padding::{Burden, PaddingCells};
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
+pub use placed_points::PointFile;
 pub use run::{MeshResult, Outcome, Provenance, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};
 pub use stages::StageRunner;
@@ -102,6 +110,7 @@ where
     if spec.velocity.is_none() {
         return run(image, &params, progress);
     }
+    params.note_time_unit(&image.geometry);
     let is_labels = params.spec.feature.has_labels();
     let (image, conversion) = depth::image_in_depth(
         image.clone(),

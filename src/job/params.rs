@@ -6,15 +6,18 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::atom_file::AtomFile;
 use super::given_surfaces::{self, FollowedSurface};
-use super::spec::{DistanceSource, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind};
+use super::placed_points::PointFile;
+use super::spec::{
+    DistanceSource, FileOption, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind,
+};
 use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature;
-use crate::files::csv;
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
-use crate::image::{Geometry, Image, Modality};
+use crate::image::{Geometry, Image, Modality, VelocityModel};
 use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
 use crate::{Error, Result};
@@ -123,9 +126,9 @@ impl Metric {
     pub fn lengths<const D: usize>(&self, geometry: &Geometry<D>) -> [f64; D] {
         match self {
             Self::Auto | Self::Samples => [1.0; D],
-            Self::Physical => geometry.spacing(),
+            Self::Physical => spacing_in_one_unit(geometry),
             Self::Shape => {
-                let spacing = geometry.spacing();
+                let spacing = spacing_in_one_unit(geometry);
                 spacing.map(|s| s / geometric_mean(spacing))
             }
             Self::Permeability(values) => {
@@ -143,6 +146,13 @@ impl Metric {
             Self::Scales(scales) => array::from_fn(|axis| scales.get(axis).copied().unwrap_or(1.0)),
         }
     }
+}
+
+/// Returns the distance between samples along each axis: in metres if coordinates have several units of
+/// length, else as it is.
+fn spacing_in_one_unit<const D: usize>(geometry: &Geometry<D>) -> [f64; D] {
+    let in_one_unit = geometry.in_one_unit();
+    in_one_unit.as_ref().unwrap_or(geometry).spacing()
 }
 
 /// Returns the geometric mean of some lengths; it is exact where all are the same.
@@ -177,11 +187,11 @@ pub enum Evaluator {
 pub struct FixedAtom<const D: usize = 3> {
     /// Name of the atom in errors, e.g. the line of the file it comes from.
     pub name: String,
-    /// Position in the image's physical coordinates.
+    /// Position in the coordinates of its file, or in the image's physical coordinates.
     pub position: [f64; D],
 }
 
-/// A well, in the image's physical coordinates.
+/// A well, in the coordinates of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WellPath<const D: usize = 3> {
     /// Name of the well in errors, e.g. its file.
@@ -190,6 +200,8 @@ pub struct WellPath<const D: usize = 3> {
     pub points: Vec<[f64; D]>,
     /// Largest radius of the well.
     pub radius: f64,
+    /// The file of the well, and what is known about its coordinates.
+    pub file: PointFile,
 }
 
 /// Everything that determines a mesh, apart from the image: the options, and the content of the
@@ -209,12 +221,18 @@ pub struct Params<const D: usize = 3> {
     pub beta: Weight<D>,
     /// Atoms that stay where they are (wells, sources).
     pub fixed_atoms: Vec<FixedAtom<D>>,
+    /// The file of fixed atoms, and what is known about its coordinates.
+    pub atom_file: PointFile,
     /// Wells: fixed atoms along their trajectories.
     pub wells: Vec<WellPath<D>>,
     /// Surfaces to follow.
     pub surfaces: Vec<FollowedSurface>,
     /// Surfaces at which the cells above the image end.
     pub topography: Vec<FollowedSurface>,
+    /// The volume of velocities that converted the image to depth.
+    pub velocities: Option<VelocityModel<D>>,
+    /// The unit of two-way time in the image's file, if the image was converted to depth.
+    pub time_unit: Option<String>,
 }
 
 impl<const D: usize> Default for Params<D> {
@@ -297,10 +315,19 @@ impl<const D: usize> Params<D> {
     /// Returns the errors of [`Params::read`] and of `read_image`.
     pub(crate) fn read_with(spec: &MeshSpec, read_image: ReadImage<'_>) -> Result<Self> {
         let mut params = Self::new(spec.clone())?;
-        params.surfaces = given_surfaces::read("surface", &spec.surface)?;
-        params.topography = given_surfaces::read("topography", spec.topography.as_slice())?;
-        if let Some(path) = &spec.atoms_from {
-            params.fixed_atoms = read_fixed_atoms(path)?;
+        let nulls = spec.input.point_nulls()?;
+        let read_surfaces =
+            |flag, options: &[_]| given_surfaces::read(flag, options, nulls.as_deref());
+        params.surfaces = read_surfaces("surface", &spec.surface)?;
+        params.topography = read_surfaces("topography", spec.topography.as_slice())?;
+        let point_file = |flag: &str, option: &FileOption| PointFile {
+            place: format!("{flag} {option}"),
+            options: option.coordinates.with_nulls(nulls.clone()),
+            ..PointFile::default()
+        };
+        if let Some(option) = &spec.atoms_from {
+            (params.fixed_atoms, params.atom_file) =
+                read_fixed_atoms(option, point_file("atoms-from", option))?;
         }
         if spec.seeding == SeedingKind::Canny {
             return Ok(params);
@@ -321,9 +348,10 @@ impl<const D: usize> Params<D> {
                 read_image(path, &InputOptions::default())?,
             )?));
         }
-        params.wells = (spec.well.iter())
-            .map(|path| read_well(path))
-            .collect::<Result<_>>()?;
+        for option in &spec.well {
+            let wells = read_wells(option, &point_file("well", option))?;
+            params.wells.extend(wells);
+        }
         Ok(params)
     }
 
@@ -354,9 +382,12 @@ impl<const D: usize> Params<D> {
             distance_map: None,
             beta: Weight::Constant(beta),
             fixed_atoms: Vec::new(),
+            atom_file: PointFile::default(),
             wells: Vec::new(),
             surfaces: Vec::new(),
             topography: Vec::new(),
+            velocities: None,
+            time_unit: None,
         }
     }
 
@@ -457,23 +488,70 @@ impl<const D: usize> Params<D> {
     }
 }
 
-/// Reads fixed atoms from a CSV file; each is named after its line.
-fn read_fixed_atoms<const D: usize>(path: &Path) -> Result<Vec<FixedAtom<D>>> {
+/// Reads fixed atoms from a table; each is named after its line.
+fn read_fixed_atoms<const D: usize>(
+    option: &FileOption,
+    point_file: PointFile,
+) -> Result<(Vec<FixedAtom<D>>, PointFile)> {
+    let atoms = AtomFile::<D>::read(&option.path, &option.coordinates.columns)?;
     let fixed_atom = |(line, position)| FixedAtom {
-        name: format!("{}:{line}", path.display()),
+        name: format!("{}:{line}", option.path.display()),
         position,
     };
-    Ok(csv::points(path)?.into_iter().map(fixed_atom).collect())
+    let point_file = PointFile {
+        stated: atoms.coordinates,
+        notes: atoms.notes,
+        ..point_file
+    };
+    Ok((
+        atoms.points.into_iter().map(fixed_atom).collect(),
+        point_file,
+    ))
 }
 
-/// Reads a well from a CSV file.
-fn read_well<const D: usize>(path: &Path) -> Result<WellPath<D>> {
-    let file = WellFile::<D>::read(path, D - 1)?;
-    Ok(WellPath {
-        name: path.display().to_string(),
-        radius: file.points.iter().map(|p| p.2).fold(0.0, f64::max),
-        points: file.points.iter().map(|p| p.1).collect(),
-    })
+/// Reads the wells of a file, or the one that the option names.
+fn read_wells<const D: usize>(
+    option: &FileOption,
+    point_file: &PointFile,
+) -> Result<Vec<WellPath<D>>> {
+    let options = &option.coordinates;
+    let mut files = WellFile::<D>::read_all(&option.path, &options.columns, options.head, D - 1)?;
+    if let Some(name) = &option.name {
+        let names: Vec<String> = files.iter().map(|file| file.name.clone()).collect();
+        match names.iter().position(|other| other == name) {
+            Some(index) => files = vec![files.swap_remove(index)],
+            None if files.len() == 1 => files[0].name.clone_from(name),
+            None => {
+                let problem = format!("names no well: the file has {}", names.join(", "));
+                return Err(Error::Job(cause(
+                    &point_file.place,
+                    problem,
+                    "give one of these names",
+                )));
+            }
+        }
+    }
+    let several = files.len() > 1;
+    let path = option.path.display();
+    let well = |file: WellFile<D>| WellPath {
+        name: if several {
+            format!("{path}:{}", file.name)
+        } else {
+            path.to_string()
+        },
+        radius: file
+            .points
+            .iter()
+            .filter_map(|p| p.radius)
+            .fold(0.0, f64::max),
+        points: file.points.iter().map(|p| p.position).collect(),
+        file: PointFile {
+            stated: file.coordinates,
+            notes: file.notes,
+            ..point_file.clone()
+        },
+    };
+    Ok(files.into_iter().map(well).collect())
 }
 
 /// Returns the image that an option names; `remedy` says what to give.

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::parallel::prelude::*;
 
-use super::{AnnotatedMesh, MeshScene};
+use super::{AnnotatedMesh, MeshScene, MeshSpace, Meshing, named_faces};
 use crate::feature::components::{Components, for_each_sample};
 use crate::feature::label_map::{LabelMap, components};
 use crate::feature::volume::Volume;
@@ -18,7 +18,9 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
-use crate::report::{Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary};
+use crate::report::{
+    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
+};
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
 const MIN_KEPT_SHARE: f64 = 0.25;
@@ -27,42 +29,49 @@ const MIN_KEPT_SHARE: f64 = 0.25;
 const CELLS_PER_TASK: usize = 1 << 12;
 
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
-/// index of each cell.
-pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
-    annotated: &mut AnnotatedMesh<M>,
-    neighbors: &[u32],
+/// index of each cell. The faces on features become those between labels, and those on given surfaces,
+/// which have `face_names`; these surfaces stay where they are.
+pub(super) fn assign_regions<const D: usize>(
+    annotated: &mut AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>,
+    (neighbors, face_names): (&[u32], &[u32]),
     scene: &MeshScene<'_, D>,
     labelled: &LabelMap<D>,
     min_angle: Option<f64>,
     cancel: &CancelToken<'_>,
-) -> Vec<u32> {
+) -> Vec<u32>
+where
+    MeshSpace<D>: Meshing<D>,
+{
     let mut regions = regions::assign_labels(&annotated.mesh, neighbors, labelled);
     if let Some(min_angle) = min_angle {
+        let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
             neighbors,
+            anchors: anchors.as_ref(),
             kinds: &annotated.node_kinds,
             extent: scene.extent,
             min_angle,
         };
         regions::fit(&mut annotated.mesh, &fitting, cancel);
         regions = regions::remove_spikes(&annotated.mesh, &fitting);
-        annotated.feature_faces = regions::interface_marks::<D>(&regions, neighbors);
+        let interfaces = regions::interface_marks::<D>(&regions, neighbors);
+        annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
     }
     let label_regions = labelled.regions();
     annotated.regions = regions.iter().map(|&n| label_regions[n as usize]).collect();
     regions
 }
 
-/// Returns the number of parts into which the faces between regions divide a mesh of simplices: cells
-/// are in one part if a path through faces within the region connects them.
-pub(super) fn part_count(faces_per_cell: usize, neighbors: &[u32], label_indices: &[u32]) -> usize {
-    let mut parts = UnionFind::new(label_indices.len());
-    for (c, &label) in label_indices.iter().enumerate() {
+/// Returns the number of parts into which marked faces divide a mesh of simplices: cells are in one
+/// part if a path through other faces connects them.
+pub(super) fn part_count(faces_per_cell: usize, neighbors: &[u32], marks: &[u8]) -> usize {
+    let mut parts = UnionFind::new(marks.len());
+    for (c, &bits) in marks.iter().enumerate() {
         let adjacent = &neighbors[faces_per_cell * c..faces_per_cell * (c + 1)];
-        for &n in adjacent.iter().filter(|&&n| n != NONE) {
-            if label == label_indices[n as usize] {
+        for (k, &n) in adjacent.iter().enumerate().filter(|(_, n)| **n != NONE) {
+            if bits >> k & 1 == 0 {
                 parts.unite(c as u32, n);
             }
         }
@@ -399,21 +408,6 @@ fn sufficient_distance<const D: usize>(volume: f64, surface: f64) -> f64 {
     let d = volume_distance.min(ratio * thickness);
     let tenths = 10f64.powf(1.0 - d.log10().floor());
     (d * tenths).floor() / tenths
-}
-
-/// Smallest distance between atoms that is suggested, in lattice units.
-const MIN_ATOM_DISTANCE: f64 = 0.25;
-
-/// Returns `distance`, or a smaller one if `requested` was not larger than it. Returns `None` if
-/// that would be too small.
-fn finer_distance(distance: f64, requested: Option<f64>) -> Option<f64> {
-    match requested {
-        Some(requested) if distance >= requested => {
-            let finer = (70.0 * requested).floor() / 100.0;
-            (finer >= MIN_ATOM_DISTANCE).then_some(finer)
-        }
-        _ => Some(distance.max(MIN_ATOM_DISTANCE)),
-    }
 }
 
 #[cfg(test)]

@@ -9,8 +9,8 @@ use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
-    AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Params, Spacing,
-    StageRunner, cells, estimate, simplices,
+    AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Metric, Params,
+    Spacing, StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -19,6 +19,9 @@ use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
 use crate::mesh::Mesh;
+#[cfg(doc)]
+use crate::mesh::complex::NONE;
+use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
@@ -44,6 +47,11 @@ where
     pub share: Option<MeshShare>,
     /// The features that the mesh follows.
     pub features: Features<D>,
+    /// For each face of the mesh the index in [`Features::names`] of the surface that it lies on, or
+    /// [`NONE`]; empty if no surface has a name.
+    pub face_names: Vec<u32>,
+    /// The share of each cell that holds data; `None` if all cells are full of data.
+    pub live: Option<Vec<f64>>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -208,11 +216,14 @@ where
     let prepared = PreparedImage::new(source, params)?;
     let source = prepared.source(source);
     let (dims, geometry) = (source.dims(), source.geometry());
-    let params = &*params.with_metric_for(geometry);
+    let (placed, notes_on_points) = params.with_points_in(geometry, dims)?;
+    let params = &*placed.with_metric_for(geometry);
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
     let fitted = fitted_params(params, (dims, geometry), extent)?;
     let params = fitted.as_ref().unwrap_or(params);
+    let distance_in_use = params.spec.distance.to_string();
+    let shape_option = shape_option(params, geometry, dims);
     estimate::afford_features(source, params.spec.feature, comm.size())?;
     let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
     let rank_count = is_partitioned.then(|| comm.size());
@@ -227,7 +238,7 @@ where
     stages.begin_unless_stopped(Stage::Features)?;
     let mut options = params.feature_options(step);
     let given = params.surfaces_in_image(geometry, dims)?;
-    let topography = Topography::new(params, geometry, (step, extent))?;
+    let topography = Topography::new(params, geometry, dims, (step, extent))?;
     options.given = given.as_ref().map(|given| Arc::clone(&given.points));
     options.is_distributed = is_partitioned
         && given.is_none()
@@ -240,6 +251,7 @@ where
     })?;
     let MadeMesh {
         mesh,
+        face_names,
         mut report,
         share,
         distance,
@@ -251,12 +263,22 @@ where
         features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
     }
     check_validity(&report)?;
+    report.distance_in_use = Some(distance_in_use);
+    report.shape_option = shape_option;
+    if let Some(regions) = &mut report.regions {
+        regions.suggest_below(typical_distance(&features, &distance));
+    }
+    report.has_memory_for_finer = has_memory_for_finer(&mesh, params.spec.cell_kind());
     add_optimisation(&mut report, optimize_result.as_ref());
-    report.notes.extend(prepared.notes().cloned());
-    add_features(&mut report, &features);
-    let notes_on_given = given.into_iter().flat_map(|given| given.notes);
+    let live = live::shares_in_job(source, &features, params, (&mesh, step, share.is_some()))?;
+    add_findings(&mut report, &prepared, &features, live.as_deref());
+    let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
+    report.add_given_surfaces(outside, &features.names);
     let note_on_distance = placement::distance_note(source, params, &features)?;
-    report.notes.extend(notes_on_given.chain(note_on_distance));
+    report.notes.extend(notes_on_points);
+    report
+        .notes
+        .extend(notes_on_given.into_iter().chain(note_on_distance));
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
@@ -271,12 +293,61 @@ where
         padding,
         share,
         features,
+        face_names,
+        live,
         distance,
         optimize_result,
         provenance: Provenance::default(),
         stop,
         report,
     })
+}
+
+/// Returns the distance between atoms at half of the feature points; `None` if it is not known.
+fn typical_distance<const D: usize>(features: &Features<D>, distance: &Distance<D>) -> Option<f64> {
+    let mut spacing = features.spacing.clone().unwrap_or_default();
+    spacing.sort_by(f32::total_cmp);
+    let constant = match distance {
+        Distance::Constant(d) => Some(*d),
+        _ => None,
+    };
+    let median = spacing.get(spacing.len() / 2).copied().map(f64::from);
+    median.or(constant)
+}
+
+/// Returns the options that make cells well shaped in physical space. If the image is too thin there
+/// for the distance in use, they have a smaller one.
+fn shape_option<const D: usize>(
+    params: &Params<D>,
+    geometry: &Geometry<D>,
+    dims: [usize; D],
+) -> String {
+    let extent = lattice_extent(dims, Metric::Shape.lengths(geometry));
+    let limit = 0.5 * extent.into_iter().fold(f64::INFINITY, f64::min);
+    // Two digits, rounded down.
+    let limit = (10.0 * limit).floor() / 10.0;
+    match params.spec.distance {
+        NominalDistance::Constant(d) if d > limit => {
+            format!("--metric shape --distance {limit}")
+        }
+        NominalDistance::Range { min, max } if max > limit => {
+            format!("--metric shape --distance {}:{limit}", min.min(limit))
+        }
+        _ => "--metric shape".into(),
+    }
+}
+
+/// Returns `true` if there is memory for a mesh with half the distance between atoms.
+fn has_memory_for_finer<const D: usize>(mesh: &MeshResult<D>, cells: CellKind) -> bool
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let atoms = match mesh {
+        MeshResult::Simplices(annotated) => annotated.mesh.nodes().len(),
+        MeshResult::Voronoi { mesh, .. } => mesh.sites.len(),
+    };
+    let finer_atoms = atoms as f64 * f64::from(1u32 << D);
+    estimate::afford(&estimate::estimate_from_atom_count::<D>(finer_atoms, cells)).is_ok()
 }
 
 /// Adds the result of the optimiser to the report.
@@ -338,6 +409,20 @@ where
         report.padding = Some(measured);
         cells
     }))
+}
+
+/// Adds what is known of the image, the features and the shares of the cells that hold data to the
+/// report.
+fn add_findings<const D: usize>(
+    report: &mut Report,
+    image: &PreparedImage<D>,
+    features: &Features<D>,
+    live: Option<&[f64]>,
+) {
+    report.notes.extend(image.notes().cloned());
+    add_features(report, features);
+    let note_on_live = live.and_then(live::note_on_live_shares);
+    report.notes.extend(note_on_live);
 }
 
 /// Adds what is known of the features to the report.
@@ -437,6 +522,14 @@ impl<const D: usize> PreparedImage<D> {
             {
                 image.mark_dead(!params.spec.input.keeps_nulls())?
             }
+            // Labels continue where samples are left out, and the cells there are not live.
+            ImageSource::InMemory(image) if params.spec.feature.has_labels() => {
+                let marked = image.mark_dead(false)?;
+                marked.map(|marked| MaskedImage {
+                    image: marked.image.filled_from_nearest(),
+                    notes: marked.notes,
+                })
+            }
             _ => None,
         };
         Ok(Self { merged, marked })
@@ -476,6 +569,8 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     mesh: MeshResult<D>,
+    /// Names of faces, as in [`Outcome::face_names`].
+    face_names: Vec<u32>,
     report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
     share: Option<MeshShare>,
@@ -498,13 +593,13 @@ where
         return join_atoms(source, params, features, frame, stages);
     }
     let cells = cells::make_cells(source, params, features, frame, stages)?;
-    let (mesh, report, distance, optimize_result) = cells;
     Ok(MadeMesh {
-        mesh,
-        report,
+        mesh: cells.mesh,
+        face_names: cells.face_names,
+        report: cells.report,
         share: None,
-        distance,
-        optimize_result: Some(optimize_result),
+        distance: cells.distance,
+        optimize_result: Some(cells.optimize_result),
     })
 }
 
@@ -541,8 +636,11 @@ where
     };
     if let Some(partition) = partition {
         features.replace_points(partition.near_points);
+        let annotated = partition.annotated_mesh;
+        let marks: Vec<bool> = marks_from_bits::<D>(&annotated.feature_faces).collect();
         return Ok(MadeMesh {
-            mesh: MeshResult::Simplices(partition.annotated_mesh),
+            face_names: horizons::face_names(&annotated.mesh, &marks, features),
+            mesh: MeshResult::Simplices(annotated),
             report: partition.report,
             share: Some(partition.share),
             distance: partition.distance,
@@ -557,10 +655,11 @@ where
         distance: &distance,
     };
     let atoms = atoms.all_gather(comm)?;
-    let (mesh, report) = simplices::make_simplices(atoms, &scene, source, params, stages)?;
+    let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
     Ok(MadeMesh {
-        mesh,
-        report,
+        mesh: made.mesh,
+        face_names: made.face_names,
+        report: made.report,
         share: None,
         distance,
         optimize_result,

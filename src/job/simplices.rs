@@ -3,6 +3,7 @@
 use super::canny::smooth_image;
 use super::join::{JoinedMesh, cell_neighbours, close_holes};
 use super::measure::MeasuredMesh;
+use super::named_faces::close_given_surfaces;
 use super::regions;
 use super::{MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
 use crate::comm::Comm;
@@ -19,6 +20,19 @@ use crate::progress::{CancelToken, Stage};
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 
+/// A mesh of simplices, the names of its faces, and its report.
+pub(super) struct MadeSimplices<const D: usize>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    /// The mesh.
+    pub mesh: MeshResult<D>,
+    /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
+    pub face_names: Vec<u32>,
+    /// Its report.
+    pub report: Report,
+}
+
 /// Joins atoms, improves the mesh, and measures it.
 pub(super) fn make_simplices<const D: usize>(
     atoms: Atoms<D>,
@@ -26,7 +40,7 @@ pub(super) fn make_simplices<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<(MeshResult<D>, Report)>
+) -> Result<MadeSimplices<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
@@ -55,6 +69,10 @@ where
         ..
     } = joined;
     comm.ensure_identical("the mesh", &annotated)?;
+    let face_names = stages.run_cancellable(|cancel| {
+        let marks = &mut annotated.feature_faces;
+        close_given_surfaces(&annotated.mesh, &neighbors, scene, marks, cancel)
+    })?;
     let label_indices = scene.features.labels.as_ref().map(|labelled| {
         let angle = improvement
             .is_some()
@@ -62,7 +80,8 @@ where
             .flatten()
             .map(|target| target.min_dihedral);
         stages.run_cancellable(|cancel| {
-            regions::assign_regions(&mut annotated, &neighbors, scene, labelled, angle, cancel)
+            let faces = (&*neighbors, &*face_names);
+            regions::assign_regions(&mut annotated, faces, scene, labelled, angle, cancel)
         })
     });
     stages.begin(Stage::Measuring);
@@ -91,7 +110,8 @@ where
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);
-                improvement.sealed.compartments = regions::part_count(D + 1, &neighbors, indices);
+                let marks = &annotated.feature_faces;
+                improvement.sealed.compartments = regions::part_count(D + 1, &neighbors, marks);
             }
         }
         report.baseline = match &baseline {
@@ -101,7 +121,11 @@ where
         Ok::<_, Error>((report, assessment))
     })?;
     annotated.angle_assessment = assessment;
-    Ok((MeshResult::Simplices(annotated), report))
+    Ok(MadeSimplices {
+        mesh: MeshResult::Simplices(annotated),
+        face_names,
+        report,
+    })
 }
 
 /// Measures the mesh of the baseline method as the mesh with which it is compared.
@@ -149,7 +173,7 @@ where
     if let Some(improvement) = improvement {
         improvement.sealed = stages.run_cancellable(|cancel| {
             let marks = &mut annotated.feature_faces;
-            close_holes(&annotated.mesh, &neighbors, scene, marks, cancel)
+            close_holes(&annotated.mesh, &neighbors, scene, None, marks, cancel)
         })?;
     }
     Ok((joined, neighbors))

@@ -7,6 +7,7 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::bounding_box;
 use crate::geometry::box_tree::BoxTree;
 use crate::image::Geometry;
+use crate::image::placing::{Frame, Region};
 
 /// Number of places along each side of the box at which the surface is checked before meshing.
 const CHECKED_PLACES: usize = 65;
@@ -47,7 +48,8 @@ pub struct Topography {
     heights: [f64; 3],
     /// Width of cells with which the mesh's top follows the bends of the surface.
     top_width: f64,
-    is_flipped: bool,
+    /// What was read, assumed and turned in the surfaces.
+    notes: Vec<String>,
 }
 
 impl Topography {
@@ -58,6 +60,7 @@ impl Topography {
     pub fn new<const D: usize>(
         params: &Params<D>,
         geometry: &Geometry<D>,
+        dims: [usize; D],
         (step, extent): ([f64; D], [f64; D]),
     ) -> Result<Option<Self>> {
         let surfaces = &params.topography;
@@ -65,6 +68,7 @@ impl Topography {
         let Some(first) = surfaces.first().filter(|_| D == 3) else {
             return Ok(None);
         };
+        let frame = params.frame(geometry, dims).in_region(Region::Above);
         let geometry = geometry.to_3d();
         let [step, extent]: [[f64; 3]; 2] =
             [step, extent].map(|v| std::array::from_fn(|k| v.get(k).copied().unwrap_or(1.0)));
@@ -81,23 +85,23 @@ impl Topography {
             tree: BoxTree::new(Vec::new(), Vec::new()),
             heights: [0.0; 3],
             top_width: f64::INFINITY,
-            is_flipped: false,
+            notes: Vec::new(),
         };
-        // Programs differ in the sign of depths: the sign of z is turned if the surface fits only then.
-        topography.set_triangles(surfaces)?;
-        if let Err(error) = topography.measure(sides) {
-            topography.is_flipped = true;
-            topography.set_triangles(surfaces)?;
-            topography.measure(sides).map_err(|_| error)?;
-        }
+        topography.set_triangles(surfaces, &frame)?;
+        topography.measure(sides)?;
         Ok(Some(topography))
     }
 
     /// Sets the triangles to those of the surfaces.
-    fn set_triangles(&mut self, surfaces: &[FollowedSurface]) -> Result<()> {
-        self.triangles.clear();
+    fn set_triangles<const D: usize>(
+        &mut self,
+        surfaces: &[FollowedSurface],
+        frame: &Frame<D>,
+    ) -> Result<()> {
         for surface in surfaces {
-            let (triangles, _) = surface.triangles(&self.geometry, self.is_flipped)?;
+            let placed = surface.placed(frame)?;
+            let (triangles, _) = surface.triangles(&placed.shape, &self.geometry)?;
+            self.notes.extend(placed.notes);
             let lattice = |x: [f64; 3]| std::array::from_fn(|k| x[k] * self.step[k]);
             self.triangles
                 .extend(triangles.into_iter().map(|t| t.map(lattice)));
@@ -233,8 +237,8 @@ impl Topography {
         if above > 0.0 {
             note += &format!(", which replaces above={above}");
         }
-        if self.is_flipped {
-            note += ", with the sign of z turned";
+        for text in &self.notes {
+            note += &format!(", {text}");
         }
         note
     }
@@ -338,11 +342,14 @@ mod tests {
         });
         FollowedSurface {
             option: "topography ground.irap".into(),
+            twins: Vec::new(),
+            coordinates: Default::default(),
             surface: PickedSurface {
                 name: "ground".into(),
                 is_horizon: Some(true),
                 shape: PickedShape::Triangles(triangles.collect()),
                 coordinates: Default::default(),
+                notes: Vec::new(),
             },
         }
     }
@@ -420,7 +427,7 @@ mod tests {
             assert!(angle > 12.0, "{angle}");
             let note = outcome.report.notes.last().unwrap();
             assert!(note.starts_with("topography ground.irap: 2"), "{note}");
-            assert_eq!(note.ends_with("with the sign of z turned"), sign > 0.0);
+            assert_eq!(note.contains("with the sign of z turned"), sign > 0.0);
         }
     }
 
@@ -446,7 +453,7 @@ mod tests {
         );
         assert!(angle > 12.0, "{angle}");
         let note = outcome.report.notes.last().unwrap();
-        assert!(note.ends_with("which replaces above=99"), "{note}");
+        assert!(note.contains("which replaces above=99"), "{note}");
     }
 
     #[test]

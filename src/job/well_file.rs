@@ -1,64 +1,558 @@
-//! CSV files of well trajectories: lines of x, y, z and radius.
+//! Trajectories of wells in files: points, or deviation surveys.
+//!
+//! | columns | trajectory |
+//! |---|---|
+//! | x, y and z, or depth, tvd, tvdss, elevation | the points |
+//! | md, inclination and azimuth, without x and y | from the wellhead by the minimum-curvature method (Taylor and Mason 1972, *Trans. AIME* 253) |
+//!
+//! A column of names of wells gives several wells. The wellhead and the datum of measured depths stand in
+//! the file's comments, as Petrel and LAS write them.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::error::cause;
-use crate::files::csv::rows;
-use crate::{Error, Result};
+use crate::Result;
+use crate::files::table::{Table, TableRow};
+use crate::image::stated::{Domain, StatedCoordinates, ZDirection};
+use crate::surface_file::place_columns::{
+    PLACE_TERMS, PlaceReading, datum, has_coordinates, named_readings, term, unit_ratio,
+};
+use crate::units;
 
-/// A well trajectory from a file, in the mesh's coordinates.
+/// A well trajectory from a file, in the coordinates of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WellFile<const D: usize> {
-    /// Name of the file without its ending.
+    /// Name of the well: that in the file, or the name of the file without its ending.
     pub name: String,
-    /// For each point its line number in the file, its position, and the radius of the bore.
-    pub points: Vec<(usize, [f64; D], f64)>,
+    /// The points, in their order.
+    pub points: Vec<WellPoint<D>>,
+    /// The statements of the file about its coordinates.
+    pub coordinates: StatedCoordinates,
+    /// What was assumed.
+    pub notes: Vec<String>,
 }
 
-/// Returns `true` if a text names a CSV file.
+/// A point of a well.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WellPoint<const D: usize> {
+    /// The line of the file, from 1.
+    pub line: usize,
+    /// The position.
+    pub position: [f64; D],
+    /// The radius of the bore, if the file has it.
+    pub radius: Option<f64>,
+}
+
+/// Endings of files of wells that need not exist when an option is read.
+const ENDINGS: [&str; 10] = [
+    "csv", "tsv", "txt", "dev", "las", "dat", "asc", "prn", "wlp", "survey",
+];
+
+/// Returns `true` if a text names a file of wells.
 pub fn is_well_file(text: &str) -> bool {
-    Path::new(text)
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+    let path = Path::new(text);
+    let ending = path.extension().unwrap_or_default();
+    ENDINGS
+        .iter()
+        .any(|known| ending.eq_ignore_ascii_case(known))
+        || path.is_file()
 }
 
 impl<const D: usize> WellFile<D> {
-    /// Reads a file of lines `x,y,z,radius` (`x,y,radius` in 2-D).
+    /// Reads all wells of a file. `columns` names the columns in place of the file, and `head` is the
+    /// wellhead of a deviation survey (x, y, and the height of its measured depth 0).
     ///
     /// # Errors
-    /// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`] for any other kind of
-    /// line, for a repeated point, or for fewer than `min_points` points.
-    pub fn read(path: &Path, min_points: usize) -> Result<Self> {
-        let columns = if D == 2 { "x,y,radius" } else { "x,y,z,radius" };
-        let parse_row = |row: &[f64]| {
-            let (radius, point) = row.split_last()?;
-            Some((<[f64; D]>::try_from(point).ok()?, *radius)).filter(|_| *radius > 0.0)
-        };
-        let meaning = format!("a point of a well and its radius, {columns}");
-        let remedy = format!("write {columns} in each line, the radius above 0");
-        let points: Vec<_> = rows(path, parse_row, &meaning, &remedy)?
-            .into_iter()
-            .map(|(line, (point, radius))| (line, point, radius))
-            .collect();
-        if points.len() < min_points {
-            let problem = format!(
-                "has {} points, but a trajectory needs at least {min_points}",
-                points.len()
-            );
-            return Err(Error::Job(cause(path.display(), problem, remedy)));
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read, and
+    /// [`Error::Job`](crate::Error::Job), with the line, for what is
+    /// not a table of wells, for a repeated point, or for a well of fewer than `min_points` points.
+    pub fn read_all(
+        path: &Path,
+        columns: &[String],
+        head: Option<[f64; 3]>,
+        min_points: usize,
+    ) -> Result<Vec<Self>> {
+        let mut table = Table::read(path, PLACE_TERMS)?;
+        if !columns.is_empty() {
+            table.set_columns(columns, PLACE_TERMS)?;
         }
-        if let Some(pair) = points.windows(2).find(|pair| pair[0].1 == pair[1].1) {
-            return Err(Error::Job(cause(
-                format!("{}:{}", path.display(), pair[1].0),
+        let wells = if is_deviation_survey(&table)? {
+            Survey::new(&table, head)?.wells()?
+        } else {
+            wells_of_points(&table)?
+        };
+        for well in &wells {
+            well.check(&table, min_points)?;
+        }
+        if wells.is_empty() {
+            return Err(table.error("has no point of a well", "write a line for each point"));
+        }
+        Ok(wells)
+    }
+
+    /// Refuses a well of too few points, and one that repeats a point.
+    fn check(&self, table: &Table, min_points: usize) -> Result<()> {
+        let count = self.points.len();
+        if count < min_points {
+            let name = if self.name == stem(table) {
+                String::new()
+            } else {
+                format!("{} ", self.name)
+            };
+            let problem =
+                format!("{name}has {count} points, but a trajectory needs at least {min_points}");
+            return Err(table.error(problem, "write a line for each point"));
+        }
+        match self
+            .points
+            .windows(2)
+            .find(|pair| pair[0].position == pair[1].position)
+        {
+            Some(pair) => Err(table.error_at(
+                pair[1].line,
                 "is at the same place as the point before",
                 "remove one of them",
-            )));
+            )),
+            None => Ok(()),
         }
-        let name = path.file_stem().unwrap_or_default();
+    }
+}
+
+/// Returns the name of a table's file without its ending.
+fn stem(table: &Table) -> String {
+    table
+        .path()
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+/// Returns `true` if a table has measured depths and angles but no places.
+fn is_deviation_survey(table: &Table) -> Result<bool> {
+    let mut has_all = true;
+    for name in ["md", "inclination"] {
+        has_all &= table.column(name)?.is_some();
+    }
+    has_all &= table
+        .column("azimuth")?
+        .or(table.column("azimuth-true")?)
+        .is_some();
+    Ok(has_all && (table.column("x")?.is_none() || table.column("y")?.is_none()))
+}
+
+/// The column of names of a table's wells, and the name of one without.
+struct WellNames {
+    column: Option<usize>,
+    default: String,
+}
+
+impl WellNames {
+    fn of_table(table: &Table) -> Result<Self> {
+        let by_file = table.remark_text(&["wellname", "well"]);
+        let by_file = by_file
+            .map(|name| name.trim_end_matches("()").trim())
+            .filter(|name| !name.is_empty());
+        let mut column = table.column("well")?;
+        if column.is_none()
+            && let Some(name) = table.column("name")?
+        {
+            // Names of points are no names of wells.
+            let mut names: Vec<Option<&str>> = Vec::new();
+            let rows: Vec<TableRow<'_>> = table.rows().collect();
+            for row in &rows {
+                if !names.contains(&row.text(name)) {
+                    names.push(row.text(name));
+                }
+            }
+            column = (2 * names.len() <= rows.len()).then_some(name);
+        }
         Ok(Self {
-            name: name.to_string_lossy().into_owned(),
-            points,
+            column,
+            default: by_file.map_or_else(|| stem(table), String::from),
         })
+    }
+
+    /// Returns the rows of each well, in the order in which the wells appear.
+    fn groups<'a>(&self, table: &'a Table) -> Vec<(String, Vec<TableRow<'a>>)> {
+        let mut groups: Vec<(String, Vec<TableRow<'a>>)> = Vec::new();
+        let mut indices: BTreeMap<String, usize> = BTreeMap::new();
+        for row in table.rows() {
+            let name = self.column.and_then(|column| row.text(column));
+            let name = name.unwrap_or(&self.default).to_string();
+            let index = *indices.entry(name.clone()).or_insert_with(|| {
+                groups.push((name, Vec::new()));
+                groups.len() - 1
+            });
+            groups[index].1.push(row);
+        }
+        groups
+    }
+}
+
+/// The column of radii or diameters.
+struct Bore {
+    column: Option<usize>,
+    /// The radius in the unit of the coordinates, of a value 1.
+    factor: f64,
+}
+
+impl Bore {
+    fn of_table(table: &Table, unit: Option<&str>) -> Result<Self> {
+        let radius = table.column("radius")?;
+        let diameter = table.column("diameter")?;
+        let column = radius.or(diameter);
+        let own = column.and_then(|column| table.columns()[column].unit.as_deref());
+        // Coordinates without a unit count as metres here.
+        let ratio = unit_ratio(own, Some(unit.unwrap_or("m")));
+        let factor = if radius.is_some() { ratio } else { 0.5 * ratio };
+        Ok(Self { column, factor })
+    }
+
+    /// Returns the radius in a row.
+    fn radius(&self, row: &TableRow<'_>) -> Result<Option<f64>> {
+        let Some(column) = self.column else {
+            return Ok(None);
+        };
+        match row.number(column)? {
+            Some(value) if value > 0.0 => Ok(Some(self.factor * value)),
+            Some(value) => {
+                let problem = format!("has a radius of {value}, which is not above 0");
+                Err(row.error(
+                    problem,
+                    "give radii above 0, or name the columns in the first line",
+                ))
+            }
+            None => Ok(None),
+        }
+    }
+}
+
+/// Returns the wells of a table of points.
+fn wells_of_points<const D: usize>(table: &Table) -> Result<Vec<WellFile<D>>> {
+    let (reading, bore) = if table.has_names() || has_coordinates(table) {
+        let reading = named_readings::<D>(table)?.swap_remove(0);
+        let bore = Bore::of_table(table, reading.coordinates.units[0].as_deref())?;
+        (reading, bore)
+    } else {
+        unnamed_columns(table)?
+    };
+    let names = WellNames::of_table(table)?;
+    let mut wells = Vec::new();
+    for (name, rows) in names.groups(table) {
+        let mut notes = reading.notes.clone();
+        let mut points = Vec::new();
+        let count = rows.len();
+        for row in rows {
+            let mut position = [0.0; D];
+            for (value, &column) in position.iter_mut().zip(&reading.columns) {
+                let number = row.number(column)?;
+                *value = number
+                    .filter(|n| !table.nulls().contains(n))
+                    .unwrap_or(f64::NAN);
+            }
+            position[D - 1] += reading.shift;
+            let radius = bore.radius(&row)?;
+            if position.iter().all(|c| c.is_finite()) {
+                points.push(WellPoint {
+                    line: row.line,
+                    position,
+                    radius,
+                });
+            }
+        }
+        if points.len() < count {
+            notes.push(format!("rows without a place: {}", count - points.len()));
+        }
+        if bore.column.is_none() {
+            notes.push("the file has no radius".into());
+        }
+        wells.push(WellFile {
+            name,
+            points,
+            coordinates: reading.coordinates.clone(),
+            notes,
+        });
+    }
+    Ok(wells)
+}
+
+/// Returns the columns of a table without names: the coordinates, and perhaps the radius.
+fn unnamed_columns<const D: usize>(table: &Table) -> Result<(PlaceReading<D>, Bore)> {
+    let count = table.columns().len();
+    let columns = if D == 2 { "x,y,radius" } else { "x,y,z,radius" };
+    if count != D && count != D + 1 {
+        let problem = format!("has {count} columns without names");
+        let remedy =
+            format!("write {columns} in each line, or the names of the columns in the first");
+        return Err(table.error(problem, remedy));
+    }
+    let reading = PlaceReading {
+        columns: std::array::from_fn(|k| k),
+        lines: None,
+        is_numbered: false,
+        shift: 0.0,
+        coordinates: StatedCoordinates::default(),
+        notes: Vec::new(),
+    };
+    let bore = Bore {
+        column: (count > D).then_some(D),
+        factor: 1.0,
+    };
+    Ok((reading, bore))
+}
+
+/// A station of a deviation survey.
+#[derive(Debug, Clone, Copy)]
+struct Station {
+    measured_depth: f64,
+    /// Angle from the vertical, in radians.
+    inclination: f64,
+    /// Angle from north through east, in radians.
+    azimuth: f64,
+}
+
+impl Station {
+    /// Returns the unit vector along the well: east, north, down.
+    fn direction(self) -> [f64; 3] {
+        let (s, c) = self.inclination.sin_cos();
+        let (east, north) = self.azimuth.sin_cos();
+        [s * east, s * north, c]
+    }
+
+    /// Returns the offset to the next station on a circular arc: east, north, down.
+    fn offset_to(self, next: Self) -> [f64; 3] {
+        let [a, b] = [self.direction(), next.direction()];
+        let chord: f64 = a
+            .iter()
+            .zip(b)
+            .map(|(a, b)| (b - a).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        let dogleg = 2.0 * (0.5 * chord).min(1.0).asin();
+        let ratio = if dogleg < 1e-4 {
+            1.0 + dogleg * dogleg / 12.0
+        } else {
+            (0.5 * dogleg).tan() / (0.5 * dogleg)
+        };
+        let half = 0.5 * (next.measured_depth - self.measured_depth) * ratio;
+        std::array::from_fn(|k| half * (a[k] + b[k]))
+    }
+}
+
+/// A deviation survey.
+struct Survey<'a> {
+    table: &'a Table,
+    measured_depth: usize,
+    inclination: usize,
+    azimuth: usize,
+    /// The wellhead: x, y, and the height of measured depth 0.
+    head: [f64; 3],
+    /// Units of the wellhead in one of measured depth.
+    scale: f64,
+    coordinates: StatedCoordinates,
+    notes: Vec<String>,
+}
+
+/// Keys of the wellhead's x in remarks.
+const HEAD_X: [&str; 12] = [
+    "xcoordinate",
+    "xcoord",
+    "surfacex",
+    "headx",
+    "xwell",
+    "wellx",
+    "x",
+    "easting",
+    "surfaceeasting",
+    "east",
+    "xsurf",
+    "wellheadx",
+];
+
+/// Keys of the wellhead's y in remarks.
+const HEAD_Y: [&str; 12] = [
+    "ycoordinate",
+    "ycoord",
+    "surfacey",
+    "heady",
+    "ywell",
+    "welly",
+    "y",
+    "northing",
+    "surfacenorthing",
+    "north",
+    "ysurf",
+    "wellheady",
+];
+
+impl<'a> Survey<'a> {
+    fn new(table: &'a Table, given_head: Option<[f64; 3]>) -> Result<Self> {
+        let azimuth = match table.column("azimuth")? {
+            Some(column) => column,
+            None => table.required(term("azimuth-true"))?,
+        };
+        let measured_depth = table.required(term("md"))?;
+        let own = table.columns()[measured_depth].unit.clone();
+        let mut notes = vec!["a deviation survey, by minimum curvature".to_string()];
+        let place = [&HEAD_X, &HEAD_Y].map(|keys| table.remark_value(keys));
+        let unit = place[0]
+            .as_ref()
+            .and_then(|(_, unit)| unit.clone())
+            .or_else(|| own.clone());
+        let head = match (given_head, &place) {
+            (Some(head), _) => head,
+            (None, [Some((x, _)), Some((y, _))]) => {
+                let height = datum(table, unit.as_deref());
+                if height.is_none() {
+                    notes.push(
+                        "measured depth 0 taken at z = 0, as the file names no kelly bushing"
+                            .into(),
+                    );
+                }
+                [*x, *y, height.unwrap_or(0.0)]
+            }
+            _ => {
+                let problem = "is a deviation survey that does not say where the well begins";
+                let remedy = "add lines '# X-COORDINATE: ...', '# Y-COORDINATE: ...' and '# KB: ...' (the height of measured depth 0), or columns x, y and z";
+                return Err(table.error(problem, remedy));
+            }
+        };
+        let coordinates = StatedCoordinates {
+            units: std::array::from_fn(|_| unit.clone().filter(|unit| units::find(unit).is_some())),
+            z_direction: Some(ZDirection::Up),
+            domain: Some(Domain::Depth),
+            nulls: Vec::new(),
+        };
+        Ok(Self {
+            table,
+            measured_depth,
+            inclination: table.required(term("inclination"))?,
+            azimuth,
+            head,
+            scale: unit_ratio(own.as_deref(), unit.as_deref()),
+            coordinates,
+            notes,
+        })
+    }
+
+    /// Returns the station in a row; `None` if a value is missing.
+    fn station(&self, row: &TableRow<'_>) -> Result<Option<Station>> {
+        let mut values = [0.0; 3];
+        for (value, column) in
+            values
+                .iter_mut()
+                .zip([self.measured_depth, self.inclination, self.azimuth])
+        {
+            match row
+                .number(column)?
+                .filter(|n| !self.table.nulls().contains(n))
+            {
+                Some(number) => *value = number,
+                None => return Ok(None),
+            }
+        }
+        let [measured_depth, inclination, azimuth] = values;
+        if !(0.0..=180.0).contains(&inclination) || !(-360.0..=720.0).contains(&azimuth) {
+            let problem =
+                format!("has an inclination of {inclination} and an azimuth of {azimuth}");
+            return Err(row.error(problem, "give angles in degrees"));
+        }
+        Ok(Some(Station {
+            measured_depth: self.scale * measured_depth,
+            inclination: inclination.to_radians(),
+            azimuth: azimuth.to_radians(),
+        }))
+    }
+
+    /// Returns the trajectories.
+    fn wells<const D: usize>(&self) -> Result<Vec<WellFile<D>>> {
+        if D == 2 {
+            let remedy = "give the points of the well: x and y";
+            return Err(self
+                .table
+                .error("is a deviation survey, but the image has 2 axes", remedy));
+        }
+        let bore = Bore::of_table(self.table, self.coordinates.units[0].as_deref())?;
+        let names = WellNames::of_table(self.table)?;
+        let mut wells = Vec::new();
+        for (name, rows) in names.groups(self.table) {
+            let points = self.points(&rows, &bore)?;
+            let mut notes = self.notes.clone();
+            if bore.column.is_none() {
+                notes.push("the file has no radius".into());
+            }
+            wells.push(WellFile {
+                name,
+                points,
+                coordinates: self.coordinates.clone(),
+                notes,
+            });
+        }
+        if wells.len() > 1 {
+            let problem = "has deviation surveys of several wells, but one wellhead";
+            return Err(self
+                .table
+                .error(problem, "give a file for each well, or columns x, y and z"));
+        }
+        Ok(wells)
+    }
+
+    /// Returns the points of the stations in these rows.
+    fn points<const D: usize>(
+        &self,
+        rows: &[TableRow<'_>],
+        bore: &Bore,
+    ) -> Result<Vec<WellPoint<D>>> {
+        // The well is vertical down to its first station.
+        let mut last = Station {
+            measured_depth: 0.0,
+            inclination: 0.0,
+            azimuth: 0.0,
+        };
+        let mut offset = [0.0; 3];
+        let mut points: Vec<WellPoint<D>> = Vec::new();
+        for row in rows {
+            let Some(station) = self.station(row)? else {
+                continue;
+            };
+            let is_first = points.is_empty();
+            if station.measured_depth < last.measured_depth {
+                let problem = format!(
+                    "has a measured depth of {}, less than the one before",
+                    station.measured_depth
+                );
+                return Err(row.error(problem, "give measured depths in increasing order"));
+            }
+            let radius = bore.radius(row)?;
+            let mut push = |offset: [f64; 3]| {
+                let [x, y, z] = self.head;
+                let position = [x + offset[0], y + offset[1], z - offset[2]];
+                let position = std::array::from_fn(|k| position.get(k).copied().unwrap_or(0.0));
+                let is_new = points
+                    .last()
+                    .is_none_or(|point: &WellPoint<D>| point.position != position);
+                if is_new {
+                    points.push(WellPoint {
+                        line: row.line,
+                        position,
+                        radius,
+                    });
+                }
+            };
+            if is_first {
+                push(offset);
+            }
+            let step = if is_first {
+                [0.0, 0.0, station.measured_depth]
+            } else {
+                last.offset_to(station)
+            };
+            offset = std::array::from_fn(|k| offset[k] + step[k]);
+            push(offset);
+            last = station;
+        }
+        Ok(points)
     }
 }
 
@@ -66,29 +560,186 @@ impl<const D: usize> WellFile<D> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn wells_are_read_and_bad_lines_named() {
+    fn read(text: &str) -> std::result::Result<Vec<WellFile<3>>, String> {
+        read_as(text, None)
+    }
+
+    fn read_as(
+        text: &str,
+        head: Option<[f64; 3]>,
+    ) -> std::result::Result<Vec<WellFile<3>>, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("P1.csv");
-        std::fs::write(&path, "x,y,z,radius\n1,2,3,0.1\n\n1,2,9,0.1\n").unwrap();
-        let well = WellFile::<3>::read(&path, 2).unwrap();
-        assert_eq!(well.name, "P1");
-        assert_eq!(
-            well.points,
-            [(2, [1.0, 2.0, 3.0], 0.1), (4, [1.0, 2.0, 9.0], 0.1)]
-        );
+        std::fs::write(&path, text).unwrap();
+        WellFile::read_all(&path, &[], head, 2).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn wells_are_read_and_bad_lines_named() {
+        for text in [
+            "x,y,z,radius\n1,2,3,0.1\n\n1,2,9,0.1\n",
+            "1,2,3,0.1\n#\n#\n1,2,9,0.1\n",
+            "Diameter;z;Northing;Easting\n0,2;3;2;1\n\n0,2;9;2;1\nEOF\n",
+            "Y X Z Bore(cm)\n2 1 3 20\n\n2 1 9 20\n",
+        ] {
+            let well = read(text).unwrap().swap_remove(0);
+            assert_eq!(well.name, "P1");
+            let points: Vec<_> = well
+                .points
+                .iter()
+                .map(|p| (p.position, p.radius.unwrap()))
+                .collect();
+            assert_eq!(
+                points,
+                [([1.0, 2.0, 3.0], 0.1), ([1.0, 2.0, 9.0], 0.1)],
+                "{text}"
+            );
+            assert!(well.points[1].line >= 4);
+        }
+        let well = read("1,2,3\n4,5,6\n").unwrap().swap_remove(0);
+        assert_eq!((well.points[0].radius, well.notes.len()), (None, 1));
         for (text, expected) in [
-            ("1,2,3\n4,5,6\n", "P1.csv:1: '1,2,3' is not a point"),
-            ("1,2,3,0.1\n4,5,6,0\n", "P1.csv:2: "),
-            ("1,2,3,0.1\n4,5,six,1\n", "P1.csv:2: "),
+            (
+                "1,2,3,4,5\n4,5,6,7,8\n",
+                "P1.csv: has 5 columns without names; write x,y,z,radius",
+            ),
+            ("1,2,3,0.1\n4,5,6,0\n", "P1.csv:2: has a radius of 0"),
+            ("1,2,3,0.1\n4,5,six,1\n", "P1.csv:2: 'six' is not a number"),
             ("1,2,3,0.1\n", "has 1 points"),
             ("1,2,3,0.1\n1,2,3,0.1\n", "P1.csv:2: is at the same place"),
+            (
+                "x,y,colour,size\n1,2,3,4\n",
+                "P1.csv:1: has no column z or tvdss",
+            ),
         ] {
-            std::fs::write(&path, text).unwrap();
-            let message = WellFile::<3>::read(&path, 2).unwrap_err().to_string();
+            let message = read(text).unwrap_err();
             assert!(message.contains(expected), "{message}");
         }
-        std::fs::write(&path, "1,2,0.1\n").unwrap();
-        assert_eq!(WellFile::<2>::read(&path, 1).unwrap().points.len(), 1);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("P1.csv");
+        for text in ["1,2,0.1\n", "y,radius,x\n2,0.1,1\n", "depth,x,r\n2,1,0.1\n"] {
+            std::fs::write(&path, text).unwrap();
+            let well = WellFile::<2>::read_all(&path, &[], None, 1)
+                .unwrap()
+                .swap_remove(0);
+            assert_eq!(
+                (well.points[0].position, well.points[0].radius),
+                ([1.0, 2.0], Some(0.1))
+            );
+        }
+    }
+
+    #[test]
+    fn columns_of_names_give_wells() {
+        let text = "Well Name,X,Y,TVDSS,Radius\nWell A 1,1,2,3,0.1\nB,4,5,6,0.1\nWell A 1,1,2,9,0.1\nB,4,5,9,0.1\n";
+        let wells = read(text).unwrap();
+        let names: Vec<&str> = wells.iter().map(|well| &*well.name).collect();
+        assert_eq!(names, ["Well A 1", "B"]);
+        assert_eq!(wells[0].points[1].position, [1.0, 2.0, 9.0]);
+        assert_eq!(wells[1].coordinates.z_direction, Some(ZDirection::Down));
+        let error = read("well,x,y,z\nA,1,2,3\nA,1,2,4\nB,1,2,3\n").unwrap_err();
+        assert!(error.contains("B has 1 points"), "{error}");
+    }
+
+    /// Returns a survey that builds from vertical to `end` degrees on a circle of this radius, in
+    /// `count` steps, to this azimuth.
+    fn circle(radius: f64, end: f64, azimuth: f64, count: usize) -> String {
+        let station = |k: usize| {
+            let inclination = end * k as f64 / count as f64;
+            format!(
+                "{},{inclination},{azimuth}\n",
+                radius * inclination.to_radians()
+            )
+        };
+        (0..=count).map(station).collect()
+    }
+
+    #[test]
+    fn minimum_curvature_follows_a_circle_exactly() {
+        for (end, azimuth, count) in [
+            (90.0, 30.0, 3),
+            (60.0, 250.0, 1),
+            (1e-4, 10.0, 2),
+            (120.0, 0.0, 7),
+        ] {
+            let text = format!(
+                "# WELL HEAD X-COORDINATE: 450000.0 (m)\n# WELL HEAD Y-COORDINATE: 6780000.0 (m)\n\
+                 # WELL DATUM (KB, Kelly bushing, from MSL): 25.0 (m)\nMD,INCL,AZIM_GN\n{}",
+                circle(500.0, end, azimuth, count)
+            );
+            let well = read(&text).unwrap().swap_remove(0);
+            let (s, c) = f64::to_radians(end).sin_cos();
+            let (east, north) = f64::to_radians(azimuth).sin_cos();
+            let out = 500.0 * (1.0 - c);
+            let expected = [
+                450_000.0 + out * east,
+                6_780_000.0 + out * north,
+                25.0 - 500.0 * s,
+            ];
+            let last = well.points.last().unwrap().position;
+            for k in 0..3 {
+                assert!(
+                    (last[k] - expected[k]).abs() < 1e-8,
+                    "{last:?} {expected:?}"
+                );
+            }
+            assert_eq!(well.coordinates.z_direction, Some(ZDirection::Up));
+            assert_eq!(well.coordinates.units[2].as_deref(), Some("m"));
+        }
+    }
+
+    #[test]
+    fn a_turn_in_the_plane_is_a_circle_too() {
+        // Horizontal, from north to east on a circle of radius 100.
+        let text = format!(
+            "md,inc,azi\n0,90,0\n{},90,90\n",
+            50.0 * std::f64::consts::PI
+        );
+        let well = read_as(&text, Some([0.0; 3])).unwrap().swap_remove(0);
+        let last = well.points.last().unwrap().position;
+        assert!(
+            (last[0] - 100.0).abs() + (last[1] - 100.0).abs() + last[2].abs() < 1e-9,
+            "{last:?}"
+        );
+    }
+
+    #[test]
+    fn surveys_are_vertical_to_the_first_station_and_take_units() {
+        let text = "# X-COORDINATE: 100 (m)\n# Y-COORDINATE: 200 (m)\n# KB: 10 (m)\nMD (ft),Inc,Azi,Diameter(in)\n1000,0,0,8\n2000,0,0,8\n";
+        let well = read(text).unwrap().swap_remove(0);
+        let heights: Vec<f64> = well.points.iter().map(|p| p.position[2]).collect();
+        assert_eq!(heights, [10.0, 10.0 - 304.8, 10.0 - 609.6]);
+        assert!((well.points[0].radius.unwrap() - 4.0 * 0.0254).abs() < 1e-12);
+        for (text, expected) in [
+            (
+                "md,inc,azi\n0,0,0\n10,0,0\n",
+                "P1.csv: is a deviation survey that does not say where the well begins",
+            ),
+            (
+                "# X: 1\n# Y: 2\nmd,inc,azi\n0,0,0\n10,200,0\n",
+                "P1.csv:5: has an inclination of 200",
+            ),
+            (
+                "# X: 1\n# Y: 2\nmd,inc,azi\n10,0,0\n5,0,0\n",
+                "P1.csv:5: has a measured depth of 5, less",
+            ),
+        ] {
+            let message = read(text).unwrap_err();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn petrels_trajectories_have_places_beside_their_angles() {
+        let text = "# WELL TRACE FROM PETREL\n# WELL NAME:              A-1 T2\n# WELL HEAD X-COORDINATE: 450000.0 (m)\n\
+                    # WELL HEAD Y-COORDINATE: 6780000.0 (m)\n# WELL DATUM (KB, Kelly bushing, from MSL): 25.0 (m)\n\
+                    #====================\n      MD              X              Y          Z          TVD        DX       DY      AZIM_TN   INCL    DLS\n\
+                    0.0 450000.0 6780000.0 25.0 0.0 0.0 0.0 0.0 0.0 0.0\n100.0 450001.0 6780002.0 -75.0 100.0 1.0 2.0 0.0 0.0 0.0\n";
+        let well = read(text).unwrap().swap_remove(0);
+        assert_eq!(
+            (&*well.name, well.points[1].position),
+            ("A-1 T2", [450_001.0, 6_780_002.0, -75.0])
+        );
+        assert_eq!(well.coordinates.z_direction, None);
     }
 }

@@ -72,6 +72,10 @@ pub trait Mesh<const D: usize>: Clone + Debug + Send + Sync + CellChecks<D> + 's
         shapes.map(|(volume, _)| volume).collect()
     }
 
+    /// Returns the mean over each cell of a value that `value` returns for a simplex, given its
+    /// `D + 1` corners. A cell that is no simplex is cut into simplices from its site.
+    fn mean_over_simplices(&self, value: impl Fn(&[[f64; D]]) -> f64 + Sync) -> Vec<f64>;
+
     /// Returns a function from cell to centroid, as in [`cell_volumes`](Self::cell_volumes).
     /// Centroids of simplices are computed on demand, since there may be a hundred million cells.
     fn centres(&self) -> Centres<'_, D>;
@@ -105,6 +109,12 @@ pub struct Positions<const D: usize> {
 pub trait Simplices<const D: usize>: Mesh<D> {
     /// Name in files of the array with the smallest angle of each cell.
     const MIN_ANGLE_ARRAY: &'static str = if D == 2 { "min_angle" } else { "min_dihedral" };
+    /// Name in files of the array with the smallest angle of each cell in physical space.
+    const PHYSICAL_ANGLE_ARRAY: &'static str = if D == 2 {
+        "min_angle_physical"
+    } else {
+        "min_dihedral_physical"
+    };
     /// Name in files of the array that marks the faces on features: bit k of a cell's byte stands
     /// for the face opposite node k.
     const FEATURE_FACES_ARRAY: &'static str = if D == 2 {
@@ -250,6 +260,18 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
             .into_par_iter()
             .map(|c| self.volume(c))
             .collect()
+    }
+
+    fn mean_over_simplices(&self, value: impl Fn(&[[f64; D]]) -> f64 + Sync) -> Vec<f64> {
+        let nodes = self.nodes();
+        let value = |c: usize| {
+            let mut corners = [[0.0; D]; 4];
+            for (corner, &node) in corners.iter_mut().zip(self.cell(c)) {
+                *corner = nodes[node as usize];
+            }
+            value(&corners[..=D])
+        };
+        (0..self.len()).into_par_iter().map(value).collect()
     }
 
     fn centres(&self) -> Centres<'_, D> {
@@ -450,6 +472,19 @@ impl<const D: usize> Mesh<D> for PolyMesh<D> {
 
     fn cell_volumes(&self) -> Vec<(f64, [f64; D])> {
         self.cell_shapes()
+    }
+
+    fn mean_over_simplices(&self, value: impl Fn(&[[f64; D]]) -> f64 + Sync) -> Vec<f64> {
+        let faces = self.faces_of_cells();
+        let mean = |cell: usize| {
+            let (mut sum, mut total) = (0.0, 0.0);
+            self.for_each_simplex(cell, faces.get(cell), |volume, corners| {
+                sum += volume * value(corners);
+                total += volume;
+            });
+            if total == 0.0 { 0.0 } else { sum / total }
+        };
+        (0..self.sites.len()).into_par_iter().map(mean).collect()
     }
 
     fn centres(&self) -> Centres<'_, D> {

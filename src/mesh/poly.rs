@@ -255,6 +255,31 @@ impl<const D: usize> PolyMesh<D> {
         (volume, centroid)
     }
 
+    /// Calls `visit` with the volume (area in 2-D) and the corners of each simplex of which a cell is
+    /// the sum, given its faces: see [`cell_shape`](Self::cell_shape).
+    pub fn for_each_simplex(
+        &self,
+        cell: usize,
+        faces: &[u32],
+        mut visit: impl FnMut(f64, &[[f64; D]]),
+    ) {
+        let site = self.sites[cell];
+        for &f in faces {
+            let is_owner = self.face_cells[f as usize][0] as usize == cell;
+            let sign = if is_owner { 1.0 } else { -1.0 };
+            let nodes = self.faces.get(f as usize);
+            let apex = self.face_apex(f as usize);
+            let from_site = sub(apex, site);
+            let triangles = if D == 2 { 1 } else { nodes.len() };
+            for i in 0..triangles {
+                let (p, q) = (nodes[i], nodes[(i + 1) % nodes.len()]);
+                let volume = sign * dot(from_site, self.fan_area(apex, p, q)) / D as f64;
+                let [p, q] = [p, q].map(|n| self.nodes[n as usize]);
+                visit(volume, &[site, p, q, apex][..=D]);
+            }
+        }
+    }
+
     /// Returns the volume (area in 2-D) and the centroid of every cell.
     pub fn cell_shapes(&self) -> Vec<(f64, [f64; D])> {
         let faces = self.faces_of_cells();

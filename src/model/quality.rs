@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
-use crate::image::Modality;
 use crate::image::synth::Truth;
 use crate::job::{cells, scaled_mesh};
 use crate::mesh::Simplices;
@@ -16,7 +15,7 @@ use crate::model::MeshInput;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::angles::mean_edge_lengths;
 use crate::report::{self, AngleAssessment, Quality, Reference, Report};
-use crate::store::output::DISTANCE_ARRAY;
+use crate::store::output::{DISTANCE_ARRAY, geometry_of_other_shapes};
 use crate::store::{LatticeSpace, StoredMesh, with_mesh, write_lines};
 use crate::{Error, Result};
 
@@ -136,6 +135,9 @@ fn with_note_on_space<const D: usize>(mut report: Report, space: &LatticeSpace<D
     if !space.is_stored {
         let note = "the file does not record its lattice space: measured in physical space";
         report.notes.push(note.into());
+        if let Some(quality) = &mut report.quality {
+            quality.space = "physical".into();
+        }
     }
     report
 }
@@ -170,9 +172,12 @@ pub(crate) fn measure_simplices<const D: usize, M: Simplices<D>>(
         )?);
         report.notes.push(note.clone());
     }
-    report.used_in_physical_space = space.geometry.modality() != Modality::Survey;
-    if !space.geometry.preserves_shapes(space.step) && space.geometry.has_uniform_units() {
-        report.quality_physical = Some(stored.with_world_mesh(report::quality));
+    report.set_angle_space(&space.geometry);
+    if geometry_of_other_shapes(&space.geometry, space.step).is_some()
+        && let Ok(scales) = space.geometry.length_scales()
+    {
+        let in_one_unit = |mesh: &M| report::quality(&*scaled_mesh(mesh, scales));
+        report.set_physical_quality(stored.with_world_mesh(in_one_unit));
     }
     Ok(report)
 }
@@ -214,9 +219,14 @@ pub(crate) fn measure_cells<const D: usize>(
         ));
         report.notes.push(note.clone());
     }
-    let physical = stored.with_world_mesh(Graph::from_poly);
+    report.set_angle_space(&space.geometry);
+    let scales = space.geometry.length_scales();
+    let has_angles = scales.is_ok();
+    let scales = scales.unwrap_or([1.0; D]);
+    let scale = |x: &[f64; D]| std::array::from_fn(|k| x[k] * scales[k]);
+    let in_one_unit = |mesh: &PolyMesh<D>| Graph::from_poly(&mesh.mapped(|x| scale(&x), false));
+    let physical = stored.with_world_mesh(in_one_unit);
     let measured = report::measure_voronoi(cell_check, &graph, &physical);
-    let has_angles = stored.space.geometry.has_uniform_units();
     report.voronoi = Some(report::Voronoi {
         angle_physical: measured.angle_physical.filter(|_| has_angles),
         ..measured

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use super::acute::{AcuteLine, AcutePair};
 use super::angles::{AngleAssessment, Angles};
-use super::fidelity::{FaceMatch, Fidelity, GapClass};
+use super::fidelity::{FaceMatch, Fidelity, GapClass, SurfaceCoverage};
 use super::lattice::{LatticeReport, Optimisation};
 use super::quality::{Quality, Quantiles, Worst};
 use crate::files::codec::{Codec, codec_fields};
@@ -14,7 +14,7 @@ codec_fields! {
     Quantiles as Quantiles { worst, permille, percent, median }
     Worst as Worst { cell, centroid, smallest, largest }
     Quality as Quality {
-        nodes, cells, kind, smallest_angle, largest_angle, below_20, below_30, above_120, above_150, above_160,
+        space, nodes, cells, kind, smallest_angle, largest_angle, below_20, below_30, above_120, above_150, above_160,
         histogram, mean_ratio, radius_edge, mean_ratio_mean, volume, smallest_volume, largest_volume, worst, angles,
     }
     AcuteLine as AcuteLine { pair, length, min_angle, mean_angle, nodes, angles }
@@ -22,7 +22,8 @@ codec_fields! {
     AngleAssessment as AngleAssessment { angles, cell_classes }
     GapClass as GapClass { from, to, points, coverage_half, coverage_one }
     FaceMatch as FaceMatch { faces, area, coverage_half, coverage_one, precision, hausdorff, hausdorff_95, by_gap }
-    Fidelity as Fidelity { reference, feature_points, on_feature, tagged_faces }
+    SurfaceCoverage as SurfaceCoverage { surface, points, covered_points }
+    Fidelity as Fidelity { reference, feature_points, on_feature, tagged_faces, surfaces }
     Optimisation as Optimisation {
         energy_lattice, energy_image, energy, added_by_stiffening, added_by_laplacian, minimised, evaluations, stop,
     }

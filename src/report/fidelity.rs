@@ -19,6 +19,7 @@ use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use crate::{Error, Result, error::cause};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Maximum distance of the nodes of an on-feature face from the feature, in samples.
 const MAX_NODE_DISTANCE: f64 = 0.75;
@@ -119,6 +120,51 @@ pub struct Fidelity {
     pub on_feature: FaceMatch,
     /// Match of the faces that the mesh marks as faces on features, if it marks any.
     pub tagged_faces: Option<FaceMatch>,
+    /// Coverage of each feature surface by the tagged faces, or by those on features if the mesh marks
+    /// none. It is empty if the surfaces are not known.
+    #[serde(skip)]
+    pub surfaces: Vec<SurfaceCoverage>,
+}
+
+/// Coverage of a feature surface by faces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfaceCoverage {
+    /// Number of the surface, as in [`Features::surface`](crate::feature::Features::surface).
+    pub surface: u32,
+    /// Number of its points.
+    pub points: usize,
+    /// Number of its points within one sample of a face.
+    pub covered_points: usize,
+}
+
+impl SurfaceCoverage {
+    /// Returns the fraction of the points within one sample of a face.
+    pub fn share(&self) -> f64 {
+        self.covered_points as f64 / self.points.max(1) as f64
+    }
+
+    /// Counts the points of each surface on all ranks. `surface` has the number of the surface of each
+    /// local point, and `distances` its distance from the nearest face. Collective.
+    fn count(surface: &[u32], distances: &[f64], comm: &dyn Comm) -> Result<Vec<Self>> {
+        let mut counts: BTreeMap<u32, [u64; 2]> = BTreeMap::new();
+        for (&surface, &distance) in surface.iter().zip(distances) {
+            let count = counts.entry(surface).or_default();
+            count[0] += 1;
+            count[1] += u64::from(distance <= 1.0);
+        }
+        let local: Vec<(u32, [u64; 2])> = counts.into_iter().collect();
+        let mut sums: BTreeMap<u32, [u64; 2]> = BTreeMap::new();
+        for (surface, count) in comm.all_gather("points of surfaces", local)?.concat() {
+            let sum = sums.entry(surface).or_default();
+            *sum = [sum[0] + count[0], sum[1] + count[1]];
+        }
+        let coverage = |(surface, [points, covered]): (u32, [u64; 2])| Self {
+            surface,
+            points: points as usize,
+            covered_points: covered as usize,
+        };
+        Ok(sums.into_iter().map(coverage).collect())
+    }
 }
 
 /// Compares a mesh with the features. The mesh is in lattice space with a step of 1 (otherwise
@@ -258,6 +304,8 @@ fn compare_faces<const D: usize>(
                 .map(|distances| GapClass::count_by_gap(next, distances))
         }),
     };
+    let judged_distances = &face_distances[usize::from(has_tags)];
+    let surfaces = SurfaceCoverage::count(&reference.surface, judged_distances, comm)?;
     let gathered: Vec<LocalMatch> = comm.all_gather("faces and features", local)?;
     let by_gap = |set: usize| -> Vec<GapClass> {
         if reference.next_feature.is_none() {
@@ -324,6 +372,7 @@ fn compare_faces<const D: usize>(
         feature_points: on_feature_points.count as usize,
         on_feature: face_match(0, &on_feature_points, &on_feature_faces),
         tagged_faces: has_tags.then(|| face_match(1, &tagged_points, &tagged_faces)),
+        surfaces,
     })
 }
 

@@ -8,7 +8,7 @@ use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning};
 
 /// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
 /// an issue.
-const MIN_FEATURE_SHARE: f64 = 0.9;
+pub(super) const MIN_FEATURE_SHARE: f64 = 0.9;
 
 /// Minimum ratio of the typical strength of features to the noise. Weaker features may be noise.
 const MIN_SIGNAL_TO_NOISE: f32 = 2.5;
@@ -45,6 +45,10 @@ const MAX_INTERFACE_DEVIATION: f64 = 1.5;
 /// region is not that of the image.
 const MAX_USABLE_VOLUME_ERROR_PERCENT: f64 = 50.0;
 
+/// Minimum fraction of the features, and of each given surface, that has faces in a mesh that is of
+/// any use.
+const MIN_USABLE_FEATURE_SHARE: f64 = 0.5;
+
 /// Maximum deviation of interfaces, in samples, of a mesh that is of any use: beyond it, interfaces
 /// are not those of the image.
 const MAX_USABLE_INTERFACE_DEVIATION: f64 = 10.0;
@@ -53,7 +57,8 @@ const MAX_USABLE_INTERFACE_DEVIATION: f64 = 10.0;
 /// the image.
 const MIN_ATOM_DISTANCE: f64 = 1.0;
 
-/// Issue of a mesh, and the change that helps.
+/// Issue of a mesh, and the change that helps. Without an option and with an empty suggestion, no
+/// change is known.
 pub(super) struct Issue {
     pub message: String,
     pub option: Option<String>,
@@ -65,15 +70,24 @@ pub(super) fn angle_range(quality: &Quality) -> [f64; 2] {
     [quality.smallest_angle.worst, quality.largest_angle.worst]
 }
 
+/// Returns the label and the distance of the value of an option `--label`, if it sets one.
+fn label_distance(value: &str) -> Option<(&str, f64)> {
+    let (label, settings) = value.split_once(':')?;
+    let distance = (settings.split(',')).find_map(|setting| setting.strip_prefix("distance="))?;
+    Some((label, distance.trim().parse().ok()?))
+}
+
 impl Report {
     /// Returns the worst issue of a valid mesh.
     pub(super) fn worst_issue(&self) -> Option<Issue> {
         // The kind of feature comes first, because everything else depends on it.
         self.no_feature_issue()
             .or_else(|| self.doubt_issue())
-            .or_else(|| self.quality.as_ref().and_then(|q| self.shape_issue(q)))
+            .or_else(|| self.given_surface_issue())
+            .or_else(|| self.shape_issue())
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow_issue(v)))
             .or_else(|| self.coverage_issue())
+            .or_else(|| self.faceless_surface_issue())
             .or_else(|| self.lost_part_issue())
             .or_else(|| self.damage_issue())
             .or_else(|| self.hole_issue())
@@ -81,7 +95,7 @@ impl Report {
             .or_else(|| self.spike_issue())
             .or_else(|| self.noise_issue())
             .or_else(|| self.dropped_feature_issue())
-            .or_else(|| self.physical_shape_issue())
+            .or_else(|| self.flat_cell_issue())
     }
 
     /// Returns the grade of a valid mesh. It is that of the worst finding, which need not be the
@@ -91,8 +105,11 @@ impl Report {
             .worst_region()
             .map_or(0.0, |region| region.volume_error_percent.abs());
         let deviation = self.interface_deviation().unwrap_or_default();
+        let cover = self.feature_shares().map_or(1.0, |(cover, _)| cover);
+        let least_cover = self.least_covered_surface().map_or(1.0, |(_, cover)| cover);
         if volume_error > MAX_USABLE_VOLUME_ERROR_PERCENT
             || deviation > MAX_USABLE_INTERFACE_DEVIATION
+            || cover.min(least_cover) < MIN_USABLE_FEATURE_SHARE
         {
             Grade::Bad
         } else if self.worst_issue().is_some() {
@@ -149,19 +166,48 @@ impl Report {
         })
     }
 
-    /// Returns the issue of angles with which simulators fail or are slow.
-    fn shape_issue(&self, quality: &Quality) -> Option<Issue> {
-        let worst = quality.below_20.max(quality.above_160);
+    /// Returns `true` if some angles of cells are below the minimum allowed angle, or above 180 degrees
+    /// less that.
+    fn has_bad_angles(&self, quality: &Quality) -> bool {
         let min_allowed = self.min_allowed_angle();
         let [smallest, largest] = angle_range(quality);
-        if worst == 0 || (smallest >= min_allowed && largest <= 180.0 - min_allowed) {
+        let is_within = smallest >= min_allowed && largest <= 180.0 - min_allowed;
+        quality.below_20.max(quality.above_160) > 0 && !is_within
+    }
+
+    /// Returns the angles with which finite elements fail, in words, if the space that is judged has some.
+    pub(super) fn unfit_angles(&self) -> Option<String> {
+        let quality = self.judged_quality()?;
+        let [smallest, largest] = angle_range(quality);
+        let is_unfit = self.has_bad_angles(quality);
+        is_unfit.then(|| format!("angles of {smallest:.0} to {largest:.0} degrees"))
+    }
+
+    /// Returns `true` if cells are well shaped in lattice space, and badly only in physical space.
+    fn are_cells_flat(&self) -> bool {
+        let is_bad = |quality: &Option<Quality>| {
+            let quality = quality.as_ref();
+            quality.is_some_and(|quality| self.has_bad_angles(quality))
+        };
+        is_bad(&self.quality_physical) && !is_bad(&self.quality)
+    }
+
+    /// Returns the issue of angles with which simulators fail or are slow.
+    fn shape_issue(&self) -> Option<Issue> {
+        let quality = self.judged_quality()?;
+        if !self.has_bad_angles(quality) || self.are_cells_flat() {
             return None;
         }
         let issue = format!(
-            "{} of {} {} have angles below 20 or above 160 degrees",
-            group_digits(worst),
+            "{} of {} {} have angles below 20 or above 160 degrees{}",
+            group_digits(quality.below_20.max(quality.above_160)),
             group_digits(quality.cells),
-            quality.kind
+            quality.kind,
+            if self.quality_physical.is_some() {
+                " in physical space"
+            } else {
+                ""
+            }
         );
         let keeps_slivers = |options: &serde_json::Value| options["slivers"] == "none";
         if self.job_options().is_some_and(keeps_slivers) {
@@ -171,33 +217,37 @@ impl Report {
                 suggestion: "removes slivers",
             });
         }
-        let explained = |a: &super::Angles| a.near_acute_line > a.unexplained;
-        Some(if quality.angles.as_ref().is_some_and(explained) {
-            Issue {
-                message: format!("{issue}, most where features meet at a small angle"),
-                option: self.finer_distance_option(),
-                suggestion: "makes cells there smaller, and fewer of them bad",
-            }
-        } else {
-            Issue {
+        if self.quality_physical.is_some() && self.is_new_option(&self.shape_option) {
+            return Some(Issue {
                 message: issue,
-                option: self.finer_distance_option(),
-                suggestion: "smaller cells fit better between features",
-            }
+                option: Some(self.shape_option.clone()),
+                suggestion: "gives cells a good shape in physical space",
+            });
+        }
+        let angles = self.quality.as_ref().and_then(|q| q.angles.as_ref());
+        let is_explained = angles.is_some_and(|a| a.near_acute_line > a.unexplained);
+        Some(if is_explained {
+            self.issue_for_finer_distance(
+                format!("{issue}, most where features meet at a small angle"),
+                "makes cells there smaller, and fewer of them bad",
+            )
+        } else {
+            self.issue_for_finer_distance(issue, "smaller cells fit better between features")
         })
     }
 
-    /// Returns the issue of angles in physical space, if users work in it.
-    fn physical_shape_issue(&self) -> Option<Issue> {
+    /// Returns the issue of cells that are well shaped in lattice space alone.
+    fn flat_cell_issue(&self) -> Option<Issue> {
         let quality = self.quality_physical.as_ref()?;
-        let min_allowed = self.min_allowed_angle();
         let [smallest, largest] = angle_range(quality);
-        let is_within = smallest >= min_allowed && largest <= 180.0 - min_allowed;
-        (self.used_in_physical_space && !is_within).then(|| Issue {
+        self.are_cells_flat().then(|| Issue {
             message: format!(
-                "samples are flat, and cells have their shape, so that angles in physical space are {smallest:.0} to {largest:.0} degrees"
+                "samples are flat, and cells have their shape: angles in physical space are {smallest:.0} to {largest:.0} \
+                 degrees, {} % of the {} below 20 or above 160",
+                percent(quality.below_20.max(quality.above_160) as f64 / quality.cells.max(1) as f64),
+                quality.kind
             ),
-            option: Some("--metric shape".into()),
+            option: Some(self.shape_option.clone()),
             suggestion: "gives cells a good shape in physical space",
         })
     }
@@ -228,22 +278,22 @@ impl Report {
     fn coverage_issue(&self) -> Option<Issue> {
         let (cover, precision) = self.feature_shares()?;
         if cover < MIN_FEATURE_SHARE {
-            return Some(Issue {
-                message: format!(
+            return Some(self.issue_for_finer_distance(
+                format!(
                     "{:.0} % of the features have no face within a sample",
                     (100.0 * (1.0 - cover)).ceil()
                 ),
-                option: self.finer_distance_option(),
-                suggestion: "closer atoms cover more of them, with more cells",
-            });
+                "closer atoms cover more of them, with more cells",
+            ));
         }
-        (precision < MIN_FEATURE_SHARE).then(|| Issue {
-            message: format!(
-                "{:.0} % of the faces on features are off them by more than a sample",
-                (100.0 * (1.0 - precision)).ceil()
-            ),
-            option: self.finer_distance_option(),
-            suggestion: "smaller faces follow curved features more closely, with more cells",
+        (precision < MIN_FEATURE_SHARE).then(|| {
+            self.issue_for_finer_distance(
+                format!(
+                    "{:.0} % of the faces on features are off them by more than a sample",
+                    (100.0 * (1.0 - precision)).ceil()
+                ),
+                "smaller faces follow curved features more closely, with more cells",
+            )
         })
     }
 
@@ -255,14 +305,13 @@ impl Report {
             return None;
         }
         let kind = worst.kind;
-        Some(Issue {
-            message: format!(
+        Some(self.issue_for_finer_distance(
+            format!(
                 "the mesh does not follow {} % of the {kind} found",
                 percent(worst.dropped_share())
             ),
-            option: self.finer_distance_option(),
-            suggestion: "closer atoms can follow features that are smaller or nearer to others",
-        })
+            "closer atoms can follow features that are smaller or nearer to others",
+        ))
     }
 
     /// Returns the issue of features that may not be real.
@@ -345,12 +394,11 @@ impl Report {
     fn hole_issue(&self) -> Option<Issue> {
         let worst = self.regions.as_ref()?.holes.first()?;
         let [a, b] = worst.labels;
-        (worst.area > MAX_CONTACT_AREA).then(|| Issue {
-            message: format!(
-                "the labels {a} and {b} touch through holes in the layer between them"
-            ),
-            option: self.finer_distance_option(),
-            suggestion: "smaller cells keep thin layers closed; or use an image with more samples",
+        (worst.area > MAX_CONTACT_AREA).then(|| {
+            self.issue_for_finer_distance(
+                format!("the labels {a} and {b} touch through holes in the layer between them"),
+                "smaller cells keep thin layers closed; or use an image with more samples",
+            )
         })
     }
 
@@ -392,24 +440,24 @@ impl Report {
         if worst.volume_error_percent.abs() <= MAX_VOLUME_ERROR_PERCENT {
             return None;
         }
+        let message = format!(
+            "the region of label {} is {:.1} % too {}",
+            worst.label,
+            worst.volume_error_percent.abs(),
+            if worst.volume_error_percent < 0.0 {
+                "small"
+            } else {
+                "large"
+            }
+        );
         let option = regions::distance_option(worst.label, worst.distance);
-        let suggestion = match option {
-            Some(_) => "makes cells of that label smaller, so that they follow it",
-            None => "use a smaller --distance everywhere, or an image with more samples",
-        };
-        Some(Issue {
-            message: format!(
-                "the region of label {} is {:.1} % too {}",
-                worst.label,
-                worst.volume_error_percent.abs(),
-                if worst.volume_error_percent < 0.0 {
-                    "small"
-                } else {
-                    "large"
-                }
-            ),
-            option,
-            suggestion,
+        Some(match option.filter(|option| self.is_new_option(option)) {
+            Some(option) => Issue {
+                message,
+                option: Some(option),
+                suggestion: "makes cells of that label smaller, so that they follow it",
+            },
+            None => self.issue_for_finer_distance(message, "smaller cells follow labels better"),
         })
     }
 
@@ -424,11 +472,10 @@ impl Report {
     /// Returns the issue of interfaces with spikes.
     fn spike_issue(&self) -> Option<Issue> {
         let farthest = self.interface_deviation()?;
-        Some(Issue {
-            message: format!("faces between regions have spikes, up to {farthest:.1} samples long"),
-            option: self.finer_distance_option(),
-            suggestion: "cells smaller than thin layers have no spikes",
-        })
+        Some(self.issue_for_finer_distance(
+            format!("faces between regions have spikes, up to {farthest:.1} samples long"),
+            "cells smaller than thin layers have no spikes",
+        ))
     }
 
     /// Returns the issue of a kind of feature that was chosen although the image is ambiguous.
@@ -454,20 +501,58 @@ impl Report {
         Some((number(faces.coverage_one), number(faces.precision)))
     }
 
-    /// Returns the option for half the current distance, unless atoms would be closer together than
-    /// samples.
+    /// Returns an issue that a smaller distance between atoms helps against, as `suggestion` says. If
+    /// the distance in use cannot be halved, the issue says what else helps.
+    pub(super) fn issue_for_finer_distance(
+        &self,
+        message: String,
+        suggestion: &'static str,
+    ) -> Issue {
+        let option = self.finer_distance_option();
+        let suggestion = match option {
+            Some(_) => suggestion,
+            None if !self.has_memory_for_finer => {
+                "closer atoms would, but need more memory than there is: use a part of the image"
+            }
+            None => "atoms are as close as samples: use an image with more samples",
+        };
+        Issue {
+            message,
+            option,
+            suggestion,
+        }
+    }
+
+    /// Returns the length of a sample in lattice space, as a mean over all axes.
+    fn sample_size(&self) -> f64 {
+        let (Some(quality), Some(input)) = (&self.quality, &self.input) else {
+            return 1.0;
+        };
+        let intervals: f64 = input.dims.iter().map(|&n| n as f64 - 1.0).product();
+        let size = (quality.volume / intervals).powf(1.0 / input.dims.len() as f64);
+        if size.is_finite() { size } else { 1.0 }
+    }
+
+    /// Returns the option for half the distance in use, unless atoms would be closer together than
+    /// samples or the mesh would not fit into memory.
     fn finer_distance_option(&self) -> Option<String> {
         let Some(options) = self.job_options() else {
             return Some("--distance, smaller".into());
         };
+        if !self.has_memory_for_finer {
+            return None;
+        }
         if options["seeding"] == "canny" {
             return Some("--seeding fcc".into());
         }
-        let text = options["distance"].as_str().unwrap_or("2.7:8");
+        let text = (self.distance_in_use.as_deref()).or_else(|| options["distance"].as_str());
+        let text = text.unwrap_or("2.7:8");
         let half = |number: &str| Some(0.5 * number.trim().parse::<f64>().ok()?);
         let halves: Option<Vec<f64>> = text.split(':').map(half).collect();
         let halves = halves?;
-        if halves.iter().any(|half| *half < MIN_ATOM_DISTANCE) {
+        // A rounding error must not forbid a distance of exactly one sample.
+        let min_distance = MIN_ATOM_DISTANCE * self.sample_size() * (1.0 - 1e-6);
+        if halves.iter().any(|half| *half < min_distance) {
             return None;
         }
         let words = halves
@@ -484,6 +569,25 @@ impl Report {
         let Some((name, value)) = option.strip_prefix("--").and_then(|o| o.split_once(' ')) else {
             return true;
         };
+        // Both metrics give cells the same shape.
+        let is_physical = |metric: &str| metric == "physical" || metric.starts_with("shape");
+        if name == "metric" && is_physical(value) {
+            let current = self
+                .job_options()
+                .and_then(|options| options[name].as_str());
+            return !current.is_some_and(is_physical);
+        }
+        if let (true, Some((label, distance))) = ("label" == name, label_distance(value)) {
+            let given = self
+                .job_options()
+                .and_then(|options| options[name].as_array());
+            let given = given.into_iter().flatten().filter_map(|item| item.as_str());
+            let mut given = given.filter_map(label_distance);
+            let is_given = given.any(|(other, given)| other == label && given <= distance);
+            let in_use = self.distance_in_use.as_deref();
+            let widest = in_use.and_then(|text| text.rsplit(':').next()?.parse::<f64>().ok());
+            return !is_given && !widest.is_some_and(|widest| widest <= distance);
+        }
         let current = self.job_options().map(|options| &options[name]);
         !current.is_some_and(|current| match current {
             serde_json::Value::String(text) => text == value,

@@ -2,8 +2,11 @@
 //!
 //! - `quality`: shapes of cells
 //! - `acute`: lines at which features, or a feature and a side of the box, meet at a small angle
+//! - `angle_space`: the space whose angles decide what a mesh is fit for
 //! - `angles`: bad angles that these lines explain
+//! - `assumptions`: what was assumed about the input
 //! - `fidelity`: how well the faces of the mesh follow the features
+//! - `given_surfaces`: how well the mesh follows the surfaces that the user gave
 //! - `face_samples`: faces cut into small pieces
 //! - `face_distances`: distances of feature points from faces
 //! - `reference`: the features with which a mesh is compared
@@ -21,13 +24,16 @@
 //! - `issues`: what is wrong with a mesh, and what helps
 
 mod acute;
+mod angle_space;
 pub(crate) mod angles;
+pub(crate) mod assumptions;
 pub(crate) mod cells;
 mod codecs;
 pub mod cost;
 mod face_distances;
 mod face_samples;
 pub(crate) mod fidelity;
+mod given_surfaces;
 mod issues;
 pub(crate) mod lattice;
 mod mesh_faces;
@@ -41,22 +47,24 @@ mod tally;
 mod verdict;
 
 pub use acute::{AcuteLine, AcutePair};
+pub use angle_space::AngleSpace;
 pub(crate) use angles::assess_angles;
 pub(crate) use angles::assess_partition_angles;
 pub use angles::{AngleAssessment, Angles};
 pub use cells::Voronoi;
 pub(crate) use cells::{lattice_of_graph, measure_voronoi};
 pub use cost::{Clock, StageCost};
-pub use fidelity::{FaceMatch, Fidelity, fidelity};
+pub use fidelity::{FaceMatch, Fidelity, SurfaceCoverage, fidelity};
 pub(crate) use fidelity::{fidelity_of_cells, fidelity_of_partition};
+pub use given_surfaces::GivenSurfaceReport;
 pub(crate) use lattice::lattice_of_partition;
 pub use lattice::{LatticeReport, Optimisation, TracedLattice};
 pub use padding::{PaddingRegion, PaddingReport};
 pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{cells_below, quality_of_partition};
 pub use reference::Reference;
-pub(crate) use regions::MIN_MISSING_SHARE;
 pub use regions::{Hole, LostParts, RegionReport, RegionSummary};
+pub(crate) use regions::{MIN_MISSING_SHARE, finer_distance};
 pub use verdict::{Grade, Verdict};
 
 use crate::feature::{Doubt, KindOutcome, MissingData};
@@ -80,14 +88,12 @@ pub struct Report {
     /// Lattice at steps of the optimisation, if it was traced.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub trace: Vec<TracedLattice>,
+    /// Space whose angles the verdict judges, if the image is known.
+    pub angle_space: Option<AngleSpace>,
     /// Shapes in lattice space, in which cells should be well shaped.
     pub quality: Option<Quality>,
     /// Shapes in physical space, if it differs and all its axes are lengths.
     pub quality_physical: Option<Quality>,
-    /// `true` if users work in physical space, as with scans, so that the shapes there decide. In a
-    /// seismic survey cells are as flat as the layers.
-    #[serde(skip)]
-    pub used_in_physical_space: bool,
     /// Doubt about the kind of feature, if it was chosen from the image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub doubt: Option<Doubt>,
@@ -99,6 +105,9 @@ pub struct Report {
     pub missing: Option<MissingData>,
     /// Fidelity to the features.
     pub fidelity: Option<Fidelity>,
+    /// Surfaces that the user gave, and how much of each the mesh follows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub given_surfaces: Vec<GivenSurfaceReport>,
     /// Check that the mesh is valid and fills its box.
     #[serde(rename = "box")]
     pub box_check: Option<Check>,
@@ -114,6 +123,15 @@ pub struct Report {
     pub improvement: Option<Improvement>,
     /// Result of the other method for the same atoms, if the two are compared.
     pub baseline: Option<Baseline>,
+    /// Distance between atoms that was in use, if that of the parameters was adapted to the image.
+    #[serde(skip)]
+    pub distance_in_use: Option<String>,
+    /// Options that make cells well shaped in physical space.
+    #[serde(skip)]
+    pub shape_option: String,
+    /// `true` if there is memory for a mesh with half the distance between atoms.
+    #[serde(skip)]
+    pub has_memory_for_finer: bool,
     /// Notes for the reader of the report.
     pub notes: Vec<String>,
 }
@@ -128,19 +146,23 @@ impl Default for Report {
             stages: Vec::new(),
             lattice: None,
             trace: Vec::new(),
+            angle_space: None,
             quality: None,
             quality_physical: None,
             doubt: None,
             outcomes: Vec::new(),
             missing: None,
-            used_in_physical_space: false,
             fidelity: None,
+            given_surfaces: Vec::new(),
             box_check: None,
             voronoi: None,
             regions: None,
             padding: None,
             improvement: None,
             baseline: None,
+            distance_in_use: None,
+            shape_option: "--metric shape".into(),
+            has_memory_for_finer: true,
             notes: Vec::new(),
         }
     }

@@ -49,6 +49,8 @@ pub struct Worst {
 /// For an empty mesh, values that do not exist are NaN (null in JSON).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quality {
+    /// Space in which the shapes were measured: `lattice` or `physical`.
+    pub space: Cow<'static, str>,
     /// Number of nodes.
     pub nodes: usize,
     /// Number of cells.
@@ -193,6 +195,7 @@ pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
         .collect();
     worst.sort_by_key(|(_, worst)| worst.cell);
     Ok(Quality {
+        space: "lattice".into(),
         nodes: view.global_counts[0],
         cells: view.global_counts[1],
         kind: M::CELLS_NAME.into(),

@@ -19,6 +19,8 @@ pub struct Reference<'a, const D: usize = 3> {
     /// moved onto it (except where the feature tapers out). Otherwise the detected points, or this
     /// rank's part of them.
     pub points: Vec<[f32; D]>,
+    /// Number of the surface of each point; empty for truth.
+    pub surface: Vec<u32>,
     /// Distance of the next feature and its angle (degrees) at each point, where the truth has
     /// them.
     pub next_feature: Option<Vec<[f32; 2]>>,
@@ -66,6 +68,7 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source,
             points,
+            surface: Vec::new(),
             next_feature,
             field: DistanceField::Truth(truth),
         }
@@ -96,6 +99,7 @@ impl<'a, const D: usize> Reference<'a, D> {
         Self {
             source: "detected",
             points: in_samples(&features.points),
+            surface: features.surface.clone(),
             next_feature: None,
             field: DistanceField::Detected(DetectedPoints {
                 points: sorted,

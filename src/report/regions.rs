@@ -132,6 +132,32 @@ pub fn distance_option(label: LabelValue, distance: Option<f64>) -> Option<Strin
     Some(format!("--label {label}:distance={}", distance?))
 }
 
+/// Smallest distance between atoms that is suggested, in lattice units.
+const MIN_ATOM_DISTANCE: f64 = 0.25;
+
+/// Returns `distance`, or a smaller one if the distance that is in use is not larger than it. Returns
+/// `None` if that would be too small.
+pub(crate) fn finer_distance(distance: f64, in_use: Option<f64>) -> Option<f64> {
+    match in_use {
+        Some(in_use) if distance >= in_use => {
+            let finer = (70.0 * in_use).floor() / 100.0;
+            (finer >= MIN_ATOM_DISTANCE).then_some(finer)
+        }
+        _ => Some(distance.max(MIN_ATOM_DISTANCE)),
+    }
+}
+
+impl RegionSummary {
+    /// Makes all suggested distances smaller than the finest one that is in use.
+    pub(crate) fn suggest_below(&mut self, in_use: Option<f64>) {
+        let regions = self.regions.iter_mut().map(|region| &mut region.distance);
+        let parts = self.lost.iter_mut().chain(&mut self.damaged);
+        for distance in regions.chain(parts.map(|lost| &mut lost.distance)) {
+            *distance = distance.and_then(|distance| finer_distance(distance, in_use));
+        }
+    }
+}
+
 /// Maximum number of regions that are shown.
 const MAX_SHOWN_REGIONS: usize = 40;
 
@@ -177,6 +203,14 @@ impl RegionSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn advice_starts_from_the_distance_in_use() {
+        assert_eq!(finer_distance(5.4, None), Some(5.4));
+        assert_eq!(finer_distance(5.4, Some(8.0)), Some(5.4));
+        assert_eq!(finer_distance(5.4, Some(2.0)), Some(1.4));
+        assert_eq!(finer_distance(5.4, Some(0.3)), None);
+    }
 
     #[test]
     fn lost_parts_are_reported_with_size_and_remedy() {

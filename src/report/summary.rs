@@ -80,17 +80,26 @@ impl Report {
 
     /// Adds the extreme angles, and how much of the features the tagged faces cover.
     fn add_angles_and_faces(&self, line: &mut impl FnMut(&str, String)) {
-        if let Some(quality) = self.quality_physical.as_ref().or(self.quality.as_ref()) {
+        if let Some(quality) = self.judged_quality() {
             let (smallest, largest) = (quality.smallest_angle, quality.largest_angle);
+            let space = match (&self.quality_physical, self.no_physical_angles()) {
+                (Some(_), _) => " in physical space",
+                (None, Some(_)) => " counted in samples",
+                (None, None) => "",
+            };
             line(
                 "angles",
                 format!(
-                    "from {:.1} to {:.1} degrees; in 99 % of the {} from {:.1} to {:.1}",
+                    "from {:.1} to {:.1} degrees{space}; in 99 % of the {} from {:.1} to {:.1}",
                     smallest.worst, largest.worst, quality.kind, smallest.percent, largest.percent
                 ),
             );
         }
         if let Some(faces) = self.fidelity.as_ref().and_then(|f| f.tagged_faces.as_ref()) {
+            if faces.faces == 0 {
+                line("faces", "no face is marked as lying on a feature".into());
+                return;
+            }
             line(
                 "faces",
                 format!(

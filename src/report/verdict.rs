@@ -3,9 +3,11 @@
 use serde::Serialize;
 
 use super::Report;
+use super::assumptions::assumptions;
 use super::issues::{Issue, angle_range};
 use super::table::group_digits;
 use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP};
+use crate::image::NoAngles;
 
 /// Maximum fraction of the features of one kind that the mesh may drop. More is an issue.
 pub(super) const MAX_DROPPED_SHARE: f64 = 0.1;
@@ -46,6 +48,8 @@ pub struct Verdict {
     pub suggestion: Option<String>,
     /// Option to type for that change, if there is one.
     pub option: Option<String>,
+    /// Assumptions about what neither the files nor the options say.
+    pub assumed: Vec<String>,
 }
 
 impl Verdict {
@@ -74,9 +78,19 @@ impl Verdict {
             None => "simulation with finite elements or finite volumes",
         };
         let fit_for = match grade {
-            Grade::Good => simulation,
-            Grade::Fair => "viewing, and for simulation if this issue does not matter",
-            Grade::Bad => "nothing but finding the cause",
+            Grade::Good => match report.no_physical_angles() {
+                Some(NoAngles::Time(_)) => {
+                    "work in time; simulation needs a mesh in depth (--velocity)"
+                }
+                Some(_) => "work in these coordinates; simulation needs lengths along all axes",
+                None => simulation,
+            }
+            .to_string(),
+            Grade::Fair => match report.unfit_angles() {
+                Some(angles) => format!("viewing, but {angles} are unfit for finite elements"),
+                None => "viewing, and for simulation if this issue does not matter".into(),
+            },
+            Grade::Bad => "nothing but finding the cause".into(),
         };
         let mut mesh = vec![String::from(if check.passed() {
             "valid"
@@ -84,31 +98,34 @@ impl Verdict {
             "INVALID"
         })];
         mesh.extend(report.angle_summary());
-        let issue = issue.map(|issue| Issue {
-            option: issue.option.filter(|option| report.is_new_option(option)),
-            ..issue
-        });
         let (issue, suggestion, option) = match issue {
-            Some(issue) => (
-                Some(issue.message),
-                Some(issue.suggestion.to_string()),
-                issue.option,
-            ),
+            // An option that is in use already does not help again.
+            Some(Issue {
+                message,
+                option: Some(option),
+                ..
+            }) if !report.is_new_option(&option) => (Some(message), None, None),
+            Some(issue) => {
+                let suggestion = Some(issue.suggestion).filter(|text| !text.is_empty());
+                let suggestion = suggestion.map(str::to_owned);
+                (Some(issue.message), suggestion, issue.option)
+            }
             None => (None, None, None),
         };
         Some(Self {
             grade,
             mesh: mesh.join("; "),
             features: report.feature_lines().join("; "),
-            fit_for: fit_for.into(),
+            fit_for,
             issue,
             suggestion,
             option,
+            assumed: assumptions(&report.notes),
         })
     }
 
-    /// Returns the three lines, each with its heading.
-    pub(super) fn lines(&self) -> [(&'static str, String); 3] {
+    /// Returns the three lines, and one with what was assumed if anything was, each with its heading.
+    pub(super) fn lines(&self) -> Vec<(&'static str, String)> {
         let word = match self.grade {
             Grade::Good => "good",
             Grade::Fair => "fair",
@@ -123,11 +140,15 @@ impl Verdict {
             (None, Some(why)) => format!(". What helps: {why}"),
             _ => String::new(),
         };
-        [
+        let mut lines = vec![
             ("mesh", self.mesh.clone()),
             ("features", self.features.clone()),
             ("use", text),
-        ]
+        ];
+        if !self.assumed.is_empty() {
+            lines.push(("assumed", self.assumed.join("; ")));
+        }
+        lines
     }
 }
 
@@ -158,14 +179,16 @@ impl Report {
     /// Returns the range of the angles, in each space in which angles are meaningful.
     fn angle_summary(&self) -> Option<String> {
         let [low, high] = angle_range(self.quality.as_ref()?);
-        Some(match &self.quality_physical {
-            Some(quality) => {
-                let [min, max] = angle_range(quality);
-                format!(
-                    "angles {min:.0} to {max:.0} degrees in physical space, {low:.0} to {high:.0} counted in samples"
-                )
-            }
-            None => format!("angles {low:.0} to {high:.0} degrees"),
+        if let Some(quality) = &self.quality_physical {
+            let [min, max] = angle_range(quality);
+            return Some(format!(
+                "angles {min:.0} to {max:.0} degrees in physical space, {low:.0} to {high:.0} counted in samples"
+            ));
+        }
+        let range = format!("angles {low:.0} to {high:.0} degrees");
+        Some(match self.no_physical_angles() {
+            Some(reason) => format!("{range} counted in samples, as {reason}"),
+            None => range,
         })
     }
 
@@ -180,6 +203,7 @@ impl Report {
             .into_iter()
             .collect();
         lines.extend(self.outcomes.iter().flat_map(outcome_lines));
+        lines.extend(self.outcomes.iter().filter_map(flat_fault_line));
         let chaotic = self.outcomes.iter().filter_map(|outcome| outcome.chaotic);
         if let Some(share) = chaotic.reduce(f64::max) {
             lines.push(format!(
@@ -235,6 +259,29 @@ impl Report {
             text
         })
     }
+}
+
+/// Returns the statement about faults that are left out because they dip too little.
+fn flat_fault_line(outcome: &KindOutcome) -> Option<String> {
+    let flat = outcome.below_min_dip?;
+    let (faults, are) = match flat.count {
+        1 => ("1 fault".to_string(), "is"),
+        count => (format!("{} faults", group_digits(count)), "are"),
+    };
+    let [low, high] = flat.dips.map(|dip| format!("{dip:.0}"));
+    let dips = if low == high {
+        low
+    } else {
+        format!("{low} to {high}")
+    };
+    let velocity = match flat.assumed_velocity {
+        Some(velocity) => format!(", with two-way time at {velocity:.0} m/s"),
+        None => String::new(),
+    };
+    Some(format!(
+        "{faults} dipping by {dips} degrees {are} left out, the largest of {:.2e} square metres (--min-dip {}{velocity})",
+        flat.largest_area, flat.min_dip
+    ))
 }
 
 /// Returns statements about how well the features of a kind were found.
@@ -306,11 +353,14 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::feature::{Doubt, DroppedPoints, MissingData};
+    use crate::feature::{Doubt, DroppedPoints, FlatFaults, MissingData};
     use crate::image::LabelValue;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
-    use crate::report::{FaceMatch, Fidelity, RegionReport, RegionSummary, quality};
+    use crate::report::{
+        AngleSpace, FaceMatch, Fidelity, GivenSurfaceReport, RegionReport, RegionSummary,
+        SurfaceCoverage, quality,
+    };
 
     /// Returns the report on a valid mesh. Tests then make one measure after the other bad.
     fn report(cover: f64) -> Report {
@@ -334,6 +384,7 @@ mod tests {
                 feature_points: 100,
                 on_feature: face_match,
                 tagged_faces: None,
+                surfaces: Vec::new(),
             }),
             ..Report::default()
         }
@@ -416,6 +467,7 @@ mod tests {
             },
             signal_to_noise: Some(6.0),
             gently_dipping: Some(0.05),
+            below_min_dip: None,
             chaotic: None,
         };
         let report_with = |outcome: KindOutcome| Report {
@@ -515,25 +567,177 @@ mod tests {
         );
     }
 
+    /// Returns the quality of a mesh whose smallest angle is this, with one cell below 20 degrees.
+    fn quality_with_angle(smallest: f64) -> crate::report::Quality {
+        let mut quality = report(1.0).quality.unwrap();
+        quality.smallest_angle.worst = smallest;
+        quality.below_20 = usize::from(smallest < 20.0);
+        quality
+    }
+
     #[test]
-    fn angles_count_in_the_space_that_is_used() {
+    fn angles_in_physical_space_decide_wherever_they_have_a_meaning() {
         let mut flat = report(0.97);
-        let mut quality = flat.quality.clone().unwrap();
-        quality.smallest_angle.worst = 9.0;
-        flat.quality_physical = Some(quality);
-        let survey = Verdict::from_report(&flat).unwrap();
-        assert_eq!(survey.grade, Grade::Good);
-        assert!(
-            survey
-                .mesh
-                .contains("angles 9 to 90 degrees in physical space"),
-            "{}",
-            survey.mesh
+        flat.angle_space = Some(AngleSpace::Physical);
+        flat.set_physical_quality(quality_with_angle(9.0));
+        let verdict = Verdict::from_report(&flat).unwrap();
+        assert_eq!(verdict.grade, Grade::Fair);
+        assert_eq!(verdict.option.as_deref(), Some("--metric shape"));
+        let angles = "angles 9 to 90 degrees in physical space, 45 to 90 counted in samples";
+        assert!(verdict.mesh.ends_with(angles), "{}", verdict.mesh);
+
+        // Bad angles in lattice space do not matter where those in physical space are good.
+        let mut upright = report(0.97);
+        upright.quality = Some(quality_with_angle(9.0));
+        upright.set_physical_quality(quality_with_angle(30.0));
+        let verdict = Verdict::from_report(&upright).unwrap();
+        assert_eq!(verdict.grade, Grade::Good, "{verdict:?}");
+
+        // In time, angles in physical space have no meaning.
+        let mut time = report(0.97);
+        time.angle_space = Some(AngleSpace::Lattice(NoAngles::Time("ms".into())));
+        let verdict = Verdict::from_report(&time).unwrap();
+        assert_eq!(verdict.grade, Grade::Good);
+        let angles = "angles 45 to 90 degrees counted in samples, as one coordinate is time (ms)";
+        assert!(verdict.mesh.ends_with(angles), "{}", verdict.mesh);
+        assert!(!verdict.fit_for.contains("finite elements"), "{verdict:?}");
+        let json = time.to_json();
+        assert_eq!(json["angle_space"]["space"], "lattice");
+        assert_eq!(json["angle_space"]["reason"], "one coordinate is time (ms)");
+    }
+
+    #[test]
+    fn a_remedy_that_is_in_use_is_not_named_again() {
+        let mut flat = report(0.97);
+        flat.set_physical_quality(quality_with_angle(9.0));
+        for metric in ["shape", "physical"] {
+            flat.parameters = json!({ "metric": metric });
+            let verdict = Verdict::from_report(&flat).unwrap();
+            assert!(verdict.issue.is_some());
+            assert_eq!(
+                (verdict.option, verdict.suggestion),
+                (None, None),
+                "{metric}"
+            );
+        }
+        let with = |label: &str| Report {
+            parameters: json!({ "label": [label] }),
+            ..report(0.97)
+        };
+        let is_new = |label: &str| with(label).is_new_option("--label 5:distance=2");
+        assert!(is_new("5:distance=3,name=core") && is_new("4:distance=1"));
+        assert!(!is_new("5:name=core,distance=2") && !is_new("5:distance=1.5"));
+
+        // The distance in use counts, and the memory for half of it.
+        let mut uncovered = report(0.7);
+        uncovered.distance_in_use = Some("2:5".into());
+        let option = |report: &Report| Verdict::from_report(report).unwrap().option;
+        assert_eq!(option(&uncovered).as_deref(), Some("--distance 1:2.5"));
+        uncovered.has_memory_for_finer = false;
+        let verdict = Verdict::from_report(&uncovered).unwrap();
+        assert_eq!(verdict.option, None);
+        assert!(verdict.suggestion.unwrap().contains("memory"));
+    }
+
+    #[test]
+    fn a_given_surface_without_faces_is_bad_and_one_outside_the_image_is_named() {
+        let with = |coverage: f64, outside: f64| {
+            let mut report = report(0.97);
+            report.given_surfaces = [("top", 0.98, 0.0), ("F1", coverage, outside)]
+                .map(|(name, coverage, outside)| GivenSurfaceReport {
+                    name: name.into(),
+                    outside,
+                    coverage: Some(coverage),
+                })
+                .to_vec();
+            Verdict::from_report(&report).unwrap()
+        };
+        assert_eq!(with(0.9, 0.4).grade, Grade::Good);
+        for (coverage, outside, grade, issue) in [
+            (
+                0.85,
+                0.0,
+                Grade::Fair,
+                "only 85 % of the surface F1 have faces",
+            ),
+            (
+                0.0,
+                0.0,
+                Grade::Bad,
+                "only 0.00 % of the surface F1 have faces",
+            ),
+            (
+                0.95,
+                0.6,
+                Grade::Fair,
+                "60 % of the surface F1 lie outside the image",
+            ),
+        ] {
+            let verdict = with(coverage, outside);
+            assert_eq!(
+                (verdict.grade, verdict.issue.as_deref()),
+                (grade, Some(issue))
+            );
+        }
+    }
+
+    #[test]
+    fn found_surfaces_without_any_face_are_counted() {
+        let mut report = report(0.97);
+        let coverage = |surface: u32, points: usize, covered_points: usize| SurfaceCoverage {
+            surface,
+            points,
+            covered_points,
+        };
+        let surfaces = &mut report.fidelity.as_mut().unwrap().surfaces;
+        *surfaces = vec![
+            coverage(1, 900, 890),
+            coverage(2, 40, 0),
+            coverage(3, 60, 4),
+        ];
+        let verdict = Verdict::from_report(&report).unwrap();
+        assert_eq!(verdict.grade, Grade::Fair);
+        let issue = "2 of 3 found surfaces have no face, the largest of 60 samples";
+        assert_eq!(verdict.issue.as_deref(), Some(issue));
+        // A mesh that lacks most features is of no use.
+        let lacking = self::report(0.3);
+        assert_eq!(Verdict::from_report(&lacking).unwrap().grade, Grade::Bad);
+    }
+
+    #[test]
+    fn flat_faults_and_assumptions_are_named() {
+        let mut report = report(0.97);
+        report.outcomes = vec![KindOutcome {
+            kind: FeatureKind::Faults,
+            points: 900,
+            dropped: DroppedPoints::default(),
+            signal_to_noise: None,
+            gently_dipping: None,
+            below_min_dip: Some(FlatFaults {
+                min_dip: 30.0,
+                count: 2,
+                largest_area: 1.23e6,
+                dips: [17.2, 27.6],
+                assumed_velocity: Some(2000.0),
+            }),
+            chaotic: None,
+        }];
+        report.notes = vec![
+            "assumed: depths of F1 are in m".into(),
+            "the image has 3 lines".into(),
+        ];
+        let verdict = Verdict::from_report(&report).unwrap();
+        let expected = "2 faults dipping by 17 to 28 degrees are left out, the largest of 1.23e6 square metres (--min-dip 30, \
+                        with two-way time at 2000 m/s)";
+        assert!(verdict.features.ends_with(expected), "{}", verdict.features);
+        assert_eq!(verdict.assumed, ["depths of F1 are in m"]);
+        let line = &verdict.lines()[3];
+        assert_eq!((line.0, &*line.1), ("assumed", "depths of F1 are in m"));
+        let flat = &report.to_json()["outcomes"][0]["below_min_dip"];
+        assert_eq!(
+            (&flat["count"], &flat["min_dip"]),
+            (&json!(2), &json!(30.0))
         );
-        flat.used_in_physical_space = true;
-        let scan = Verdict::from_report(&flat).unwrap();
-        assert_eq!(scan.grade, Grade::Fair);
-        assert_eq!(scan.option.as_deref(), Some("--metric shape"));
     }
 
     #[test]
@@ -565,6 +769,7 @@ mod tests {
             dropped: DroppedPoints::default(),
             signal_to_noise: None,
             gently_dipping: None,
+            below_min_dip: None,
             chaotic: None,
         }];
         let option = Verdict::from_report(&featureless).unwrap().option;

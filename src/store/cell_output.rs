@@ -5,13 +5,15 @@ use crate::parallel::prelude::*;
 use super::labels::labels_field;
 use super::named_surfaces::NamedSurfaces;
 use super::output::{
-    HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, feature_names, resolved_options_field,
+    HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, feature_names, live_array,
+    resolved_options_field,
 };
 use super::{FieldValue, MeshFile};
 use crate::files::vtk::DataArray;
 use crate::job::cells::to_world;
-use crate::job::horizons::{horizon_flags, name_indices};
+use crate::job::horizons::horizon_flags;
 use crate::job::{MeshSpace, Meshing, Outcome};
+use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
 
 /// Returns the Voronoi cells of a job in world coordinates, with the data of each cell.
@@ -50,25 +52,25 @@ where
     if weld > 0.0 {
         field_data.push((WELD_FIELD.into(), FieldValue::F64s(vec![weld])));
     }
-    let names = name_indices(lattice, &mesh.on_feature, &outcome.features);
-    let named = (mesh.face_cells.iter().zip(&names)).filter_map(|(cells, name)| {
-        let [a, b] = *cells;
-        name.map(|name| ([a.min(b), a.max(b)], name))
-    });
+    let names = &outcome.face_names;
+    let named = (mesh.face_cells.iter().zip(names))
+        .filter_map(|(&[a, b], &name)| (name != NONE).then(|| ([a.min(b), a.max(b)], name)));
     let named = NamedSurfaces::new(&feature_names(outcome), named.collect());
     field_data.extend(named.into_fields());
-    let horizons = horizon_flags(lattice, &mesh.on_feature, &outcome.features);
+    let horizons = horizon_flags(lattice, &mesh.on_feature, names, &outcome.features);
     let pairs = mesh.face_cells.iter().zip(&horizons).filter(|f| *f.1);
     let pairs: Vec<i64> = pairs.flat_map(|(cells, _)| cells.map(i64::from)).collect();
     if !pairs.is_empty() {
         field_data.push((HORIZON_FACES_ARRAY.into(), FieldValue::Ints(pairs)));
     }
+    let mut cell_data = vec![
+        DataArray::scalars(if D == 2 { "area" } else { "volume" }, volume),
+        DataArray::scalars("on_feature", on_feature),
+        DataArray::scalars("distance", distance),
+    ];
+    cell_data.extend(live_array(outcome));
     MeshFile {
-        cell_data: vec![
-            DataArray::scalars(if D == 2 { "area" } else { "volume" }, volume),
-            DataArray::scalars("on_feature", on_feature),
-            DataArray::scalars("distance", distance),
-        ],
+        cell_data,
         point_data: Vec::new(),
         field_data,
         mesh,

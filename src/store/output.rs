@@ -15,12 +15,12 @@ use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::ResolvedOptions;
 use crate::files::vtk::DataArray;
-use crate::image::{Geometry, ImageSource};
+use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 pub use crate::job::Provenance;
-use crate::job::horizons::{horizon_bits, name_indices};
-use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome};
+use crate::job::horizons::horizon_bits;
+use crate::job::live::shares_of_cells;
+use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome, scaled_mesh};
 use crate::mesh::complex::NONE;
-use crate::mesh::interface::marks_from_bits;
 #[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
@@ -63,8 +63,14 @@ where
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest = smallest_angles(lattice);
     let volume: Vec<f32> = cells().map(|c| mesh.volume(c) as f32).collect();
-    let horizons = horizon_bits(lattice, &annotated.feature_faces, &outcome.features);
+    let horizons = horizon_bits(
+        lattice,
+        &annotated.feature_faces,
+        &outcome.face_names,
+        &outcome.features,
+    );
     let mirrored = geometry.determinant() < 0.0;
+    let physical_angles = physical_angles(&mesh, geometry, outcome.step);
     let mut file = MeshFile {
         mesh,
         point_data: vec![
@@ -100,15 +106,14 @@ where
             fields
         },
     };
-    let marks: Vec<bool> = marks_from_bits::<D>(&annotated.feature_faces).collect();
-    let names = name_indices(lattice, &marks, &outcome.features);
-    if !names.is_empty()
+    file.cell_data.extend(live_array(outcome));
+    file.cell_data.extend(physical_angles);
+    if !outcome.face_names.is_empty()
         && let Ok(neighbors) = lattice.neighbors()
     {
-        let faces = (names.iter().enumerate()).filter_map(|(face, name)| {
+        let faces = (outcome.face_names.iter().enumerate()).filter_map(|(face, &name)| {
             let (cell, other) = ((face / (D + 1)) as u32, neighbors[face]);
-            name.filter(|_| other != NONE)
-                .map(|name| ([cell.min(other), cell.max(other)], name))
+            (name != NONE && other != NONE).then(|| ([cell.min(other), cell.max(other)], name))
         });
         let fields = NamedSurfaces::new(&feature_names(outcome), faces.collect()).into_fields();
         file.field_data.extend(fields);
@@ -120,6 +125,15 @@ where
             .push(DataArray::scalars(HORIZON_FACES_ARRAY, bits));
     }
     file
+}
+
+/// Returns the array with the share of each cell that holds data, unless all cells are full of data.
+pub(super) fn live_array<const D: usize>(outcome: &Outcome<D>) -> Option<DataArray>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    let shares = outcome.live.as_ref()?;
+    Some(DataArray::scalars(LIVE_ARRAY, shares.clone()))
 }
 
 /// Returns the names of the surfaces that have one.
@@ -253,10 +267,10 @@ where
         let Some(annotated) = self.simplices() else {
             return Ok(None);
         };
-        if self.geometry.preserves_shapes(self.step) || !self.geometry.has_uniform_units() {
+        let Some(geometry) = geometry_of_other_shapes(&self.geometry, self.step) else {
             return Ok(None);
-        }
-        let mesh = to_physical(&annotated.mesh, self.step, &self.geometry);
+        };
+        let mesh = to_physical(&annotated.mesh, self.step, &geometry);
         Ok(Some(match &self.share {
             None => quality(&mesh),
             Some(share) => quality_of_partition(
@@ -288,6 +302,29 @@ where
     }
 }
 
+/// Returns the geometry in which angles are those of physical space, if they have a meaning there and
+/// differ from those in a lattice space in which samples are `step` apart.
+pub(crate) fn geometry_of_other_shapes<const D: usize>(
+    geometry: &Geometry<D>,
+    step: [f64; D],
+) -> Option<Geometry<D>> {
+    let geometry = geometry.in_one_unit().ok()?;
+    (!geometry.preserves_shapes(step)).then_some(geometry)
+}
+
+/// Returns the array with the smallest angle of each cell in physical space, if this differs from lattice
+/// space and angles have a meaning there. `mesh` is in physical coordinates.
+pub(crate) fn physical_angles<const D: usize, M: Simplices<D>>(
+    mesh: &M,
+    geometry: &Geometry<D>,
+    step: [f64; D],
+) -> Option<DataArray> {
+    geometry_of_other_shapes(geometry, step)?;
+    let mesh = scaled_mesh(mesh, geometry.length_scales().ok()?);
+    let angles = smallest_angles(&*mesh);
+    Some(DataArray::scalars(M::PHYSICAL_ANGLE_ARRAY, angles))
+}
+
 /// Returns the error for Voronoi cells, which cannot be written in parts.
 pub(crate) fn no_partitions_error(path: &Path) -> Error {
     let problem = "is for tetrahedra and triangles: Voronoi cells are not written in parts";
@@ -307,6 +344,40 @@ fn with_optional_image<const D: usize, M: Mesh<D>>(
         Some(image) => with_image(file, image),
         None => Ok(file),
     }
+}
+
+/// Returns the share of each cell that holds data, if a mesh file has the array: one number from 0 to
+/// 1 for each of `cells` cells.
+pub(crate) fn read_live(cell_data: &[DataArray], cells: usize) -> Option<Vec<f64>> {
+    let array = cell_data.iter().find(|array| array.name == LIVE_ARRAY)?;
+    let shares = array.values.to_f64();
+    let is_share = |share: &f64| (0.0..=1.0).contains(share);
+    (array.components == 1 && shares.len() == cells && shares.iter().all(is_share))
+        .then_some(shares)
+}
+
+/// Adds the share of each cell that holds data, unless all cells are full of data. The samples of the
+/// image must be marked already. A mesh that has the array gets new values.
+///
+/// # Errors
+/// Returns an [`Error::Job`] if there is not enough memory.
+pub fn with_live<const D: usize, M: Mesh<D>>(
+    mut file: MeshFile<M>,
+    image: &Image<D>,
+) -> Result<MeshFile<M>> {
+    file.cell_data.retain(|array| array.name != LIVE_ARRAY);
+    let Some(live) = LiveVolume::new(image)? else {
+        return Ok(file);
+    };
+    let space = LatticeSpace::from_file(&file, file.mesh.nodes()).filter(|space| space.is_stored);
+    let geometry = space.map_or_else(|| image.geometry.clone(), |space| space.geometry);
+    let shares = shares_of_cells(&file.mesh, &live, |x| {
+        geometry.to_index(x).unwrap_or([f64::NAN; D])
+    });
+    if shares.iter().any(|share| *share < 1.0) {
+        file.cell_data.push(DataArray::scalars(LIVE_ARRAY, shares));
+    }
+    Ok(file)
 }
 
 /// Adds the image's value at each node and at each cell's centroid, interpolated linearly, as
@@ -332,6 +403,8 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     Ok(file)
 }
 
+/// Name of the array with the share of each cell that holds data.
+pub(crate) const LIVE_ARRAY: &str = "live";
 /// Name of the arrays with the image's values.
 pub(crate) const IMAGE_ARRAY: &str = "image";
 /// Name of the array that marks cells with angles outside [30, 150] degrees, and tells whether
@@ -351,7 +424,9 @@ pub(crate) const THROWS_FIELD: &str = "throws";
 /// numbers without unit, or if the unit is not known.
 pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> String {
     match array {
-        "min_dihedral" | "min_angle" => "degrees".to_string(),
+        "min_dihedral" | "min_angle" | "min_dihedral_physical" | "min_angle_physical" => {
+            "degrees".to_string()
+        }
         DISTANCE_ARRAY => "samples".to_string(),
         "volume" | "area" if units.iter().all(|unit| *unit == units[0]) => {
             match units[0].as_str() {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::output::{ANGLES_ARRAY, DISTANCE_ARRAY, IMAGE_ARRAY};
+use super::output::{ANGLES_ARRAY, DISTANCE_ARRAY, IMAGE_ARRAY, LIVE_ARRAY, physical_angles};
 use super::{FieldValue, LatticeSpace, MeshFile, to_physical};
 use crate::files::vtk::DataArray;
 use crate::geometry::{bounding_box, sorted_distinct};
@@ -64,7 +64,7 @@ fn extend(mut array: DataArray, values: impl Iterator<Item = f64>) -> DataArray 
 }
 
 /// Returns a mesh file with the cells beyond the image. The lattice space of the file becomes that of the
-/// whole box. The image has no value there (NaN).
+/// whole box. The image has no value there (NaN), but the cells count as live.
 pub fn with_padding<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
     lattice: &M,
@@ -110,7 +110,14 @@ pub fn with_padding<const D: usize, M: Simplices<D>>(
             extend(array, padding.burdens.iter().map(region))
         }
         IMAGE_ARRAY => extend(array, (0..cell_count).map(|_| f64::NAN)),
+        // Ground beyond the image was asked for.
+        LIVE_ARRAY => extend(array, (0..cell_count).map(|_| 1.0)),
         name if name == M::MIN_ANGLE_ARRAY => extend(array, smallest.iter().map(|&a| a.into())),
+        name if name == M::PHYSICAL_ANGLE_ARRAY => {
+            let values =
+                physical_angles(&beyond, geometry, step).map(|array| array.values.to_f64());
+            extend(array, values.unwrap_or_default().into_iter())
+        }
         name if name == M::VOLUME_NAME => extend(array, (0..cell_count).map(|c| beyond.volume(c))),
         ANGLES_ARRAY => extend(array, angle_classes.iter().copied()),
         _ => extend(array, (0..cell_count).map(|_| 0.0)),

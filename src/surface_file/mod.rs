@@ -1,12 +1,23 @@
 //! Surfaces of triangles in files of their own: faults and horizons, with names, values and units.
 //!
-//! - `tsurf`: GOCAD surfaces and lines
+//! - `tsurf`: GOCAD surfaces, lines and points
 //! - `vtp`: VTK poly data
+//! - `obj`, `stl`, `ply`: triangles of other programs
 //! - `sticks`: fault sticks
+//! - `joining`: fault sticks become surfaces
+//! - `place_columns`, `point_table`: points and sticks in tables
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
+//! - `placed`: brings such a surface into the frame of an image
 
 pub mod interpretation;
+pub mod joining;
+pub mod obj;
+pub mod place_columns;
+pub mod placed;
+pub mod ply;
+pub mod point_table;
 pub mod sticks;
+pub mod stl;
 pub mod tsurf;
 pub mod vtp;
 
@@ -16,7 +27,7 @@ use crate::files::vtk::DataArray;
 use crate::files::vtk::pieces::FieldValue;
 use crate::geometry::{sorted_distinct, to_3d};
 use crate::image::Geometry;
-use crate::image::stated::StatedCoordinates;
+use crate::image::stated::{StatedCoordinates, ZDirection};
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -27,7 +38,7 @@ pub struct SurfaceFile<const D: usize> {
     pub facets: Vec<[u32; D]>,
     /// Index of the first facet of each surface, and the number of facets at the end.
     pub surface_starts: Vec<usize>,
-    /// Names of the surfaces, without spaces or line ends.
+    /// Names of the surfaces, as a file or the user gives them, on one line.
     pub names: Vec<String>,
     /// Arrays with one tuple per facet.
     pub cell_data: Vec<DataArray>,
@@ -75,6 +86,13 @@ impl<const D: usize> SurfaceFile<D> {
             .collect()
     }
 
+    /// Sets units and direction of z to those that a file states.
+    pub fn set_stated(&mut self, stated: StatedCoordinates) {
+        self.units = stated.units.clone().map(Option::unwrap_or_default);
+        self.z_up = stated.z_direction != Some(ZDirection::Down);
+        self.stated = stated;
+    }
+
     /// Returns the surfaces with the units of a geometry. `z_up` is `true` if z grows upwards.
     pub(crate) fn with_space(self, geometry: &Geometry<D>, z_up: bool) -> Self {
         Self {
@@ -82,6 +100,29 @@ impl<const D: usize> SurfaceFile<D> {
             z_up,
             ..self
         }
+    }
+}
+
+impl SurfaceFile<3> {
+    /// Creates surfaces of triangles, each with its name. z grows upwards.
+    pub(crate) fn from_triangles(
+        surfaces: impl IntoIterator<Item = (String, Vec<[[f64; 3]; 3]>)>,
+    ) -> Self {
+        let mut file = Self {
+            surface_starts: vec![0],
+            z_up: true,
+            ..Self::default()
+        };
+        for (name, triangles) in surfaces {
+            for triangle in triangles {
+                let first = file.nodes.len() as u32;
+                file.nodes.extend(triangle);
+                file.facets.push([first, first + 1, first + 2]);
+            }
+            file.names.push(name);
+            file.surface_starts.push(file.facets.len());
+        }
+        file
     }
 }
 

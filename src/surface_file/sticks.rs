@@ -8,18 +8,35 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use super::SurfaceFile;
+use super::joining::join_sticks;
+use super::point_table::read_stick_table;
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::{dot, hypot, norm, sub};
+use crate::image::stated::{StatedCoordinates, ZDirection};
+use crate::image::time::default_metres_per_unit;
 
-/// Fault: its name, and its sticks from one end to the other.
+/// One stick of a fault.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Stick {
+    /// Name or number of the stick in its file.
+    pub name: String,
+    /// Line of the file that holds the first point, from 1; `None` if it has no lines.
+    pub line: Option<usize>,
+    /// Points along the stick, in either direction.
+    pub points: Vec<[f64; 3]>,
+}
+
+/// Fault: its name, and its sticks in any order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FaultSticks {
     /// Name of the fault.
     pub name: String,
-    /// Points of each stick, from top to bottom.
-    pub sticks: Vec<Vec<[f64; 3]>>,
+    /// Sticks of the fault.
+    pub sticks: Vec<Stick>,
+    /// The statements of the file about the coordinates.
+    pub coordinates: StatedCoordinates,
 }
 
 /// Points that are closer than this, relative to the length of the fault, are one point.
@@ -40,9 +57,11 @@ impl FaultSticks {
                     .iter()
                     .map(|facet| facet.map(|n| file.nodes[n as usize]))
                     .collect();
+                let lines = section_lines(&triangles, spacing);
                 Self {
                     name: file.names[s].clone(),
-                    sticks: section_lines(&triangles, spacing),
+                    sticks: numbered_sticks(lines),
+                    coordinates: file.stated.clone(),
                 }
             })
             .collect()
@@ -63,7 +82,8 @@ impl FaultSticks {
             }
             Self {
                 name: file.names[s].clone(),
-                sticks,
+                sticks: numbered_sticks(sticks),
+                coordinates: file.stated.clone(),
             }
         };
         (0..file.names.len()).map(object_sticks).collect()
@@ -77,9 +97,13 @@ impl FaultSticks {
             ..SurfaceFile::default()
         };
         for fault in faults {
+            let units = fault.coordinates.units.each_ref();
+            file.units = units.map(|unit| unit.clone().unwrap_or_default());
+            file.z_up = fault.coordinates.z_direction != Some(ZDirection::Down);
+            file.stated = fault.coordinates.clone();
             for stick in &fault.sticks {
                 let first = file.nodes.len() as u32;
-                file.nodes.extend(stick);
+                file.nodes.extend(&stick.points);
                 let ends = (first + 1)..file.nodes.len() as u32;
                 file.facets.extend(ends.map(|end| [end - 1, end]));
             }
@@ -89,56 +113,38 @@ impl FaultSticks {
         file
     }
 
-    /// Makes a surface of each fault from triangles between neighbouring sticks. Faults with a
-    /// single stick are omitted.
-    pub fn to_surfaces(faults: &[Self]) -> SurfaceFile<3> {
-        let mut file = SurfaceFile {
-            surface_starts: vec![0],
-            z_up: true,
-            ..SurfaceFile::default()
-        };
-        for fault in faults {
-            let first = file.facets.len();
-            let mut previous: Option<std::ops::Range<usize>> = None;
-            for stick in &fault.sticks {
-                let first_node = file.nodes.len();
-                file.nodes.extend(stick);
-                let nodes = first_node..file.nodes.len();
-                if let Some(previous) = previous.replace(nodes.clone()) {
-                    triangulate_between(&mut file, previous, nodes);
-                }
-            }
-            if file.facets.len() > first {
-                file.names.push(fault.name.clone());
-                file.surface_starts.push(file.facets.len());
-            }
+    /// Makes a surface of each fault, as [`join_sticks`] does. Faults with a single stick are omitted.
+    /// Coordinates in a unit that is unknown count as metres.
+    ///
+    /// # Errors
+    /// Returns the errors of [`join_sticks`].
+    pub fn to_surfaces(faults: &[Self]) -> Result<SurfaceFile<3>> {
+        let mut surfaces = Vec::new();
+        for fault in faults.iter().filter(|fault| fault.sticks.len() > 1) {
+            let units = fault.coordinates.units.each_ref();
+            let scale = units.map(|unit| default_metres_per_unit(unit.as_deref().unwrap_or("")));
+            let joined = join_sticks(&fault.name, &fault.sticks, scale)?;
+            surfaces.push((fault.name.clone(), joined.triangles));
         }
-        file
+        let mut file = SurfaceFile::from_triangles(surfaces);
+        if let Some(fault) = faults.last() {
+            let units = fault.coordinates.units.each_ref();
+            file.units = units.map(|unit| unit.clone().unwrap_or_default());
+            file.z_up = fault.coordinates.z_direction != Some(ZDirection::Down);
+            file.stated = fault.coordinates.clone();
+        }
+        Ok(file)
     }
 }
 
-/// Adds triangles between two sticks. Each step takes the shorter of the two edges that continue.
-fn triangulate_between(
-    file: &mut SurfaceFile<3>,
-    a: std::ops::Range<usize>,
-    b: std::ops::Range<usize>,
-) {
-    let (mut i, mut j) = (a.start, b.start);
-    let length =
-        |file: &SurfaceFile<3>, i: usize, j: usize| norm(sub(file.nodes[j], file.nodes[i]));
-    while i + 1 < a.end || j + 1 < b.end {
-        let next_a = match (i + 1 < a.end, j + 1 < b.end) {
-            (true, true) => length(file, i + 1, j) <= length(file, i, j + 1),
-            (left, _) => left,
-        };
-        let next = if next_a { i + 1 } else { j + 1 };
-        file.facets.push([i as u32, j as u32, next as u32]);
-        if next_a {
-            i = next;
-        } else {
-            j = next;
-        }
-    }
+/// Returns sticks of these points, with the names 1, 2, 3 ...
+fn numbered_sticks(lines: Vec<Vec<[f64; 3]>>) -> Vec<Stick> {
+    let stick = |(number, points): (usize, _)| Stick {
+        name: number.to_string(),
+        line: None,
+        points,
+    };
+    (1..).zip(lines).map(stick).collect()
 }
 
 /// Returns the horizontal direction of the strike of a surface. It is perpendicular to the mean of
@@ -255,7 +261,7 @@ pub fn write_sticks(path: &Path, faults: &[FaultSticks]) -> Result<()> {
         writeln!(out, "fault,stick,x,y,z")?;
         for fault in faults {
             for (number, stick) in (1..).zip(&fault.sticks) {
-                for [x, y, z] in stick {
+                for [x, y, z] in &stick.points {
                     writeln!(out, "{},{number},{x},{y},{z}", fault.name)?;
                 }
             }
@@ -281,7 +287,7 @@ pub fn write_charisma(
     atomic_write(path, |out| {
         for fault in faults {
             for (number, stick) in (1..).zip(&fault.sticks) {
-                for &point in stick {
+                for &point in &stick.points {
                     let ([inline, crossline], [x, y, z]) = (lines_at(point), point);
                     writeln!(
                         out,
@@ -296,16 +302,52 @@ pub fn write_charisma(
     })
 }
 
-/// Returns `true` if a text has Charisma's fault sticks.
-pub(crate) fn is_charisma(text: &str) -> bool {
-    let first = text.lines().find(|line| !line.trim().is_empty());
-    first.is_some_and(|line| {
-        let word = line.split_whitespace().next().unwrap_or("");
-        ["INLINE-", "XLINE-", "CROSSLINE-"].contains(&word)
-    })
+/// Words with which a line of Charisma's fault sticks begins: the kind of section on which the point
+/// was picked.
+const CHARISMA_SECTIONS: [&str; 8] = [
+    "INLINE-",
+    "XLINE-",
+    "CROSSLINE-",
+    "TRACE-",
+    "RANDOM-",
+    "TIMESLICE-",
+    "TIME-SLICE-",
+    "Z-SLICE-",
+];
+
+/// Returns the words of a line of Charisma's fault sticks after that of its section.
+fn charisma_words(line: &str) -> Option<Vec<&str>> {
+    let line = line.trim_start();
+    let first = line.split_whitespace().next()?.to_uppercase();
+    let section = (CHARISMA_SECTIONS.iter()).find(|section| first.starts_with(**section))?;
+    Some(line.get(section.len()..)?.split_whitespace().collect())
 }
 
-/// Reads Charisma's fault sticks. z stays positive downwards.
+/// Returns `true` if a text has Charisma's fault sticks.
+pub(crate) fn is_charisma(text: &str) -> bool {
+    let is_data = |line: &&str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    let first = text.lines().find(is_data);
+    first.is_some_and(|line| charisma_words(line).is_some())
+}
+
+/// Returns the point, the fault and the stick of a line of Charisma's fault sticks. The inline and the
+/// crossline may be missing, and the name of the fault may have spaces.
+fn charisma_point<'a>(words: &[&'a str]) -> Option<([f64; 3], String, &'a str)> {
+    let (stick, words) = words.split_last()?;
+    let numbers: Vec<f64> = words.iter().map_while(|word| word.parse().ok()).collect();
+    // All but the last two words may be numbers if the fault's name is one.
+    let first = if numbers.len() >= 5 && words.len() > 5 {
+        2
+    } else {
+        0
+    };
+    let point = numbers.get(first..first + 3)?.try_into().ok()?;
+    let name = words.get(first + 3..)?.join(" ");
+    (!name.is_empty()).then_some((point, name, *stick))
+}
+
+/// Reads Charisma's fault sticks: lines `INLINE- inline crossline x y z fault stick`, or without line
+/// numbers, from inlines, crosslines, slices or other sections. z stays positive downwards.
 ///
 /// # Errors
 /// Returns [`Error::Io`], with the line number, if the file cannot be read or a line is no point of a
@@ -313,19 +355,18 @@ pub(crate) fn is_charisma(text: &str) -> bool {
 pub fn read_charisma(path: &Path) -> Result<Vec<FaultSticks>> {
     let text = read_text(path)?;
     let mut collector = StickCollector::default();
-    let lines = (1..).zip(text.lines());
-    for (number, line) in lines.filter(|line| !line.1.trim().is_empty()) {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let point: Option<Vec<f64>> = words
-            .get(3..6)
-            .and_then(|words| words.iter().map(|word| word.parse().ok()).collect());
-        let point = point.and_then(|point| point.try_into().ok());
-        let (Some(point), [.., stick]) = (point.filter(|_| words.len() >= 8), &words[..]) else {
+    let is_data = |line: &str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    for (number, line) in (1..).zip(text.lines()).filter(|line| is_data(line.1)) {
+        let words = charisma_words(line).unwrap_or_default();
+        let Some((point, fault, stick)) = charisma_point(&words) else {
             let place = format!("{}:{number}", path.display());
             let problem = "is not 'INLINE- inline crossline x y z fault stick'";
             return Err(Error::Io(cause(place, problem, "export the sticks again")));
         };
-        collector.add(&words[6..words.len() - 1].join(" "), stick, point);
+        collector.add(&fault, stick, number, point);
+    }
+    for fault in &mut collector.faults {
+        fault.coordinates.z_direction = Some(ZDirection::Down);
     }
     Ok(collector.faults)
 }
@@ -348,65 +389,41 @@ struct StickCollector {
 }
 
 impl StickCollector {
-    /// Adds the next point. A stick ends where the name of the fault or of the stick changes.
-    fn add(&mut self, fault: &str, stick: &str, point: [f64; 3]) {
+    /// Adds the point in a line of the file. A stick ends where the name of the fault or of the stick
+    /// changes.
+    fn add(&mut self, fault: &str, stick: &str, line: usize, point: [f64; 3]) {
         let known = self.faults.iter().position(|other| other.name == fault);
         let fault = known.unwrap_or_else(|| {
             self.faults.push(FaultSticks {
                 name: fault.to_string(),
-                sticks: Vec::new(),
+                ..FaultSticks::default()
             });
             self.faults.len() - 1
         });
         let key = (fault, stick.to_string());
         let sticks = &mut self.faults[fault].sticks;
         if self.previous.as_ref() != Some(&key) {
-            sticks.push(Vec::new());
+            sticks.push(Stick {
+                name: stick.to_string(),
+                line: Some(line),
+                points: Vec::new(),
+            });
         }
         self.previous = Some(key);
         if let Some(stick) = sticks.last_mut() {
-            stick.push(point);
+            stick.points.push(point);
         }
     }
 }
 
-/// Reads sticks.
+/// Reads a table of sticks.
 ///
 /// # Errors
-/// Returns [`Error::Io`], with the line number, if the file cannot be read or is not a table of
-/// sticks.
+/// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`], with the line number, if it is
+/// not a table of sticks.
 pub fn read_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
-    let text = read_text(path)?;
-    let refuse = |line: usize, problem: String| {
-        let place = format!("{}:{line}", path.display());
-        let remedy = "give columns fault,stick,x,y,z";
-        Error::Io(cause(place, problem, remedy))
-    };
-    let has_data = |line: &(usize, &str)| !line.1.trim().is_empty() && !line.1.starts_with('#');
-    let mut lines = (1..).zip(text.lines()).filter(has_data);
-    let (number, header) = lines.next().ok_or_else(|| refuse(1, "is empty".into()))?;
-    let names: Vec<String> = header
-        .split(',')
-        .map(|name| name.trim().to_lowercase())
-        .collect();
-    let mut columns = [0; 5];
-    for (column, name) in columns.iter_mut().zip(["fault", "stick", "x", "y", "z"]) {
-        let position = names.iter().position(|other| other == name);
-        *column = position.ok_or_else(|| refuse(number, format!("has no column {name}")))?;
-    }
-    let mut collector = StickCollector::default();
-    for (number, line) in lines {
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        let field = |k: usize| fields.get(columns[k]).copied().unwrap_or("");
-        let mut point = [0.0; 3];
-        for (k, coordinate) in point.iter_mut().enumerate() {
-            let coordinate_value = field(2 + k).parse::<f64>().ok().filter(|c| c.is_finite());
-            *coordinate = coordinate_value
-                .ok_or_else(|| refuse(number, format!("'{}' is not a number", field(2 + k))))?;
-        }
-        collector.add(field(0), field(1), point);
-    }
-    Ok(collector.faults)
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    read_stick_table(path, &stem)
 }
 
 #[cfg(test)]
@@ -446,7 +463,7 @@ mod tests {
         let file = plane();
         let faults = FaultSticks::from_surfaces(&file, Some(8.0));
         assert_eq!((faults.len(), faults[0].sticks.len()), (1, 10));
-        for stick in &faults[0].sticks {
+        for Stick { points: stick, .. } in &faults[0].sticks {
             // Sticks run down the dip: 30 deep, from edge to edge, in order.
             assert!(stick.windows(2).all(|p| p[1][2] < p[0][2]), "{stick:?}");
             let [top, base] = [stick[0], stick[stick.len() - 1]];
@@ -460,7 +477,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sticks.csv");
         write_sticks(&path, &faults).unwrap();
-        assert_eq!(read_sticks(&path).unwrap(), faults);
+        let points = |faults: &[FaultSticks]| -> Vec<Vec<[f64; 3]>> {
+            let sticks = faults.iter().flat_map(|fault| &fault.sticks);
+            sticks.map(|stick| stick.points.clone()).collect()
+        };
+        assert_eq!(points(&read_sticks(&path).unwrap()), points(&faults));
         assert_eq!(
             FaultSticks::from_lines(&FaultSticks::to_lines(&faults)),
             faults
@@ -476,8 +497,8 @@ mod tests {
         let read = read_charisma(&path).unwrap();
         assert_eq!((read.len(), &read[0].name), (1, &faults[0].name));
         for (read, written) in read[0].sticks.iter().zip(&faults[0].sticks) {
-            assert_eq!(read.len(), written.len());
-            for (a, b) in read.iter().zip(written) {
+            assert_eq!(read.points.len(), written.points.len());
+            for (a, b) in read.points.iter().zip(&written.points) {
                 assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] + b[2]).abs() < 2e-3);
             }
         }
@@ -488,8 +509,20 @@ mod tests {
             "{message}"
         );
 
+        // Other sections, no line numbers, and names with spaces or of digits.
+        let text = "# picks\nCROSSLINE-  10 20 1 2 3 Main fault 7\nXLINE-12 20 1 2 3 Main fault 8\n\
+                    TIMESLICE- 1 2 4 Main fault 9\nINLINE- 10 20 1 2 5 101 1\n";
+        std::fs::write(&path, text).unwrap();
+        let read = read_charisma(&path).unwrap();
+        let names: Vec<(&str, usize)> = (read.iter())
+            .map(|fault| (&*fault.name, fault.sticks.len()))
+            .collect();
+        assert_eq!(names, [("Main fault", 3), ("101", 1)]);
+        assert_eq!(read[0].sticks[2].points, [[1.0, 2.0, 4.0]]);
+        assert_eq!(read[1].sticks[0].points, [[1.0, 2.0, 5.0]]);
+
         // Nine of the ten strips of the plane lie between sticks.
-        let rebuilt = FaultSticks::to_surfaces(&faults);
+        let rebuilt = FaultSticks::to_surfaces(&faults).unwrap();
         assert_eq!(
             (rebuilt.names.as_slice(), rebuilt.surface_starts.len()),
             (&["fault1".to_string()][..], 2)
@@ -523,16 +556,16 @@ mod tests {
         let faults = read_sticks(&path).unwrap();
         let counts: Vec<Vec<usize>> = faults
             .iter()
-            .map(|fault| fault.sticks.iter().map(Vec::len).collect())
+            .map(|fault| fault.sticks.iter().map(|s| s.points.len()).collect())
             .collect();
         assert_eq!(counts, [vec![2, 1], vec![1]]);
-        assert_eq!(faults[0].sticks[1], [[5.0, 2.0, -3.0]]);
+        assert_eq!(faults[0].sticks[1].points, [[5.0, 2.0, -3.0]]);
+        assert_eq!(faults[0].sticks[1].line, Some(6));
         for (text, expected) in [
-            ("", "is empty"),
-            ("x,y,z\n1,2,3\n", "has no column fault"),
+            ("x,y,z\n1,2,3\n", "has no column stick"),
             (
-                "fault,stick,x,y,z\na,1,2,3\n",
-                "a.csv:2: '' is not a number",
+                "fault,stick,x,y,z\na,1,2,3,four\n",
+                "a.csv:2: 'four' in column z is not a number",
             ),
         ] {
             std::fs::write(&path, text).unwrap();

@@ -23,7 +23,7 @@ from ._call import call as _call
 from ._call import error as _error
 from ._call import options_of as _options_of
 from ._call import verbs as _verbs
-from ._errors import Error, MissingItemError
+from ._errors import Error, MeshWarning, MissingItemError
 from ._image import NAME as _NAME
 from ._image import Image, read
 from ._mesh import Mesh, Picture, Region, load, mesh, voronoi
@@ -40,6 +40,7 @@ __all__ = [
     "Error",
     "Image",
     "Mesh",
+    "MeshWarning",
     "Picture",
     "Region",
     "Surface",

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Union
 import numpy as np
 
 from . import _native
-from ._errors import ArgumentError, Error, InvalidValueError
+from ._errors import ArgumentError, Error, InvalidValueError, MeshWarning
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -279,6 +279,22 @@ def _caller_level() -> int:
     while frame is not None and frame.f_code.co_filename.startswith(package):
         frame, level = frame.f_back, level + 1
     return level
+
+
+def warn_of_issue(verdict: Mapping[str, Any] | None) -> None:
+    """Warns of the issue of a mesh if the verdict of its report is not good."""
+    if verdict is None or verdict["grade"] == "good":
+        return
+    issue = f": {verdict['issue']}" if verdict["issue"] else ""
+    text = f"the mesh is {verdict['grade']}{issue}; fit for {verdict['fit_for']}"
+    # An option has the form "--metric shape --distance 4", or "--distance, smaller".
+    pairs = [part.partition(" ") for part in (verdict["option"] or "").removeprefix("--").split(" --")]
+    keywords = [f"{name.replace('-', '_')}={value!r}" for name, _, value in pairs if value and not name.endswith(",")]
+    if keywords:
+        text += f". Try {', '.join(keywords)}: {verdict['suggestion']}"
+    elif verdict["suggestion"]:
+        text += f". What helps: {verdict['suggestion']}"
+    warnings.warn(text, MeshWarning, stacklevel=_caller_level())
 
 
 class _ProgressDisplay:

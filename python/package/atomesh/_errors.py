@@ -47,3 +47,7 @@ class MissingFileError(FileError, FileNotFoundError):
 
 class FailureError(Error, RuntimeError):
     """The work failed although the arguments are possible."""
+
+
+class MeshWarning(UserWarning):
+    """The verdict on a mesh is not good: what is wrong, and what helps."""

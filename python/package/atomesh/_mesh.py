@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Union
 import numpy as np
 
 from . import _native
-from ._call import Answer, call, error, options_of
+from ._call import Answer, call, error, options_of, warn_of_issue
 from ._errors import ArgumentError
 from ._image import NAME, Image, read
 from ._subset import cell_numbers, cell_volumes, select_cells
@@ -358,11 +358,28 @@ class Mesh:
     def quality(self) -> dict[str, Any]:
         """Angles (degrees), sizes and shapes of the cells, a dict. It is measured at the first use if the
         report lacks it.
+
+        `space` names the space in which they are measured: "physical", in which simulators compute, or "lattice"
+        if angles have no meaning there, as where z is time. The keys `physical` and `lattice` have the figures in
+        each space. Without a meaning in physical space, `physical` is None; if all angles are the same in both spaces,
+        both have the figures of lattice space. Voronoi cells have the figures of the report's `voronoi`.
+
+        Examples
+        --------
+        >>> import atomesh
+        >>> mesh = atomesh.mesh(atomesh.synth("sphere", dims=(20, 20, 20)), distance=5)
+        >>> mesh.quality["space"], mesh.quality["cells"] == mesh.quality["lattice"]["cells"]
+        ('physical', True)
         """
         has_quality = self._report.get("quality") or self._report.get("voronoi")
         measured = self._report if has_quality else self.measure()
-        quality: dict[str, Any] = measured.get("quality") or measured["voronoi"]
-        return quality
+        lattice: dict[str, Any] | None = measured.get("quality")
+        if lattice is None:
+            voronoi: dict[str, Any] = measured["voronoi"]
+            return voronoi
+        space: str = (measured.get("angle_space") or {}).get("space", "lattice")
+        physical = measured.get("quality_physical") or (lattice if space == "physical" else None)
+        return {**(physical or lattice), "space": space, "lattice": lattice, "physical": physical}
 
     @property
     def fidelity(self) -> dict[str, Any]:
@@ -1126,6 +1143,11 @@ def mesh(
     Mesh
         The mesh, with its report.
 
+    Warns
+    -----
+    MeshWarning
+        If the verdict on the mesh is not good: what is wrong, and what helps. This is also a UserWarning.
+
     Raises
     ------
     ArgumentError
@@ -1156,6 +1178,7 @@ def mesh(
         image = Image.of(volume, spacing, origin, units)
         name, objects = NAME, {NAME: image._native}
     answer = call("mesh", [name], {"output": RESULT, **options}, objects, [RESULT], progress, threads)
+    warn_of_issue(answer.report.get("verdict"))
     return Mesh(answer.kept[RESULT], answer, image)
 
 

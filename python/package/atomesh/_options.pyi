@@ -167,6 +167,13 @@ class MeshOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -255,6 +262,13 @@ class FeatureOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -303,6 +317,13 @@ class InfoOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -360,6 +381,13 @@ class ConvertOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -423,6 +451,13 @@ class ReportOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -521,6 +556,13 @@ class EditOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -580,6 +622,13 @@ class ColumnsOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -632,7 +681,8 @@ class ExportOptions(TypedDict, total=False):
     #: Another property of the cells, such as a seismic attribute, given like a porosity; may be
     #: repeated
     property: _Values | None
-    #: An image of labels that sets the regions of the cells
+    #: An image of labels that sets the regions of the cells: each cell has the label that fills the
+    #: largest part of it, or with `:nearest` at the end that at its centre
     region: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
@@ -659,6 +709,13 @@ class ExportOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -814,6 +871,13 @@ class SliceOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -904,6 +968,13 @@ class SurfaceOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -965,6 +1036,13 @@ class PaintOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -1026,6 +1104,13 @@ class SegmentOptions(TypedDict, total=False):
     #: An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     #: left out, and neither they nor their edge are features
     mask: _Path | None
+    #: The block of the image to read, both ends included: ranges of line numbers, of coordinates
+    #: or of indices from 0, separated by commas, such as inline=100:200,time=1000:1500,
+    #: x=A:B,y=A:B,z=A:B or i=A:B. Everything is as if the file held only this block
+    crop: _Value | None
+    #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
+    #: .vtp), or an image with as many samples that is 0 outside
+    inside: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet

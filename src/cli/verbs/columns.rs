@@ -11,12 +11,18 @@ use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::parse::{number, option_error};
-use crate::export::surfaces::vtp::read_triangles;
-use crate::export::{Gocad, read_gocad};
 use crate::image::formats::{AnyImage, InputOptions};
-use crate::model::columns::horizon::{Horizon, TriangleIndex};
+use crate::image::stated::CoordinateOptions;
+use crate::job::spec::{FileOption, InvalidValue};
+use crate::model::columns::given::{GivenHorizon, HorizonShape};
 use crate::model::columns::{ColumnsInput, ColumnsSpec};
 use crate::progress::Stage;
+use crate::surface_file::interpretation::read_interpretation_as;
+
+/// Endings of files of surfaces and points. All others are images.
+const SURFACE_ENDINGS: [&str; 11] = [
+    "vtp", "ts", "obj", "pl", "vs", "csv", "xyz", "txt", "dat", "charisma", "asc",
+];
 
 /// Arguments of `atomesh columns`.
 #[derive(Debug, Args)]
@@ -28,8 +34,9 @@ pub struct ColumnsArgs {
     #[arg(short, long, value_name = "CELLS.vtu")]
     pub output: PathBuf,
     /// A horizon; give at least two, from the top down. Each is a number z, a 2-D image of z (with
-    /// the dimensions of the meshed image, or with its own position), or a surface
-    /// FILE.vtp[:NUMBER]
+    /// the dimensions of the meshed image, or with its own position), a grid (IRAP, ZMAP+, CPS-3), or
+    /// surfaces FILE[:NAME] (.ts, .vtp, .obj) or points. z is brought to one unit and one direction; what a file does not say
+    /// follows it: ,unit=ft ,z=down ,null=-999
     #[arg(long, value_name = "Z", required = true, allow_hyphen_values = true)]
     pub horizon: Vec<String>,
     /// Options of the columns.
@@ -41,15 +48,17 @@ pub struct ColumnsArgs {
 pub fn columns(args: &ColumnsArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
     let spec = &args.spec;
     spec.validate().map_err(with_option_name::<ColumnsSpec>)?;
-    let horizons = args.horizon.iter().map(Path::new);
-    let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(horizons).collect();
+    let options: Vec<Option<FileOption>> = args
+        .horizon
+        .iter()
+        .map(|text| horizon_file(text))
+        .collect::<Result<_>>()?;
+    let files = options.iter().flatten().map(|option| option.path.as_path());
+    let inputs: Vec<&Path> = [args.map.as_path()].into_iter().chain(files).collect();
     check_output(&args.output, "--output", &["vtu"], &inputs)?;
     console.begin_stage(Stage::Reading);
     let map = console.read_mesh(&args.map)?;
-    let horizon = |text: &String| {
-        let horizon = read_horizon(text, &spec.input, console)?;
-        Ok((text.clone(), horizon))
-    };
+    let horizon = |text: &String| read_horizon(text, &spec.input, console);
     let input = ColumnsInput {
         map,
         name: &path_text(&args.map),
@@ -70,65 +79,76 @@ pub fn columns(args: &ColumnsArgs, interrupts: &Interrupts, console: &mut Consol
     Ok(())
 }
 
-/// Reads a horizon from the value of `--horizon`.
-fn read_horizon(text: &str, input: &InputOptions, console: &Console) -> Result<Horizon> {
-    if let Ok(z) = text.parse::<f64>() {
-        return Ok(Horizon::Flat(number(
+/// Returns the file that the value of `--horizon` names; `None` if it is a number.
+fn horizon_file(text: &str) -> Result<Option<FileOption>> {
+    if text.parse::<f64>().is_ok() {
+        return Ok(None);
+    }
+    let option: FileOption = (text.parse()).map_err(|error: InvalidValue| {
+        option_error("--horizon", text, &error.problem, &error.remedy)
+    })?;
+    if let Some(false) = option.is_horizon {
+        let remedy = "omit ,fault";
+        return Err(option_error(
             "--horizon",
-            &z.to_string(),
-            "give a finite z",
-        )?));
+            text,
+            "is a horizon and no fault",
+            remedy,
+        ));
     }
-    let (path, number) = match text.rsplit_once(':') {
-        Some((path, number)) if path.ends_with(".vtp") => {
-            let number = number.parse().map_err(|_| {
-                let remedy = "give FILE.vtp or FILE.vtp:NUMBER";
-                option_error("--horizon", text, "names no surface", remedy)
-            })?;
-            (Path::new(path), Some(number))
-        }
-        _ => (Path::new(text), None),
+    Ok(Some(option))
+}
+
+/// Reads a horizon from the value of `--horizon`.
+fn read_horizon(text: &str, input: &InputOptions, console: &Console) -> Result<GivenHorizon> {
+    let nulls = input.point_nulls()?;
+    let given = |shape, options: &CoordinateOptions| GivenHorizon {
+        place: text.to_string(),
+        shape,
+        options: options.with_nulls(nulls.clone()),
     };
-    if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("vtp"))
-    {
-        let triangles = read_triangles(path, number)?;
-        if triangles.is_empty() {
-            let remedy = "give a surface of `atomesh surface`: FILE.vtp, or FILE.vtp:NUMBER";
-            return Err(option_error(
-                "--horizon",
-                text,
-                "has no such surface",
-                remedy,
-            ));
-        }
-        return Ok(Horizon::Surface(TriangleIndex::new(triangles)));
-    }
-    if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("ts"))
-    {
-        let Gocad::Surfaces(file) = read_gocad(path)? else {
-            let remedy = "give a file of TSurf objects";
-            return Err(option_error(
-                "--horizon",
-                text,
-                "holds lines and no surface",
-                remedy,
-            ));
+    let Some(option) = horizon_file(text)? else {
+        let z = number("--horizon", text, "give a finite z")?;
+        return Ok(given(HorizonShape::Flat(z), &CoordinateOptions::default()));
+    };
+    let path = option.path.as_path();
+    if !is_surface_file(path) {
+        let AnyImage::Plane(loaded) = console.read_image(path, input)? else {
+            let remedy = "give an image of z over the map";
+            return Err(option_error("--horizon", text, "is a 3-D image", remedy));
         };
-        let corners = file
-            .facets
-            .iter()
-            .map(|f| f.map(|n| file.nodes[n as usize]));
-        return Ok(Horizon::Surface(TriangleIndex::new(corners.collect())));
+        loaded.notes.iter().for_each(|note| console.note(note));
+        return Ok(given(HorizonShape::Grid(loaded.image), &option.coordinates));
     }
-    let loaded = console.read_image(path, input)?;
-    let AnyImage::Plane(loaded) = loaded else {
-        let remedy = "give an image of z over the map";
-        return Err(option_error("--horizon", text, "is a 3-D image", remedy));
-    };
-    loaded.notes.iter().for_each(|note| console.note(note));
-    Ok(Horizon::Grid(loaded.image))
+    let mut surfaces = read_interpretation_as(path, &option.coordinates.columns)?;
+    let names: Vec<String> = surfaces
+        .iter()
+        .map(|surface| surface.name.clone())
+        .collect();
+    if let Some(name) = &option.name {
+        let named = names.iter().position(|other| other == name);
+        let by_number = name
+            .parse::<usize>()
+            .ok()
+            .and_then(|number| number.checked_sub(1));
+        match named.or(by_number.filter(|&k| k < surfaces.len())) {
+            Some(k) => surfaces = vec![surfaces.swap_remove(k)],
+            None => {
+                let problem = format!("names no surface: the file has {}", names.join(", "));
+                let remedy = "give FILE, FILE:NAME or FILE:NUMBER";
+                return Err(option_error("--horizon", text, &problem, remedy));
+            }
+        }
+    }
+    Ok(given(HorizonShape::Surfaces(surfaces), &option.coordinates))
+}
+
+/// Returns `true` if a file holds surfaces or points and no image, judged by its ending.
+fn is_surface_file(path: &Path) -> bool {
+    let ending = path
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_lowercase();
+    SURFACE_ENDINGS.contains(&&*ending)
 }

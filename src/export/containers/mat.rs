@@ -10,6 +10,7 @@ use std::path::Path;
 
 use super::binary::LazyArray;
 use crate::error::cause;
+use crate::names::NameRules;
 use crate::{Error, Result};
 
 /// Value of a variable or a field.
@@ -164,13 +165,34 @@ fn type_number(kind: &str) -> u32 {
     }
 }
 
-/// Returns `true` if a field or a variable can have this name.
-pub fn is_valid_name(name: &str) -> bool {
-    let is_valid_char = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    name.len() < FIELD_NAME_BYTES
-        && name.starts_with(|c: char| c.is_ascii_alphabetic())
-        && name.chars().all(is_valid_char)
-}
+/// Rules of MATLAB for the names of fields and variables. Its keywords cannot be written after a dot.
+pub const FIELD_NAMES: NameRules = NameRules {
+    max_bytes: FIELD_NAME_BYTES - 1,
+    distinct_bytes: FIELD_NAME_BYTES - 1,
+    reserved: &[
+        "break",
+        "case",
+        "catch",
+        "classdef",
+        "continue",
+        "else",
+        "elseif",
+        "end",
+        "for",
+        "function",
+        "global",
+        "if",
+        "otherwise",
+        "parfor",
+        "persistent",
+        "return",
+        "spmd",
+        "switch",
+        "try",
+        "while",
+    ],
+    ..NameRules::IDENTIFIER
+};
 
 /// Checks that all variables fit, before any is written to the file at `path`.
 ///
@@ -253,12 +275,8 @@ mod tests {
 
     #[test]
     fn names_follow_matlab_rules() {
-        assert!(
-            is_valid_name("sw_2")
-                && !is_valid_name("2_sw")
-                && !is_valid_name("")
-                && !is_valid_name("a-b")
-        );
-        assert!(!is_valid_name(&"a".repeat(FIELD_NAME_BYTES)));
+        let is_valid = |name: &str| FIELD_NAMES.is_legal(name);
+        assert!(is_valid("sw_2") && !is_valid("2_sw") && !is_valid("") && !is_valid("a-b"));
+        assert!(!is_valid(&"a".repeat(FIELD_NAME_BYTES)));
     }
 }

@@ -30,7 +30,6 @@ use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{bounding_box, norm, sorted_distinct, sub};
 use crate::model::reservoir::Model;
-use crate::model::surface::SurfaceKind;
 
 /// Multipliers that differ by less than this are equal.
 const FACTOR_TOLERANCE: f64 = 1e-9;
@@ -258,11 +257,10 @@ impl FaultResistances {
     }
 
     /// Writes the surfaces and their multipliers for the GRID section of a deck.
-    pub fn write(&self, out: FileWriter, model: &Model, grid: &CornerPointGrid) -> WriteResult {
+    pub fn write(&self, out: FileWriter, names: &[String], grid: &CornerPointGrid) -> WriteResult {
         if self.faces.is_empty() {
             return Ok(());
         }
-        let names = surface_names(model);
         writeln!(out, "FAULTS")?;
         for faces in self.faces.chunk_by(|a, b| a.surface == b.surface) {
             let name = &names[faces[0].surface as usize];
@@ -362,33 +360,6 @@ fn is_continued_by(a: &FaultCellFace, b: &FaultCellFace) -> bool {
     a.axis < 2
         && (a.axis, a.is_negative_side) == (b.axis, b.is_negative_side)
         && b.cell == [i, j, k + 1]
-}
-
-/// Maximum length of a name in characters.
-const MAX_NAME_LEN: usize = 8;
-
-/// Returns the names of all surfaces. The first name is that of surface 0, the fragments. The
-/// interface of regions 1 and 11 is `I1_11` if that is short enough and unique.
-fn surface_names(model: &Model) -> Vec<String> {
-    let surfaces = &model.surfaces;
-    let short = |at: usize| {
-        let regions = surfaces.names.get(at)?.strip_prefix("interface_")?;
-        let short = format!("I{}", regions.to_uppercase());
-        (short.is_ascii() && short.len() <= MAX_NAME_LEN).then_some(short)
-    };
-    let mut uses: BTreeMap<String, usize> = BTreeMap::new();
-    for name in (0..surfaces.kinds.len()).filter_map(short) {
-        *uses.entry(name).or_default() += 1;
-    }
-    let name = |(at, kind): (usize, &SurfaceKind)| match kind {
-        SurfaceKind::Fault => format!("FAULT{}", at + 1),
-        SurfaceKind::Horizon => format!("HORIZ{}", at + 1),
-        SurfaceKind::Interface => {
-            (short(at).filter(|name| uses[name] == 1)).unwrap_or_else(|| format!("INTER{}", at + 1))
-        }
-    };
-    let names = surfaces.kinds.iter().enumerate().map(name);
-    std::iter::once("SCRAPS".into()).chain(names).collect()
 }
 
 /// Returns the layers of the next column along an axis whose cells share a part of a face with the
@@ -539,7 +510,11 @@ fn find_connections(
             let cell = [i, row % dims[1], row / dims[1]];
             let mut next = cell;
             next[axis] += 1;
-            if next[axis] == dims[axis] {
+            // Vertically, the neighbour of a cell is the next one that is not pinched out.
+            while axis == 2 && next[2] < dims[2] && grid.is_pinched(next) {
+                next[2] += 1;
+            }
+            if next[axis] == dims[axis] || axis == 2 && grid.is_pinched(cell) {
                 continue;
             }
             let p = grid.point(cell, [0.5; 3]);

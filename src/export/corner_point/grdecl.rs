@@ -25,6 +25,7 @@ use crate::export::containers::text::{
 };
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::simulators::deck::{
     self, AquiferConnection, CONNATE_WATER_SATURATION, WellConnection,
 };
@@ -58,6 +59,13 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Duration,
     ],
     deck_path: Some(deck_path),
+    names: FormatNames {
+        regions: Naming::NumbersFromOne,
+        wells: Some(deck::NAMES),
+        multipliers: Some(deck::NAMES),
+        table: TablePlace::Comments("-- "),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -105,7 +113,7 @@ struct CellSum {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the mesh has no vertical sides, and
 /// [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     let outline = Outline::new(graph, &model.mesh.nodes, ERROR_PLACE)?;
     let [n, m, layers] = model.grid.unwrap_or_else(|| default_dims(model, &outline));
@@ -139,6 +147,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     };
     let filled = FilledGrid {
         model,
+        names,
         resistances: FaultResistances::new(model, &walker, &grid),
         grid,
         columns,
@@ -178,6 +187,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 /// A grid and the contents of its cells.
 struct FilledGrid<'a> {
     model: &'a Model,
+    names: &'a ExportNames,
     grid: CornerPointGrid<'a>,
     /// Contents of the cells of each column, from the top.
     columns: Vec<Vec<CellSum>>,
@@ -209,6 +219,7 @@ impl FilledGrid<'_> {
             env!("CARGO_PKG_VERSION"),
             model.len()
         )?;
+        write!(out, "{}", self.names.comments())?;
         writeln!(out, "SPECGRID\n {n} {m} {} 1 F /\n", layers.count)?;
         writeln!(out, "COORD")?;
         write_items(out, pillars.ends.len(), |text, p| {
@@ -234,6 +245,11 @@ impl FilledGrid<'_> {
         write_ints(out, cells, |at| {
             i64::from(self.cell(at).active_weight > 0.0)
         })?;
+        if self.grid.has_pinched_cells() {
+            // Without PINCH, a layer without thickness separates the layers above and below it.
+            let thickness = self.grid.pinch_thickness();
+            writeln!(out, "PINCH\n {thickness:e} GAP 1* TOPBOT TOP /\n")?;
+        }
         if model.porosity.is_some() {
             writeln!(out, "PORO")?;
             write_numbers(out, cells, |at| match self.cell(at).net_to_gross {
@@ -257,7 +273,8 @@ impl FilledGrid<'_> {
                 writeln!(out, "/\n")?;
             }
         }
-        self.resistances.write(out, model, &self.grid)
+        self.resistances
+            .write(out, &self.names.multipliers, &self.grid)
     }
 
     /// Writes the region of each cell, and the numbers of tables if they are given.
@@ -301,7 +318,15 @@ impl FilledGrid<'_> {
         };
         let aquifer_cells = aquifers.iter().map(size).max().unwrap_or_default();
         let dims = grid.dims();
-        deck::write_runspec(out, model, title, dims, connections, aquifer_cells)?;
+        deck::write_runspec(
+            out,
+            model,
+            self.names,
+            title,
+            dims,
+            connections,
+            aquifer_cells,
+        )?;
         let include = |out: FileWriter, name: &OsStr| {
             writeln!(out, "INCLUDE\n '{}' /\n", name.to_string_lossy())
         };
@@ -325,7 +350,7 @@ impl FilledGrid<'_> {
             }
         }
         deck::write_aquifers(out, &model.case, &aquifers)?;
-        deck::write_schedule(out, model, connections)
+        deck::write_schedule(out, model, self.names, connections)
     }
 
     /// Returns the cells of the grid to which an aquifer is connected: the active ones on its side,
@@ -574,7 +599,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("A.GRDECL");
         let mut batch = Batch::default();
-        write(&model, &mut batch, &path).unwrap();
+        let names = ExportNames::new(&model, &FORMAT.names);
+        write(&model, &names, &mut batch, &path).unwrap();
         batch.commit().unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let tail = text.split("SPECGRID\n").nth(1).unwrap();

@@ -2,12 +2,20 @@
 
 use super::layers::GridLayers;
 use super::pillars::Pillars;
-use crate::geometry::grid_index::offset_of;
+use crate::geometry::grid_index::{index_at, offset_of};
 use crate::geometry::{norm, sub};
+use crate::parallel::prelude::*;
 
 /// Number of Newton steps that find the coordinates of a point in a column. A column is nearly a
 /// parallelogram, so few are enough.
 const MAX_NEWTON_STEPS: usize = 8;
+
+/// Thickness of a cell, relative to the height of the grid, up to which its layer is pinched out.
+const PINCHED_HEIGHT_RATIO: f64 = 1e-9;
+
+/// Thickness in metres of an inactive cell up to which simulators connect the cells above and below
+/// it, unless the grid is less high than a thousand times as much.
+const MAX_PINCH_THICKNESS: f64 = 1e-3;
 
 /// Corner-point grid.
 pub struct CornerPointGrid<'a> {
@@ -27,6 +35,36 @@ impl CornerPointGrid<'_> {
     /// Returns the index of a cell in arrays. i is fastest, k slowest.
     pub fn cell_index(&self, cell: [usize; 3]) -> usize {
         offset_of(self.dims(), cell)
+    }
+
+    /// Returns `true` if the layer of a cell is pinched out in its column: the cell has no thickness.
+    pub fn is_pinched(&self, [i, j, k]: [usize; 3]) -> bool {
+        let column = j * self.pillars.columns[0] + i;
+        let max_thickness = PINCHED_HEIGHT_RATIO * self.height();
+        (0..4).all(|corner| {
+            let depths = self.layers.corner_depths(column, corner);
+            depths[k] - depths[k + 1] <= max_thickness
+        })
+    }
+
+    /// Returns `true` if a layer is pinched out in any column.
+    pub fn has_pinched_cells(&self) -> bool {
+        let dims = self.dims();
+        let cells = 0..dims.iter().product();
+        cells
+            .into_par_iter()
+            .any(|cell| self.is_pinched(index_at(dims, cell)))
+    }
+
+    /// Returns the thickness in metres up to which simulators are to connect the cells above and below
+    /// an inactive cell: that of no cell that is there.
+    pub fn pinch_thickness(&self) -> f64 {
+        MAX_PINCH_THICKNESS.min(1e-6 * self.height())
+    }
+
+    fn height(&self) -> f64 {
+        let [high, low] = self.pillars.z;
+        high - low
     }
 
     /// Returns z at fractions of a column along i and j, at the top of layer `k` (or the bottom of

@@ -16,10 +16,12 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -38,9 +40,40 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Quadratic,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Names(NameRules {
+            reserved: &[
+                "Base",
+                "Cells",
+                "CGNSLibraryVersion",
+                "Faces",
+                "GridCoordinates",
+                "Values",
+                "Zone",
+                "ZoneBC",
+                "ZoneType",
+            ],
+            ..NODE_NAMES
+        }),
+        properties: Some(NameRules {
+            reserved: &["GridLocation"],
+            ..NODE_NAMES
+        }),
+        has_columns: true,
+        ..FormatNames::NONE
+    },
     write,
 };
 
+/// Rules of CGNS for the names of nodes.
+const NODE_NAMES: NameRules = NameRules {
+    max_bytes: NAME_BYTES - 1,
+    distinct_bytes: NAME_BYTES - 1,
+    is_allowed: |c| c == ' ' || c.is_ascii_graphic() && c != '/',
+    is_allowed_first: |c| c.is_ascii_graphic() && c != '.',
+    ..NameRules::TEXT
+};
 /// Element types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[i32; 2]; 5] = [[0, 0], [0, 0], [3, 4], [5, 6], [10, 11]];
 const NGON_TYPE: i32 = 22;
@@ -55,10 +88,10 @@ type NamedNode<'a> = (String, Hdf5Node<'a>);
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let faces = model.mesh.faces_of_cells();
     let simplices = if model.tets.is_some() || model.triangles.is_some() {
-        Some(SimplexMesh::new(model, "CGNS")?)
+        Some(SimplexMesh::new(model, names, "CGNS")?)
     } else {
         None
     };
@@ -81,7 +114,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     ];
     let (sections, conditions) = match &simplices {
         Some(mesh) => simplex_sections(mesh),
-        None => polyhedron_sections(model, &faces),
+        None => polyhedron_sections(model, &names.faces, &faces),
     };
     zone.extend(sections);
     let families = conditions.iter().map(|(name, _)| {
@@ -91,7 +124,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let families: Vec<NamedNode> = families.collect();
     zone.push(group_node("ZoneBC", "ZoneBC_t", conditions));
     let mut values = vec![text_node("GridLocation", "GridLocation_t", "CellCenter")];
-    for (name, column) in scalar_columns(model) {
+    for (name, column) in scalar_columns(model, &names.properties) {
         let numbers = LazyArray::from_fn(column.len(), move |i| column[i]);
         values.push(array_node(&name, numbers));
     }
@@ -153,15 +186,8 @@ fn data_node<'a>(
     data: Option<(Vec<u64>, LazyArray<'a>)>,
     children: Vec<NamedNode<'a>>,
 ) -> NamedNode<'a> {
-    let mut name = name.replace('/', "_");
-    name.truncate(
-        (0..NAME_BYTES)
-            .rev()
-            .find(|&at| name.is_char_boundary(at))
-            .unwrap_or(0),
-    );
     let attributes = vec![
-        ("name".into(), Hdf5Attribute::Text(name.clone(), NAME_BYTES)),
+        ("name".into(), Hdf5Attribute::Text(name.into(), NAME_BYTES)),
         (
             "label".into(),
             Hdf5Attribute::Text(label.into(), NAME_BYTES),
@@ -174,7 +200,10 @@ fn data_node<'a>(
         links.push((" data".into(), Hdf5Node::Dataset(dims, numbers)));
     }
     links.extend(children);
-    (name, Hdf5Node::GroupWithAttributes(attributes, links))
+    (
+        name.into(),
+        Hdf5Node::GroupWithAttributes(attributes, links),
+    )
 }
 
 /// Returns a node without data.
@@ -313,6 +342,7 @@ fn simplex_sections<'a>(mesh: &SimplexMesh) -> (Vec<NamedNode<'a>>, Vec<NamedNod
 /// A face has a negative number in the cell into which it points.
 fn polyhedron_sections<'a>(
     model: &'a Model,
+    names: &FaceNames,
     cell_faces: &'a Lists,
 ) -> (Vec<NamedNode<'a>>, Vec<NamedNode<'a>>) {
     let mesh = &model.mesh;
@@ -340,7 +370,7 @@ fn polyhedron_sections<'a>(
         array_node("ElementConnectivity", int_array(signed_faces)),
     ];
     let cells = element_section("Cells", NFACE_TYPE, faces + 1, model.len(), lists);
-    let groups = FaceNames::new(model).groups().into_iter();
+    let groups = names.groups().into_iter();
     let conditions = groups.map(|group| {
         let list = group.faces.iter().map(|&f| f as i32 + 1).collect();
         boundary_condition(&group.name, "FaceCenter", list, false)

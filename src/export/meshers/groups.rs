@@ -4,12 +4,15 @@
 use crate::geometry::sorted_distinct;
 use crate::mesh::poly::{FaceNeighbour, Lists};
 use crate::model::reservoir::{Model, reserved_names};
-use crate::model::surface::names::{add_names, interface_name};
+use crate::model::surface::names::interface_name;
+use crate::names::append_distinct;
 
 /// Number of the faces on the boundary that are on no side of the box.
 const BOUNDARY_NUMBER: u32 = 7;
 /// Number of the faces on surface fragments, which are too small to be surfaces of their own.
 const SCRAPS_NUMBER: u32 = 8;
+/// Number of names that every mesh has: the sides, `boundary` and `scraps`.
+pub const PROGRAM_NAME_COUNT: usize = SCRAPS_NUMBER as usize;
 
 /// Names of the faces of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,7 +67,7 @@ impl FaceNames {
             let [a, b] = pair.map(|region| model.region_label(region));
             interface_name([&a, &b])
         });
-        add_names(&mut names, interfaces);
+        append_distinct(&mut names, interfaces);
 
         let number = |f: usize| match mesh.face_neighbour(f) {
             FaceNeighbour::Side(side) => side as u32 + 1,
@@ -91,6 +94,18 @@ impl FaceNames {
         } else {
             SCRAPS_NUMBER
         }
+    }
+
+    /// Returns the numbers of the names of the surfaces along which a model is split, ascending by
+    /// surface.
+    pub fn split_numbers(&self, model: &Model) -> Vec<u32> {
+        let faces = model.split_mesh.iter().flat_map(|split| &split.faces);
+        let mut numbers: Vec<u32> = sorted_distinct(faces.map(|face| face.label))
+            .into_iter()
+            .map(|label| self.surface_number(model, label))
+            .collect();
+        numbers.dedup();
+        numbers
     }
 
     /// Returns the name with the given number, from 1.
@@ -121,15 +136,9 @@ impl FaceNames {
     }
 }
 
-/// Returns the groups of a model that have faces.
-pub fn face_groups(model: &Model) -> Vec<FaceGroup> {
-    FaceNames::new(model).groups()
-}
-
 /// Sides of cells that have a name.
 pub struct NamedSides {
-    /// Name as in [`FaceNames`]. The names of the two sides of a surface along which the mesh is
-    /// split end in `_a` (the lower side) and `_b`.
+    /// Name in the file.
     pub name: String,
     /// Number of the name, from 1, which is unique.
     pub number: usize,
@@ -151,7 +160,7 @@ impl NamedSides {
     }
 
     /// Returns the named sides of a model, for its cells of any shape.
-    pub fn from_model(model: &Model) -> Vec<Self> {
+    pub fn from_model(model: &Model, names: &FaceNames) -> Vec<Self> {
         let is_upward = model.second_cell_is_upper();
         let to_sides = |group: FaceGroup| {
             let mut result = Self::new(group.name, group.number);
@@ -162,7 +171,7 @@ impl NamedSides {
             }
             result
         };
-        face_groups(model).into_iter().map(to_sides).collect()
+        names.groups().into_iter().map(to_sides).collect()
     }
 }
 
@@ -196,13 +205,6 @@ pub fn region_shift(model: &Model) -> i64 {
     (1 - i64::from(min_region)).max(0)
 }
 
-/// Returns a region name of letters, digits and _ only.
-pub fn region_name(model: &Model, region: i32) -> String {
-    let name = model.region_name(region).map(String::from);
-    name.unwrap_or_else(|| format!("region{region}"))
-        .replace('-', "_")
-}
-
 /// Returns the nodes of faces, ascending, without duplicates.
 pub fn face_nodes(model: &Model, faces: &[u32]) -> Vec<u32> {
     let rings = faces.iter().flat_map(|&f| model.mesh.faces.get(f as usize));
@@ -220,7 +222,7 @@ mod tests {
     fn every_face_between_regions_and_on_the_box_has_a_name() {
         let mut model = Model::new(two_cells::<3>(0.75), None);
         let summaries = |model: &Model| {
-            let groups = face_groups(model);
+            let groups = FaceNames::new(model).groups();
             let groups: Vec<(String, usize, usize)> = groups
                 .into_iter()
                 .map(|g| (g.name, g.number, g.faces.len()))
@@ -240,13 +242,13 @@ mod tests {
         model.surfaces.connection_surfaces = vec![0];
         assert_eq!(summaries(&model)[6], ("interface_0_1".into(), 9, 1));
         model.mesh.region = vec![4, -3];
-        assert_eq!(summaries(&model)[6], ("interface__3_4".into(), 9, 1));
+        assert_eq!(summaries(&model)[6], ("interface_-3_4".into(), 9, 1));
         model.mesh.region = vec![4, 4];
         assert_eq!(summaries(&model).len(), 6);
         // Surfaces keep names of their own, changed only where other faces have the same name.
         model.surfaces.connection_surfaces = vec![1];
         model.surfaces.kept_count = 1;
-        for (stored_name, name) in [("Main-fault", "Main_fault"), ("xmin", "xmin_")] {
+        for (stored_name, name) in [("Main-fault", "Main-fault"), ("xmin", "xmin_2")] {
             model.surfaces.names = vec![stored_name.into()];
             assert_eq!(summaries(&model)[6], (name.into(), 9, 1));
         }

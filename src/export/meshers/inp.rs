@@ -11,15 +11,17 @@ use std::io::Write;
 use std::path::Path;
 
 use super::NAMED_ELEMENTS;
-use super::groups::{region_name, sorted_regions};
+use super::groups::sorted_regions;
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::FileWriter;
 use crate::export::containers::text::{TextBuilder, write_items};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::geometry::sorted_distinct;
 use crate::model::reservoir::Model;
+use crate::names::{LetterCase, NameRules};
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -31,9 +33,31 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMED_ELEMENTS,
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Names(NameRules {
+            reserved: &["EALL"],
+            ..SET_NAMES
+        }),
+        // The names of sets of faces have a letter before them.
+        faces: Naming::Names(NameRules {
+            max_bytes: SET_NAMES.max_bytes - 1,
+            distinct_bytes: SET_NAMES.max_bytes - 1,
+            reserved: &["ALL"],
+            ..SET_NAMES
+        }),
+        table: TablePlace::Comments("** "),
+        ..FormatNames::NONE
+    },
     write,
 };
 
+/// Rules of Abaqus and CalculiX for the names of sets, which they convert to upper case.
+const SET_NAMES: NameRules = NameRules {
+    max_bytes: 80,
+    distinct_bytes: 80,
+    case: LetterCase::Upper,
+    ..NameRules::HYPHENATED
+};
 /// Maximum number of characters that are read of a number.
 const NUMBER_WIDTH: usize = 20;
 /// Number of values in a line of a set.
@@ -48,8 +72,8 @@ const EDGE_NODES: [&[usize]; 3] = [&[0, 1], &[1, 2], &[2, 0]];
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &SimplexMesh::new(model, "Abaqus' format")?;
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, names, "Abaqus' format")?;
     let is_horizontal = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
     let kind = match (mesh.corner_count, mesh.is_quadratic()) {
         (4, false) => "C3D4",
@@ -60,6 +84,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         (_, true) => "S6",
     };
     batch.write(path, |out| {
+        write!(out, "{}", names.comments())?;
         writeln!(out, "*NODE, NSET=NALL")?;
         write_items(out, mesh.node_count(), |text, i| {
             let [x, y, z] = mesh.point(i);
@@ -80,12 +105,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for region in sorted_regions(model) {
             let is_in_region = |t: &u32| mesh.region[*t as usize] == region;
             let region_cells: Vec<u32> = (0..mesh.len() as u32).filter(is_in_region).collect();
-            let name = region_name(model, region).to_uppercase();
-            writeln!(out, "*ELSET, ELSET={name}")?;
+            writeln!(out, "*ELSET, ELSET={}", names.region(region))?;
             write_set(out, &region_cells)?;
         }
         for group in &mesh.named_sides {
-            let name = group.name.to_uppercase();
+            let name = &group.name;
             let nodes = sorted_distinct(mesh.side_nodes(group));
             writeln!(out, "*NSET, NSET=N{name}")?;
             write_set(out, &nodes)?;
@@ -124,7 +148,7 @@ fn write_cohesive(mesh: &SimplexMesh, batch: &mut Batch, path: &Path) -> Result<
         |out| {
             let mut next = mesh.len() + 1;
             for torn in &mesh.torn_surfaces {
-                let name = torn.name.to_uppercase();
+                let name = &torn.name;
                 writeln!(out, "*ELEMENT, TYPE=COH3D6, ELSET={name}")?;
                 write_items(out, torn.face_pairs.len(), |text, i| {
                     text.int(next + i);

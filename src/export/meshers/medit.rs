@@ -8,6 +8,7 @@ use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
@@ -21,6 +22,12 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: &[ExportContent::Names, ExportContent::Regions],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Numbers,
+        table: TablePlace::Comments("# "),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -29,8 +36,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &SimplexMesh::new(model, "Medit's format")?;
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, names, "Medit's format")?;
     let (cell_keyword, side_keyword) = match mesh.corner_count {
         3 => ("Triangles", "Edges"),
         _ => ("Tetrahedra", "Triangles"),
@@ -38,7 +45,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     batch.write(path, |out| {
         writeln!(
             out,
-            "MeshVersionFormatted 2\nDimension 3\nVertices\n{}",
+            "MeshVersionFormatted 2\nDimension 3\n{}Vertices\n{}",
+            names.comments(),
             mesh.nodes.len()
         )?;
         write_items(out, mesh.nodes.len(), |text, i| {

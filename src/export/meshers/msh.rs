@@ -13,15 +13,17 @@ use std::path::Path;
 
 use super::NAMED_ELEMENTS;
 use super::groups::NamedSides;
-use super::groups::{region_name, sorted_regions};
+use super::groups::sorted_regions;
 use super::simplices::{SimplexMesh, TornSurface};
 use crate::Result;
 use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::containers::text::{TextBuilder, write_items};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::files::Batch;
 use crate::geometry::bounding_box;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 
 /// Entry of version 4.1 in the list of formats.
 pub const FORMAT_V4: ExportFormat = ExportFormat {
@@ -33,6 +35,7 @@ pub const FORMAT_V4: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMED_ELEMENTS,
     deck_path: None,
+    names: FormatNames::one_namespace(GROUP_NAMES, TablePlace::Comments("")),
     write: write_v4,
 };
 
@@ -46,9 +49,18 @@ pub const FORMAT_V2: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMED_ELEMENTS,
     deck_path: None,
+    names: FormatNames::one_namespace(GROUP_NAMES, TablePlace::Comments("")),
     write: write_v2,
 };
 
+/// Rules of Gmsh for the names of physical groups. Readers such as meshio have one list of names for
+/// all dimensions.
+const GROUP_NAMES: NameRules = NameRules {
+    max_bytes: 127,
+    distinct_bytes: 127,
+    is_allowed: |c| !c.is_control() && c != '"',
+    ..NameRules::TEXT
+};
 /// Gmsh types of linear and of quadratic simplices, by their number of corners.
 const ELEMENT_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
 /// Gmsh type of prisms.
@@ -57,15 +69,18 @@ const PRISM_TYPE: u8 = 6;
 fn write_header(
     out: FileWriter,
     version: &str,
-    names: &[String],
+    names: &ExportNames,
+    regions: &[i32],
     mesh: &SimplexMesh,
 ) -> WriteResult {
     let dim = mesh.corner_count - 1;
-    writeln!(
-        out,
-        "$MeshFormat\n{version} 0 8\n$EndMeshFormat\n$PhysicalNames"
-    )?;
-    let count = mesh.named_sides.len() + mesh.torn_surfaces.len() + names.len();
+    writeln!(out, "$MeshFormat\n{version} 0 8\n$EndMeshFormat")?;
+    let comments = names.comments();
+    if !comments.is_empty() {
+        writeln!(out, "$Comments\n{comments}$EndComments")?;
+    }
+    writeln!(out, "$PhysicalNames")?;
+    let count = mesh.named_sides.len() + mesh.torn_surfaces.len() + regions.len();
     writeln!(out, "{count}")?;
     for NamedSides { number, name, .. } in &mesh.named_sides {
         writeln!(out, "{} {number} \"{name}\"", dim - 1)?;
@@ -73,8 +88,8 @@ fn write_header(
     for TornSurface { number, name, .. } in &mesh.torn_surfaces {
         writeln!(out, "{dim} {number} \"{name}\"")?;
     }
-    for (number, name) in (mesh.next_number()..).zip(names) {
-        writeln!(out, "{dim} {number} \"{name}\"")?;
+    for (number, region) in (mesh.next_number()..).zip(regions) {
+        writeln!(out, "{dim} {number} \"{}\"", names.region(*region))?;
     }
     writeln!(out, "$EndPhysicalNames")
 }
@@ -115,13 +130,12 @@ fn prism_count(mesh: &SimplexMesh) -> usize {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write_v2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &SimplexMesh::new(model, "Gmsh's format")?;
+pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, names, "Gmsh's format")?;
     let regions = sorted_regions(model);
-    let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
     mesh.write_face_pairs(batch, path, 1)?;
     batch.write(path, |out| {
-        write_header(out, "2.2", &names, mesh)?;
+        write_header(out, "2.2", names, &regions, mesh)?;
         writeln!(out, "$Nodes\n{}", mesh.node_count())?;
         write_items(out, mesh.node_count(), |text, i| {
             text.int(i + 1).point(mesh.point(i)).end_line();
@@ -170,14 +184,13 @@ pub fn write_v2(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write_v4(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &SimplexMesh::new(model, "Gmsh's format")?;
+pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, names, "Gmsh's format")?;
     let regions = sorted_regions(model);
-    let names: Vec<String> = regions.iter().map(|&r| region_name(model, r)).collect();
     let [low, high] = bounding_box(mesh.nodes);
     mesh.write_face_pairs(batch, path, 1)?;
     batch.write(path, |out| {
-        write_header(out, "4.1", &names, mesh)?;
+        write_header(out, "4.1", names, &regions, mesh)?;
         let (dim, [kind, side_kind]) = (mesh.corner_count - 1, element_types(mesh));
         let (sides, cells) = (
             mesh.named_sides.len(),

@@ -20,13 +20,15 @@ use std::io::Write;
 use std::path::Path;
 
 use super::NAMED_ELEMENTS;
-use super::groups::{region_name, sorted_regions};
+use super::groups::sorted_regions;
 use super::simplices::SimplexMesh;
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, TextBuilder, WriteResult, write_items};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -39,6 +41,15 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMED_ELEMENTS,
     deck_path: None,
+    names: FormatNames::one_namespace(
+        NameRules {
+            max_bytes: 80,
+            distinct_bytes: 80,
+            is_allowed: |c| c == ' ' || c.is_ascii_graphic() && !['"', ';'].contains(&c),
+            ..NameRules::TEXT
+        },
+        TablePlace::Comments("$ "),
+    ),
     write,
 };
 
@@ -67,8 +78,8 @@ const ELEMENT_CARDS: [[&str; 2]; 5] = [
 /// # Errors
 /// Returns [`Error::Export`] if the cells are neither tetrahedra nor triangles, or if there are
 /// more than 99,999,999 nodes or elements.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &SimplexMesh::new(model, ERROR_PLACE)?;
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, names, ERROR_PLACE)?;
     let is_2d = mesh.corner_count == 3;
     let [cell_card, side_card] = [mesh.corner_count, mesh.corner_count - 1]
         .map(|corners| ELEMENT_CARDS[corners][usize::from(mesh.is_quadratic())]);
@@ -80,7 +91,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let first_region = mesh.next_number();
     batch.write(path, |out| {
         let version = env!("CARGO_PKG_VERSION");
-        writeln!(out, "$ atomesh {version}\nSOL 101\nCEND\nBEGIN BULK")?;
+        writeln!(out, "$ atomesh {version}")?;
+        write!(out, "{}", names.comments())?;
+        writeln!(out, "SOL 101\nCEND\nBEGIN BULK")?;
         for group in &mesh.named_sides {
             let number = group.number;
             if is_2d {
@@ -92,12 +105,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             }
         }
         for (number, &region) in (first_region..).zip(&regions) {
-            let name = region_name(model, region);
+            let name = names.region(region);
             if is_2d {
-                write_name(out, "PSHELL", number, &name)?;
+                write_name(out, "PSHELL", number, name)?;
                 writeln!(out, "PSHELL  {number:8}{number:8}     1.0")?;
             } else {
-                write_name(out, "PSOLID", number, &name)?;
+                write_name(out, "PSOLID", number, name)?;
                 writeln!(out, "PSOLID  {number:8}{number:8}")?;
             }
             writeln!(out, "MAT1    {number:8}     0.0             0.0")?;

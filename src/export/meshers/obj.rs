@@ -7,6 +7,8 @@ use std::path::Path;
 use crate::error::Result;
 use crate::export::containers::text::write_items;
 use crate::files::Batch;
+use crate::image::stated::ZDirection;
+use crate::names::NameRules;
 use crate::surface_file::SurfaceFile;
 
 /// Writes surfaces. Coordinates have all digits.
@@ -15,11 +17,12 @@ use crate::surface_file::SurfaceFile;
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
 pub fn write_obj<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let mut batch = Batch::default();
-    add_obj(&mut batch, path, file)?;
+    let names = file.written_names(&NameRules::UNSPACED);
+    add_obj(&mut batch, path, &names.file, &names.table.comments("# "))?;
     batch.commit()
 }
 
-/// Adds surfaces, as [`write_obj`] writes them, to a batch of files.
+/// Adds surfaces, as [`write_obj`] writes them, to a batch of files, with these comments at the head.
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
@@ -27,10 +30,17 @@ pub fn add_obj<const D: usize>(
     batch: &mut Batch,
     path: &Path,
     file: &SurfaceFile<D>,
+    comments: &str,
 ) -> Result<()> {
     let element = if D == 2 { "l" } else { "f" };
     batch.write(path, |out| {
         writeln!(out, "# atomesh {}", env!("CARGO_PKG_VERSION"))?;
+        let units = file.units.join(",");
+        if units.len() > 2 {
+            let direction = ZDirection::from_up(file.z_up);
+            writeln!(out, "# units: {units}\n# z: {direction}")?;
+        }
+        write!(out, "{comments}")?;
         write_items(out, file.nodes.len(), |text, i| {
             text.word("v").point(file.nodes[i]).end_line();
         })?;

@@ -6,12 +6,14 @@ use std::path::Path;
 
 use crate::parallel::prelude::*;
 
-use super::groups::{FaceNames, NamedSides, face_from_below};
+use super::groups::{FaceGroup, NamedSides, face_from_below};
 use crate::Result;
 use crate::export::containers::text::write_items;
+use crate::export::names::ExportNames;
 use crate::files::Batch;
 use crate::mesh::FACES;
 use crate::model::reservoir::Model;
+use crate::names::csv_field;
 
 /// Edges of a tetrahedron that have a node in their middle if it is quadratic, in the order of
 /// Abaqus. For a triangle the first three.
@@ -55,7 +57,7 @@ impl<'a> SimplexMesh<'a> {
     ///
     /// # Errors
     /// Returns [`Error::Export`](crate::Error::Export) if the cells are not simplices.
-    pub fn new(model: &'a Model, format: &str) -> Result<Self> {
+    pub fn new(model: &'a Model, names: &ExportNames, format: &str) -> Result<Self> {
         let mesh = &model.mesh;
         let (corners, size, nodes) = match (&model.triangles, &model.split_mesh) {
             (Some(triangles), _) => {
@@ -77,12 +79,12 @@ impl<'a> SimplexMesh<'a> {
             named_sides: Vec::new(),
             torn_surfaces: Vec::new(),
         };
-        let names = FaceNames::new(model);
         let is_upward = model.second_cell_is_upper();
-        simplices.find_torn_surfaces(model, &names, &is_upward);
-        let is_torn = |name: &str| simplices.torn_surfaces.iter().any(|torn| torn.name == name);
-        for group in names.groups() {
-            if is_torn(&group.name) {
+        simplices.find_torn_surfaces(model, names, &is_upward);
+        let is_torn =
+            |group: &FaceGroup| (names.split.iter()).any(|s| s.number as usize == group.number);
+        for group in names.faces.groups() {
+            if is_torn(&group) {
                 continue;
             }
             let mut group_sides = NamedSides::new(group.name, group.number);
@@ -98,11 +100,11 @@ impl<'a> SimplexMesh<'a> {
             }
         }
         // The two sides of split surfaces come last, and then the elements between them.
-        let mut next = names.names.len() + 1;
+        let mut next = names.faces.names.len() + 1;
         let mut sides = Vec::new();
-        for torn in &mut simplices.torn_surfaces {
-            for (side, letter) in ["a", "b"].into_iter().enumerate() {
-                let mut group_sides = NamedSides::new(format!("{}_{letter}", torn.name), next);
+        for (torn, split) in simplices.torn_surfaces.iter().zip(&names.split) {
+            for (side, name) in split.sides.iter().enumerate() {
+                let mut group_sides = NamedSides::new(name.clone(), next);
                 next += 1;
                 for (pair, cells) in torn.face_pairs.iter().zip(&torn.cells) {
                     let [p, q, r] = pair[side];
@@ -189,17 +191,18 @@ impl<'a> SimplexMesh<'a> {
     }
 
     /// Finds the surfaces along which a model is split.
-    fn find_torn_surfaces(&mut self, model: &Model, names: &FaceNames, is_upward: &[bool]) {
+    fn find_torn_surfaces(&mut self, model: &Model, names: &ExportNames, is_upward: &[bool]) {
         let Some(split) = &model.split_mesh else {
             return;
         };
         let face_cells = &model.mesh.face_cells;
         let mut faces: Vec<_> = split.faces.iter().collect();
         faces.sort_by_key(|face| (face.label, face.cells));
-        for surface_faces in faces.chunk_by(|a, b| a.label == b.label) {
-            let number = names.surface_number(model, surface_faces[0].label);
+        let number = |label: u32| names.faces.surface_number(model, label);
+        let surfaces = faces.chunk_by(|a, b| number(a.label) == number(b.label));
+        for (surface_faces, split_names) in surfaces.zip(&names.split) {
             let mut torn = TornSurface {
-                name: names.name(number).to_string(),
+                name: split_names.elements.clone(),
                 number: 0,
                 face_pairs: Vec::with_capacity(surface_faces.len()),
                 cells: Vec::with_capacity(surface_faces.len()),
@@ -262,7 +265,7 @@ impl<'a> SimplexMesh<'a> {
             writeln!(out, "surface,cell_a,cell_b,a1,a2,a3,b1,b2,b3")?;
             for torn in &self.torn_surfaces {
                 write_items(out, torn.face_pairs.len(), |text, i| {
-                    text.word(&torn.name);
+                    text.word(&csv_field(&torn.name));
                     for n in torn.cells[i]
                         .iter()
                         .chain(torn.face_pairs[i].as_flattened())

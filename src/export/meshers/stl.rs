@@ -4,14 +4,16 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::face_groups;
+use super::groups::FaceNames;
 use super::obj::add_obj;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 use crate::surface_file::SurfaceFile;
 
 /// Entry of STL in the list of formats.
@@ -24,6 +26,10 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: &[ExportContent::Names],
     deck_path: None,
+    names: FormatNames {
+        faces: Naming::Names(NameRules::UNSPACED),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -37,13 +43,18 @@ pub const FORMAT_OBJ: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: &[ExportContent::Names],
     deck_path: None,
+    names: FormatNames {
+        faces: Naming::Names(NameRules::UNSPACED),
+        table: TablePlace::Comments("# "),
+        ..FormatNames::NONE
+    },
     write: write_obj,
 };
 
 /// Returns the named groups of faces, cut into triangles.
-fn named_surfaces(model: &Model) -> SurfaceFile<3> {
+fn named_surfaces(model: &Model, names: &FaceNames) -> SurfaceFile<3> {
     let mesh = &model.mesh;
-    let groups = face_groups(model);
+    let groups = names.groups();
     let (mut facets, mut start) = (Vec::new(), vec![0]);
     for group in &groups {
         for &f in &group.faces {
@@ -62,8 +73,8 @@ fn named_surfaces(model: &Model) -> SurfaceFile<3> {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let file = named_surfaces(model);
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let file = named_surfaces(model, &names.faces);
     batch.write(path, |out| {
         for (s, name) in file.names.iter().enumerate() {
             let facets = file.surface_facets(s);
@@ -92,6 +103,11 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write_obj(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    add_obj(batch, path, &named_surfaces(model))
+pub fn write_obj(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    add_obj(
+        batch,
+        path,
+        &named_surfaces(model, &names.faces),
+        &names.comments(),
+    )
 }

@@ -4,10 +4,10 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::groups::face_groups;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
 
@@ -21,6 +21,12 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: &[ExportContent::Names, ExportContent::Regions],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Numbers,
+        table: TablePlace::Comments("# "),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -28,7 +34,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
 ///
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are not tetrahedra.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let tets = &model.need_tets("TetGen's format")?.tets;
     let mesh = &model.mesh;
     batch.write(path, |out| {
@@ -38,6 +44,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         })
     })?;
     batch.write(&path.with_extension("ele"), |out| {
+        write!(out, "{}", names.comments())?;
         writeln!(out, "{} 4 1", tets.len())?;
         write_items(out, tets.len(), |text, t| {
             text.int(t + 1);
@@ -47,7 +54,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             text.spaced_int(mesh.region[t]).end_line();
         })
     })?;
-    let groups = face_groups(model);
+    let groups = names.faces.groups();
     batch.write(&path.with_extension("face"), |out| {
         writeln!(
             out,

@@ -14,11 +14,13 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Attribute, Hdf5Node};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -30,9 +32,23 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMES_AND_ROCK,
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Names(LINK_NAMES),
+        properties: Some(LINK_NAMES),
+        ..FormatNames::NONE
+    },
     write,
 };
 
+/// Rules of HDF5 for the names of datasets.
+const LINK_NAMES: NameRules = NameRules {
+    max_bytes: 255,
+    distinct_bytes: 255,
+    is_allowed: |c| !c.is_control() && c != '/',
+    is_allowed_first: |c| !c.is_control() && !['/', '.'].contains(&c),
+    ..NameRules::TEXT
+};
 /// VTK cell types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [0, 0], [5, 22], [10, 24]];
 const WEDGE_TYPE: u8 = 13;
@@ -45,17 +61,17 @@ type NamedNodes<'a> = Vec<(String, Hdf5Node<'a>)>;
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let simplices = if model.tets.is_some() || model.triangles.is_some() {
-        Some(SimplexMesh::new(model, "VTKHDF")?)
+        Some(SimplexMesh::new(model, names, "VTKHDF")?)
     } else {
         None
     };
-    let arrays = cell_arrays(model);
+    let arrays = cell_arrays(model, &names.properties);
     let faces = model.mesh.faces_of_cells();
     let (mut nodes, cells, sets) = match &simplices {
         Some(mesh) => simplex_grid(mesh),
-        None => polyhedron_grid(model, &faces),
+        None => polyhedron_grid(model, &names.faces, &faces),
     };
     let cell_array = |array: &DataArray| {
         let mut values = array.values.to_f64();
@@ -175,6 +191,7 @@ fn simplex_grid<'a>(mesh: &'a SimplexMesh) -> (NamedNodes<'a>, usize, NodeSets) 
 /// Returns the grid of polyhedra, its number of cells, and its node sets. Each face is stored once.
 fn polyhedron_grid<'a>(
     model: &'a Model,
+    names: &FaceNames,
     cell_faces: &'a Lists,
 ) -> (NamedNodes<'a>, usize, NodeSets) {
     let mesh = &model.mesh;
@@ -222,7 +239,7 @@ fn polyhedron_grid<'a>(
             array_node(int(&cell_faces.offsets)),
         ),
     ]);
-    let groups = FaceNames::new(model).groups().into_iter();
+    let groups = names.groups().into_iter();
     let sets = groups.map(|group| (group.name, face_nodes(model, &group.faces)));
     (nodes, model.len(), sets.collect())
 }

@@ -14,11 +14,13 @@ use crate::Result;
 use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::export::values::cell_arrays;
 use crate::files::Batch;
 use crate::files::vtk::xml::escape;
 use crate::geometry::sorted_distinct;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -30,9 +32,23 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMES_AND_ROCK,
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Names(LINK_NAMES),
+        properties: Some(LINK_NAMES),
+        ..FormatNames::NONE
+    },
     write,
 };
 
+/// Rules of HDF5 for the names of datasets, in which the names of faces and properties have a word before them.
+const LINK_NAMES: NameRules = NameRules {
+    max_bytes: 255,
+    distinct_bytes: 255,
+    is_allowed: |c| !c.is_control() && c != '/',
+    is_allowed_first: |c| !c.is_control() && !['/', '.'].contains(&c),
+    ..NameRules::TEXT
+};
 /// XDMF names of linear and of quadratic simplices, by their number of corners.
 const TOPOLOGY_NAMES: [[&str; 2]; 5] = [
     ["", ""],
@@ -62,9 +78,10 @@ impl<'a> XdmfContent<'a> {
         let _ = writeln!(
             self.xml,
             "<DataItem Dimensions=\"{}\" NumberType=\"{kind}\" Precision=\"{precision}\" \
-             Format=\"HDF\">{}:/{name}</DataItem>",
+             Format=\"HDF\">{}:/{}</DataItem>",
             lengths.join(" "),
             escape(&self.file),
+            escape(&name),
         );
         let dims = dims.iter().map(|&n| n as u64).collect();
         self.nodes.push((name, Hdf5Node::Dataset(dims, numbers)));
@@ -88,8 +105,8 @@ impl<'a> XdmfContent<'a> {
     }
 
     /// Adds the values of the cells.
-    fn add_cell_arrays(&mut self, model: &Model, cells: usize) {
-        for array in cell_arrays(model) {
+    fn add_cell_arrays(&mut self, model: &Model, names: &[String], cells: usize) {
+        for array in cell_arrays(model, names) {
             let kind = match array.components {
                 1 => "Scalar",
                 3 => "Vector",
@@ -108,7 +125,7 @@ impl<'a> XdmfContent<'a> {
             } else {
                 &dims
             };
-            let name = format!("of_cells_{}", array.name.replace('/', "_"));
+            let name = format!("of_cells_{}", array.name);
             match array.name.as_str() {
                 "region" => {
                     let numbers = LazyArray::from_fn(values.len(), move |i| values[i] as i32);
@@ -173,8 +190,8 @@ const GEOMETRY: &str = "<Geometry GeometryType=\"XYZ\">\n";
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if the cells are neither tetrahedra nor
 /// triangles.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let mesh = &SimplexMesh::new(model, "XDMF")?;
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
+    let mesh = &SimplexMesh::new(model, names, "XDMF")?;
     let companion = path.with_extension("h5");
     let name = companion.file_name().unwrap_or_default().to_string_lossy();
     let mut content = XdmfContent {
@@ -200,7 +217,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let positions = LazyArray::from_fn(3 * points, |i| mesh.point(i / 3)[i % 3]);
     content.add_data("points".into(), &[points, 3], positions);
     content.xml.push_str("</Geometry>\n");
-    content.add_cell_arrays(model, mesh.len());
+    content.add_cell_arrays(model, &names.properties, mesh.len());
     let cells_xml = content.xml.clone();
     content.add_side_sets(mesh);
     content.xml.push_str("</Grid>\n");
@@ -212,8 +229,8 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     };
     if !mesh.named_sides.is_empty() {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        let names = path.with_file_name(format!("{stem}_names.xdmf"));
-        write(&names, &(content.xml + TAIL))?;
+        let names_path = path.with_file_name(format!("{stem}_names.xdmf"));
+        write(&names_path, &(content.xml + TAIL))?;
     }
     write(path, &(cells_xml + "</Grid>\n" + TAIL))
 }

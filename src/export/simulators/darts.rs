@@ -12,8 +12,10 @@ use super::opm::TRANSMISSIBILITY_UNIT;
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
-use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model, Well};
+use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model};
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -34,6 +36,12 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Wells,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        wells: Some(NameRules::FILE),
+        table: TablePlace::Comments("# "),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -43,7 +51,7 @@ const ERROR_PLACE: &str = "a DARTS connection list";
 ///
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if porosity or permeability is missing.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(ERROR_PLACE)?;
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let (graph, t) = (&model.graph, &permeability.transmissibility);
@@ -57,6 +65,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         })
     })?;
     batch.write(&path.with_extension("cells"), |out| {
+        write!(out, "{}", names.comments())?;
         writeln!(out, "# volume poro depth permx permy permz region x y z")?;
         write_items(out, model.len(), |text, c| {
             let text = text.real(graph.volume[c]).spaced_real(porosity[c]);
@@ -74,14 +83,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     }
     batch.write(&path.with_extension("wells"), |out| {
         writeln!(out, "# name block index radius control value (m3/day, bar)")?;
-        for well in &model.case.wells {
+        write!(out, "{}", names.comments())?;
+        for (well, name) in model.case.wells.iter().zip(&names.wells) {
             let (control, value) = match well.control {
                 Control::Inject(rate) => ("inject", rate * DAY),
                 // Formats without schedules have no such wells.
                 Control::Scheduled => ("inject", 0.0),
                 Control::Pressure(pressure) => ("pressure", pressure / BAR),
             };
-            let Well { name, radius, .. } = well;
+            let radius = well.radius;
             for (block, index) in &well.cells {
                 let index = TRANSMISSIBILITY_UNIT * index;
                 writeln!(out, "{name} {block} {index:e} {radius} {control} {value}")?;

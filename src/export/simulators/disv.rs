@@ -12,6 +12,7 @@ use std::path::Path;
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, WriteResult, write_items, write_numbers};
 use crate::export::format::{ExportContent, ExportFormat};
+use crate::export::names::{ExportNames, FormatNames};
 use crate::files::Batch;
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Control, GRAVITY, Model};
@@ -39,6 +40,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Duration,
     ],
     deck_path: None,
+    names: FormatNames::NONE,
     write,
 };
 
@@ -54,7 +56,7 @@ const CLOSED_FACTOR: f64 = 1e-30;
 ///
 /// # Errors
 /// Returns [`Error::Export`] if the cells are not columns, or if permeability is missing.
-pub fn write(model: &Model, batch: &mut Batch, folder: &Path) -> Result<()> {
+pub fn write(model: &Model, _names: &ExportNames, batch: &mut Batch, folder: &Path) -> Result<()> {
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let grid = DisvGrid::new(model)?;
     let weight = WATER_PROPERTIES[0] * GRAVITY;

@@ -19,6 +19,7 @@ use crate::Result;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{NamedSides, region_shift};
 use crate::export::meshers::simplices::{SimplexMesh, TornSurface};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::files::vtk::DataArray;
 use crate::files::vtk::xml::escape;
@@ -27,6 +28,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::model::flow::SplitMesh;
 use crate::model::reservoir::Model;
+use crate::names::{LetterCase, NameRules};
 use crate::store::vtu::{MixedCells, add_mixed_vtu};
 
 /// Entry of this format in the list of formats.
@@ -46,6 +48,21 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::SplitNodes,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::NumbersFromOne,
+        // Fractures are files.
+        faces: Naming::Names(NameRules::FILE),
+        properties: Some(NameRules {
+            case: LetterCase::Sensitive,
+            reserved: &[
+                "attribute",
+                "rockPorosity_referencePorosity",
+                "rockPerm_permeability",
+            ],
+            ..NameRules::FILE
+        }),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -61,7 +78,7 @@ const ERROR_PLACE: &str = "a mesh for GEOS";
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let shift = region_shift(model);
     let regions = model.mesh.region.iter();
     let attribute: Vec<i32> = regions.map(|&r| (i64::from(r) + shift) as i32).collect();
@@ -80,10 +97,15 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
                 .into(),
         });
     }
-    arrays.extend(model.properties.iter().cloned());
+    for (property, name) in model.properties.iter().zip(&names.properties) {
+        arrays.push(DataArray {
+            name: name.clone(),
+            ..property.clone()
+        });
+    }
     if model.tets.is_none() {
         let cells = MixedCells::polyhedra(&model.mesh);
-        let named_sides = NamedSides::from_model(model);
+        let named_sides = NamedSides::from_model(model, &names.faces);
         return cells_with_faces(
             batch,
             path,
@@ -92,7 +114,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             arrays,
         );
     }
-    let mesh = &SimplexMesh::new(model, ERROR_PLACE)?;
+    let mesh = &SimplexMesh::new(model, names, ERROR_PLACE)?;
     let mut cells = MixedCells::default();
     (0..mesh.len()).for_each(|t| cells.push(TETRAHEDRON_TYPE, mesh.get(t).iter().copied()));
     cells_with_faces(batch, path, (mesh.nodes, cells), &mesh.named_sides, arrays)?;

@@ -5,7 +5,7 @@
 //! length of the face's area and point from the first neighbour to the second. `G.faces.tagNames`
 //! has the name of each `G.faces.tag`, and `G.nodes.sets` the nodes of each name. `G.cells.sites`
 //! are the points to which `T` refers. `computeTrans` uses centroids instead, which is wrong for
-//! Voronoi cells. `W` are the wells, if there are any, with the fields that `addWell` makes.
+//! Voronoi cells. `G.cells.active` is 0 for inactive cells, which have no transmissibilities. `W` are the wells, if there are any, with the fields that `addWell` makes.
 //! Source: K.-A. Lie, "An Introduction to Reservoir Simulation Using MATLAB/GNU Octave", section
 //! 3.4.
 
@@ -16,10 +16,12 @@ use crate::export::containers::binary::LazyArray;
 use crate::export::containers::mat::{self, MatFields, MatValue};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceGroup, FaceNames, face_nodes};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::files::vtk::VtkScalar;
 use crate::mesh::poly::{FIRST_SIDE, Lists};
 use crate::model::reservoir::{Control, Model, Permeability, Well};
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -41,6 +43,13 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Wells,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Names(mat::FIELD_NAMES),
+        properties: Some(mat::FIELD_NAMES),
+        wells: Some(NameRules::TEXT),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -65,19 +74,15 @@ fn one_based(numbers: &[u32]) -> MatValue<'_> {
 /// # Errors
 /// Returns [`Error::Export`](crate::Error::Export) if a MAT-file cannot hold the model, and
 /// [`Error::Io`](crate::Error::Io) if the file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let (mesh, cells) = (&model.mesh, model.len());
     let cell_faces = mesh.faces_of_cells();
-    let names = FaceNames::new(model);
-    let groups = names.groups();
+    let groups = names.faces.groups();
     let set = |group: &'_ FaceGroup| {
         let nodes = face_nodes(model, &group.faces);
         MatValue::column(LazyArray::from_fn(nodes.len(), move |i| nodes[i] + 1))
     };
-    let sets = groups
-        .iter()
-        .filter(|group| mat::is_valid_name(&group.name));
-    let sets = sets.map(|group| (group.name.as_str(), set(group)));
+    let sets = groups.iter().map(|group| (group.name.as_str(), set(group)));
     let node_fields = MatValue::Struct(vec![
         ("num", MatValue::scalar(mesh.nodes.len() as f64)),
         (
@@ -89,7 +94,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     let texts = ["atomesh", "computeGeometry"].map(MatValue::Text);
     let grid = MatValue::Struct(vec![
         ("cells", MatValue::Struct(cell_fields(model, &cell_faces))),
-        ("faces", MatValue::Struct(face_fields(model, &names))),
+        ("faces", MatValue::Struct(face_fields(model, &names.faces))),
         ("nodes", node_fields),
         ("griddim", MatValue::scalar(3.0)),
         ("type", MatValue::CellArray(texts.into())),
@@ -108,24 +113,18 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         variables.push(("rock", MatValue::Struct(rock)));
     }
     if !model.case.wells.is_empty() {
-        let wells = model.case.wells.iter().map(|w| well_fields(model, w));
+        let wells = model.case.wells.iter().zip(&names.wells);
+        let wells = wells.map(|(well, name)| well_fields(model, well, name));
         variables.push(("W", MatValue::StructArray(wells.collect())));
     }
-    let columns: Vec<_> = model
-        .properties
-        .iter()
-        .filter(|p| mat::is_valid_name(&p.name))
-        .collect();
-    if !columns.is_empty() {
-        let field = |p: &&'_ crate::files::vtk::DataArray| {
+    if !model.properties.is_empty() {
+        let field = |p: &'_ crate::files::vtk::DataArray| {
             let (values, width) = (p.values.to_f64(), p.components);
             let value = move |i: usize| values[i % cells * width + i / cells];
             MatValue::Matrix(cells, width, LazyArray::from_fn(cells * width, value))
         };
-        let fields = columns
-            .iter()
-            .map(|p| (p.name.as_str(), field(p)))
-            .collect();
+        let columns = model.properties.iter().zip(&names.properties);
+        let fields = columns.map(|(p, name)| (name.as_str(), field(p))).collect();
         variables.push(("properties", MatValue::Struct(fields)));
     }
     mat::check(path, &variables)?;
@@ -158,6 +157,10 @@ fn cell_fields<'a>(model: &'a Model, faces: &'a Lists) -> MatFields<'a> {
         (
             "region",
             MatValue::column(LazyArray::from_slice(&graph.region)),
+        ),
+        (
+            "active",
+            MatValue::column(LazyArray::from_fn(cells, |c| f64::from(model.is_active(c)))),
         ),
     ]
 }
@@ -238,7 +241,7 @@ fn face_transmissibility<'a>(model: &'a Model, permeability: &'a Permeability) -
 
 /// Returns the fields that `addWell` makes for a well, in SI units. Rates are positive for
 /// injection. Pressures refer to the depth of the first cell.
-fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
+fn well_fields<'a>(model: &'a Model, well: &'a Well, name: &'a str) -> MatFields<'a> {
     let (kind, value) = match well.control {
         Control::Inject(rate) => ("rate", rate),
         // Formats without schedules have no such wells.
@@ -257,7 +260,7 @@ fn well_fields<'a>(model: &'a Model, well: &'a Well) -> MatFields<'a> {
         MatValue::column(LazyArray::from_fn(count, move |i| value(&well.cells[i])))
     };
     vec![
-        ("name", MatValue::Text(&well.name)),
+        ("name", MatValue::Text(name)),
         ("cells", per_cell(|c| f64::from(c.0 + 1))),
         ("type", MatValue::Text(kind)),
         ("val", MatValue::scalar(value)),

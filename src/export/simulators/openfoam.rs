@@ -12,9 +12,11 @@ use std::path::Path;
 use crate::error::cause;
 use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::format::{ExportContent, ExportFormat};
-use crate::export::meshers::groups::{FaceNames, face_nodes, region_name, sorted_regions};
+use crate::export::meshers::groups::{FaceNames, face_nodes, sorted_regions};
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::model::reservoir::Model;
+use crate::names::{LetterCase, NameRules, is_identifier};
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -35,7 +37,29 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::FaultsWithoutRock,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Names(WORDS),
+        faces: Naming::Names(NameRules {
+            reserved: &["all", "internalMesh", "none"],
+            ..WORDS
+        }),
+        // Fields are files.
+        properties: Some(NameRules {
+            case: LetterCase::Insensitive,
+            reserved: &["T"],
+            ..WORDS
+        }),
+        table: TablePlace::Comments("// "),
+        ..FormatNames::NONE
+    },
     write,
+};
+
+/// Rules of OpenFOAM for words, which are names of patches, zones and fields.
+const WORDS: NameRules = NameRules {
+    is_allowed: |c| is_identifier(c) || ['-', '.'].contains(&c),
+    is_allowed_first: |c| is_identifier(c) && !c.is_ascii_digit(),
+    ..NameRules::TEXT
 };
 
 /// Writes the case into the folder `path`. Other files in the folder are kept.
@@ -43,10 +67,10 @@ pub const FORMAT: ExportFormat = ExportFormat {
 /// # Errors
 /// Returns [`Error::Export`] if a fault is neither open nor closed, and [`Error::Io`] if a file
 /// cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &model.mesh;
-    let names = FaceNames::new(model);
-    let faces = FaceOrder::new(model, &names)?;
+    let face_names = &names.faces;
+    let faces = FaceOrder::new(model, face_names)?;
     let folder = path.join("constant/polyMesh");
     batch.create_folder(&folder)?;
     batch.write(&folder.join("points"), |out| {
@@ -94,11 +118,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     })?;
     batch.write(&folder.join("boundary"), |out| {
         write_header(out, "polyBoundaryMesh", "boundary")?;
+        write!(out, "{}", names.comments())?;
         let patches = || faces.faces[faces.inner_count..].chunk_by(|a, b| a.patch == b.patch);
         writeln!(out, "{}\n(", patches().count())?;
         let mut start = faces.inner_count;
         for patch in patches() {
-            let (name, count) = (names.name(patch[0].patch), patch.len());
+            let (name, count) = (face_names.name(patch[0].patch), patch.len());
             writeln!(
                 out,
                 "{name}\n{{\n    type patch;\n    nFaces {count};\n    startFace {start};\n}}"
@@ -107,9 +132,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         }
         writeln!(out, ")")
     })?;
-    write_zones(model, batch, &folder, &names, &faces)?;
-    write_point_zones(model, batch, &folder, &names)?;
-    write_fields(model, batch, path)?;
+    write_zones(model, batch, &folder, names, &faces)?;
+    write_point_zones(model, batch, &folder, face_names)?;
+    write_fields(model, names, batch, path)?;
     let has_closed = faces.faces.iter().any(|face| face.side == 1);
     write_case(batch, path, has_closed)
 }
@@ -197,10 +222,10 @@ fn write_zones(
     model: &Model,
     batch: &mut Batch,
     folder: &Path,
-    names: &FaceNames,
+    export_names: &ExportNames,
     faces: &FaceOrder,
 ) -> Result<()> {
-    let mesh = &model.mesh;
+    let (mesh, names) = (&model.mesh, &export_names.faces);
     let regions = sorted_regions(model);
     if regions.len() > 1 {
         batch.write(&folder.join("cellZones"), |out| {
@@ -209,7 +234,7 @@ fn write_zones(
             for &region in &regions {
                 let is_in_region = |c: &u32| mesh.region[*c as usize] == region;
                 let cells: Vec<u32> = (0..model.len() as u32).filter(is_in_region).collect();
-                let name = region_name(model, region);
+                let name = export_names.region(region);
                 writeln!(
                     out,
                     "{name}\n{{\n    type cellZone;\n    cellLabels List<label>"
@@ -280,7 +305,7 @@ fn write_point_zones(
 }
 
 /// Writes the values of each cell as fields.
-fn write_fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+fn write_fields(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let cells = model.len();
     let folder = path.join("0");
     let mut scalar = |name: &str, dimensions: &str, value: &(dyn Fn(usize) -> f64 + Sync)| {
@@ -302,9 +327,12 @@ fn write_fields(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
     if let Some(porosity) = &model.porosity {
         scalar("porosity", "[0 0 0 0 0 0 0]", &|c| porosity[c])?;
     }
-    for property in model.properties.iter().filter(|p| p.components == 1) {
+    for (property, name) in model.properties.iter().zip(&names.properties) {
+        if property.components != 1 {
+            continue;
+        }
         let values = property.values.to_f64();
-        scalar(&property.name, "[0 0 0 0 0 0 0]", &|c| values[c])?;
+        scalar(name, "[0 0 0 0 0 0 0]", &|c| values[c])?;
     }
     if let Some(permeability) = &model.permeability {
         batch.create_folder(&folder)?;

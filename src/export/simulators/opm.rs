@@ -18,6 +18,7 @@ use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::corner_point::grdecl::is_corner_point_deck;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::region_shift;
+use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::mesh::graph::Graph;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model, Permeability, SimulationCase};
@@ -49,6 +50,12 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Duration,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::NumbersFromOne,
+        wells: Some(super::deck::NAMES),
+        table: TablePlace::Comments("-- "),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -62,7 +69,7 @@ const ERROR_PLACE: &str = "an OPM deck";
 /// # Errors
 /// Returns [`Error::Export`] if porosity or permeability is missing, if a porosity is outside [0,
 /// 1], if a depth is above the surface, or if a deck cannot hold the name of a well.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let porosity = model.need_porosity(ERROR_PLACE)?;
     let permeability = model.need_permeability(ERROR_PLACE)?;
     let case = &model.case;
@@ -95,7 +102,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         let comment = "cell i of the mesh is box (i + 1, 1, 1)\n\
             -- faults that are nearly closed: flow --linear-solver=cpr needs a tenth of the iterations";
         let dims = [cells, 1, 1];
-        write_runspec(out, model, comment, dims, &well_connections, aquifer_cells)?;
+        write_runspec(out, model, names, comment, dims, &well_connections, aquifer_cells)?;
         write_grid(out, model, porosity, permeability, &depth)?;
         write_connections(out, &model.graph, &permeability.transmissibility)?;
         writeln!(out, "EDIT\n")?;
@@ -113,7 +120,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             }
         }
         write_aquifers(out, case, &aquifer_connections)?;
-        write_schedule(out, model, &well_connections)
+        write_schedule(out, model, names, &well_connections)
     })
 }
 

@@ -18,11 +18,13 @@ use crate::export::containers::binary::LazyArray;
 use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::containers::text::write_items;
 use crate::export::format::ExportFormat;
-use crate::export::meshers::groups::{region_name, sorted_regions};
+use crate::export::meshers::groups::sorted_regions;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::mesh::graph::BoundaryFace;
 use crate::mesh::poly::SIDE_NAMES;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -34,6 +36,11 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: true,
     supported_content: CONNECTION_LIST,
     deck_path: None,
+    names: FormatNames {
+        // Regions are files of their own.
+        regions: Naming::Names(NameRules::FILE),
+        ..FormatNames::NONE
+    },
     write,
 };
 
@@ -41,7 +48,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     batch.write(path, |out| {
         writeln!(out, "CELLS {}", model.len())?;
@@ -84,7 +91,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         for region in regions {
             let is_in_region = |c: &usize| graph.region[*c] == region;
             let region_cells: Vec<usize> = (0..model.len()).filter(is_in_region).collect();
-            let file = format!("{stem}-{}.txt", region_name(model, region));
+            let file = format!("{stem}-{}.txt", names.region(region));
             batch.write(&path.with_file_name(file), |out| {
                 write_items(out, region_cells.len(), |text, i| {
                     text.int(region_cells[i] + 1).end_line()

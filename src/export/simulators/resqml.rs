@@ -17,11 +17,13 @@ use crate::export::containers::epc::{self, EpcObject, PROXY_KIND, uuid};
 use crate::export::containers::hdf5::{self, Hdf5Node};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes};
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::files::vtk::Values;
 use crate::files::vtk::xml::escape;
 use crate::mesh::poly::Lists;
 use crate::model::reservoir::{MILLIDARCY, Model};
+use crate::names::NameRules;
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -39,8 +41,35 @@ pub const FORMAT: ExportFormat = ExportFormat {
         ExportContent::Properties,
     ],
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Numbers,
+        faces: Naming::Names(NameRules {
+            reserved: FIXED_TITLES,
+            ..TITLES
+        }),
+        properties: Some(NameRules {
+            reserved: FIXED_TITLES,
+            ..TITLES
+        }),
+        ..FormatNames::NONE
+    },
     write,
 };
+
+/// Rules of RESQML for titles.
+const TITLES: NameRules = NameRules {
+    max_bytes: 256,
+    distinct_bytes: 256,
+    ..NameRules::TEXT
+};
+/// Titles of the properties that a grid may have besides those of the user.
+const FIXED_TITLES: &[&str] = &[
+    "names of faces",
+    "none",
+    "permeability x",
+    "permeability y",
+    "permeability z",
+];
 
 /// RESQML property of cells, faces or nodes.
 struct ResqmlProperty<'a> {
@@ -61,8 +90,7 @@ struct ResqmlProperty<'a> {
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
-    let names = FaceNames::new(model);
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let cell_faces = model.mesh.faces_of_cells();
     let companion = path.with_extension("h5");
     let companion_name = companion.file_name().unwrap_or_default().to_string_lossy();
@@ -98,13 +126,19 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         kind: "StringTableLookup",
         uuid: uuid(&digest, "names"),
         title: "names of faces".into(),
-        body: names_xml(&names),
+        body: names_xml(&names.faces),
         references: Vec::new(),
         has_arrays: false,
     };
     let mut objects = vec![proxy, crs, grid, table];
-    for property in properties(model, &names) {
-        let id = uuid(&digest, &format!("property {}", property.title));
+    for property in properties(model, names) {
+        let id = uuid(
+            &digest,
+            &format!(
+                "property of {} {}",
+                property.indexable_element, property.title
+            ),
+        );
         let (proxy, grid, table) = (&objects[0], &objects[2], &objects[3]);
         let values = format!(
             "<eml:PathInHdfFile>/RESQML/{id}/values_patch0</eml:PathInHdfFile>{}",
@@ -215,7 +249,8 @@ fn names_xml(names: &FaceNames) -> String {
     let entry = |(number, name): (u32, &String)| {
         format!(
             "<resqml2:Value xsi:type=\"resqml2:StringLookup\"><resqml2:Key>{number}</resqml2:Key>\
-             <resqml2:Value>{name}</resqml2:Value></resqml2:Value>\n"
+             <resqml2:Value>{}</resqml2:Value></resqml2:Value>\n",
+            escape(name)
         )
     };
     let no_name = "none".to_string();
@@ -263,7 +298,7 @@ fn list_group(lists: &Lists) -> Hdf5Node<'_> {
     ])
 }
 
-fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<'a>> {
+fn properties<'a>(model: &'a Model, names: &'a ExportNames) -> Vec<ResqmlProperty<'a>> {
     let property = |title: &str, kind, unit, facet, numbers| ResqmlProperty {
         title: title.into(),
         kind,
@@ -295,7 +330,10 @@ fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<
             properties.push(property(title, kind, "mD", Some(facet), numbers));
         }
     }
-    for array in model.properties.iter().filter(|p| p.components == 1) {
+    for (array, name) in model.properties.iter().zip(&names.properties) {
+        if array.components != 1 {
+            continue;
+        }
         let numbers = match &array.values {
             Values::F64(values) => LazyArray::from_slice(values),
             values => {
@@ -303,15 +341,15 @@ fn properties<'a>(model: &'a Model, names: &'a FaceNames) -> Vec<ResqmlProperty<
                 LazyArray::from_fn(values.len(), move |i| values[i])
             }
         };
-        properties.push(property(&array.name, "continuous", "Euc", None, numbers));
+        properties.push(property(name, "continuous", "Euc", None, numbers));
     }
-    let numbers = LazyArray::from_slice(&names.face_numbers);
+    let numbers = LazyArray::from_slice(&names.faces.face_numbers);
     properties.push(ResqmlProperty {
         indexable_element: "faces",
         has_value_names: true,
         ..property("names of faces", "categorical", "", None, numbers)
     });
-    for group in names.groups() {
+    for group in names.faces.groups() {
         let mut membership = vec![0u8; model.mesh.nodes.len()];
         let nodes = face_nodes(model, &group.faces);
         nodes.iter().for_each(|&n| membership[n as usize] = 1);

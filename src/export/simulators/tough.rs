@@ -11,9 +11,12 @@ use super::CONNECTION_LIST;
 use crate::error::cause;
 use crate::export::containers::text::write_items;
 use crate::export::format::ExportFormat;
+use crate::export::meshers::groups::sorted_regions;
+use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
 use crate::mesh::graph::Connection;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -26,18 +29,34 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: true,
     supported_content: CONNECTION_LIST,
     deck_path: None,
+    names: FormatNames {
+        regions: Naming::Names(NameRules {
+            max_bytes: ROCK_NAME_BYTES,
+            distinct_bytes: ROCK_NAME_BYTES,
+            first_letter: 'R',
+            // TOUGH2 gives these rocks a meaning of their own.
+            reserved: &["SEED", "REFCO"],
+            ..NameRules::IDENTIFIER
+        }),
+        default_region: default_rock_name,
+        ..FormatNames::NONE
+    },
     write,
 };
 
+/// Length of the names of rocks.
+const ROCK_NAME_BYTES: usize = 5;
+/// Largest number of rocks whose names can be made distinct.
+const MAX_ROCKS: usize = 10_000;
 /// Number of element names: three letters or digits, the first a letter, and two digits.
 const MAX_NAMES: usize = 26 * 36 * 36 * 100;
 
-/// Writes elements and connections. Rocks are named by region: `REG00`, `REG01` ..., and `R0100`
-/// and so on from region 100.
+/// Writes elements and connections. Rocks have the names of regions, or `REG00`, `REG01` ..., and
+/// `R0100` and so on from region 100.
 ///
 /// # Errors
 /// Returns [`Error::Export`] if there are more cells or regions than names.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let graph = &model.graph;
     if model.len() > MAX_NAMES {
         return Err(Error::Export(cause(
@@ -46,11 +65,12 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             "mesh with a larger --distance",
         )));
     }
-    if let Some(region) = graph.region.iter().find(|r| !(0..10_000).contains(*r)) {
+    let region_count = sorted_regions(model).len();
+    if region_count > MAX_ROCKS {
         return Err(Error::Export(cause(
             "a TOUGH2 mesh",
-            format!("has rocks for regions from 0 to 9999, not for {region}"),
-            "renumber the regions",
+            format!("has names for {MAX_ROCKS} rocks, not for {region_count} regions"),
+            "merge regions",
         )));
     }
     batch.write(path, |out| {
@@ -58,7 +78,9 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
         write_items(out, model.len(), |text, c| {
             let (volume, [x, y, z]) = (graph.volume[c], graph.site[c]);
             text.word(ascii(&element_name(c))).word("          ");
-            text.word(ascii(&rock_name(graph.region[c])));
+            let rock = names.region(graph.region[c]);
+            text.word(rock)
+                .word(&"     "[rock.len().min(ROCK_NAME_BYTES)..]);
             text.word(ascii(&format_ten_chars(volume)))
                 .word("          ");
             match &model.permeability {
@@ -124,13 +146,11 @@ fn element_name(cell: usize) -> [u8; 5] {
     ]
 }
 
-/// Returns the rock name of a region.
-fn rock_name(region: i32) -> [u8; 5] {
-    let digit = |power: i32| b'0' + (region / power % 10) as u8;
-    if region < 100 {
-        [b'R', b'E', b'G', digit(10), digit(1)]
-    } else {
-        [b'R', digit(1000), digit(100), digit(10), digit(1)]
+/// Returns the rock name of a region without a name.
+fn default_rock_name(region: i32) -> String {
+    match region {
+        0..100 => format!("REG{region:02}"),
+        _ => format!("R{region:04}"),
     }
 }
 
@@ -218,7 +238,7 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), 400_000);
-        assert_eq!(ascii(&rock_name(7)), "REG07");
-        assert_eq!(ascii(&rock_name(123)), "R0123");
+        assert_eq!(default_rock_name(7), "REG07");
+        assert_eq!(default_rock_name(123), "R0123");
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
 use super::survey_grid::SurveyGrid;
+use super::table::doubtful_throw_notes;
 use super::vtp::read_shapes;
 use super::{AnySurfaces, SurfaceFile};
 use crate::error::cause;
@@ -12,6 +13,8 @@ use crate::feature::{self, DetectionOptions};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
 use crate::image::formats;
+use crate::image::placing::Frame;
+use crate::image::stated::CoordinateOptions;
 use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
 use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
@@ -28,7 +31,9 @@ use crate::model::surface::{
     GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
 };
 use crate::progress::{Progress, Stage};
-use crate::store::{AnyMesh, LabelledRegion, MeshFile, Storable, StoredMesh, read_labels};
+use crate::store::{
+    AnyMesh, LabelledRegion, LatticeSpace, MeshFile, Storable, StoredMesh, read_labels,
+};
 use crate::surface_file::has_extension;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::{Error, Result};
@@ -97,12 +102,13 @@ impl Extraction<'_> {
     ) -> Result<SurfaceOutcome> {
         let spec = self.spec;
         let options = spec.grouping.options(spec.min_area)?;
-        let (up, z_up) = spec.grouping.up_direction::<D>()?;
+        let up = spec.grouping.up_direction::<D>()?;
         let distance = min_distance(&file);
         let labels = read_labels(&file);
         let velocity = spec.velocity.as_ref();
         let original = spec.mesh_out.is_some().then(|| file.clone());
         let mut stored = mesh_in_depth(file, velocity, self.name, self.read_image, self.progress)?;
+        let z_up = spec.grouping.is_z_up(&stored.space.geometry);
         if spec.by == GroupBy::Regions {
             let (file, measures) = extract_interfaces(&stored, &labels, self.name)?;
             return Ok(SurfaceOutcome {
@@ -154,7 +160,7 @@ impl Extraction<'_> {
                     .note("the horizons stand upright, so that throws make no sense: --up names another axis");
             }
             let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
-            let (nodes, geometry) = (nodes_in_samples(&stored), &stored.space.geometry);
+            let nodes = nodes_in_samples(&stored);
             let amplitudes = measure_amplitudes(&surfaces, &kinds, &nodes, image, geometry, up.up);
             file.cell_data.extend(amplitude_arrays(&amplitudes));
             for (measure, amplitudes) in measures.iter_mut().zip(amplitudes.surfaces) {
@@ -162,9 +168,12 @@ impl Extraction<'_> {
             }
         }
         if let Some(path) = &spec.names_from {
-            let (nodes, geometry) = (nodes_in_samples(&stored), &stored.space.geometry);
-            self.names_from(path, &surfaces, &mut measures, &nodes, geometry)?;
+            let nodes = nodes_in_samples(&stored);
+            self.names_from(path, &surfaces, &mut measures, &nodes, &stored.space)?;
             file.names = measures.iter().map(surface_name).collect();
+        }
+        for note in doubtful_throw_notes(&measures) {
+            self.progress.note(&note);
         }
         let mesh = original.and_then(|mut original| {
             let named = named_faces(&stored, &surfaces, &file.names);
@@ -191,9 +200,11 @@ impl Extraction<'_> {
         surfaces: &Surfaces<D>,
         measures: &mut [SurfaceMeasure],
         nodes: &[[f64; D]],
-        geometry: &Geometry<D>,
+        space: &LatticeSpace<D>,
     ) -> Result<()> {
-        let earlier = read_earlier_surfaces(path, geometry)?;
+        let dims = space.dims().map(|n| n.round() as usize);
+        let (earlier, notes) = read_earlier_surfaces(path, &space.geometry, dims)?;
+        notes.iter().for_each(|note| self.progress.note(note));
         let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
         let matched = match_names(surfaces, &kinds, nodes, &surfaces.names, &earlier);
         let place = path.display();
@@ -251,33 +262,40 @@ impl Extraction<'_> {
     }
 }
 
-/// Reads the surfaces of an earlier interpretation, in samples.
+/// Reads the surfaces of an earlier interpretation, in samples of an image of `dims` samples. Also
+/// returns notes on their coordinates.
 fn read_earlier_surfaces<const D: usize>(
     path: &Path,
     geometry: &Geometry<D>,
-) -> Result<Vec<EarlierSurface<D>>> {
-    let surfaces: Vec<(String, Vec<Vec<[f64; 3]>>)> = if has_extension(path, &["vtp"]) {
+    dims: [usize; D],
+) -> Result<(Vec<EarlierSurface<D>>, Vec<String>)> {
+    let mut notes = Vec::new();
+    let surfaces: Vec<(String, Vec<Vec<[f64; 3]>>)> = if D == 2 && has_extension(path, &["vtp"]) {
         let of_shape = |shape: OverlayShape| {
-            let triangles = shape.triangles.iter().map(|triangle| triangle.to_vec());
             let lines = shape.lines.iter().flat_map(|line| line.windows(2));
-            let simplices = triangles.chain(lines.map(<[_]>::to_vec)).collect();
-            (shape.name, simplices)
+            (shape.name, lines.map(<[_]>::to_vec).collect())
         };
         read_shapes(path)?.into_iter().map(of_shape).collect()
     } else {
-        let of_picks = |surface: PickedSurface| {
-            let simplices = match surface.shape {
+        let frame = Frame::new(geometry, dims);
+        let place = format!("names-from {}", path.display());
+        let mut of_picks = |surface: PickedSurface| {
+            let placed = surface.placed(&frame, &place, &CoordinateOptions::default())?;
+            notes.push(format!(
+                "{place}: {}: {}",
+                surface.name,
+                placed.notes.join(", ")
+            ));
+            let simplices = match placed.shape {
                 PickedShape::Triangles(triangles) => {
                     triangles.iter().map(|triangle| triangle.to_vec()).collect()
                 }
-                PickedShape::Points(points) => points.iter().map(|x| vec![*x]).collect(),
+                shape => shape.points().map(|x| vec![x]).collect(),
             };
-            (surface.name, simplices)
+            Ok((surface.name, simplices))
         };
-        read_interpretation(path)?
-            .into_iter()
-            .map(of_picks)
-            .collect()
+        let read = read_interpretation(path)?.into_iter();
+        read.map(&mut of_picks).collect::<Result<_>>()?
     };
     let in_samples = |x: &[f64; 3]| geometry.to_index(std::array::from_fn(|k| x[k]));
     let is_finite = |simplex: &Vec<[f64; D]>| simplex.as_flattened().iter().all(|c| c.is_finite());
@@ -288,7 +306,7 @@ fn read_earlier_surfaces<const D: usize>(
             .filter(is_finite)
             .collect(),
     };
-    Ok(surfaces.into_iter().map(of_surface).collect())
+    Ok((surfaces.into_iter().map(of_surface).collect(), notes))
 }
 
 /// Returns the smallest nominal distance between nodes, if the mesh records it.
@@ -403,7 +421,8 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
 ) -> Result<SurfaceFile<D>> {
     let grouping = crate::model::surface::GroupingOptions::default();
-    let (up, z_up) = grouping.up_direction::<D>()?;
+    let up = grouping.up_direction::<D>()?;
+    let z_up = grouping.is_z_up(&stored.space.geometry);
     let up = up.with_units(&stored.space.geometry.units);
     let marks = stored.feature_marks().unwrap_or_default();
     let facets = if marks.is_empty() {
@@ -416,7 +435,7 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
 }
 
 /// Returns the name of a surface in files.
-fn surface_name(measure: &SurfaceMeasure) -> String {
+pub(super) fn surface_name(measure: &SurfaceMeasure) -> String {
     let name = measure.name.clone();
     name.unwrap_or_else(|| format!("{}{}", measure.kind.name(), measure.surface))
 }

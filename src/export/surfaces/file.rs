@@ -1,14 +1,71 @@
-//! The choice of the format of labelled surfaces.
+//! The choice of the format of labelled surfaces, and of their names in it.
 
+use std::borrow::Cow;
+use std::io::Write;
 use std::path::Path;
 
 use super::tsurf::write_tsurf;
 use super::vtp::write_vtp;
 use crate::Result;
 use crate::export::write_obj;
+use crate::files::atomic_write;
+use crate::names::{NameEntry, NameRules, NameTable, WantedName, assign};
 use crate::surface_file::{SurfaceFile, has_extension};
 
+/// Surfaces with their names in a file.
+pub(crate) struct WrittenSurfaces<'a, const D: usize> {
+    /// The surfaces with these names.
+    pub file: Cow<'a, SurfaceFile<D>>,
+    /// The table of names.
+    pub table: NameTable,
+}
+
+impl<const D: usize> WrittenSurfaces<'_, D> {
+    /// Writes the table beside the file at `path`, if a name changed.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
+    pub fn write_table(&self, path: &Path) -> Result<()> {
+        if !self.table.is_needed() {
+            return Ok(());
+        }
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        atomic_write(&path.with_file_name(format!("{stem}-names.csv")), |out| {
+            out.write_all(self.table.csv().as_bytes())
+        })
+    }
+}
+
 impl<const D: usize> SurfaceFile<D> {
+    /// Returns the surfaces with names by the rules of a format.
+    pub(crate) fn written_names(&self, rules: &NameRules) -> WrittenSurfaces<'_, D> {
+        let wanted = (1..).zip(&self.names).map(|(number, name): (usize, _)| {
+            WantedName::given_or(Some(name), || format!("surface{number}"))
+        });
+        let names = assign(rules, &wanted.collect::<Vec<_>>());
+        let pairs = (1..).zip(self.names.iter().zip(&names));
+        let entries = pairs.map(|(number, (name, written))| NameEntry {
+            kind: "surface",
+            number,
+            name: name.clone(),
+            written: written.clone(),
+            is_numbered: false,
+            is_given: true,
+        });
+        let table = NameTable {
+            entries: entries.collect(),
+        };
+        let file = if names == self.names {
+            Cow::Borrowed(self)
+        } else {
+            Cow::Owned(Self {
+                names,
+                ..self.clone()
+            })
+        };
+        WrittenSurfaces { file, table }
+    }
+
     /// Writes the surfaces in the format of the file's ending: `.obj`, GOCAD's `.ts` and `.pl`, or VTK's
     /// `.vtp` for all others.
     ///
@@ -16,12 +73,15 @@ impl<const D: usize> SurfaceFile<D> {
     /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         if has_extension(path, &["obj"]) {
-            write_obj(path, self)
-        } else if has_extension(path, &["ts", "pl"]) {
-            write_tsurf(path, self)
-        } else {
-            write_vtp(path, self)
+            return write_obj(path, self);
         }
+        let written = self.written_names(&NameRules::TEXT);
+        if has_extension(path, &["ts", "pl"]) {
+            write_tsurf(path, &written.file)?;
+        } else {
+            write_vtp(path, &written.file)?;
+        }
+        written.write_table(path)
     }
 }
 

@@ -12,6 +12,7 @@ use super::{AnySurfaces, SurfaceFile, table};
 use crate::error::cause;
 use crate::image::formats;
 use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
+use crate::names::NameRules;
 use crate::store::AnyMesh;
 use crate::surface_file::has_extension;
 use crate::{Error, Result};
@@ -28,6 +29,12 @@ pub(crate) const GRID_EXTENSIONS: [&str; 3] = ["irap", "zmap", "cps3"];
 
 /// File endings of points on horizons.
 pub(crate) const POINT_EXTENSIONS: [&str; 1] = ["xyz"];
+
+/// Rules for names in a table of sticks, whose values are separated by commas.
+const STICK_NAMES: NameRules = NameRules {
+    is_allowed: |c| !c.is_control() && ![',', ';', '"'].contains(&c),
+    ..NameRules::TEXT
+};
 
 /// The surfaces of a mesh, and their measures.
 #[derive(Debug, Clone)]
@@ -160,8 +167,19 @@ impl SurfaceOutcome {
                 "write .vtp, .obj or .ts",
             );
         };
+        let is_charisma = has_extension(path, &["charisma"]);
+        let named = file.written_names(match (is_horizon_file, is_charisma) {
+            (true, _) => &NameRules::FILE,
+            (_, true) => &NameRules::UNSPACED,
+            _ => &STICK_NAMES,
+        });
+        let file = &*named.file;
         if is_horizon_file {
-            return self.write_horizons(path, file, measures, spec);
+            let written = self.write_horizons(path, file, measures, spec)?;
+            if written.len() > 1 {
+                named.write_table(path)?;
+            }
+            return Ok(written);
         }
         let sticks = FaultSticks::from_surfaces(file, spec.step);
         let faults: Vec<FaultSticks> = (sticks.into_iter().zip(measures))
@@ -171,7 +189,8 @@ impl SurfaceOutcome {
             let remedy = "write surfaces as .vtp, or horizons as .irap";
             return refuse("there is no fault", remedy);
         }
-        if !has_extension(path, &["charisma"]) {
+        named.write_table(path)?;
+        if !is_charisma {
             write_sticks(path, &faults)?;
             return Ok(written);
         }

@@ -1,5 +1,6 @@
 //! Tables of the measures of surfaces.
 
+use super::extract::surface_name;
 use super::outcome::InterfaceMeasure;
 use crate::model::surface::SurfaceMeasure;
 use crate::model::surface::amplitude::{Polarity, Throw};
@@ -82,7 +83,7 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
             "from",
             "to",
             "throw 5%",
-            "mean",
+            "median",
             "95%",
             "correlation",
             "by horizons",
@@ -99,6 +100,14 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
             continue;
         };
         let throw = |value: fn(&Throw) -> f64| number(amplitudes.throw.as_ref().map(value));
+        let median = |throw: Option<&Throw>| {
+            let doubt = if throw.is_some_and(|t| t.is_doubtful) {
+                "?"
+            } else {
+                ""
+            };
+            number(throw.map(|t| t.median)) + doubt
+        };
         lines.push(format!(
             "{:>7} {:>7} {:>9.5} {:>9.5} {:>8} {:>8} {:>8} {:>11} {:>11} {:>5} {:>8} {:>9} {:>10}",
             m.surface,
@@ -106,10 +115,10 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
             ShortNumber(m.vertical_range[0]),
             ShortNumber(m.vertical_range[1]),
             throw(|t| t.min),
-            throw(|t| t.mean),
+            median(amplitudes.throw.as_ref()),
             throw(|t| t.max),
             (amplitudes.throw).map_or("-".into(), |t| format!("{:.2}", t.correlation)),
-            number(amplitudes.horizon_throw.map(|t| t.mean)),
+            number(amplitudes.horizon_throw.map(|t| t.median)),
             (amplitudes.horizon_throw).map_or("-".into(), |t| t.pairs.to_string()),
             amplitudes.polarity.map_or("-", Polarity::name),
             number(amplitudes.amplitude),
@@ -117,6 +126,21 @@ pub(super) fn amplitude_table(measures: &[SurfaceMeasure]) -> String {
         ));
     }
     lines.join("\n")
+}
+
+/// Returns a note on each fault whose throw is doubtful, as it differs in sign along the fault.
+pub(super) fn doubtful_throw_notes(measures: &[SurfaceMeasure]) -> Vec<String> {
+    let note = |m: &SurfaceMeasure| {
+        let throw = m.amplitudes?.throw.filter(|throw| throw.is_doubtful)?;
+        let name = surface_name(m);
+        let [low, median, high] =
+            [throw.min, throw.median, throw.max].map(|t| format!("{:.4}", ShortNumber(t)));
+        Some(format!(
+            "{name}: its throw of {median} (median) is doubtful, as it changes its sign, from {low} to {high} on 90 % of the area: \
+             layers may be matched with wrong reflectors there"
+        ))
+    };
+    measures.iter().filter_map(note).collect()
 }
 
 /// Returns a table of the interfaces between regions.

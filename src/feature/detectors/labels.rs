@@ -171,7 +171,7 @@ fn compete<const D: usize>(
     let are_regions = are_valid_regions(&values);
     // If regions do not have the values of labels, names must contain these, or they would be lost.
     let name_of = |&label: &LabelValue| match label_name(options, label) {
-        None if !are_regions => Some(format!("label_{label}").replace('.', "_")),
+        None if !are_regions => Some(format!("label_{label}")),
         name => name,
     };
     let label_map = LabelMap {

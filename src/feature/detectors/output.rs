@@ -38,6 +38,8 @@ impl fmt::Display for Thresholds {
 pub struct DetectorOutput<const D: usize> {
     /// Points that may lie on features, in the order of samples.
     pub candidates: Vec<Candidate<D>>,
+    /// Points on possible faults that dip too little, in the order of samples.
+    pub flat_candidates: Vec<Candidate<D>>,
     /// Layers of which this rank has all candidates, if ranks share the candidates; `None` if every
     /// rank has all candidates.
     pub layers: Option<Range<usize>>,
@@ -67,6 +69,7 @@ impl<const D: usize> DetectorOutput<D> {
     pub fn new(candidates: Vec<Candidate<D>>, scale: f64, thresholds: Thresholds) -> Self {
         Self {
             candidates,
+            flat_candidates: Vec::new(),
             layers: None,
             scale,
             thresholds,
@@ -108,7 +111,9 @@ impl<const D: usize> DetectorOutput<D> {
             ));
             return;
         }
-        self.candidates.retain(|c| !zones.contains(c.position));
+        for candidates in [&mut self.candidates, &mut self.flat_candidates] {
+            candidates.retain(|c| !zones.contains(c.position));
+        }
         self.chaotic_share = Some(zones.share);
         notes.push(format!(
             "{share:.1} % of the image is chaotic (salt, gas, noise), and no {kind} are sought there; --keep-chaos seeks \
@@ -141,7 +146,9 @@ impl<const D: usize> DetectorOutput<D> {
         if self.layers.is_some() {
             dropped = comm.all_gather("candidates dropped", dropped)?.iter().sum();
         }
-        self.candidates.retain(|c| !is_near_missing[row(c)]);
+        for candidates in [&mut self.candidates, &mut self.flat_candidates] {
+            candidates.retain(|c| !is_near_missing[row(c)]);
+        }
         notes.push(format!(
             "{dropped} points are dropped, because they lie within {reach} samples of missing traces"
         ));

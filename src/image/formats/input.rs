@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::placement::ImagePlacement;
-use super::{AnyImage, ImageFormat, ReadOptions, SegyBytes, detect};
+use super::{AnyImage, Crop, ImageFormat, OpenedImage, ReadOptions, SegyBytes, detect, restricted};
 use crate::error::cause;
 use crate::option_text::deserialize_optional;
 use crate::{Error, Result};
@@ -96,6 +96,16 @@ pub struct InputOptions {
     /// left out, and neither they nor their edge are features
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub mask: Option<PathBuf>,
+    /// The block of the image to read, both ends included: ranges of line numbers, of coordinates or
+    /// of indices from 0, separated by commas, such as inline=100:200,time=1000:1500, x=A:B,y=A:B,z=A:B
+    /// or i=A:B. Everything is as if the file held only this block
+    #[cfg_attr(feature = "cli", arg(long, value_name = "RANGES"))]
+    #[serde(deserialize_with = "deserialize_optional")]
+    pub crop: Option<String>,
+    /// Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or .vtp), or an
+    /// image with as many samples that is 0 outside
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE"))]
+    pub inside: Option<PathBuf>,
     /// SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual header
     /// says so]. In depth, sample intervals are in thousandths of a metre or foot, and the first
     /// sample in metres or feet
@@ -173,7 +183,32 @@ impl InputOptions {
             placement: self.placement()?,
             nulls: self.nulls()?,
             mask: self.mask.clone(),
+            crop: self.crop()?,
+            inside: self.inside.clone(),
         })
+    }
+
+    /// Returns the block of the image that is read, if one is given.
+    ///
+    /// # Errors
+    /// Returns an [`Error::Job`] if it cannot be parsed.
+    fn crop(&self) -> Result<Option<Crop>> {
+        self.crop.as_deref().map(str::parse).transpose()
+    }
+
+    /// Returns the part of an image in memory that the options give.
+    ///
+    /// # Errors
+    /// Returns the errors of [`read_options`](Self::read_options), and those of the files that the
+    /// options name.
+    pub(crate) fn restrict(&self, image: AnyImage, place: &Path) -> Result<AnyImage> {
+        let options = ReadOptions {
+            crop: self.crop()?,
+            inside: self.inside.clone(),
+            ..ReadOptions::default()
+        };
+        let opened = OpenedImage::InMemory(image).with_nulls(&self.nulls()?);
+        restricted(opened, place, &options)?.load(place)
     }
 
     /// Returns the null values.
@@ -190,6 +225,16 @@ impl InputOptions {
             parsed.map_err(|_| Error::Job(cause(text, "is not a number", remedy)))
         };
         parse_list("null", &self.null, number).map(Option::unwrap_or_default)
+    }
+
+    /// Returns the null values of points and surfaces: `None` recognises common ones, and an empty
+    /// list keeps all values.
+    ///
+    /// # Errors
+    /// Returns an [`Error::Job`] if a value is not a number.
+    pub fn point_nulls(&self) -> Result<Option<Vec<f64>>> {
+        let nulls = self.nulls()?.into_iter().map(f64::from).collect();
+        Ok(self.null.as_ref().map(|_| nulls))
     }
 
     /// Returns `true` if no value but NaN stands for missing samples.
@@ -235,6 +280,8 @@ impl InputOptions {
             geometry_from: (self.geometry_from.clone()).or_else(|| fallback.geometry_from.clone()),
             null: self.null.clone().or_else(|| fallback.null.clone()),
             mask: self.mask.clone().or_else(|| fallback.mask.clone()),
+            crop: self.crop.clone().or_else(|| fallback.crop.clone()),
+            inside: self.inside.clone().or_else(|| fallback.inside.clone()),
             domain: self.domain.or(fallback.domain),
             inline_byte: self.inline_byte.or(fallback.inline_byte),
             crossline_byte: self.crossline_byte.or(fallback.crossline_byte),

@@ -4,6 +4,8 @@
 //! chosen by the ending of its name.
 //!
 //! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3
+//! - `crop`: blocks of images
+//! - `inside`: outlines of the part of an image that is kept
 //! - `inrimage`: INRIMAGE-4 volumes
 //! - `metaimage`: MetaImage, the format of ITK
 //! - `nifti`: NIfTI, the format of neuroscience
@@ -23,10 +25,12 @@
 //! - `input`: options of the user for reading a file
 //! - `describe`: description of a file for people and for programs
 
+pub(crate) mod crop;
 pub(crate) mod describe;
 pub(crate) mod grids;
 pub(crate) mod input;
 pub(crate) mod inrimage;
+mod inside;
 pub(crate) mod metaimage;
 pub(crate) mod nifti;
 pub(crate) mod npy;
@@ -52,6 +56,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files::{self, vtk};
 use crate::image::Image;
 
+pub use crop::Crop;
 pub use describe::{Description, describe};
 pub use input::{InputOptions, ReadImage, SampleDomain, read_with_options};
 pub use placement::{AxisSpec, ImagePlacement};
@@ -75,6 +80,11 @@ pub struct ReadOptions {
     /// An image with as many samples; where its samples are not zero, those of the image are read as
     /// NaN.
     pub mask: Option<PathBuf>,
+    /// The block of the image that is read; if `None`, the whole image.
+    pub crop: Option<Crop>,
+    /// Polygons in map view, or an image with as many samples; outside them, or where its samples are
+    /// zero, those of the image are read as NaN.
+    pub inside: Option<PathBuf>,
 }
 
 /// The image formats that can be read.
@@ -258,20 +268,45 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         other => other,
     };
     let opened = options.placement.apply(opened, &options.segy)?;
-    let opened = opened.with_nulls(&options.nulls);
-    match &options.mask {
-        None => Ok(opened),
-        Some(mask) => Ok(OpenedImage::InMemory(masked(
-            opened.load(path)?,
-            path,
-            mask,
-        )?)),
+    restricted(opened.with_nulls(&options.nulls), path, options)
+}
+
+/// Returns the part of an image that is read: the block to which it is cropped, with NaN where a mask
+/// leaves samples out and outside an outline. `place` names the image.
+///
+/// # Errors
+/// Returns the errors of the files that the options name, and [`Error::Image`] if they do not fit the
+/// image.
+pub(crate) fn restricted(
+    opened: OpenedImage,
+    place: &Path,
+    options: &ReadOptions,
+) -> Result<OpenedImage> {
+    let whole = opened.header();
+    let opened = match &options.crop {
+        Some(crop) => crop.apply(opened)?,
+        None => opened,
+    };
+    if options.mask.is_none() && options.inside.is_none() {
+        return Ok(opened);
     }
+    let mut image = opened.load(place)?;
+    let fit = |mask: AnyImage| match (&options.crop, whole.place(mask)) {
+        (Some(crop), Ok(mask)) => crop.apply(OpenedImage::InMemory(mask))?.load(place),
+        (_, Ok(mask) | Err(mask)) => Ok(mask),
+    };
+    if let Some(mask) = &options.mask {
+        image = masked(image, place, mask, &fit)?;
+    }
+    if let Some(outline) = &options.inside {
+        image = inside::any_without_outside(image, outline, &fit)?;
+    }
+    Ok(OpenedImage::InMemory(image))
 }
 
 /// Returns the image with NaN where the image at `mask` is not zero, and a note that says how many
-/// samples these are.
-fn masked(image: AnyImage, path: &Path, mask: &Path) -> Result<AnyImage> {
+/// samples these are. `fit` returns the part of the mask that belongs to the image.
+fn masked(image: AnyImage, path: &Path, mask: &Path, fit: inside::FitMask<'_>) -> Result<AnyImage> {
     fn apply<const D: usize>(
         mut loaded: LoadedImage<D>,
         place: &Path,
@@ -299,7 +334,7 @@ fn masked(image: AnyImage, path: &Path, mask: &Path) -> Result<AnyImage> {
         ));
         Ok(loaded)
     }
-    let flags = read_any(mask, &ReadOptions::default())?;
+    let flags = fit(read_any(mask, &ReadOptions::default())?)?;
     Ok(match image {
         AnyImage::Plane(loaded) => AnyImage::Plane(apply(loaded, path, flags.into_image(), mask)?),
         AnyImage::Space(loaded) => AnyImage::Space(apply(loaded, path, flags.into_image(), mask)?),

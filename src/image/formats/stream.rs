@@ -345,7 +345,46 @@ pub enum OpenedImage {
     InMemory(AnyImage),
 }
 
+/// Everything that is known of a 2-D or 3-D image except its samples.
+pub(super) enum AnyHeader {
+    /// Of a 2-D image.
+    Plane(ImageHeader<2>),
+    /// Of a 3-D image.
+    Space(ImageHeader<3>),
+}
+
+impl AnyHeader {
+    /// Returns an image with as many samples in the place of this one.
+    ///
+    /// # Errors
+    /// Returns the image as it is if it has other dimensions.
+    pub fn place(&self, image: AnyImage) -> std::result::Result<AnyImage, AnyImage> {
+        match (self, image) {
+            (Self::Plane(header), AnyImage::Plane(loaded))
+                if header.dims == loaded.image.dims() =>
+            {
+                Ok(AnyImage::Plane(header.clone().with_image(loaded.image)))
+            }
+            (Self::Space(header), AnyImage::Space(loaded))
+                if header.dims == loaded.image.dims() =>
+            {
+                Ok(AnyImage::Space(header.clone().with_image(loaded.image)))
+            }
+            (_, image) => Err(image),
+        }
+    }
+}
+
 impl OpenedImage {
+    /// Returns everything that is known of the image except its samples.
+    pub(super) fn header(&self) -> AnyHeader {
+        match self {
+            Self::Stream(stream) => AnyHeader::Space(stream.header.clone()),
+            Self::InMemory(AnyImage::Plane(loaded)) => AnyHeader::Plane(loaded.header()),
+            Self::InMemory(AnyImage::Space(loaded)) => AnyHeader::Space(loaded.header()),
+        }
+    }
+
     /// Loads all samples into memory.
     ///
     /// # Errors

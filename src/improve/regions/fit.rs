@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 
 use crate::parallel::prelude::*;
 
+use super::AnchoredNodes;
 use super::assign::directions;
 use super::{balance, region_volumes};
 use crate::feature::LabelMap;
@@ -61,6 +62,8 @@ pub struct InterfaceFit<'a, const D: usize> {
     pub neighbors: &'a [u32],
     /// Kind of each node.
     pub kinds: &'a [AtomKind],
+    /// Nodes that stay on given surfaces, if there are any.
+    pub anchors: Option<&'a AnchoredNodes>,
     /// Far corner of the box.
     pub extent: [f64; D],
     /// Target for the smallest angle, in degrees; the largest angle is 180 degrees less this.
@@ -348,7 +351,11 @@ impl<const D: usize> InterfaceFit<'_, D> {
         }
         let x = mesh.nodes()[n as usize];
         let is_fixed = std::array::from_fn(|k| x[k] <= 0.0 || x[k] >= self.extent[k]);
-        equations.solve(is_fixed)
+        let displacement = equations.solve(is_fixed)?;
+        Some(match self.anchors {
+            Some(anchors) => anchors.along_surfaces(n, x, displacement, is_fixed),
+            None => displacement,
+        })
     }
 
     /// Moves a node by the largest fraction of the displacement that the angles around it allow.

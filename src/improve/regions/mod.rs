@@ -1,5 +1,6 @@
 //! Assigns the labels of the image to cells, and fits faces to the interfaces between labels.
 //!
+//! - `anchors`: keeps nodes on given surfaces meanwhile
 //! - `assign`: assigns to each cell the label of the largest part of its volume
 //! - `fit`: moves nodes between labels so that faces lie on the interface on average
 //! - `balance`: computes by how much interfaces move so that regions have their volumes
@@ -7,10 +8,12 @@
 //! An interface that is a union of faces between cells of different labels has no holes, whatever
 //! the labels are. Its faces count as faces on features.
 
+mod anchors;
 mod assign;
 mod balance;
 mod fit;
 
+pub use anchors::AnchoredNodes;
 pub use assign::{SamplePoints, Votes, assign_labels, interface_marks};
 pub use fit::{InterfaceFit, fit, remove_spikes};
 

@@ -85,6 +85,7 @@ impl Checkpoint {
         other_params.spec = other_params.spec.reproducible();
         for surface in std::mem::take(&mut other_params.surfaces) {
             hasher.update(format!("{} {:?}", surface.option, surface.surface.name));
+            hasher.update(format!("{:?}", surface.surface.coordinates));
             let numbers = surface.surface.shape.points().flatten();
             numbers.for_each(|c| hasher.update(c.to_le_bytes()));
         }

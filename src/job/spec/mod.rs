@@ -5,9 +5,11 @@
 //! keywords are all generated from this type. To add an option, add a field with its default,
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
+//! - `file_option`: files of positions, and what they do not say about their coordinates
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
+mod file_option;
 mod validate;
 mod values;
 
@@ -27,10 +29,11 @@ use crate::improve::{Effort, SliverMethod, Target};
 use crate::lattice::optimize::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::{Error, Result};
+pub use file_option::FileOption;
 pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
 pub use values::{
     DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile, Padding,
-    PointValue, SignedAxis, SurfaceOption,
+    PointValue, SignedAxis,
 };
 
 /// Headings of the command line's help; options without one come first.
@@ -74,16 +77,17 @@ pub struct MeshSpec {
     )]
     pub feature: FeatureKind,
     /// Faults and horizons to follow as they are, beside the features that are found (none with
-    /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one, with
-    /// `,fault` or `,horizon` at the end if the file does not say. GOCAD .ts and .pl, .vtp, .obj,
-    /// grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, in the image's physical
-    /// coordinates; may be repeated
+    /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one. GOCAD
+    /// .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, which are
+    /// brought to the image's coordinates. What the file does not say follows it: ,fault or ,horizon;
+    /// ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or ,domain=depth; ,null=-999.
+    /// May be repeated
     #[cfg_attr(
         feature = "cli",
-        arg(long, value_name = "FILE[:NAME]", help_heading = FEATURES)
+        arg(long, value_name = "FILE[:NAME][,...]", help_heading = FEATURES)
     )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub surface: Vec<SurfaceOption>,
+    pub surface: Vec<FileOption>,
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
     pub sigma: Option<f64>,
@@ -200,15 +204,17 @@ pub struct MeshSpec {
     /// Largest number of atoms that --seeding guide places [default: as many as fit]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_atoms: Option<usize>,
-    /// A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), in the image's physical
-    /// coordinates
+    /// A table of fixed atoms (wells, sources) with the columns x, y and z (x and y in 2-D), which are
+    /// brought to the image's coordinates; what it does not say follows it, as for --surface
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
-    pub atoms_from: Option<PathBuf>,
-    /// A CSV file of a well trajectory, along which atoms are fixed: lines x,y,z,radius (x,y,radius
-    /// in 2-D) in the image's physical coordinates; may be repeated
+    pub atoms_from: Option<FileOption>,
+    /// A table of well trajectories, along which atoms are fixed: columns x, y, z and radius (x, y and
+    /// radius in 2-D), or a deviation survey; they are brought to the image's coordinates. FILE:NAME
+    /// takes one well. What the file does not say follows it, as for --surface, and ,head=x,y,z is the
+    /// wellhead; may be repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub well: Vec<PathBuf>,
+    pub well: Vec<FileOption>,
     /// Distance between atoms at wells, in samples; it increases to --distance away from them
     #[cfg_attr(feature = "cli", arg(long, value_name = "D", help_heading = ATOMS))]
     pub well_distance: Option<f64>,
@@ -317,10 +323,11 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
     pub pad: Option<Padding>,
     /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
-    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in the image's physical coordinates. It
-    /// must cover the image and the sides of --pad, and replaces above=DIST of --pad
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME]"))]
-    pub topography: Option<SurfaceOption>,
+    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, which are brought to the image's coordinates; what
+    /// it does not say follows it, as for --surface. It must cover the image and the sides of --pad, and replaces
+    /// above=DIST of --pad
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME][,...]"))]
+    pub topography: Option<FileOption>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled

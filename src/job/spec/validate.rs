@@ -14,6 +14,7 @@ use crate::error::{Error, cause};
 use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
 use crate::job::params::Evaluator;
+use crate::names::first_repeated;
 
 /// Largest fraction of the cells' radius within which nodes may be merged. Beyond it, cells lose
 /// faces that matter.
@@ -485,6 +486,15 @@ fn check_labels(labels: &[LabelOptions]) -> Result<()> {
             ));
         }
     }
+    let names = labels.iter().filter_map(|label| label.name.as_deref());
+    let repeated = first_repeated(names);
+    if let Some(label) =
+        (labels.iter().rev()).find(|l| repeated.is_some() && l.name.as_deref() == repeated)
+    {
+        let problem = "gives a name that another label has";
+        let remedy = "give each label a name of its own, or merge them with into=VALUE";
+        return Err(option_error("label", label, problem, remedy));
+    }
     let is_merged = |value: LabelValue| {
         labels
             .iter()
@@ -586,6 +596,7 @@ mod tests {
             ("cells = \"voronoi\"\nlines = \"l.vtp\"", "lines"),
             ("seeding = \"canny\"\nlabel = [\"3:distance=2\"]", "label"),
             ("label = [\"3:name=a\", \"3:distance=2\"]", "label"),
+            ("label = [\"3:name=a\", \"4:name=a\"]", "label"),
             ("label = [\"3:into=4\", \"4:into=5\"]", "label"),
             ("feature = \"edges\"\nlabel = [\"3:distance=2\"]", "label"),
             ("max-atoms = 9", "max-atoms"),

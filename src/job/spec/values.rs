@@ -223,62 +223,6 @@ impl Display for FeatureWeights {
     }
 }
 
-/// A file of surfaces to follow: `FILE`, `FILE:NAME`, and either with `,fault` or `,horizon` at the
-/// end.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SurfaceOption {
-    /// The file.
-    pub path: PathBuf,
-    /// The one of the file's surfaces that is meant, or the name of the only one.
-    pub name: Option<String>,
-    /// `true` for horizons and `false` for faults; `None` if the file or the dip decides.
-    pub is_horizon: Option<bool>,
-}
-
-impl FromStr for SurfaceOption {
-    type Err = InvalidValue;
-
-    fn from_str(text: &str) -> Result<Self, InvalidValue> {
-        let (rest, is_horizon) = match (text.strip_suffix(",horizon"), text.strip_suffix(",fault"))
-        {
-            (Some(rest), _) => (rest, Some(true)),
-            (_, Some(rest)) => (rest, Some(false)),
-            _ => (text, None),
-        };
-        // A colon after one letter, or before a separator, is part of a path.
-        let split = rest.rsplit_once(':').filter(|(path, name)| {
-            path.len() > 1 && !name.contains(['/', '\\']) && !Path::new(rest).is_file()
-        });
-        let (path, name) = split.map_or((rest, None), |(path, name)| (path, Some(name)));
-        let is_empty = path.is_empty() || name.is_some_and(|name| name.trim().is_empty());
-        if is_empty {
-            return Err(InvalidValue::new(
-                "names no file or no surface",
-                "give FILE or FILE:NAME, and ,fault or ,horizon after it if needed",
-            ));
-        }
-        Ok(Self {
-            path: path.into(),
-            name: name.map(|name| name.split_whitespace().collect::<Vec<_>>().join("_")),
-            is_horizon,
-        })
-    }
-}
-
-impl Display for SurfaceOption {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.path.display())?;
-        if let Some(name) = &self.name {
-            write!(f, ":{name}")?;
-        }
-        match self.is_horizon {
-            Some(true) => f.write_str(",horizon"),
-            Some(false) => f.write_str(",fault"),
-            None => Ok(()),
-        }
-    }
-}
-
 /// Distances by which a mesh of tetrahedra reaches beyond its image, in the image's physical units.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Padding {
@@ -518,7 +462,6 @@ serde_as_text!(
     SignedAxis: [","; 2],
     Metric: [","; 2],
     LabelOptions: [",", ":"],
-    SurfaceOption: [":"; 2],
 );
 
 /// Returns numbers with commas between them.

@@ -5,15 +5,22 @@ use crate::geometry::bounding_box;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
 use crate::model::columns::{COLUMN, Columns, LAYER};
-use crate::store::output::{Provenance, THROWS_FIELD, common_fields};
+use crate::store::output::{LIVE_ARRAY, Provenance, THROWS_FIELD, common_fields};
 use crate::store::{FieldValue, LatticeSpace, MeshFile};
 
-/// Converts columns on the cells of a map to a mesh file. `regions` holds the region of each cell
-/// of the map. The lattice space is that of the map, with z from the lowest node upwards; `z_unit`
+/// Properties of a map's cells that their columns take over.
+pub struct MapCells<'a> {
+    /// The region of each cell.
+    pub regions: &'a [i32],
+    /// The share of each cell that holds data, if some hold none.
+    pub live: Option<&'a [f64]>,
+}
+
+/// Converts columns on the cells of a map to a mesh file. The lattice space is that of the map, with z from the lowest node upwards; `z_unit`
 /// is the unit of z.
 pub fn columns_to_file(
     columns: Columns,
-    regions: &[i32],
+    MapCells { regions, live }: MapCells<'_>,
     map: &LatticeSpace<2>,
     z_unit: &str,
     provenance: &Provenance,
@@ -36,6 +43,10 @@ pub fn columns_to_file(
             "map_region",
             map_region.collect::<Vec<i32>>(),
         ));
+    }
+    if let Some(live) = live {
+        let shares = columns.column.iter().map(|&c| live[c as usize]);
+        cell_data.push(DataArray::scalars(LIVE_ARRAY, shares.collect::<Vec<f64>>()));
     }
     let mut field_data = common_fields(&geometry, step, extent, provenance);
     if columns.juxtaposed.is_some() {

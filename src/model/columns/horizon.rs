@@ -47,6 +47,18 @@ impl TriangleIndex {
         }
     }
 
+    /// Returns the corners of all triangles.
+    pub(super) fn corners(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.corners.as_flattened().iter().copied()
+    }
+
+    /// Turns the sign of z.
+    pub(super) fn turn(&mut self) {
+        for corner in self.corners.as_flattened_mut() {
+            corner[2] = -corner[2];
+        }
+    }
+
     /// Returns z of the first triangle at a point.
     fn z_at(&self, x: [f64; 2]) -> Option<f64> {
         let mut first: Option<(usize, f64)> = None;

@@ -17,6 +17,7 @@
 //! Where horizons are offset at faults, the map is torn there (`torn_map`): a cell meets those of the
 //! other side that lie at its height, with faces of their common area (`fault_sides`).
 //!
+//! - `given`: horizons in files, brought to one unit and direction of z
 //! - `horizon`: horizons, sampled at the nodes of a map
 //! - `file`: columns as a mesh file
 //! - `spec`: all options, as one value
@@ -24,6 +25,7 @@
 
 mod fault_sides;
 pub mod file;
+pub mod given;
 pub mod horizon;
 mod run;
 mod spec;

@@ -2,16 +2,15 @@
 
 use serde_json::{Value, json};
 
-use super::file::columns_to_file;
-use super::horizon::Horizon;
+use super::file::{MapCells, columns_to_file};
+use super::given::{GivenHorizon, place_horizons};
 use super::spec::ColumnsSpec;
 use super::torn_map::{TornHorizon, TornMap};
 use super::{Columns, Juxtaposed, extend};
 use crate::error::cause;
-use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
 use crate::progress::{Progress, Stage};
-use crate::store::output::Provenance;
+use crate::store::output::{Provenance, read_live};
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, StoredMesh};
 use crate::{Error, Result};
 
@@ -24,9 +23,9 @@ pub struct ColumnsInput<'a> {
     pub name: &'a str,
     /// The SHA-256 of the map's file, which the mesh records; empty if there is no file.
     pub sha256: String,
-    /// The horizons from the top down, with their names in messages. An image that has no position
-    /// of its own, and as many samples as the meshed image, has the position of the map.
-    pub horizons: Vec<(String, Horizon)>,
+    /// The horizons from the top down. An image that has no position of its own, and as many samples
+    /// as the meshed image, has the position of the map.
+    pub horizons: Vec<GivenHorizon>,
 }
 
 /// A mesh of columns.
@@ -52,7 +51,7 @@ pub struct ColumnsOutcome {
 ///
 /// ```
 /// use atomesh::image::{Geometry, Image};
-/// use atomesh::model::columns::horizon::Horizon;
+/// use atomesh::model::columns::given::GivenHorizon;
 /// use atomesh::model::columns::{ColumnsInput, ColumnsSpec};
 /// use atomesh::progress::NoProgress;
 /// use atomesh::MeshSpec;
@@ -66,7 +65,7 @@ pub struct ColumnsOutcome {
 ///     map,
 ///     name: "map",
 ///     sha256: String::new(),
-///     horizons: horizons.map(|(name, z)| (name.to_string(), Horizon::Flat(z))).to_vec(),
+///     horizons: horizons.map(|(name, z)| GivenHorizon::flat(name, z)).to_vec(),
 /// };
 /// let spec = ColumnsSpec { layers: Some("3".parse()?), ..ColumnsSpec::default() };
 /// let outcome = atomesh::columns(input, &spec, &mut NoProgress)?;
@@ -83,7 +82,7 @@ pub fn columns(
     progress: &mut dyn Progress,
 ) -> Result<ColumnsOutcome> {
     spec.validate()?;
-    let (map, space) = prepare_map(input.map, input.name)?;
+    let (map, space, live) = prepare_map(input.map, input.name)?;
     let torn = match spec.throws {
         Some(distance) => TornMap::torn(&map, distance),
         None => TornMap::whole(&map),
@@ -91,9 +90,11 @@ pub fn columns(
     if spec.throws.is_some() && torn.node_count() == map.nodes.len() {
         progress.note("no fault divides the map: --throws has no effect");
     }
+    let placed = place_horizons(input.horizons, &space, spec.z_unit.as_deref())?;
+    placed.notes.iter().for_each(|note| progress.note(note));
     let (mut names, mut horizons) = (Vec::new(), Vec::new());
-    for (name, horizon) in input.horizons {
-        let values = torn.horizon(&placed(horizon, &space), &name)?;
+    for (name, horizon) in placed.horizons {
+        let values = torn.horizon(&horizon, &name)?;
         if values.missing > 0 {
             progress.note(&format!(
                 "{name} is not known at {} of the map's {} nodes: extrapolated smoothly there",
@@ -111,7 +112,6 @@ pub fn columns(
         parameters: format!("columns = {names:?}"),
         input_sha256: input.sha256,
     };
-    let z_unit = spec.z_unit.as_ref().unwrap_or(&space.geometry.units[0]);
     let Columns {
         layer_counts,
         missing_counts,
@@ -124,7 +124,13 @@ pub fn columns(
         missing_counts,
         is_z_up,
         juxtaposed: built.juxtaposed,
-        mesh: columns_to_file(built, &map.region, &space, z_unit, &provenance),
+        mesh: {
+            let cells = MapCells {
+                regions: &map.region,
+                live: live.as_deref(),
+            };
+            columns_to_file(built, cells, &space, &placed.z_unit, &provenance)
+        },
     })
 }
 
@@ -152,32 +158,23 @@ fn uncrossed(horizons: Vec<TornHorizon>) -> Vec<Vec<f64>> {
     z
 }
 
-/// Returns the cells of a map and its lattice space.
-fn prepare_map(map: AnyMesh, name: &str) -> Result<(PolyMesh<2>, LatticeSpace<2>)> {
+/// The cells of a map, its lattice space, and the share of each cell that holds data.
+type PreparedMap = (PolyMesh<2>, LatticeSpace<2>, Option<Vec<f64>>);
+
+/// Returns the cells of a map, its lattice space, and the share of each cell that holds data.
+fn prepare_map(map: AnyMesh, name: &str) -> Result<PreparedMap> {
     let problem = match map {
         AnyMesh::Polygons(file) => {
+            let live = read_live(&file.cell_data, file.mesh.sites.len());
             let stored = StoredMesh::new(file, name)?;
             let space = stored.space.clone();
-            return Ok((stored.into_file().mesh, space));
+            return Ok((stored.into_file().mesh, space, live));
         }
         AnyMesh::Triangles(_) => "has triangles, which make poor columns for flow",
         AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_) => "is not a map but a 3-D mesh",
     };
     let remedy = "mesh a 2-D image of the map with --cells voronoi";
     Err(Error::Mesh(cause(name, problem, remedy)))
-}
-
-/// Returns the horizon; an image without a position gets the position of the map.
-fn placed(mut horizon: Horizon, space: &LatticeSpace<2>) -> Horizon {
-    if let Horizon::Grid(image) = &mut horizon {
-        let unplaced = Geometry::<2>::default();
-        let is_placed =
-            (image.geometry.origin, image.geometry.axes) != (unplaced.origin, unplaced.axes);
-        if !is_placed && space.fits_dims(image.dims()) {
-            image.geometry = space.geometry.clone();
-        }
-    }
-    horizon
 }
 
 impl ColumnsOutcome {

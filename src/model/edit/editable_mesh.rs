@@ -11,7 +11,9 @@ use crate::lattice::seeding::{Alignment, kind_at};
 use crate::mesh::Simplices;
 use crate::mesh::check::check;
 use crate::report::{assess_angles, smallest_angles};
-use crate::store::output::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY};
+use crate::store::output::{
+    ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY, physical_angles,
+};
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, replace_nodes};
 use crate::{Error, Result};
 
@@ -392,6 +394,8 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             ],
             field_data: newest_fields(self.fields),
         };
+        let angles = physical_angles(&file.mesh, &self.geometry, self.step);
+        file.cell_data.extend(angles);
         if self.horizon_bits.iter().any(|&bits| bits != 0) {
             let array = DataArray::scalars(HORIZON_FACES_ARRAY, self.horizon_bits);
             file.cell_data.push(array);
@@ -408,11 +412,13 @@ pub fn dropped_arrays<const D: usize, M: Simplices<D>>(file: &MeshFile<M>) -> Ve
         DISTANCE,
         REGION,
         M::MIN_ANGLE_ARRAY,
+        M::PHYSICAL_ANGLE_ARRAY,
         M::VOLUME_NAME,
         M::FEATURE_FACES_ARRAY,
         ANGLES_ARRAY,
         HORIZON_FACES_ARRAY,
         IMAGE_ARRAY,
+        LIVE_ARRAY,
     ];
     unknown_arrays(file, &known)
 }

@@ -400,7 +400,12 @@ where
             editable.is_used[n as usize] = is_kept[k];
         }
         let regions = self.cell_regions(editable, &reshaped.mesh);
-        let horizons = horizon_bits(&reshaped.mesh, &reshaped.feature_faces, &fields.features);
+        let horizons = horizon_bits(
+            &reshaped.mesh,
+            &reshaped.feature_faces,
+            &[],
+            &fields.features,
+        );
         summary.cells[0] += self.local_mesh.len();
         summary.cells[1] += reshaped.mesh.len();
         editable.replace_cells(

@@ -15,7 +15,7 @@ use crate::job::{MeshSpec, Params};
 use crate::model::input::{ImageInput, MeshInput};
 use crate::progress::Progress;
 use crate::report::Report;
-use crate::store::output::with_image;
+use crate::store::output::{with_image, with_live};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Storable, with_mesh};
 use crate::{Error, Result};
 
@@ -172,7 +172,10 @@ impl EditRun<'_> {
                 cells_name: M::CELLS_NAME,
                 summary,
             },
-            mesh: any_mesh(with_image(edited.file, ImageSource::InMemory(&image))?),
+            mesh: {
+                let file = with_live(edited.file, &image)?;
+                any_mesh(with_image(file, ImageSource::InMemory(&image))?)
+            },
         })
     }
 }
@@ -184,6 +187,7 @@ fn prepare_image<const D: usize>(
     read_image: ReadImage<'_>,
 ) -> Result<(Image<D>, Params<D>)> {
     let mut params = Params::<D>::read_with(recorded, read_image)?;
+    params.note_time_unit(&image.geometry);
     // An image that is in depth already is not converted.
     let velocity = recorded.velocity.as_ref();
     let velocity = velocity.filter(|_| image.geometry.time_coordinate().is_some());

@@ -7,7 +7,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::{AtomChange, Edit};
-use crate::error::{cause, io_error};
+use crate::error::cause;
+use crate::files::table::Table;
 use crate::image::formats::InputOptions;
 use crate::job::spec::{InvalidValue, PointValue};
 use crate::option_text::serde_as_text;
@@ -158,16 +159,13 @@ fn nothing_to_do() -> Error {
     Error::Job(cause("atomesh edit", "has nothing to do", remedy))
 }
 
-/// Reads edits from a CSV file. Empty lines and lines that begin with `#` are skipped.
+/// Reads edits from a table, one in each line.
 fn read_edits<const D: usize>(path: &Path) -> Result<Vec<Edit<D>>> {
-    let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
     let mut edits = Vec::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let place = format!("{}:{number}", path.display());
+    for row in Table::read_lines(path)?.rows() {
+        let line = row.texts().join(",");
+        let line = line.trim_end_matches(',');
+        let place = format!("{}:{}", path.display(), row.line);
         let refuse = |problem: String, remedy: &str| Error::Job(cause(&place, problem, remedy));
         let atom = |text: &str| {
             let atom = text.parse::<AtomNumber>();

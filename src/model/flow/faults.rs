@@ -9,11 +9,45 @@ use serde::{Deserialize, Serialize};
 use super::FaultLaw;
 use super::driver::{BarrierSelection, FaultLaws};
 use crate::error::cause;
-use crate::files::csv::text_rows;
+use crate::files::table::{Term, ValueTable, text_rows};
 use crate::job::spec::{InvalidValue, parse_number};
 use crate::model::surface::names::Selector;
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};
+
+/// Names of the column of surfaces in tables.
+pub(crate) const SURFACE_TERM: Term = Term::new(
+    "surface",
+    &[
+        "fault",
+        "name",
+        "faultname",
+        "surfacename",
+        "number",
+        "horizon",
+        "interface",
+    ],
+);
+
+/// Tables of factors by surface.
+const MULTIPLIERS: ValueTable = ValueTable {
+    terms: &[
+        SURFACE_TERM,
+        Term::new(
+            "factor",
+            &[
+                "multiplier",
+                "mult",
+                "transmissibilitymultiplier",
+                "multflt",
+                "value",
+            ],
+        ),
+        Term::new("thickness", &["width", "faultthickness"]),
+    ],
+    meaning: "a surface, its factor and perhaps its thickness",
+    remedy: "write surface,factor or surface,factor,thickness",
+};
 
 /// Options that say how the surfaces of a mesh resist flow.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -245,12 +279,7 @@ impl FaultMultiplier {
                 _ => None,
             }
         };
-        let rows = text_rows(
-            path,
-            row,
-            "a surface, its factor and perhaps its thickness",
-            "write surface,factor or surface,factor,thickness",
-        )?;
+        let rows = text_rows(path, &MULTIPLIERS, row)?;
         let law = |(line, (selector, factor, thickness))| {
             let place = format!("{}:{line}", path.display());
             Ok((place, selector, FaultLaw::new(factor, thickness)?))

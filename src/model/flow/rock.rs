@@ -157,6 +157,24 @@ impl Rock {
         })
     }
 
+    /// Returns the rock with the mobility of the selected cells multiplied by a factor. There is a flag
+    /// for each cell.
+    pub fn scaled_where(&self, is_selected: &[bool], factor: f64) -> Self {
+        let scaled = self.mobilities.iter().map(|tensor| tensor.scaled(factor));
+        let index = |(cell, &is_selected): (usize, &bool)| {
+            let index = self.cell_mobility.get(cell).copied().unwrap_or(0);
+            if is_selected {
+                index + self.mobilities.len() as u32
+            } else {
+                index
+            }
+        };
+        Self {
+            cell_mobility: is_selected.iter().enumerate().map(index).collect(),
+            mobilities: self.mobilities.iter().copied().chain(scaled).collect(),
+        }
+    }
+
     /// Returns the mobility of a cell.
     #[inline]
     pub fn mobility(&self, cell: usize) -> &Tensor {

@@ -4,7 +4,7 @@ use super::driver::{ComputedFlow, barriers, flow_through_cells, flow_through_ele
 use super::faults::FaultResistance;
 use super::report::FlowReport;
 use super::spec::FlowSpec;
-use super::{Barriers, Streamlines};
+use super::{Barriers, Rock, Streamlines};
 use crate::error::cause;
 use crate::geometry::to_3d;
 use crate::image::formats::ReadImage;
@@ -13,11 +13,15 @@ use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::model::input::{MeshInput, length_unit_warning, mesh_in_depth, time_warning};
 use crate::progress::{CancelToken, Progress, Stage};
+use crate::store::output::read_live;
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
 /// Default number of streamlines.
 const DEFAULT_LINE_COUNT: usize = 200;
+
+/// Factor of the mobility in cells without data. It is not 0, so that the pressure is known there.
+const DEAD_MOBILITY_RATIO: f64 = 1e-12;
 
 /// A computed flow.
 #[derive(Debug, Clone)]
@@ -97,7 +101,7 @@ impl FlowRun<'_> {
         any: fn(MeshFile<M>) -> AnyMesh,
     ) -> Result<FlowOutcome> {
         let mut stored = self.prepare(file)?;
-        let rock = self.spec.rock(&stored)?;
+        let rock = self.rock(&stored)?;
         let conditions = self.spec.conditions()?;
         let to_cells = |mesh: &M| PolyMesh::from_simplices(mesh, &[], &[]);
         let barriers = self.barriers(&mut stored, to_cells)?;
@@ -118,7 +122,7 @@ impl FlowRun<'_> {
         MeshSpace<D>: Meshing<D>,
     {
         let mut stored = self.prepare(file)?;
-        let rock = self.spec.rock(&stored)?;
+        let rock = self.rock(&stored)?;
         let conditions = self.spec.conditions()?;
         let barriers = self.barriers(&mut stored, |mesh: &PolyMesh<D>| Ok(mesh.clone()))?;
         let lines = self.line_count();
@@ -144,6 +148,24 @@ impl FlowRun<'_> {
             progress.note(warning);
         }
         Ok(stored)
+    }
+
+    /// Returns the mobility of every cell. Cells without data hardly conduct.
+    fn rock<const D: usize, M: Storable<D>>(&mut self, stored: &StoredMesh<D, M>) -> Result<Rock> {
+        let rock = self.spec.rock(stored)?;
+        let cells = stored.lattice.len();
+        let Some(live) = read_live(&stored.arrays.cell_data, cells) else {
+            return Ok(rock);
+        };
+        let is_dead: Vec<bool> = live.iter().map(|share| *share == 0.0).collect();
+        let count = is_dead.iter().filter(|is_dead| **is_dead).count();
+        if count == 0 {
+            return Ok(rock);
+        }
+        self.progress.note(&format!(
+            "{count} of {cells} cells hold no data (cell array live): nothing flows there"
+        ));
+        Ok(rock.scaled_where(&is_dead, DEAD_MOBILITY_RATIO))
     }
 
     /// Returns the number of streamlines; `None` if the options ask for none.

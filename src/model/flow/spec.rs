@@ -10,7 +10,7 @@ use super::driver::{BoundaryConditions, SIDE_NAMES};
 use super::faults::{FaultOptions, FaultResistance};
 use super::{PointWell, Rock, Tensor};
 use crate::error::cause;
-use crate::files::csv::values_by_region;
+use crate::files::table::values_by_region;
 use crate::job::spec::{InvalidValue, NumberOrFile, joined, parse_number};
 use crate::option_text::serde_as_text;
 use crate::store::{Storable, StoredMesh};

@@ -132,8 +132,9 @@ impl PaintRun<'_> {
         let spec = self.spec;
         let seeds = spec.seeds::<D>()?;
         let options = spec.grouping.options(Some(0.0))?;
-        let (_, z_up) = spec.grouping.up_direction::<D>()?;
+        spec.grouping.up_direction::<D>()?;
         let stored = StoredMesh::new(file, self.name)?;
+        let z_up = spec.grouping.is_z_up(&stored.space.geometry);
         let tagged = tagged_facets(&stored, self.name)?;
         let surfaces = group_facets(&stored, tagged, &options);
         let mut closed = if spec.seed.contains(&PaintSeed::Blocks) {

@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::equilibrium::{Equilibrium, equilibria};
-use super::well_options::{GivenWell, well_from_file};
+use super::well_options::{GivenWell, WellInModel};
 use super::{
     Aquifer, AquiferOption, BAR, CapillaryOption, ContactOption, Control, DAY, Date, DatumOption,
     Fluid, GRAVITY, Model, OIL_DENSITY, PreparedModel, SURFACE_PRESSURE, Schedule, ScheduledWell,
-    SimulationCase, WATER_DENSITY, Well, WellOption, WellPlace, WellTracer,
+    SimulationCase, Trajectory, WATER_DENSITY, Well, WellOption, WellPlace, WellTracer,
 };
 use crate::error::cause;
 use crate::mesh::graph::Locator;
@@ -45,7 +45,7 @@ pub struct CaseOptions {
     #[cfg_attr(feature = "cli", arg(long, value_name = "FLUID"))]
     pub fluid: Option<FluidChoice>,
     /// A well that injects water at a rate in m^3/day. It is vertical in the cell at X,Y,Z (the
-    /// mesh's coordinates), or follows the trajectory in a CSV file of lines x,y,z,radius:
+    /// mesh's coordinates), or follows the trajectory in a table of columns x, y, z and radius:
     /// [NAME=]FILE.csv:RATE; may be repeated
     #[cfg_attr(
         feature = "cli",
@@ -93,7 +93,7 @@ pub struct CaseOptions {
     /// repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE:NAME=VALUE,..."))]
     pub aquifer: Vec<AquiferOption>,
-    /// Radius (m) of wells that are given by a point [default: 0.1]
+    /// Radius (m) of wells that are given by a point, or whose file has no radius [default: 0.1]
     #[cfg_attr(feature = "cli", arg(long, value_name = "R"))]
     pub well_radius: Option<f64>,
     /// Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
@@ -329,16 +329,13 @@ impl CaseOptions {
         let mut wells: Vec<Well> = Vec::new();
         let (tracer, locator) = (OnceCell::new(), OnceCell::new());
         for given in self.given_wells() {
-            let label = given.label;
             let refuse = |problem: &str, remedy: &str| {
-                Err(Error::Job(cause(label.clone(), problem, remedy)))
+                Err(Error::Job(cause(given.label.clone(), problem, remedy)))
             };
             let tracer = tracer.get_or_init(|| WellTracer::new(model));
-            let (default_name, radius, points, completions) = match given.place {
+            let places = match given.place {
                 WellPlace::File(path) => {
-                    let (name, trajectory, completions) =
-                        well_from_file(path, label.clone(), tracer, prepared, progress)?;
-                    (name, trajectory.radii[0], trajectory.points, completions)
+                    given.read(path, point_radius, tracer, prepared, progress)?
                 }
                 WellPlace::Point(point) => {
                     let point = prepared.frame.to_model(*point);
@@ -347,29 +344,34 @@ impl CaseOptions {
                         let remedy = "give a point inside, in the mesh's coordinates (`atomesh info` shows its extent)";
                         return refuse("lies outside the mesh", remedy);
                     };
-                    let default_name = format!("{}{}", given.letter, wells.len() + 1);
-                    (
-                        default_name,
-                        point_radius,
-                        vec![point],
-                        tracer.complete_cell(&label, cell, point_radius)?,
-                    )
+                    vec![WellInModel {
+                        name: format!("{}{}", given.letter, wells.len() + 1),
+                        trajectory: Trajectory {
+                            name: given.label.clone(),
+                            points: vec![point],
+                            radii: vec![point_radius],
+                        },
+                        completions: tracer.complete_cell(&given.label, cell, point_radius)?,
+                    }]
                 }
             };
-            let name = given.name.map_or(default_name, String::from);
-            if wells.iter().any(|known| known.name == name) {
-                let problem = "has the same name as another well";
-                return refuse(problem, "give it another name with NAME= before it");
+            for place in places {
+                let name = given.name.map_or(place.name, String::from);
+                if wells.iter().any(|known| known.name == name) {
+                    let problem = "has the same name as another well";
+                    return refuse(problem, "give it another name with NAME= before it");
+                }
+                let completions = &place.completions;
+                wells.push(Well {
+                    name,
+                    cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
+                    strengths: completions.iter().map(|c| c.strength).collect(),
+                    lengths: completions.iter().map(|c| c.length).collect(),
+                    radius: place.trajectory.radii[0],
+                    path: place.trajectory.points,
+                    control: given.control,
+                });
             }
-            wells.push(Well {
-                name,
-                cells: completions.iter().map(|c| (c.cell, c.index)).collect(),
-                strengths: completions.iter().map(|c| c.strength).collect(),
-                lengths: completions.iter().map(|c| c.length).collect(),
-                radius,
-                path: points,
-                control: given.control,
-            });
         }
         Ok(wells)
     }

@@ -19,6 +19,8 @@ pub struct ModelChecks {
     pub volume: f64,
     /// Relative difference between this volume and that of the box.
     pub volume_error: f64,
+    /// Volume in m^3 of the ground that holds data, if that is not all ground.
+    pub live_volume: Option<f64>,
     /// Pore volume in m^3, if the porosity is known.
     pub pore_volume: Option<f64>,
     /// Smallest and largest depth of a site in metres.
@@ -69,6 +71,7 @@ impl ModelChecks {
             feature_connections: graph.connections.iter().filter(|c| c.on_feature).count(),
             volume,
             volume_error: (volume / box_volume - 1.0).abs(),
+            live_volume: model.live_volume(),
             pore_volume: (0..cells).map(|cell| model.pore_volume(cell)).sum(),
             depth: range(&mut (0..cells).map(|cell| model.depth(cell))),
             transmissibility: transmissibility
@@ -104,6 +107,12 @@ impl ModelChecks {
                 self.volume, self.volume_error
             ),
         ];
+        if let Some(live) = self.live_volume {
+            let percent = 100.0 * live / self.volume;
+            lines.push(format!(
+                "live volume    {live:.6e} {unit}^3, {percent:.2} % of the volume"
+            ));
+        }
         if let Some(pores) = self.pore_volume {
             lines.push(format!("pore volume    {pores:.6e} m^3"));
         }

@@ -3,7 +3,7 @@
 use super::Model;
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::fault_extension::{ExtendedFault, Extension, extensions};
-use crate::model::surface::names::add_names;
+use crate::names::append_distinct;
 
 impl Model {
     /// Extends all faults by up to `max_distance` metres. Each extension becomes a fault of its own.
@@ -20,7 +20,7 @@ impl Model {
         let known_count = all_names.len();
         let fault_name = |extension: &Extension| names[extension.surface as usize - 1].clone();
         let new_names = found.iter().map(|e| format!("{}_extension", fault_name(e)));
-        add_names(&mut all_names, new_names);
+        append_distinct(&mut all_names, new_names);
         let new_names = all_names.split_off(known_count);
         let extended = found
             .iter()

@@ -2,7 +2,7 @@
 //! is known.
 
 use crate::error::cause;
-use crate::image::time::metres_per_unit;
+use crate::image::time::{metres_per_unit, seconds_per_unit};
 use crate::model::flow::Tensor;
 use crate::{Error, Result};
 
@@ -51,7 +51,7 @@ impl Default for ModelFrame {
 impl ModelFrame {
     /// Makes a frame from the units of the coordinates. One unit of length is `length` metres,
     /// whatever the mesh states; without `length`, the stated unit applies, or else a metre.
-    /// Coordinates in two-way time (`ms`, `s`) become depth by `velocity` in m/s.
+    /// Coordinates in two-way time become depth by `velocity` in m/s.
     ///
     /// # Errors
     /// Returns [`Error::Export`] for an unknown unit, for time without a velocity, and for time
@@ -62,7 +62,7 @@ impl ModelFrame {
         depth_axis: DepthAxis,
         velocity: Option<f64>,
     ) -> Result<Self> {
-        let is_time = |unit: &String| matches!(unit.trim(), "ms" | "s");
+        let is_time = |unit: &String| seconds_per_unit(unit).is_some();
         if velocity.is_some() && !units.iter().any(is_time) {
             return Err(Error::Export(cause(
                 "velocity",
@@ -74,10 +74,9 @@ impl ModelFrame {
         for k in 0..3 {
             let unit = units[k].trim();
             let place = || format!("coordinate {} in '{unit}'", ["x", "y", "z"][k]);
-            let seconds = match unit {
-                "" => continue,
-                "ms" => 1e-3,
-                "s" => 1.0,
+            let seconds = match (unit, seconds_per_unit(unit)) {
+                ("", _) => continue,
+                (_, Some(seconds)) => seconds,
                 _ => match length.or(metres_per_unit(unit)) {
                     Some(metres) => {
                         scale[k] = metres;

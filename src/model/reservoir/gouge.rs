@@ -23,10 +23,11 @@ use crate::parallel::prelude::*;
 
 use super::{CellValue, MILLIDARCY, Model};
 use crate::error::cause;
-use crate::files::csv::text_rows;
+use crate::files::table::{Term, ValueTable, text_rows};
 use crate::geometry::{dot, norm, sub};
 use crate::job::spec::{InvalidValue, parse_number};
 use crate::model::flow::FaultLaw;
+use crate::model::flow::faults::SURFACE_TERM;
 use crate::model::flow::faults::parse_selector;
 use crate::model::surface::names::Selector;
 use crate::option_text::serde_as_text;
@@ -34,6 +35,16 @@ use crate::{Error, Result};
 
 /// Throw over thickness of the fault rock (Manzocchi et al. 1999).
 const THROW_PER_THICKNESS: f64 = 66.0;
+
+/// Tables of throws by surface.
+const THROWS: ValueTable = ValueTable {
+    terms: &[
+        SURFACE_TERM,
+        Term::new("throw", &["verticalthrow", "displacement", "value"]),
+    ],
+    meaning: "a surface and its throw",
+    remedy: "write surface,throw",
+};
 
 /// Options for fault rock that is computed from clay.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -143,8 +154,7 @@ impl GougeOptions {
                         }
                         _ => None,
                     };
-                    let meaning = "a surface and its throw";
-                    let rows = text_rows(path, row, meaning, "write surface,throw")?;
+                    let rows = text_rows(path, &THROWS, row)?;
                     throws.extend(rows.into_iter().map(|(_, row)| row));
                 }
             }

@@ -3,6 +3,7 @@
 //! module `export` writes it.
 //!
 //! - `prepared_model`: models from mesh files
+//! - `region_shares`: regions from an image that the mesh was not made of
 //! - `rock_options`: options for the rock in the cells
 //! - `space_options`: options that place a model in space
 //! - `case_options`: options for the wells and fluids of a simulation
@@ -32,6 +33,7 @@ mod extended_faults;
 pub(crate) mod frame;
 pub(crate) mod gouge;
 pub(crate) mod prepared_model;
+pub(crate) mod region_shares;
 pub(crate) mod rock_options;
 pub(crate) mod schedule;
 pub(crate) mod seal_check;
@@ -53,13 +55,14 @@ use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
 use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
-use crate::model::surface::names::{SurfaceNames, add_names, interface_name};
+use crate::model::surface::names::{SurfaceNames, interface_name};
+use crate::names::append_distinct;
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 
 pub use crate::model::surface::fault_extension::ExtendedFault;
 pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
-pub use averaging::{MeanKind, SamplePositions};
+pub use averaging::{CellMeans, MeanKind, SamplePositions};
 pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
@@ -121,6 +124,9 @@ pub struct Model {
     /// `true` for each cell whose porosity or permeability is zero, so that it takes no part. Empty
     /// if all cells are active.
     pub inactive: Vec<bool>,
+    /// The share of each cell that holds data; empty if all cells are full of data. The porosity is
+    /// already reduced by it.
+    pub live: Vec<f64>,
     /// Porosity: the pore fraction of each cell's volume.
     pub porosity: Option<Vec<f64>>,
     /// Net-to-gross ratio: the part of each cell's height that is reservoir rock. The porosity is
@@ -444,6 +450,25 @@ impl Model {
         Ok(count)
     }
 
+    /// Takes ground without data out of the rock: multiplies the porosity by the share of each cell
+    /// that holds data. Returns which cells hold none.
+    pub(crate) fn take_live(&mut self, live: Vec<f64>) -> Vec<bool> {
+        if let Some(porosity) = &mut self.porosity {
+            porosity
+                .iter_mut()
+                .zip(&live)
+                .for_each(|(p, share)| *p *= share);
+        }
+        self.live = live;
+        self.live.iter().map(|share| *share == 0.0).collect()
+    }
+
+    /// Returns the volume in m^3 of the ground that holds data, if that is not all ground.
+    pub fn live_volume(&self) -> Option<f64> {
+        let volumes = self.graph.volume.iter().zip(&self.live);
+        (!self.live.is_empty()).then(|| volumes.map(|(volume, share)| volume * share).sum())
+    }
+
     /// Returns the depth of a cell's site in metres.
     pub fn depth(&self, cell: usize) -> f64 {
         -self.graph.site[cell][2]
@@ -491,7 +516,7 @@ impl Model {
             let [a, b] = pair.map(|region| self.region_label(region));
             interface_name([&a, &b])
         });
-        add_names(&mut names, interfaces);
+        append_distinct(&mut names, interfaces);
         let named_pairs = pairs.into_iter().zip(names.split_off(known_count));
         let (pairs, names): (Vec<_>, Vec<_>) = named_pairs
             .filter(|(_, name)| laws.selects_name(name))

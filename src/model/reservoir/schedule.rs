@@ -6,28 +6,30 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::{Control, Fluid, Well};
-use crate::error::cause;
-use crate::files::csv::named_rows;
+use crate::files::table::{Table, TableRow, Term};
 use crate::job::spec::InvalidValue;
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};
 
-/// Names of the columns of a schedule.
-const COLUMNS: [&str; 14] = [
-    "date",
-    "well",
-    "group",
-    "type",
-    "status",
-    "mode",
-    "control",
-    "oil",
-    "water",
-    "gas",
-    "liquid",
-    "reservoir",
-    "bhp",
-    "skin",
+/// Columns of a schedule.
+const COLUMNS: [Term; 14] = [
+    Term::new("date", &["day", "startdate"]),
+    Term::new("well", &["wellname", "name"]),
+    Term::new("group", &["groupname"]),
+    Term::new("type", &["welltype"]),
+    Term::new("status", &["wellstatus"]),
+    Term::new("mode", &["controlmode"]),
+    Term::new("control", &["controlledby"]),
+    Term::new("oil", &["oilrate", "qo", "orat", "wopr", "qoil"]),
+    Term::new(
+        "water",
+        &["waterrate", "qw", "wrat", "wwpr", "qwat", "qwater"],
+    ),
+    Term::new("gas", &["gasrate", "qg", "grat", "wgpr", "qgas"]),
+    Term::new("liquid", &["liquidrate", "ql", "lrat", "wlpr", "qliq"]),
+    Term::new("reservoir", &["reservoirrate", "resv", "voidage"]),
+    Term::new("bhp", &["bottomholepressure", "wbhp", "pressure"]),
+    Term::new("skin", &["skinfactor"]),
 ];
 /// Names of the months in a deck.
 const MONTHS: [&str; 12] = [
@@ -177,34 +179,39 @@ pub struct Schedule {
 
 /// A row of the table.
 struct Row<'a> {
-    path: &'a Path,
-    line: usize,
-    columns: &'a [String],
-    words: &'a [String],
+    table: &'a Table,
+    row: TableRow<'a>,
 }
 
 impl Row<'_> {
     fn error(&self, problem: impl Display, remedy: &str) -> Error {
-        let place = format!("{}:{}", self.path.display(), self.line);
-        Error::Job(cause(place, problem, remedy))
+        self.row.error(problem.to_string(), remedy)
+    }
+
+    /// Returns the column of a name. [`Schedule::read`] has refused a name that stands there twice.
+    fn column(&self, name: &str) -> Option<usize> {
+        let columns = self.table.columns().iter();
+        columns
+            .into_iter()
+            .position(|column| column.term == Some(name))
     }
 
     /// Returns the text in a column, if there is one.
     fn text(&self, column: &str) -> Option<&str> {
-        let index = self.columns.iter().position(|name| name == column)?;
-        let text = self.words.get(index)?.trim();
-        (!text.is_empty()).then_some(text)
+        self.row.text(self.column(column)?)
     }
 
     fn number(&self, column: &str) -> Result<Option<f64>> {
-        let parse = |text: &str| match text.parse::<f64>() {
-            Ok(value) if value.is_finite() && (value >= 0.0 || column == "skin") => Ok(value),
-            _ => {
-                let problem = format!("'{text}' in column {column} is not a number of 0 or more");
-                Err(self.error(problem, "give a number, or leave it empty"))
-            }
+        let Some(index) = self.column(column) else {
+            return Ok(None);
         };
-        self.text(column).map(parse).transpose()
+        let value = self.row.number(index)?;
+        if value.is_some_and(|value| value < 0.0) && column != "skin" {
+            let text = self.row.text(index).unwrap_or_default();
+            let problem = format!("'{text}' in column {column} is not a number of 0 or more");
+            return Err(self.error(problem, "give a number, or leave it empty"));
+        }
+        Ok(value)
     }
 
     /// Returns the entry of `known` whose name the column has.
@@ -293,12 +300,17 @@ impl Row<'_> {
     }
 }
 
-/// Returns `true` if a deck can hold the name of a well or a group: up to eight letters, digits or
-/// underscores, the first a letter.
-pub fn is_deck_name(name: &str) -> bool {
-    let is_valid_char = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let starts_with_letter = name.starts_with(|c: char| c.is_ascii_alphabetic());
-    name.chars().all(is_valid_char) && starts_with_letter && name.len() <= 8
+/// Refuses a table without dates, and one whose columns are not all known: a rate that is not
+/// understood must not be left out.
+fn check_columns(table: &Table) -> Result<()> {
+    table.required(&COLUMNS[0])?;
+    for column in table.columns() {
+        let Some(term) = column.term else {
+            return Err(table.unknown(column, &COLUMNS));
+        };
+        table.column(term)?;
+    }
+    Ok(())
 }
 
 impl Schedule {
@@ -311,7 +323,8 @@ impl Schedule {
     /// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`] with the line of a row
     /// that makes no sense.
     pub fn read(path: &Path, wells: &[Well], fluid: Fluid, start: Option<Date>) -> Result<Self> {
-        let (columns, rows) = named_rows(path, &COLUMNS)?;
+        let table = Table::read(path, &COLUMNS)?;
+        check_columns(&table)?;
         let mut kinds: Vec<WellKind> = (wells.iter())
             .map(|well| match well.control {
                 Control::Inject(_) => WellKind::WaterInjector,
@@ -319,13 +332,8 @@ impl Schedule {
             })
             .collect();
         let mut dated: Vec<(Date, Row<'_>)> = Vec::new();
-        for (line, words) in &rows {
-            let row = Row {
-                path,
-                line: *line,
-                columns: &columns,
-                words,
-            };
+        for row in table.rows() {
+            let row = Row { table: &table, row };
             let text = row.text("date").unwrap_or_default();
             let date = text.parse().map_err(|_| {
                 let problem = format!("'{text}' in column date is not a date");
@@ -353,11 +361,6 @@ impl Schedule {
                 continue;
             };
             let group = row.text("group").map(String::from);
-            if let Some(name) = group.iter().find(|name| !is_deck_name(name)) {
-                let problem = format!("group '{name}' has a name that a deck cannot hold");
-                let remedy = "give up to eight letters, digits or _, the first a letter";
-                return Err(row.error(problem, remedy));
-            }
             if let Some(name) = row.text("well") {
                 let Some(well) = wells.iter().position(|well| well.name == name) else {
                     let names: Vec<&str> = wells.iter().map(|well| well.name.as_str()).collect();

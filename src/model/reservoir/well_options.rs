@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use super::{Completion, Control, PreparedModel, Trajectory, WellTracer};
-use crate::Result;
+use crate::error::cause;
+use crate::image::placing::GivenFile;
+use crate::image::stated::CoordinateOptions;
 use crate::job::spec::{InvalidValue, joined, parse_number};
 use crate::job::well_file::{WellFile, is_well_file};
 use crate::option_text::serde_as_text;
 use crate::progress::Progress;
+use crate::{Error, Result};
 
 /// A well: its name, its place, and the rate or the pressure that controls it.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,7 +39,7 @@ pub struct ScheduledWell {
 pub enum WellPlace {
     /// A point in the mesh's coordinates. The well is vertical in the cell that contains it.
     Point([f64; 3]),
-    /// A CSV file of lines x,y,z,radius: the well's trajectory.
+    /// A table of the well's trajectory.
     File(PathBuf),
 }
 
@@ -132,32 +135,89 @@ pub(super) struct GivenWell<'a> {
     pub control: Control,
 }
 
-/// Reads a well from a file. Returns its name, its trajectory and its completions.
-pub(super) fn well_from_file(
-    path: &Path,
-    label: String,
-    tracer: &WellTracer,
-    prepared: &PreparedModel,
-    progress: &mut dyn Progress,
-) -> Result<(String, Trajectory, Vec<Completion>)> {
-    let file = WellFile::<3>::read(path, 2)?;
-    let frame = &prepared.frame;
-    let points = file.points.iter();
-    let trajectory = Trajectory {
-        name: label,
-        points: points.clone().map(|p| frame.to_model(p.1)).collect(),
-        radii: points.map(|p| p.2 * frame.horizontal_scale()).collect(),
-    };
-    let completions = tracer.complete(&trajectory)?;
-    let (total, inside) = (
-        trajectory.length(),
-        completions.iter().map(|c| c.length).sum::<f64>(),
-    );
-    if inside < (1.0 - 1e-6) * total {
-        progress.note(&format!(
-            "{}: {inside:.2} of the well's {total:.2} m lie in the mesh",
-            path.display()
-        ));
+/// A well of a file, in the model.
+pub(super) struct WellInModel {
+    pub name: String,
+    pub trajectory: Trajectory,
+    pub completions: Vec<Completion>,
+}
+
+impl GivenWell<'_> {
+    /// Reads the wells of a file: the one that the option names, the only one, or all of those that a
+    /// schedule controls. `default_radius` in metres is that of a well whose file has none.
+    pub(super) fn read(
+        &self,
+        path: &Path,
+        default_radius: f64,
+        tracer: &WellTracer,
+        prepared: &PreparedModel,
+        progress: &mut dyn Progress,
+    ) -> Result<Vec<WellInModel>> {
+        let mut files = WellFile::<3>::read_all(path, &[], None, 2)?;
+        if files.len() > 1 {
+            let names: Vec<String> = files.iter().map(|file| file.name.clone()).collect();
+            let remedy = format!(
+                "put one of these names before the file, NAME=: {}",
+                names.join(", ")
+            );
+            match self.name {
+                Some(name) if names.iter().any(|known| known == name) => {
+                    files.retain(|file| file.name == name);
+                }
+                None if matches!(self.control, Control::Scheduled) => {}
+                _ => {
+                    let problem = format!("names a file of {} wells", names.len());
+                    return Err(Error::Job(cause(&self.label, problem, remedy)));
+                }
+            }
+        }
+        let (frame, image) = (&prepared.frame, prepared.image_frame());
+        let options = CoordinateOptions::default();
+        let mut wells = Vec::new();
+        for file in files {
+            let given = GivenFile {
+                place: &self.label,
+                stated: &file.coordinates,
+                options: &options,
+            };
+            let placing = image.placing(given, &mut file.points.iter().map(|p| p.position))?;
+            let scale = placing.length(1.0) * frame.horizontal_scale();
+            let points = file.points.iter();
+            let radii = points
+                .clone()
+                .map(|p| p.radius.map_or(default_radius, |radius| radius * scale));
+            let trajectory = Trajectory {
+                name: self.label.clone(),
+                radii: radii.collect(),
+                points: points
+                    .map(|p| frame.to_model(placing.apply(p.position)))
+                    .collect(),
+            };
+            let completions = tracer.complete(&trajectory)?;
+            let inside = completions.iter().map(|c| c.length).sum::<f64>();
+            let total = trajectory.length();
+            let place = format!("{} ({})", path.display(), file.name);
+            let placed = placing.notes.iter().filter(|_| !placing.is_identity());
+            for note in file.notes.iter().chain(placed) {
+                progress.note(&format!("{place}: {note}"));
+            }
+            if file.points.iter().any(|p| p.radius.is_none()) {
+                progress.note(&format!(
+                    "{place}: the radius is that of --well-radius, {default_radius} m"
+                ));
+            }
+            if inside < (1.0 - 1e-6) * total {
+                progress.note(&format!(
+                    "{}: {inside:.2} of the well's {total:.2} m lie in the mesh",
+                    path.display()
+                ));
+            }
+            wells.push(WellInModel {
+                name: file.name,
+                trajectory,
+                completions,
+            });
+        }
+        Ok(wells)
     }
-    Ok((file.name, trajectory, completions))
 }

@@ -1,9 +1,8 @@
 //! The names of a mesh's surfaces, and selectors of surfaces by name or number.
 
-use std::collections::BTreeSet;
-
 use super::SurfaceKind;
 use crate::error::cause;
+use crate::names::{NameRules, WantedName, assign};
 use crate::{Error, Result};
 
 /// Largest number of names that an error lists.
@@ -15,18 +14,7 @@ pub(crate) const NO_MATCH_REMEDY: &str =
 
 /// Returns the name of the interface between two regions, from their names or numbers.
 pub fn interface_name([a, b]: [&str; 2]) -> String {
-    format!("interface_{a}_{b}").replace('-', "_")
-}
-
-/// Appends names to a list. A name that exists already gets an underscore at its end.
-pub fn add_names(names: &mut Vec<String>, new_names: impl IntoIterator<Item = String>) {
-    let mut taken: BTreeSet<String> = names.iter().cloned().collect();
-    for mut name in new_names {
-        while !taken.insert(name.clone()) {
-            name.push('_');
-        }
-        names.push(name);
-    }
+    format!("interface_{a}_{b}")
 }
 
 /// The names of the surfaces of a mesh, from surface 1 on, as all formats use them.
@@ -48,15 +36,14 @@ impl SurfaceNames {
         file_names: &[String],
         reserved: &[String],
     ) -> Self {
-        let mut names = reserved.to_vec();
         let kept_surfaces = (1..).zip(&kinds[..kept_count.min(kinds.len())]);
         let surface_names = kept_surfaces.map(|(number, kind): (usize, &SurfaceKind)| {
-            let file_name = file_names
-                .get(number - 1)
-                .map(|name| name.replace('-', "_"));
-            file_name.unwrap_or_else(|| format!("{}{number}", kind.name()))
+            let default = || format!("{}{number}", kind.name());
+            WantedName::given_or(file_names.get(number - 1).map(String::as_str), default)
         });
-        add_names(&mut names, surface_names);
+        let reserved_names = reserved.iter().map(WantedName::program);
+        let wanted: Vec<WantedName> = reserved_names.chain(surface_names).collect();
+        let mut names = assign(&NameRules::TEXT, &wanted);
         Self {
             names: names.split_off(reserved.len()),
             kinds: kinds.to_vec(),
@@ -166,13 +153,11 @@ impl Selector {
         let Self::Name(pattern) = self else {
             return false;
         };
-        let pattern = pattern.replace('-', "_");
-        match pattern.split_once('/') {
-            Some((a, b)) => [[a, b], [b, a]]
-                .into_iter()
-                .any(|pair| matches_glob(&interface_name(pair), name)),
-            None => matches_glob(&pattern, name),
-        }
+        let is_interface = |(a, b)| {
+            let mut names = [[a, b], [b, a]].into_iter().map(interface_name);
+            names.any(|pattern| matches_glob(&pattern, name))
+        };
+        matches_glob(pattern, name) || pattern.split_once('/').is_some_and(is_interface)
     }
 }
 
@@ -218,8 +203,10 @@ mod tests {
             ("11/1", "interface_1_11", true),
             ("?/1?", "interface_3_12", true),
             ("?/1?", "interface_0_1", false),
-            ("-3/4", "interface__3_4", true),
-            ("Main-fault", "Main_fault", true),
+            ("-3/4", "interface_-3_4", true),
+            ("Main-fault", "Main-fault", true),
+            ("Main-fault", "Main_fault", false),
+            ("A/B", "A/B", true),
         ] {
             let selector = Selector::Name(pattern.into());
             assert_eq!(selector.matches(name), expected, "{pattern} {name}");
@@ -236,7 +223,7 @@ mod tests {
         ];
         let file_names = ["interface_1_2".to_string()];
         let names = SurfaceNames::new(&kinds, 3, &file_names, &["fault2".into()]);
-        assert_eq!(names.names, ["interface_1_2", "fault2_", "horizon3"]);
+        assert_eq!(names.names, ["interface_1_2", "fault2_2", "horizon3"]);
         let parse = |text| Selector::parse(text).unwrap();
         for text in ["1", "3", "2/1", "hor*", "scraps"] {
             names.check("--split", &parse(text)).unwrap();
@@ -247,7 +234,7 @@ mod tests {
                 .unwrap_err()
                 .to_string();
             let expected = format!(
-                "--split {text}: matches no surface: the mesh has interface_1_2, fault2_, horizon3; "
+                "--split {text}: matches no surface: the mesh has interface_1_2, fault2_2, horizon3; "
             );
             assert!(error.starts_with(&expected), "{error}");
         }

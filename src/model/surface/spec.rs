@@ -8,7 +8,9 @@ use super::Options;
 use super::measure::MapAxes;
 use crate::error::cause;
 use crate::feature::FeatureKind;
+use crate::image::Geometry;
 use crate::image::formats::InputOptions;
+use crate::image::stated::ZDirection;
 use crate::job::MeshSpec;
 use crate::job::spec::{NumberOrFile, SignedAxis};
 use crate::{Error, Result};
@@ -182,18 +184,25 @@ impl GroupingOptions {
         })
     }
 
-    /// Returns the directions of up, north and east, and `true` if the axis that is up points in
-    /// its positive direction.
+    /// Returns the directions of up, north and east.
     ///
     /// # Errors
     /// Returns [`Error::Job`] for an axis that the mesh does not have.
-    pub(crate) fn up_direction<const D: usize>(&self) -> Result<(MapAxes<D>, bool)> {
+    pub(crate) fn up_direction<const D: usize>(&self) -> Result<MapAxes<D>> {
         let up = self.up.unwrap_or(SignedAxis {
             axis: D - 1,
             is_positive: true,
         });
         up.check::<D>("up")?;
-        Ok((MapAxes::from_axis(up.axis, up.is_positive), up.is_positive))
+        Ok(MapAxes::from_axis(up.axis, up.is_positive))
+    }
+
+    /// Returns `true` if z of a mesh grows upwards: as the option says, or else its geometry.
+    pub(crate) fn is_z_up<const D: usize>(&self, geometry: &Geometry<D>) -> bool {
+        match self.up {
+            Some(up) => up.is_positive,
+            None => geometry.z_direction() != Some(ZDirection::Down),
+        }
     }
 }
 

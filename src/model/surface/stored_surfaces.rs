@@ -2,7 +2,7 @@
 
 use super::fault_extension::{ExtendedFault, Extension, extensions};
 use super::kind::{SurfaceKind, surface_kinds};
-use super::names::{SurfaceNames, add_names, interface_name};
+use super::names::{SurfaceNames, interface_name};
 use super::{Options, Surfaces, facet_selection};
 use crate::error::cause;
 use crate::geometry::{norm, normal, sorted_distinct};
@@ -10,6 +10,7 @@ use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
+use crate::names::append_distinct;
 use crate::store::named_surfaces::NamedSurfaces;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
@@ -96,7 +97,7 @@ impl<const D: usize> NumberedSurfaces<D> {
         let fault_name = |extension: &Extension| names[extension.surface as usize - 1].clone();
         let faults: Vec<String> = found.iter().map(fault_name).collect();
         let new_names = faults.iter().map(|name| format!("{name}_extension"));
-        add_names(&mut names, new_names.collect::<Vec<_>>());
+        append_distinct(&mut names, new_names.collect::<Vec<_>>());
         let new_names = names.split_off(known_count);
         let facets_of = |extension: &Extension| {
             let mut facets = Vec::new();
@@ -328,7 +329,7 @@ pub fn find_interfaces<const D: usize, M: Storable<D>>(
         let [a, b] = pair.map(|region| region_label(&labels, region));
         interface_name([&a, &b])
     });
-    add_names(&mut names, interface_names);
+    append_distinct(&mut names, interface_names);
     let interface_number = |pair| pairs.partition_point(|known| *known < pair) as u32 + 1;
     let mut facets: Vec<_> = (pair_facets.into_iter())
         .map(|(pair, facet)| (facet, interface_number(pair)))

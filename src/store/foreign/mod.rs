@@ -29,6 +29,7 @@ use crate::image::LabelValue;
 use crate::mesh::complex::NONE;
 use crate::mesh::renumber::{new_numbers, used_items};
 use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::names;
 use crate::{Error, Result};
 
 /// Reads a mesh in our format, VTK's, Gmsh's or Exodus', which is recognised by its first bytes.
@@ -293,11 +294,9 @@ struct NamedFaces {
 
 impl NamedFaces {
     fn new(groups: &BTreeMap<i32, String>) -> Self {
-        let names = groups
-            .iter()
-            .map(|(&group, name)| (group, sanitized_name(name)));
-        let (groups, names) = names
-            .filter(|(_, name)| !name.is_empty() && name != SCRAPS_NAME)
+        let (groups, names) = named_groups(groups.clone())
+            .into_iter()
+            .filter(|(_, name)| name != SCRAPS_NAME)
             .unzip();
         Self { groups, names }
     }
@@ -347,7 +346,7 @@ fn region_number(name: &str) -> Option<i32> {
 }
 
 /// Returns new numbers for regions whose names contain numbers (`region7`), if no other region has
-/// these numbers, and the names of the other regions in a form that exports support.
+/// these numbers, and the names of the other regions.
 fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMap<i32, String>) {
     let numbers: BTreeMap<i32, i32> = (groups.iter())
         .filter_map(|(&group, name)| Some((group, region_number(name)?)))
@@ -357,31 +356,17 @@ fn assign_regions(groups: BTreeMap<i32, String>) -> (BTreeMap<i32, i32>, BTreeMa
         let others = groups
             .into_iter()
             .filter(|(group, _)| !numbers.contains_key(group));
-        let names = sanitized_names(others);
+        let names = named_groups(others);
         return (numbers, names);
     }
-    (BTreeMap::new(), sanitized_names(groups))
+    (BTreeMap::new(), named_groups(groups))
 }
 
-fn sanitized_names(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
-    let with_names = groups
-        .into_iter()
-        .filter(|(_, name)| !name.trim().is_empty());
-    with_names
-        .map(|(group, name)| (group, sanitized_name(&name)))
-        .collect()
-}
-
-/// Replaces characters that exports do not support, and limits the length to 60.
-fn sanitized_name(name: &str) -> String {
-    let to_plain = |c: char| {
-        if c.is_ascii_alphanumeric() || c == '-' {
-            c
-        } else {
-            '_'
-        }
-    };
-    name.trim().chars().take(60).map(to_plain).collect()
+/// Returns the groups that have names.
+fn named_groups(groups: impl IntoIterator<Item = (i32, String)>) -> BTreeMap<i32, String> {
+    let names = groups.into_iter();
+    let names = names.map(|(group, name)| (group, names::from_file(&name)));
+    names.filter(|(_, name)| !name.is_empty()).collect()
 }
 
 #[cfg(test)]

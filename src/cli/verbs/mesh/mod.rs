@@ -97,6 +97,7 @@ pub(crate) fn mesh(
         OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded, console),
         OpenedImage::InMemory(AnyImage::Space(loaded)) => run.mesh_in_memory(loaded, console),
         OpenedImage::Stream(mut stream) => {
+            let file_geometry = stream.header.geometry.clone();
             if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {
                 let geometry = &mut stream.header.geometry;
                 *geometry = geometry
@@ -105,11 +106,12 @@ pub(crate) fn mesh(
                     .0;
             }
             let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
-            let params = Params {
+            let mut params = Params {
                 modality: Modality::detect(stream.header.format, &stream.header.geometry),
                 ..Params::read_with(&spec, &console.reader())
                     .map_err(with_option_name::<MeshSpec>)?
             };
+            params.note_time_unit(&file_geometry);
             run.mesh(image, dims, params, &|| stream_notes(&stream), console)
         }
     }
@@ -196,6 +198,7 @@ impl MeshRun<'_> {
         let mut params = Params::<D>::read_with(self.spec, &console.reader())
             .map_err(with_option_name::<MeshSpec>)?;
         params.modality = Modality::detect(format, &image.geometry);
+        params.note_time_unit(&image.geometry);
         let velocity = self.spec.velocity.as_ref();
         let is_labels = params.spec.feature.has_labels();
         let (image, conversion) = image_in_depth(image, velocity, is_labels, console)?;
@@ -285,13 +288,15 @@ impl MeshRun<'_> {
             console.write_outcome(&output, &outcome, image, comm)?;
         }
         if comm.is_root() || outcome.share.is_some() {
-            outcome.report.quality_physical = outcome.quality_in_world(comm)?;
+            let quality = outcome.quality_in_world(comm)?;
+            quality
+                .into_iter()
+                .for_each(|quality| outcome.report.set_physical_quality(quality));
         }
         if !comm.is_root() {
             return Ok(status);
         }
-        let modality = params.modality.or_detect(geometry);
-        outcome.report.used_in_physical_space = modality != Modality::Survey;
+        outcome.report.set_angle_space(geometry);
         outcome.report.input = Some(Input {
             file: path.display().to_string(),
             dims: dims.to_vec(),

@@ -5,14 +5,15 @@ use super::{
     Block, ExodusMesh, NFACED, NSIDED, PartCounts, RegionCells, SideSet, element_numbers,
     order_by_region,
 };
-use crate::export::meshers::groups::{FaceGroup, face_from_below, face_groups};
+use crate::export::meshers::groups::{FaceGroup, face_from_below};
+use crate::export::names::ExportNames;
 use crate::model::reservoir::Model;
 
 /// Returns the mesh with the cells of a model.
-pub fn exodus_mesh(model: &Model) -> ExodusMesh {
+pub fn exodus_mesh(model: &Model, names: &ExportNames) -> ExodusMesh {
     let mesh = &model.mesh;
     let lists = mesh.faces_of_cells();
-    let (order, regions) = order_by_region(model);
+    let (order, regions) = order_by_region(model, names);
     let one_based = |n: &u32| *n as i32 + 1;
     let region_block = |RegionCells {
                             name,
@@ -57,7 +58,7 @@ pub fn exodus_mesh(model: &Model) -> ExodusMesh {
         points: mesh.nodes.clone(),
         blocks,
         faces: Some(faces),
-        sets: face_groups(model).into_iter().map(side_set).collect(),
+        sets: names.faces.groups().into_iter().map(side_set).collect(),
         cell_order: order,
     }
 }

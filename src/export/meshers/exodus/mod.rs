@@ -21,7 +21,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::NAMES_AND_ROCK;
-use super::groups::{region_name, region_shift, sorted_regions};
+use super::groups::{region_shift, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::error::cause;
 use crate::export::containers::binary::LazyArray;
@@ -29,9 +29,11 @@ use crate::export::containers::netcdf::{
     self, MAX_VARIABLE_BYTES, NetcdfAttribute, NetcdfFile, NetcdfVariable,
 };
 use crate::export::format::ExportFormat;
+use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
 use crate::model::reservoir::Model;
+use crate::names::NameRules;
 use crate::{Error, Result};
 
 /// Entry of this format in the list of formats.
@@ -44,9 +46,21 @@ pub const FORMAT: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMES_AND_ROCK,
     deck_path: None,
+    names: FormatNames {
+        properties: Some(ENTITY_NAMES),
+        has_columns: true,
+        ..FormatNames::one_namespace(ENTITY_NAMES, TablePlace::Companion)
+    },
     write,
 };
 
+/// Rules of Exodus for the names of blocks, sets and variables. Readers that keep the library's
+/// default length see the first 32 bytes.
+const ENTITY_NAMES: NameRules = NameRules {
+    max_bytes: NAME_BYTES - 1,
+    distinct_bytes: 32,
+    ..NameRules::TEXT
+};
 /// Size of a name in bytes, with the final zero.
 const NAME_BYTES: usize = 129;
 /// Types of cells that are lists of faces, and of faces that are lists of nodes.
@@ -136,11 +150,11 @@ impl Block {
 ///
 /// # Errors
 /// Returns [`Error::Export`] if there are too many cells for the format.
-pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
+pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let grid = if model.tets.is_some() || model.triangles.is_some() {
-        simplices::exodus_mesh(model, &SimplexMesh::new(model, "Exodus II")?)
+        simplices::exodus_mesh(model, names, &SimplexMesh::new(model, names, "Exodus II")?)
     } else {
-        cells::exodus_mesh(model)
+        cells::exodus_mesh(model, names)
     };
     let sizes = grid.blocks.iter().chain(&grid.faces);
     let sizes = sizes.map(|block| 4 * block.connectivity.len() as u64);
@@ -151,7 +165,7 @@ pub fn write(model: &Model, batch: &mut Batch, path: &Path) -> Result<()> {
             "export to vtkhdf",
         )));
     }
-    let columns = scalar_columns(model);
+    let columns = scalar_columns(model, &names.properties);
     let ExodusMesh {
         dim,
         points,
@@ -196,7 +210,7 @@ struct RegionCells {
 }
 
 /// Returns the cells ordered by region, and the regions.
-fn order_by_region(model: &Model) -> (Vec<u32>, Vec<RegionCells>) {
+fn order_by_region(model: &Model, names: &ExportNames) -> (Vec<u32>, Vec<RegionCells>) {
     let region = &model.mesh.region;
     let mut order: Vec<u32> = (0..region.len() as u32).collect();
     order.sort_by_key(|&cell| region[cell as usize]);
@@ -205,7 +219,7 @@ fn order_by_region(model: &Model) -> (Vec<u32>, Vec<RegionCells>) {
         let start = order.partition_point(|&c| region[c as usize] < value);
         let end = order.partition_point(|&c| region[c as usize] <= value);
         RegionCells {
-            name: region_name(model, value),
+            name: names.region(value).to_string(),
             number: (i64::from(value) + shift) as i32,
             cells: start..end,
         }

@@ -6,6 +6,7 @@ use super::{
 };
 use crate::export::meshers::groups::NamedSides;
 use crate::export::meshers::simplices::SimplexMesh;
+use crate::export::names::ExportNames;
 use crate::model::reservoir::Model;
 
 /// Side of an element opposite its corner k: of a tetrahedron, and of a triangle.
@@ -15,14 +16,14 @@ const SIDE_OPPOSITE: [[i32; 4]; 2] = [[2, 3, 1, 4], [2, 3, 1, 0]];
 const SHELL_FACE_COUNT: i32 = 2;
 
 /// Returns the mesh with the simplices of a model.
-pub fn exodus_mesh(model: &Model, mesh: &SimplexMesh) -> ExodusMesh {
+pub fn exodus_mesh(model: &Model, names: &ExportNames, mesh: &SimplexMesh) -> ExodusMesh {
     let is_flat = mesh.nodes.iter().all(|p| p[2] == mesh.nodes[0][2]);
     let dim = if mesh.corner_count == 3 && is_flat {
         2
     } else {
         3
     };
-    let (order, regions) = order_by_region(model);
+    let (order, regions) = order_by_region(model, names);
     let kind = match (mesh.corner_count, mesh.is_quadratic()) {
         (4, false) => "TETRA",
         (4, true) => "TETRA10",

@@ -16,10 +16,11 @@ use crate::Result;
 use crate::error::{Error, cause};
 use crate::export::containers::text::write_numbers;
 use crate::export::containers::text::{FileWriter, WriteResult};
-use crate::model::reservoir::schedule::is_deck_name;
+use crate::export::names::ExportNames;
 use crate::model::reservoir::{
     Aquifer, AquiferModel, BAR, DAY, DeckRegions, Fluid, Model, SimulationCase,
 };
+use crate::names::{LetterCase, NameRules};
 
 /// Conversion factor from m^3 to cP rm3/day/bar, so that T dp / viscosity is a rate in METRIC
 /// units.
@@ -47,11 +48,20 @@ impl WellConnection {
     }
 }
 
-/// Checks that a deck can hold the porosity and the well names of a model.
+/// Rules of decks for the names of wells, groups and faults.
+pub(crate) const NAMES: NameRules = NameRules {
+    max_bytes: 8,
+    distinct_bytes: 8,
+    first_letter: 'W',
+    case: LetterCase::Insensitive,
+    reserved: &["FIELD"],
+    ..NameRules::HYPHENATED
+};
+
+/// Checks that a deck can hold the porosity of a model.
 ///
 /// # Errors
-/// Returns [`Error::Export`] if a porosity is outside [0, 1], or if a deck cannot hold the name of
-/// a well.
+/// Returns [`Error::Export`] if a porosity is outside [0, 1].
 pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
     let is_invalid = |cell: &usize| {
         let p = porosity[*cell];
@@ -63,15 +73,6 @@ pub(crate) fn check(model: &Model, porosity: &[f64]) -> Result<()> {
             format!("is {} in cell {cell}", porosity[cell]),
             "give fractions of volume: 0 in inactive cells, otherwise up to 1",
         )));
-    }
-    for well in &model.case.wells {
-        if !is_deck_name(&well.name) {
-            return Err(Error::Export(cause(
-                format!("well '{}'", well.name),
-                "has a name that a deck cannot hold",
-                "give up to eight letters, digits or _, the first a letter",
-            )));
-        }
     }
     Ok(())
 }
@@ -115,6 +116,7 @@ pub(crate) fn write_array(
 pub(crate) fn write_runspec(
     out: FileWriter,
     model: &Model,
+    names: &ExportNames,
     comment: &str,
     dims: [usize; 3],
     connections: &[Vec<WellConnection>],
@@ -134,10 +136,11 @@ pub(crate) fn write_runspec(
     let [n, m, layers] = dims;
     writeln!(
         out,
-        "-- atomesh {}: {comment}\n\
+        "-- atomesh {}: {comment}\n{}\
          RUNSPEC\nTITLE\n {}\n\nDIMENS\n {n} {m} {layers} /\n{phases}\nMETRIC\n\
          START\n {} /\nWELLDIMS\n {wells} {max_connections} {groups} {group_size} /",
         env!("CARGO_PKG_VERSION"),
+        names.comments(),
         case.title,
         case.start.deck_text()
     )?;

@@ -4,10 +4,9 @@ use std::io::Write;
 
 use super::{TRANSMISSIBILITY_UNIT, WellConnection};
 use crate::export::containers::text::{FileWriter, WriteResult};
+use crate::export::names::ExportNames;
 use crate::model::reservoir::schedule::{ControlKind, Controls, DEFAULT_GROUP, WellKind};
-use crate::model::reservoir::{
-    BAR, Control, DAY, Date, Fluid, Model, Schedule, SimulationCase, Well,
-};
+use crate::model::reservoir::{BAR, Control, DAY, Date, Fluid, Model, SimulationCase, Well};
 
 /// Number of reports.
 const REPORT_COUNT: usize = 10;
@@ -18,6 +17,7 @@ const REPORT_COUNT: usize = 10;
 pub(crate) fn write_schedule(
     out: FileWriter,
     model: &Model,
+    names: &ExportNames,
     connections: &[Vec<WellConnection>],
 ) -> WriteResult {
     let case = &model.case;
@@ -42,14 +42,13 @@ pub(crate) fn write_schedule(
         );
     }
     if !case.wells.is_empty() {
-        write_wells(out, case, connections)?;
+        write_wells(out, case, names, connections)?;
     }
-    match &case.schedule {
-        Some(schedule) => write_steps(out, case, schedule, connections)?,
-        None => {
-            let step = case.duration / DAY / REPORT_COUNT as f64;
-            writeln!(out, "TSTEP\n {REPORT_COUNT}*{step} /\n")?;
-        }
+    if case.schedule.is_some() {
+        write_steps(out, case, names, connections)?;
+    } else {
+        let step = case.duration / DAY / REPORT_COUNT as f64;
+        writeln!(out, "TSTEP\n {REPORT_COUNT}*{step} /\n")?;
     }
     writeln!(out, "END")
 }
@@ -72,21 +71,27 @@ fn preferred_phase(case: &SimulationCase, well: usize) -> &'static str {
 fn write_wells(
     out: FileWriter,
     case: &SimulationCase,
+    names: &ExportNames,
     connections: &[Vec<WellConnection>],
 ) -> WriteResult {
     writeln!(out, "WELSPECS")?;
     for well in 0..case.wells.len() {
         let change = case.schedule.as_ref().and_then(|s| s.first_change(well));
         let group = change.and_then(|change| change.group.as_deref());
-        write_specification(out, case, connections, well, group.unwrap_or(DEFAULT_GROUP))?;
+        let group = group.map_or(DEFAULT_GROUP, |group| names.group(group));
+        write_specification(
+            out,
+            case,
+            &connections[well],
+            WellGroup { well, group, names },
+        )?;
     }
     writeln!(out, "/\nCOMPDAT")?;
-    for (well, connections) in case.wells.iter().zip(connections) {
-        write_completions(out, well, connections, 0.0)?;
+    for (well, connections) in connections.iter().enumerate() {
+        write_completions(out, &names.wells[well], &case.wells[well], connections, 0.0)?;
     }
     writeln!(out, "/")?;
-    for well in &case.wells {
-        let name = &well.name;
+    for (well, name) in case.wells.iter().zip(&names.wells) {
         match well.control {
             Control::Inject(rate) => writeln!(
                 out,
@@ -102,31 +107,40 @@ fn write_wells(
     Ok(())
 }
 
+/// A well as a member of a group.
+struct WellGroup<'a> {
+    /// The index of the well.
+    well: usize,
+    /// The name of the group in the deck.
+    group: &'a str,
+    names: &'a ExportNames,
+}
+
 /// Writes a record of WELSPECS.
 fn write_specification(
     out: FileWriter,
     case: &SimulationCase,
-    connections: &[Vec<WellConnection>],
-    well: usize,
-    group: &str,
+    connections: &[WellConnection],
+    WellGroup { well, group, names }: WellGroup<'_>,
 ) -> WriteResult {
     let phase = preferred_phase(case, well);
-    let [i, j, _] = connections[well].first().map_or([1; 3], |first| first.cell);
-    let name = &case.wells[well].name;
+    let [i, j, _] = connections.first().map_or([1; 3], |first| first.cell);
+    let name = &names.wells[well];
     writeln!(out, " {name} {group} {i} {j} 1* {phase} /")
 }
 
 /// Writes the records of COMPDAT of a well with this skin factor.
 fn write_completions(
     out: FileWriter,
-    Well { name, radius, .. }: &Well,
+    name: &str,
+    well: &Well,
     connections: &[WellConnection],
     skin: f64,
 ) -> WriteResult {
     for connection in connections {
         let [i, j, k] = connection.cell;
         let index = connection.index_with_skin(skin);
-        let (factor, width) = (TRANSMISSIBILITY_UNIT * index, 2.0 * radius);
+        let (factor, width) = (TRANSMISSIBILITY_UNIT * index, 2.0 * well.radius);
         write!(out, " {name} {i} {j} {k} {k} OPEN 1* {factor} {width}")?;
         if skin != 0.0 {
             write!(out, " 1* {skin}")?;
@@ -140,9 +154,12 @@ fn write_completions(
 fn write_steps(
     out: FileWriter,
     case: &SimulationCase,
-    schedule: &Schedule,
+    names: &ExportNames,
     connections: &[Vec<WellConnection>],
 ) -> WriteResult {
+    let Some(schedule) = &case.schedule else {
+        return Ok(());
+    };
     let end = case.duration / DAY;
     let longest = end / REPORT_COUNT as f64;
     let mut now = 0.0;
@@ -156,19 +173,25 @@ fn write_steps(
                     .any(|s| s.wells.iter().any(|c| c.well == change.well));
             if let Some(group) = change.group.as_deref().filter(|_| !is_specified) {
                 writeln!(out, "WELSPECS")?;
-                write_specification(out, case, connections, change.well, group)?;
+                let (well, group) = (change.well, names.group(group));
+                write_specification(
+                    out,
+                    case,
+                    &connections[well],
+                    WellGroup { well, group, names },
+                )?;
                 writeln!(out, "/")?;
             }
-            let well = &case.wells[change.well];
+            let (well, name) = (&case.wells[change.well], &names.wells[change.well]);
             if let Some(skin) = change.skin {
                 writeln!(out, "COMPDAT")?;
-                write_completions(out, well, &connections[change.well], skin)?;
+                write_completions(out, name, well, &connections[change.well], skin)?;
                 writeln!(out, "/")?;
             }
-            write_controls(out, &well.name, &change.controls)?;
+            write_controls(out, name, &change.controls)?;
         }
         for (group, controls) in &step.groups {
-            write_group_controls(out, group, controls)?;
+            write_group_controls(out, names.group(group), controls)?;
         }
     }
     write_time(out, &mut now, end, longest, None)

@@ -13,7 +13,7 @@
 //! In surveys whose traces are far apart, all this is done on a finer grid ([`FineGrid`]).
 //!
 //! Faults that dip less than [`min_dip`](crate::feature::DetectionOptions::min_dip) in the world are
-//! left out.
+//! left out; the outcome counts them, except where semblance does not scan such planes.
 //!
 //! Scale of semblance: one sample for derivatives; 12 samples for the tensor's window, so that a throw is not
 //! mistaken for a dip. Planes have weights of 6 samples along strike and 12 along dip. A given
@@ -30,13 +30,17 @@ use fine_grid::FineGrid;
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput, layers_search_bytes, sample_count};
+use crate::comm::concatenate;
 use crate::error::Result;
+use crate::feature::candidate::Candidate;
 use crate::feature::structure_tensor::NormalField;
 use crate::feature::windows::{self, MAX_WHOLE_SAMPLES};
 use crate::feature::world_dip::WorldDip;
 use crate::feature::{FaultEvidence, FeatureKind};
 use crate::geometry::dot;
+use crate::image::time::DEFAULT_VELOCITY;
 use crate::image::{ImageSource, LiveMask};
+use crate::progress::ASSUMED;
 
 /// Detector of faults in seismic amplitude.
 pub struct Faults;
@@ -146,20 +150,22 @@ fn find_on_grid<const D: usize>(
         }
     };
     notes.push(format!(
-            "faults that dip by {min_dip} degrees or more{}, by {}; dips of layers are averaged over {window} samples",
-            if input.source.geometry().time_coordinate().is_some() {
-                " (at 2000 m/s, as the image is in time)"
-            } else {
-                ""
-            },
-            match evidence {
-                FaultEvidence::Auto | FaultEvidence::Network => "the probability that a neural network gives".to_owned(),
-                FaultEvidence::Semblance => format!(
-                    "the planes across which layers are least alike (semblance), after smoothing over {} samples",
-                    input.scale()
-                ),
-            },
+        "faults that dip by {min_dip} degrees or more, by {}; dips of layers are averaged over {window} samples",
+        match evidence {
+            FaultEvidence::Auto | FaultEvidence::Network => {
+                "the probability that a neural network gives".to_owned()
+            }
+            FaultEvidence::Semblance => format!(
+                "the planes across which layers are least alike (semblance), after smoothing over {} samples",
+                input.scale()
+            ),
+        },
+    ));
+    if input.source.geometry().time_coordinate().is_some() {
+        notes.push(format!(
+            "{ASSUMED}for dips, two-way time is depth at {DEFAULT_VELOCITY} m/s (--velocity sets another)"
         ));
+    }
     let search = RidgeSearch {
         scale: match evidence {
             FaultEvidence::Auto | FaultEvidence::Network => Some(PROBABILITY_SCALE),
@@ -182,9 +188,8 @@ fn find_on_grid<const D: usize>(
     output
         .candidates
         .retain(|c| layer_cosine(c.position, c.normal) < MAX_LAYER_COSINE);
-    output
-        .candidates
-        .retain(|c| dips.degrees(c.normal.map(f64::from)) >= min_dip);
+    let is_steep = |c: &Candidate<D>| dips.degrees(c.normal.map(f64::from)) >= min_dip;
+    (output.candidates, output.flat_candidates) = output.candidates.into_iter().partition(is_steep);
     let keep_chaos = input.options.keep_chaos;
     output.drop_chaotic(
         layers.chaotic_zones(),
@@ -217,6 +222,12 @@ impl<const D: usize> Detector<D> for Faults {
             ..*input
         };
         let mut output = find_on_grid(&fine, FaultEvidence::Semblance, notes)?;
+        let flat = std::mem::take(&mut output.flat_candidates);
+        let flat = match &output.layers {
+            Some(_) => concatenate(input.comm.all_gather("flat candidates", flat)?),
+            None => flat,
+        };
+        output.flat_candidates = grid.to_survey(&flat);
         let candidates = output.gather_candidates(input.comm)?;
         output.candidates = grid.to_survey(&candidates);
         Ok(output)

@@ -1,5 +1,7 @@
 //! Textual headers, in EBCDIC or ASCII.
 
+use crate::units::{self, Quantity};
+
 /// Length of a textual header in bytes: 40 lines of 80.
 pub const TEXT_HEADER_BYTES: usize = 3200;
 
@@ -110,10 +112,8 @@ pub fn says_depth(line: &str) -> bool {
         Some("") => rest.next().copied(),
         suffix => suffix,
     };
-    matches!(
-        unit,
-        Some("M" | "METER" | "METERS" | "METRE" | "METRES" | "FT" | "FOOT" | "FEET")
-    )
+    let unit = unit.and_then(units::find);
+    unit.is_some_and(|unit| unit.quantity == Quantity::Length)
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use crate::files::Batch;
 use crate::image::Geometry;
 use crate::image::formats::StreamedImage;
 use crate::image::formats::samples::SampleType;
+use crate::units::{self, Quantity};
 
 /// Number of samples of a chunk along each axis.
 const CHUNK: usize = 64;
@@ -83,6 +84,11 @@ fn write_arrays<const D: usize>(
     result.map_err(to_error)
 }
 
+/// Returns the quantity of a unit, if it is known.
+fn quantity(unit: &str) -> Option<Quantity> {
+    units::find(unit).map(|unit| unit.quantity)
+}
+
 /// Returns a different name for each axis, x first.
 fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
@@ -93,8 +99,11 @@ fn axis_names<const D: usize>(geometry: &Geometry<D>) -> Vec<String> {
         };
         let name = match (&*geometry.names[k], unit) {
             // MDIO uses these names.
-            ("sample", "ms" | "s" | "us") => "time",
-            ("sample", "m" | "ft") => "depth",
+            ("sample", unit) => match quantity(unit) {
+                Some(Quantity::Time) => "time",
+                Some(Quantity::Length) => "depth",
+                None => "sample",
+            },
             (name, _) => name,
         };
         let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
@@ -267,8 +276,8 @@ impl ArrayWriter {
 
     /// Writes the only chunk, and the metadata with its unit.
     fn write_single_chunk(&self, bytes: &[u8], unit: &str) -> std::io::Result<()> {
-        let kind = match unit {
-            "ms" | "s" | "us" => "time",
+        let kind = match quantity(unit) {
+            Some(Quantity::Time) => "time",
             _ => "length",
         };
         let units = match unit {

@@ -4,7 +4,8 @@ use crate::parallel::prelude::*;
 
 use super::{ConformingSites, FacetSurface};
 use crate::geometry::cell_list::CellList;
-use crate::geometry::{add_scaled, distance2, dot, norm, normal, sub};
+use crate::geometry::{add_scaled, distance2, dot, norm, normal, sorted_distinct, sub};
+use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
 
 impl<const D: usize> ConformingSites<D> {
@@ -24,6 +25,36 @@ impl<const D: usize> ConformingSites<D> {
         let marks: Vec<bool> = (0..inner).into_par_iter().map(is_on_surface).collect();
         on_surface[..inner].copy_from_slice(&marks);
         on_surface
+    }
+
+    /// Returns for each face the index of the name of the surface on which it lies, or [`NONE`]; empty
+    /// if no surface has a name. Of surfaces that both pass between two cells, that with the lowest
+    /// index counts. So every path from cell to cell that crosses a surface alone passes through a face
+    /// with its name. The [`sites`](Self::sites) are those of the cells from `first_site` on.
+    pub fn names_of_faces(&self, mesh: &PolyMesh<D>, first_site: usize) -> Vec<u32> {
+        let surface = self.surface();
+        if surface.names.is_empty() {
+            return Vec::new();
+        }
+        let facets = NamedFacets::new(surface);
+        let grids = facets.grids();
+        let facet_of_pair = sorted_distinct(self.site_pairs().into_iter().zip(self.facets.clone()));
+        let inner = mesh.inner_face_count();
+        let name_of = |f: usize| {
+            let [a, b] = mesh.face_cells[f].map(|c| mesh.sites[c as usize]);
+            let exact = sites_of_face(mesh, f, first_site).and_then(|pair| {
+                let index = facet_of_pair.binary_search_by_key(&pair, |entry| entry.0);
+                index.ok().map(|i| surface.name_of(facet_of_pair[i].1))
+            });
+            let crossed = grids.iter().find(|(_, grid)| grid.separates(a, b));
+            exact
+                .unwrap_or(NONE)
+                .min(crossed.map_or(NONE, |(name, _)| *name))
+        };
+        let names = (0..mesh.face_cells.len()).into_par_iter();
+        names
+            .map(|f| if f < inner { name_of(f) } else { NONE })
+            .collect()
     }
 
     /// Returns the area of the faces between the two sites of a facet, which lie in the facet's
@@ -56,10 +87,43 @@ fn is_between_sites<const D: usize>(
     face: usize,
     first_site: usize,
 ) -> bool {
-    let cells = mesh.face_cells[face].map(|c| (c as usize).checked_sub(first_site));
-    match cells {
-        [Some(a), Some(b)] => pairs.binary_search(&[a as u32, b as u32]).is_ok(),
-        _ => false,
+    sites_of_face(mesh, face, first_site).is_some_and(|pair| pairs.binary_search(&pair).is_ok())
+}
+
+/// Returns the two sites of a face, if its cells have sites: those from `first_site` on.
+fn sites_of_face<const D: usize>(
+    mesh: &PolyMesh<D>,
+    face: usize,
+    first_site: usize,
+) -> Option<[u32; 2]> {
+    let [a, b] = mesh.face_cells[face].map(|c| (c as usize).checked_sub(first_site));
+    Some([a? as u32, b? as u32])
+}
+
+/// The facets of surfaces with names, for searches by position.
+#[derive(Debug)]
+struct NamedFacets<const D: usize> {
+    /// The index of each name, ascending, and the facets of its surface.
+    surfaces: Vec<(u32, FacetSurface<D>)>,
+}
+
+impl<const D: usize> NamedFacets<D> {
+    /// Sorts the facets of a surface by name.
+    fn new(surface: &FacetSurface<D>) -> Self {
+        let names = sorted_distinct(surface.names.iter().copied());
+        let names = names.into_iter().filter(|&name| name != NONE);
+        let facets = |name| surface.subset(|f| surface.names[f] == name);
+        Self {
+            surfaces: names.map(|name| (name, facets(name))).collect(),
+        }
+    }
+
+    /// Returns a grid of the facets of each name.
+    fn grids(&self) -> Vec<(u32, FacetGrid<'_, D>)> {
+        let surfaces = self.surfaces.iter();
+        surfaces
+            .map(|(name, facets)| (*name, FacetGrid::new(facets)))
+            .collect()
     }
 }
 
@@ -108,6 +172,10 @@ impl<'a, const D: usize> FacetGrid<'a, D> {
     }
 }
 
+/// How far beyond a facet's edge a line may pass, as a share of the facet, and still pass through it. A
+/// line through an edge or a node of a surface must not slip between its facets by rounding.
+const EDGE_TOLERANCE: f64 = 1e-9;
+
 /// Returns `true` if the line from a to b passes through a facet.
 fn intersects<const D: usize>(a: [f64; D], b: [f64; D], facet: &[[f64; D]; D]) -> bool {
     let facet_normal = normal(facet);
@@ -119,6 +187,6 @@ fn intersects<const D: usize>(a: [f64; D], b: [f64; D], facet: &[[f64; D]; D]) -
     (0..D).all(|k| {
         let mut triangle = *facet;
         triangle[k] = crossing;
-        dot(normal(&triangle), facet_normal) >= 0.0
+        dot(normal(&triangle), facet_normal) >= -EDGE_TOLERANCE * dot(facet_normal, facet_normal)
     })
 }

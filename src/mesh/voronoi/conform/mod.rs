@@ -44,6 +44,9 @@ const MIN_SITE_DISTANCE: f64 = 0.25;
 /// Distance, in mean edge lengths, below which two facets with a common edge where surfaces meet share
 /// one site. The faces then deviate from the facets by at most a twentieth of an edge.
 const SHARED_SITE_DISTANCE: f64 = 0.12;
+/// Distance, in mean edge lengths, below which any two sites are one. Facets on either side of the
+/// plane between two surfaces have sites this close to each other if their sites lie in that plane.
+const SAME_SITE_DISTANCE: f64 = 0.01;
 
 /// Smallest cosine between the normals of facets in one plane.
 const MIN_PLANE_COSINE: f64 = 0.9;
@@ -149,18 +152,60 @@ impl<const D: usize> ConformingSites<D> {
                 }
             }
         }
-        let (labels, count) = sets.into_labels();
-        let mut sums = vec![([0.0; D], 0.0); count];
-        for (x, &label) in points.iter().zip(&labels) {
+        let positions = loop {
+            let positions = self.mean_positions(&points, &sets.clone().into_labels());
+            if !self.unite_same_sites(&positions, &mut sets) {
+                break positions;
+            }
+        };
+        self.pairs = sets.into_labels().0.as_chunks::<2>().0.to_vec();
+        self.positions = positions;
+    }
+
+    /// Returns the mean position of each set of points. `labels` has the set of each point, and the
+    /// number of sets.
+    fn mean_positions(&self, points: &[[f64; D]], labels: &(Vec<u32>, usize)) -> Vec<[f64; D]> {
+        let mut sums = vec![([0.0; D], 0.0); labels.1];
+        for (x, &label) in points.iter().zip(&labels.0) {
             let (sum, weight) = &mut sums[label as usize];
             *sum = add_scaled(*sum, 1.0, *x);
             *weight += 1.0;
         }
-        self.positions = sums
-            .into_iter()
-            .map(|(sum, weight)| sum.map(|c| c / weight))
-            .collect();
-        self.pairs = labels.as_chunks::<2>().0.to_vec();
+        let mean = |(sum, weight): ([f64; D], f64)| sum.map(|c| c / weight);
+        sums.into_iter().map(mean).collect()
+    }
+
+    /// Unites the sets of facets' points whose sites, at `positions`, are at the same place. Returns
+    /// `true` if there were any.
+    fn unite_same_sites(&self, positions: &[[f64; D]], sets: &mut UnionFind) -> bool {
+        let (labels, count) = sets.clone().into_labels();
+        let mut first_point = vec![NONE; count];
+        for (point, &label) in (0..).zip(&labels) {
+            let first = &mut first_point[label as usize];
+            *first = (*first).min(point);
+        }
+        let edge_length = |site: usize| {
+            let facet = self.facets[first_point[site] as usize / 2];
+            self.balls.edge_length(facet as usize)
+        };
+        let edge_lengths: Vec<f64> = (0..count).map(edge_length).collect();
+        let longest = edge_lengths.iter().copied().fold(0.0, f64::max);
+        let radius = SAME_SITE_DISTANCE * longest;
+        let mut has_united = false;
+        if count == 0 {
+            return has_united;
+        }
+        let grid = CellList::new(positions, MIN_SITE_DISTANCE * longest);
+        for (a, x) in positions.iter().enumerate() {
+            grid.visit_within(*x, radius, |b| {
+                let distance = SAME_SITE_DISTANCE * edge_lengths[a].min(edge_lengths[b]);
+                if a < b && distance2(x, &positions[b]) < distance * distance {
+                    sets.unite(first_point[a], first_point[b]);
+                    has_united = true;
+                }
+            });
+        }
+        has_united
     }
 
     /// Returns the distance between points of two facets, in the mean edge length of the smaller one.

@@ -43,6 +43,9 @@ impl<const D: usize> FacetSurface<D> {
             let Some(&[f, g]) = ridges.get(&ridge).map(|f| &f[..]) else {
                 continue;
             };
+            if self.name_of(f) != self.name_of(g) {
+                continue;
+            }
             let Some((across, new)) = self.flip_result(ridge, [f, g]) else {
                 continue;
             };
@@ -191,8 +194,9 @@ impl<const D: usize> FacetSurface<D> {
         let ridges = self.ridges().into_iter();
         let sharp = ridges.filter(|(_, facets)| match facets[..] {
             [f, g] => {
-                dot(self.unit_normal(f as usize), self.unit_normal(g as usize)).abs()
-                    < MIN_SMOOTH_COSINE
+                self.name_of(f) != self.name_of(g)
+                    || dot(self.unit_normal(f as usize), self.unit_normal(g as usize)).abs()
+                        < MIN_SMOOTH_COSINE
             }
             _ => true,
         });

@@ -14,6 +14,9 @@ pub struct FacetSurface<const D: usize> {
     pub nodes: Vec<[f64; D]>,
     /// The nodes of each facet.
     pub facets: Vec<[u32; D]>,
+    /// For each facet the index of the name of its surface, or [`NONE`]; empty if no surface has a
+    /// name. Facets of different surfaces are never joined.
+    pub names: Vec<u32>,
 }
 
 /// The nodes of a ridge, where facets meet, in ascending order. In 2-D the second is `NONE`.
@@ -22,21 +25,44 @@ pub(super) type Ridge = [u32; 2];
 impl<const D: usize> FacetSurface<D> {
     /// Creates a surface from the marked faces of a mesh. `marks` has bit k of a cell set if its
     /// face k is marked, on both sides of the face. `neighbors` has the cell beyond for every cell
-    /// and face, in order.
-    pub fn from_marked<M: Simplices<D>>(mesh: &M, neighbors: &[u32], marks: &[u8]) -> Self {
-        let marked_face = |(face, &beyond): (usize, &u32)| {
+    /// and face, in order, and `names` the index of the name of its surface, or [`NONE`]; it is empty
+    /// if no surface has a name.
+    pub fn from_marked<M: Simplices<D>>(
+        mesh: &M,
+        neighbors: &[u32],
+        marks: &[u8],
+        names: &[u32],
+    ) -> Self {
+        let is_marked = |&face: &usize| {
             let (cell, k) = (face / (D + 1), face % (D + 1));
-            let is_first_side = beyond != NONE && beyond as usize >= cell;
-            (marks[cell] >> k & 1 == 1 && is_first_side).then(|| mesh.face(cell, k))
+            let beyond = neighbors[face];
+            marks[cell] >> k & 1 == 1 && beyond != NONE && beyond as usize >= cell
         };
-        let facets = neighbors.iter().enumerate().filter_map(marked_face);
-        Self::from_facets(mesh.nodes(), facets)
+        let marked = (0..neighbors.len()).filter(is_marked);
+        let facets = marked
+            .clone()
+            .map(|face| mesh.face(face / (D + 1), face % (D + 1)));
+        Self {
+            names: marked.filter_map(|face| names.get(face).copied()).collect(),
+            ..Self::from_facets(mesh.nodes(), facets)
+        }
     }
 
     /// Returns the facets for which `is_selected` holds, as a surface.
     pub fn subset(&self, is_selected: impl Fn(usize) -> bool) -> Self {
         let selected = (0..self.facets.len()).filter(|&f| is_selected(f));
-        Self::from_facets(&self.nodes, selected.map(|f| self.facets[f]))
+        let facets = selected.clone().map(|f| self.facets[f]);
+        Self {
+            names: selected
+                .filter_map(|f| self.names.get(f).copied())
+                .collect(),
+            ..Self::from_facets(&self.nodes, facets)
+        }
+    }
+
+    /// Returns the index of the name of a facet's surface, or [`NONE`].
+    pub(super) fn name_of(&self, facet: u32) -> u32 {
+        self.names.get(facet as usize).copied().unwrap_or(NONE)
     }
 
     /// Creates a surface of these facets. Its nodes are numbered in the order of their first use.

@@ -10,7 +10,7 @@ use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{Lists, NO_CELL, PolyMesh};
 use crate::model::edit::resolve::EditLattice;
 use crate::model::edit::unknown_arrays;
-use crate::store::output::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY};
+use crate::store::output::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, read_labels};
 use crate::{Error, Result};
 
@@ -210,6 +210,7 @@ pub fn dropped_arrays<const D: usize>(file: &MeshFile<PolyMesh<D>>) -> Vec<Strin
         volume_name::<D>(),
         HORIZON_FACES_ARRAY,
         IMAGE_ARRAY,
+        LIVE_ARRAY,
     ];
     unknown_arrays(file, &known)
 }

@@ -81,22 +81,25 @@ impl Polarity {
 pub struct Throw {
     /// The throw that 5 % of the area do not reach.
     pub min: f64,
-    /// The mean throw.
-    pub mean: f64,
+    /// The median throw: half of the area has less.
+    pub median: f64,
     /// The throw that 5 % of the area exceed.
     pub max: f64,
     /// The mean correlation of both sides.
     pub correlation: f64,
     /// The share of the fault's area at which a throw is measured.
     pub area_share: f64,
+    /// `true` if `min` and `max` differ in sign: the fault is normal in one place and reverse in
+    /// another, or layers were matched wrongly.
+    pub is_doubtful: bool,
 }
 
 /// Throw of a fault by pairs of horizons that end on both sides of it, in the unit of the vertical
 /// coordinate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct HorizonThrow {
-    /// The mean throw.
-    pub mean: f64,
+    /// The median throw: half of the area has less.
+    pub median: f64,
     /// Number of pairs of horizons.
     pub pairs: usize,
     /// The share of the fault's area at which they give a throw.
@@ -363,7 +366,7 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
         let mean_contrast = weighted_mean(&contrasts, &contrast_areas);
         Faces {
             measure: AmplitudeMeasure {
-                throw: throw_of(measured, areas.iter().sum()),
+                throw: throw_of(&measured, areas.iter().sum()),
                 horizon_throw: horizon_throw_of(&pairs, &areas, scale),
                 confidence: has_contrast.then(|| confidence(mean_contrast)),
                 ..AmplitudeMeasure::default()
@@ -477,38 +480,53 @@ fn coarse_lags(curves: &[Option<Vec<f32>>], neighbours: &[Vec<u32>]) -> Vec<Opti
 
 /// Returns the throw of a fault from throw, correlation and area of faces. `total_area` is that of all
 /// faces.
-fn throw_of(mut faces: Vec<[f64; 3]>, total_area: f64) -> Option<Throw> {
-    faces.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let area: f64 = faces.iter().map(|face| face[2]).sum();
-    let mean_of = |k: usize| faces.iter().map(|face| face[k] * face[2]).sum::<f64>() / area;
-    let quantile = |share: f64| {
-        let mut below = 0.0;
-        let face = faces.iter().find(|face| {
-            below += face[2];
-            below >= share * area
-        });
-        face.or(faces.last()).map(|face| face[0])
-    };
+fn throw_of(faces: &[[f64; 3]], total_area: f64) -> Option<Throw> {
+    let areas: Vec<f64> = faces.iter().map(|face| face[2]).collect();
+    let correlations: Vec<f64> = faces.iter().map(|face| face[1]).collect();
+    let throws: Vec<[f64; 2]> = faces.iter().map(|face| [face[0], face[2]]).collect();
+    let [min, median, max] = weighted_quantiles(throws, [0.05, 0.5, 0.95])?;
     Some(Throw {
-        min: quantile(0.05)?,
-        mean: mean_of(0),
-        max: quantile(0.95)?,
-        correlation: mean_of(1),
-        area_share: area / total_area,
+        min,
+        median,
+        max,
+        correlation: weighted_mean(&correlations, &areas),
+        area_share: areas.iter().sum::<f64>() / total_area,
+        is_doubtful: min < 0.0 && max > 0.0,
     })
 }
 
 /// Returns the throw of a fault by pairs of horizons. `scale` converts samples to the unit of throws.
 fn horizon_throw_of(pairs: &PairThrows, areas: &[f64], scale: f64) -> Option<HorizonThrow> {
     let throws = pairs.throws.iter().zip(areas);
-    let (throws, known_areas): (Vec<f64>, Vec<f64>) = throws
-        .filter_map(|(throw, area)| Some((scale * (*throw)?, *area)))
-        .unzip();
-    (!throws.is_empty()).then(|| HorizonThrow {
-        mean: weighted_mean(&throws, &known_areas),
+    let throws: Vec<[f64; 2]> = throws
+        .filter_map(|(throw, area)| Some([scale * (*throw)?, *area]))
+        .collect();
+    let known_area: f64 = throws.iter().map(|[_, area]| area).sum();
+    let [median] = weighted_quantiles(throws, [0.5])?;
+    Some(HorizonThrow {
+        median,
         pairs: pairs.pairs,
-        area_share: known_areas.iter().sum::<f64>() / areas.iter().sum::<f64>(),
+        area_share: known_area / areas.iter().sum::<f64>(),
     })
+}
+
+/// Returns the values below which these shares of the weight lie, from pairs of a value and its weight;
+/// `None` without any.
+fn weighted_quantiles<const N: usize>(
+    mut values: Vec<[f64; 2]>,
+    shares: [f64; N],
+) -> Option<[f64; N]> {
+    values.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let last = values.last()?[0];
+    let total: f64 = values.iter().map(|[_, weight]| weight).sum();
+    Some(shares.map(|share| {
+        let mut below = 0.0;
+        let found = values.iter().find(|[_, weight]| {
+            below += weight;
+            below >= share * total
+        });
+        found.map_or(last, |[value, _]| *value)
+    }))
 }
 
 /// Returns the faces that share a ridge with each face.

@@ -123,11 +123,11 @@ fn throws_of_planar_faults_are_exact_to_half_a_sample() {
         let throw = measure.throw.unwrap();
         // Samples are 4 apart. The sides of a vertical fault have no order.
         let sign = if dip == 90.0 {
-            throw.mean.signum()
+            throw.median.signum()
         } else {
             1.0
         };
-        let [min, mean, max] = [throw.min, throw.mean, throw.max].map(|t| sign * t / 4.0);
+        let [min, mean, max] = [throw.min, throw.median, throw.max].map(|t| sign * t / 4.0);
         assert!((mean - 7.3).abs() < 0.5, "{dip} {noise} {throw:?}");
         assert!(
             min.min(max) > 6.6 && min.max(max) < 8.0,
@@ -203,9 +203,9 @@ fn horizons_on_both_sides_give_the_throw() {
     let measure = measures.surfaces[0];
     let throw = measure.horizon_throw.unwrap();
     // Samples are 4 apart.
-    assert!((throw.mean / 4.0 - 7.3).abs() < 0.6, "{throw:?}");
+    assert!((throw.median / 4.0 - 7.3).abs() < 0.6, "{throw:?}");
     assert!(throw.pairs >= 2 && throw.area_share > 0.6, "{throw:?}");
-    assert!((measure.throw.unwrap().mean / 4.0 - 7.3).abs() < 0.5);
+    assert!((measure.throw.unwrap().median / 4.0 - 7.3).abs() < 0.5);
     assert!(measures.surfaces[1].horizon_throw.is_none());
 }
 
@@ -226,7 +226,7 @@ fn two_faults_have_throws_of_opposite_sign() {
     let measures = measured(&faults, &displaced(&faults, 0.1));
     for (measure, expected) in measures.surfaces.iter().zip([6.0, -4.5]) {
         let throw = measure.throw.unwrap();
-        assert!((throw.mean / 4.0 - expected).abs() < 0.3, "{throw:?}");
+        assert!((throw.median / 4.0 - expected).abs() < 0.3, "{throw:?}");
     }
 }
 
@@ -265,7 +265,7 @@ fn planes_without_displacement_have_no_throw_and_no_confidence() {
     let throw = measure.throw.unwrap();
     let largest = throw.min.abs().max(throw.max.abs());
     assert!(
-        throw.mean.abs() / 4.0 < 0.4 && largest / 4.0 < 1.0,
+        throw.median.abs() / 4.0 < 0.4 && largest / 4.0 < 1.0,
         "{throw:?}"
     );
     assert!(measure.confidence.unwrap() < 1.5, "{measure:?}");
@@ -349,4 +349,29 @@ fn horizons_are_split_where_they_jump_to_another_reflector() {
             );
         }
     }
+}
+
+#[test]
+fn throws_of_both_signs_are_doubtful_and_the_median_ignores_outliers() {
+    // A tenth of the area matches a reflector too high.
+    let faces = |outlier: f64| -> Vec<[f64; 3]> {
+        let good = (0..90).map(|i| [-33.0 - 0.01 * f64::from(i), 0.9, 1.0]);
+        good.chain((0..10).map(|_| [outlier, 0.8, 1.0])).collect()
+    };
+    let throw = throw_of(&faces(160.0), 200.0).unwrap();
+    assert!((throw.median + 33.4).abs() < 0.1, "{throw:?}");
+    assert!(throw.is_doubtful && throw.max == 160.0, "{throw:?}");
+    assert!((throw.correlation - 0.89).abs() < 1e-12 && throw.area_share == 0.5);
+    assert!(!throw_of(&faces(-36.0), 200.0).unwrap().is_doubtful);
+    assert_eq!(throw_of(&[], 200.0), None);
+}
+
+#[test]
+fn quantiles_are_weighted_by_area() {
+    let values = vec![[5.0, 1.0], [1.0, 3.0], [9.0, 1.0]];
+    assert_eq!(
+        weighted_quantiles(values, [0.05, 0.5, 0.95]),
+        Some([1.0, 1.0, 9.0])
+    );
+    assert_eq!(weighted_quantiles(Vec::new(), [0.5]), None);
 }

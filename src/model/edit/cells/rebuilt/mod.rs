@@ -218,7 +218,7 @@ where
         self.assign_numbers(&mut patch);
         let mut matcher = NodeMatcher::new(self);
         let on_feature = self.feature_flags(&patch);
-        let horizons = horizon_flags(mesh, &on_feature, &self.fields.features);
+        let horizons = horizon_flags(mesh, &on_feature, &[], &self.fields.features);
         for f in 0..mesh.face_cells.len() {
             let Some(cells) = self.new_face_cells(f)? else {
                 continue;

@@ -1,0 +1,477 @@
+//! The names of a model's objects in one export. [`ExportNames`] decides them once, by the
+//! [`FormatNames`] of the format; writers only look them up.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::meshers::groups::{FaceNames, PROGRAM_NAME_COUNT, region_shift, sorted_regions};
+use super::values::property_columns;
+use crate::Result;
+use crate::files::Batch;
+use crate::model::reservoir::Model;
+use crate::model::surface::SurfaceKind;
+use crate::names::{
+    NameEntry, NameRules, NameSource, NameTable, WantedName, assign, is_identifier,
+};
+
+/// The form in which a file holds regions or named faces.
+#[derive(Debug, Clone, Copy)]
+pub enum Naming {
+    /// By names that follow these rules.
+    Names(NameRules),
+    /// By their numbers.
+    Numbers,
+    /// By their numbers, moved up if the lowest number is below 1.
+    NumbersFromOne,
+    /// Not at all.
+    Absent,
+}
+
+/// The place of the table of names.
+#[derive(Debug, Clone, Copy)]
+pub enum TablePlace {
+    /// Comments of the file, each of which begins with this text.
+    Comments(&'static str),
+    /// A file of its own, `NAME-names.csv`, or `names.csv` in the folder of a format without a file.
+    Companion,
+}
+
+/// The rules of a format for all kinds of names.
+#[derive(Debug, Clone, Copy)]
+pub struct FormatNames {
+    /// Regions of cells, and the elements between the two sides of surfaces.
+    pub regions: Naming,
+    /// Sides of the box, surfaces, and interfaces of regions.
+    pub faces: Naming,
+    /// `true` if no region may have the name of a face, by the rules of faces.
+    pub is_one_namespace: bool,
+    /// The name of a region that has none.
+    pub default_region: fn(i32) -> String,
+    /// Other properties of cells than region and rock.
+    pub properties: Option<NameRules>,
+    /// `true` if each component of a property has a name of its own.
+    pub has_columns: bool,
+    /// Wells, and groups of wells.
+    pub wells: Option<NameRules>,
+    /// Surfaces with multipliers.
+    pub multipliers: Option<NameRules>,
+    /// The place of the table.
+    pub table: TablePlace,
+}
+
+impl FormatNames {
+    /// Rules of formats without names.
+    pub const NONE: Self = Self {
+        regions: Naming::Absent,
+        faces: Naming::Absent,
+        is_one_namespace: false,
+        default_region: |region| format!("region{region}"),
+        properties: None,
+        has_columns: false,
+        wells: None,
+        multipliers: None,
+        table: TablePlace::Companion,
+    };
+
+    /// Returns the rules of each kind of objects that have names.
+    #[cfg(test)]
+    pub fn all_rules(&self) -> Vec<(&'static str, NameRules)> {
+        let rules = |naming: Naming| match naming {
+            Naming::Names(rules) => Some(rules),
+            _ => None,
+        };
+        let all = [
+            ("regions", rules(self.regions)),
+            ("faces", rules(self.faces)),
+            ("properties", self.properties),
+            ("wells", self.wells),
+            ("multipliers", self.multipliers),
+        ];
+        all.into_iter()
+            .filter_map(|(kind, rules)| Some((kind, rules?)))
+            .collect()
+    }
+
+    /// Rules of formats in which regions and faces have names by the same rules, distinct from one
+    /// another.
+    pub const fn one_namespace(rules: NameRules, table: TablePlace) -> Self {
+        Self {
+            regions: Naming::Names(rules),
+            faces: Naming::Names(rules),
+            is_one_namespace: true,
+            table,
+            ..Self::NONE
+        }
+    }
+}
+
+/// The names of a surface along which the mesh is split.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SplitNames {
+    /// The number of the surface's name among those of faces.
+    pub number: u32,
+    /// The name of the elements between the two sides.
+    pub elements: String,
+    /// The names of the lower and of the upper side.
+    pub sides: [String; 2],
+}
+
+/// The names of a model's objects in a file.
+#[derive(Debug, Clone)]
+pub struct ExportNames {
+    /// The names of faces.
+    pub faces: FaceNames,
+    /// The names of the surfaces along which the mesh is split, by the number of the surface.
+    pub split: Vec<SplitNames>,
+    /// The names of the other properties of cells; if each component has a name of its own, those of
+    /// all columns.
+    pub properties: Vec<String>,
+    /// The names of the wells.
+    pub wells: Vec<String>,
+    /// The name of the fragments, and those of the surfaces with multipliers.
+    pub multipliers: Vec<String>,
+    regions: BTreeMap<i32, String>,
+    groups: BTreeMap<String, String>,
+    rules: FormatNames,
+    /// The table of all names.
+    pub table: NameTable,
+}
+
+impl ExportNames {
+    /// Decides the names of a model's objects.
+    pub fn new(model: &Model, rules: &FormatNames) -> Self {
+        let mut names = Self {
+            faces: FaceNames::new(model),
+            split: Vec::new(),
+            properties: Vec::new(),
+            wells: Vec::new(),
+            multipliers: Vec::new(),
+            regions: BTreeMap::new(),
+            groups: BTreeMap::new(),
+            rules: *rules,
+            table: NameTable::default(),
+        };
+        names.name_regions_and_faces(model);
+        names.name_properties(model);
+        names.name_wells(model);
+        names.name_multipliers(model);
+        names
+    }
+
+    fn name_regions_and_faces(&mut self, model: &Model) {
+        let regions = sorted_regions(model);
+        let wanted_regions: Vec<WantedName> = (regions.iter())
+            .map(|&region| {
+                let default = || (self.rules.default_region)(region);
+                WantedName::given_or(model.region_name(region), default)
+            })
+            .collect();
+        let given = PROGRAM_NAME_COUNT + model.surfaces.names.len().min(model.surfaces.kept_count);
+        let face_source = |index: usize| match index {
+            _ if index < PROGRAM_NAME_COUNT => NameSource::Program,
+            _ if index < given => NameSource::Given,
+            _ => NameSource::Default,
+        };
+        let model_names = self.faces.names.clone();
+        let mut wanted_faces: Vec<WantedName> = (model_names.iter().enumerate())
+            .map(|(index, name)| WantedName {
+                name: name.clone(),
+                source: face_source(index),
+            })
+            .collect();
+        let split = self.faces.split_numbers(model);
+        let split_name = |number: &u32| &model_names[*number as usize - 1];
+        wanted_faces.extend(split.iter().flat_map(|number| {
+            ["a", "b"].map(|letter| WantedName {
+                name: format!("{}_{letter}", split_name(number)),
+                source: NameSource::Default,
+            })
+        }));
+        let (written_regions, elements, written_faces) =
+            self.assign_spaces(&wanted_regions, &wanted_faces, &split);
+        self.list_regions(model, &regions, &wanted_regions, &written_regions);
+        let own_names = model.surfaces.names.iter().take(model.surfaces.kept_count);
+        let mut names_in_mesh = model_names.clone();
+        for (name, own_name) in names_in_mesh[PROGRAM_NAME_COUNT..]
+            .iter_mut()
+            .zip(own_names)
+        {
+            name.clone_from(own_name);
+        }
+        self.list_faces(&names_in_mesh, &written_faces, face_source);
+        let sides = &written_faces[model_names.len()..];
+        let pairs = split.iter().zip(elements).zip(sides.as_chunks::<2>().0);
+        self.split = (pairs)
+            .map(|((&number, elements), sides)| SplitNames {
+                number,
+                elements,
+                sides: sides.clone(),
+            })
+            .collect();
+        for surface in &self.split {
+            self.table.entries.push(NameEntry {
+                kind: "elements",
+                number: i64::from(surface.number),
+                name: model_names[surface.number as usize - 1].clone(),
+                written: surface.elements.clone(),
+                is_numbered: false,
+                is_given: face_source(surface.number as usize - 1) == NameSource::Given,
+            });
+        }
+        self.faces.names = written_faces[..model_names.len()].to_vec();
+        self.regions = regions.into_iter().zip(written_regions).collect();
+    }
+
+    /// Assigns names to regions, to the elements between split sides, and to faces.
+    fn assign_spaces(
+        &self,
+        regions: &[WantedName],
+        faces: &[WantedName],
+        split: &[u32],
+    ) -> (Vec<String>, Vec<String>, Vec<String>) {
+        let rules = |naming: Naming| match naming {
+            Naming::Names(rules) => rules,
+            _ => NameRules::TEXT,
+        };
+        let (region_rules, face_rules) = (rules(self.rules.regions), rules(self.rules.faces));
+        if self.rules.is_one_namespace {
+            let mut names = assign(&face_rules, &[regions, faces].concat());
+            let face_names = names.split_off(regions.len());
+            let elements = split.iter().map(|&n| face_names[n as usize - 1].clone());
+            return (names, elements.collect(), face_names);
+        }
+        let elements = split.iter().map(|&n| faces[n as usize - 1].clone());
+        let wanted: Vec<WantedName> = regions.iter().cloned().chain(elements).collect();
+        let mut names = assign(&region_rules, &wanted);
+        let elements = names.split_off(regions.len());
+        (names, elements, assign(&face_rules, faces))
+    }
+
+    /// Adds the regions to the table. Regions that the file numbers are listed if they have a name.
+    fn list_regions(
+        &mut self,
+        model: &Model,
+        regions: &[i32],
+        wanted: &[WantedName],
+        written: &[String],
+    ) {
+        let shift = match self.rules.regions {
+            Naming::Absent => return,
+            Naming::NumbersFromOne => region_shift(model),
+            Naming::Names(_) | Naming::Numbers => 0,
+        };
+        let is_numbered = !matches!(self.rules.regions, Naming::Names(_));
+        for ((&region, wanted), written) in regions.iter().zip(wanted).zip(written) {
+            let number = i64::from(region);
+            if is_numbered && wanted.source == NameSource::Default {
+                continue;
+            }
+            self.table.entries.push(NameEntry {
+                kind: "region",
+                number,
+                name: wanted.name.clone(),
+                written: if is_numbered {
+                    (number + shift).to_string()
+                } else {
+                    written.clone()
+                },
+                is_numbered,
+                is_given: wanted.source == NameSource::Given,
+            });
+        }
+    }
+
+    /// Adds the names that have faces to the table.
+    fn list_faces(
+        &mut self,
+        names: &[String],
+        written: &[String],
+        source: impl Fn(usize) -> NameSource,
+    ) {
+        if matches!(self.rules.faces, Naming::Absent) {
+            return;
+        }
+        let is_numbered = !matches!(self.rules.faces, Naming::Names(_));
+        let mut is_used = vec![false; names.len() + 1];
+        (self.faces.face_numbers.iter()).for_each(|&number| is_used[number as usize] = true);
+        let numbered = (1..).zip(names.iter().zip(written));
+        for (number, (name, written)) in numbered.filter(|(number, _)| is_used[*number]) {
+            self.table.entries.push(NameEntry {
+                kind: "face",
+                number: number as i64,
+                name: name.clone(),
+                written: if is_numbered {
+                    number.to_string()
+                } else {
+                    written.clone()
+                },
+                is_numbered,
+                is_given: source(number - 1) == NameSource::Given,
+            });
+        }
+    }
+
+    fn name_properties(&mut self, model: &Model) {
+        let fixed = ["region", "porosity", "permeability"];
+        let given = |name: &str| WantedName {
+            name: name.into(),
+            source: NameSource::Given,
+        };
+        let Some(rules) = self.rules.properties else {
+            self.properties = model.properties.iter().map(|p| p.name.clone()).collect();
+            return;
+        };
+        let (wanted, skipped): (Vec<WantedName>, usize) = if self.rules.has_columns {
+            let columns = property_columns(model).into_iter();
+            let columns = columns.map(|column| match column.is_fixed {
+                true => WantedName::program(column.name),
+                false => given(&column.name),
+            });
+            (columns.collect(), 0)
+        } else {
+            let properties = model.properties.iter().map(|p| given(&p.name));
+            let wanted = fixed.map(WantedName::program).into_iter();
+            (wanted.chain(properties).collect(), fixed.len())
+        };
+        let written = assign(&rules, &wanted);
+        let pairs = wanted.iter().zip(&written).skip(skipped);
+        let given_pairs = pairs.filter(|(wanted, _)| wanted.source == NameSource::Given);
+        for (number, (wanted, written)) in (1..).zip(given_pairs) {
+            self.add_given("property", number, &wanted.name, written);
+        }
+        self.properties = written[skipped..].to_vec();
+    }
+
+    fn name_wells(&mut self, model: &Model) {
+        let wells = &model.case.wells;
+        let schedule = model.case.schedule.as_ref();
+        let groups = schedule.map_or_else(Vec::new, |schedule| schedule.groups());
+        let Some(rules) = self.rules.wells else {
+            self.wells = wells.iter().map(|well| well.name.clone()).collect();
+            return;
+        };
+        let given = |name: &str| WantedName {
+            name: name.into(),
+            source: NameSource::Given,
+        };
+        let wanted: Vec<WantedName> = wells.iter().map(|well| given(&well.name)).collect();
+        self.wells = assign(&rules, &wanted);
+        for (number, (well, written)) in (1..).zip(wells.iter().zip(self.wells.clone())) {
+            self.add_given("well", number, &well.name, &written);
+        }
+        let wanted: Vec<WantedName> = groups.iter().map(|name| given(name)).collect();
+        let written = assign(&rules, &wanted);
+        for (number, (name, written)) in (1..).zip(groups.iter().zip(&written)) {
+            self.add_given("group", number, name, written);
+        }
+        self.groups = groups.into_iter().map(String::from).zip(written).collect();
+    }
+
+    /// Names the surfaces with multipliers. Surfaces without names of their own are `FAULT1`,
+    /// `HORIZ2`, or `INTER3`; an interface of regions 1 and 11 is `I1_11`.
+    fn name_multipliers(&mut self, model: &Model) {
+        let Some(rules) = self.rules.multipliers else {
+            return;
+        };
+        let surfaces = &model.surfaces;
+        let default = |at: usize, kind: SurfaceKind| match kind {
+            SurfaceKind::Fault => format!("FAULT{}", at + 1),
+            SurfaceKind::Horizon => format!("HORIZ{}", at + 1),
+            SurfaceKind::Interface => format!("INTER{}", at + 1),
+        };
+        let wanted = surfaces.kinds.iter().enumerate().map(|(at, &kind)| {
+            let own_name = surfaces.names.get(at);
+            let is_default = |name: &&String| **name == format!("{}{}", kind.name(), at + 1);
+            let short = |name: &String| match name.strip_prefix("interface_") {
+                Some(regions) => {
+                    let short = format!("I{}", regions.to_uppercase());
+                    let is_short = short.len() <= rules.max_bytes;
+                    (is_short && short.chars().all(is_identifier)).then_some(short)
+                }
+                None => Some(name.clone()),
+            };
+            let name = own_name.filter(|name| !is_default(name)).and_then(short);
+            WantedName::given_or(name.as_deref(), || default(at, kind))
+        });
+        let fragments = std::iter::once(WantedName::program("SCRAPS"));
+        let wanted: Vec<WantedName> = fragments.chain(wanted).collect();
+        self.multipliers = assign(&rules, &wanted);
+        let all_names = surfaces.all_names().names;
+        let named = self.multipliers.clone().into_iter().skip(1);
+        for (number, (name, written)) in (1..).zip(all_names.iter().zip(named)) {
+            self.table.entries.push(NameEntry {
+                kind: "surface",
+                number,
+                name: name.clone(),
+                written,
+                is_numbered: false,
+                is_given: wanted[number as usize].source == NameSource::Given
+                    && !name.starts_with("interface_"),
+            });
+        }
+    }
+
+    fn add_given(&mut self, kind: &'static str, number: i64, name: &str, written: &str) {
+        self.table.entries.push(NameEntry {
+            kind,
+            number,
+            name: name.into(),
+            written: written.into(),
+            is_numbered: false,
+            is_given: true,
+        });
+    }
+
+    /// Returns the name of a region in the file.
+    pub fn region(&self, region: i32) -> &str {
+        self.regions.get(&region).map_or("", String::as_str)
+    }
+
+    /// Returns the name of a group of wells in the file.
+    pub fn group<'a>(&'a self, name: &'a str) -> &'a str {
+        self.groups.get(name).map_or(name, String::as_str)
+    }
+
+    /// Returns the table as comments of the file; empty if no reader needs it, or if it is a file of
+    /// its own.
+    pub fn comments(&self) -> String {
+        match self.rules.table {
+            TablePlace::Comments(prefix) => self.table.comments(prefix),
+            TablePlace::Companion => String::new(),
+        }
+    }
+
+    /// Returns the path of the table if it is a file of its own.
+    fn table_path(&self, path: &Path, is_folder: bool) -> Option<PathBuf> {
+        match self.rules.table {
+            TablePlace::Companion if is_folder => Some(path.join("names.csv")),
+            TablePlace::Companion => {
+                let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+                Some(path.with_file_name(format!("{stem}-names.csv")))
+            }
+            TablePlace::Comments(_) => None,
+        }
+    }
+
+    /// Adds the table to the files of an export if it is a file of its own and a reader needs it.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
+    pub fn add_table(&self, batch: &mut Batch, path: &Path, is_folder: bool) -> Result<()> {
+        match self.table_path(path, is_folder) {
+            Some(path) if self.table.is_needed() => batch.write(&path, |out| {
+                std::io::Write::write_all(out, self.table.csv().as_bytes())
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns a sentence about the names that changed, if any did.
+    pub fn note(&self, path: &Path, is_folder: bool) -> Option<String> {
+        let place = match self.table_path(path, is_folder) {
+            Some(path) => path.display().to_string(),
+            None => format!("comments of {}", path.display()),
+        };
+        self.table.note(&place)
+    }
+}

@@ -1,0 +1,277 @@
+//! Names and units of columns.
+
+use super::dialect::{Separator, is_number};
+use super::{Column, Line, Term, has_number, plain_name};
+use crate::units;
+
+/// The names of a table's columns, and where its rows begin.
+pub(super) struct Header {
+    /// The line that has the names.
+    pub line: Option<usize>,
+    /// The columns; none if no line names them.
+    pub columns: Vec<Column>,
+    /// Index of the first line that is a row.
+    pub first_row: usize,
+}
+
+/// Largest number of lines, besides comments, before the names of columns.
+const MAX_LINES_BEFORE_NAMES: usize = 100;
+
+/// First words of lines that a program writes before its table, together with numbers.
+const PREAMBLES: [&str; 4] = ["version", "ffasci", "fsasci", "ffattr"];
+
+/// Returns the names of the columns of the table in these lines of a text.
+pub(super) fn find(
+    text: &str,
+    lines: &[Line],
+    separator: Separator,
+    terms: &'static [Term],
+) -> Header {
+    let is_word = |line: &Line, word: &str| plain_name(line.of(text)) == word;
+    let begin = lines.iter().position(|line| is_word(line, "beginheader"));
+    let end = lines.iter().position(|line| is_word(line, "endheader"));
+    if let (Some(begin), Some(end)) = (begin, end.filter(|&end| begin < Some(end))) {
+        let block = &lines[begin + 1..end];
+        let columns = block.iter().map(|line| typed_column(line.of(text), terms));
+        return Header {
+            line: Some(lines[begin].number),
+            columns: columns.collect(),
+            first_row: end + 1,
+        };
+    }
+    let (first, width) = first_row(text, lines, separator);
+    let mut named: Option<(usize, Vec<Column>, usize)> = None;
+    for (at, line) in lines.iter().enumerate().take(MAX_LINES_BEFORE_NAMES) {
+        let Some((columns, known)) = names(line.of(text), separator, width, terms) else {
+            continue;
+        };
+        // Names in another number than fields are of another line's.
+        let rank = known + columns.len() * usize::from(columns.len() == width);
+        let is_header = known >= 2 || known == columns.len();
+        if is_header && named.as_ref().is_none_or(|named| named.2 < rank) {
+            named = Some((at, columns, rank));
+        }
+    }
+    let named = named.map(|(at, columns, _)| (at, columns)).or_else(|| {
+        let at = first.checked_sub(1)?;
+        let (columns, _) = names(lines[at].of(text), separator, width, terms)?;
+        (columns.len() > 1 && columns.len() == width).then_some((at, columns))
+    });
+    let Some((at, mut columns)) = named else {
+        return Header {
+            line: None,
+            columns: Vec::new(),
+            first_row: first,
+        };
+    };
+    let mut first_row = at + 1;
+    if let Some(line) = lines.get(first_row)
+        && add_units(&mut columns, line.of(text), separator)
+    {
+        first_row += 1;
+    }
+    Header {
+        line: Some(lines[at].number),
+        columns,
+        first_row,
+    }
+}
+
+/// Returns the index of the first line that is a row of a table without names: one with numbers that
+/// has as many fields as most of such lines, or begins with a number. Also returns this number of
+/// fields.
+fn first_row(text: &str, lines: &[Line], separator: Separator) -> (usize, usize) {
+    let is_row = |line: &&Line| {
+        let first = line.of(text).split(|c: char| !c.is_alphanumeric()).next();
+        has_number(line.of(text)) && !PREAMBLES.contains(&&*plain_name(first.unwrap_or("")))
+    };
+    let rows = lines.iter().filter(is_row);
+    let mut widths: Vec<usize> = rows
+        .map(|line| separator.split(line.of(text)).len())
+        .collect();
+    widths.sort_unstable();
+    let usual = widths.get(widths.len() / 2).copied().unwrap_or(0);
+    let position = lines.iter().position(|line| {
+        let fields = separator.split(line.of(text));
+        is_row(&line) && (fields.len() == usual || is_number(&fields[0]))
+    });
+    (position.unwrap_or(0), usual)
+}
+
+/// Returns the columns that a line names, and the number of names that are known; `None` if the line
+/// has numbers between any separators. Of all others, the one counts by which the line has `width` names, or else most
+/// that are known.
+fn names(
+    line: &str,
+    separator: Separator,
+    width: usize,
+    terms: &'static [Term],
+) -> Option<(Vec<Column>, usize)> {
+    let mut splits: Vec<Vec<String>> = Vec::new();
+    for separator in [separator].into_iter().chain(Separator::ALL) {
+        splits.push(
+            separator
+                .split(line)
+                .iter()
+                .map(ToString::to_string)
+                .collect(),
+        );
+    }
+    // Names of several words stand two blanks apart.
+    let apart = line.split("  ").map(|name| name.trim().to_string());
+    splits.push(apart.filter(|name| !name.is_empty()).collect());
+    splits.push(known_pairs(line, width, terms));
+    let mut best: Option<(Vec<Column>, [usize; 2])> = None;
+    for split in splits {
+        if split.iter().any(|name| is_number(name)) {
+            continue;
+        }
+        let columns: Vec<Column> = split.iter().map(|name| column(name, terms)).collect();
+        let known = columns
+            .iter()
+            .filter(|column| column.term.is_some())
+            .count();
+        let rank = [usize::from(columns.len() == width), known];
+        if best.as_ref().is_none_or(|best| best.1 < rank) {
+            best = Some((columns, rank));
+        }
+    }
+    best.map(|(columns, [_, known])| (columns, known))
+}
+
+/// Returns the words of a line, of which neighbours are joined that together are a known name, until
+/// there are `width`.
+fn known_pairs(line: &str, width: usize, terms: &'static [Term]) -> Vec<String> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let mut extra = words.len().saturating_sub(width);
+    let mut names: Vec<String> = Vec::new();
+    for word in words {
+        match names.last_mut() {
+            Some(last) if extra > 0 && column(&format!("{last} {word}"), terms).term.is_some() => {
+                *last = format!("{last} {word}");
+                extra -= 1;
+            }
+            _ => names.push(word.to_string()),
+        }
+    }
+    names
+}
+
+/// Returns a column of a line in Petrel's header: its name, or its type and its name.
+fn typed_column(line: &str, terms: &'static [Term]) -> Column {
+    let line = line.trim();
+    let typed = line
+        .split_once(',')
+        .filter(|(kind, _)| kind.chars().all(|c| c.is_ascii_uppercase()));
+    column(typed.map_or(line, |(_, name)| name), terms)
+}
+
+/// Returns the column of a name, which may have a unit: in brackets, or as its last word.
+pub(super) fn column(name: &str, terms: &'static [Term]) -> Column {
+    let name = name.trim().trim_matches('"').trim();
+    let find = |name: &str| {
+        let plain = plain_name(name);
+        terms
+            .iter()
+            .find(|term| term.is_called(&plain))
+            .map(|term| term.name)
+    };
+    let bracket = name.find(['(', '[', '{', '<']);
+    if let Some((name, unit)) = bracket.map(|at| name.split_at(at)) {
+        let unit = unit.trim_matches(|c: char| c.is_whitespace() || "()[]{}<>".contains(c));
+        let is_unit = units::find(unit).is_some();
+        // Z (TWT) is a time.
+        let term = if is_unit { None } else { find(unit) };
+        return Column {
+            name: name.trim().to_string(),
+            unit: is_unit.then(|| unit.to_string()),
+            term: term.or_else(|| find(name)),
+        };
+    }
+    if let Some(term) = find(name) {
+        return Column {
+            name: name.to_string(),
+            unit: None,
+            term: Some(term),
+        };
+    }
+    let split = name.rsplit_once(|c: char| c.is_whitespace() || "_-./,".contains(c));
+    let with_unit =
+        split.filter(|(name, unit)| units::find(unit).is_some() && find(name).is_some());
+    Column {
+        name: with_unit.map_or(name, |split| split.0).to_string(),
+        unit: with_unit.map(|split| split.1.to_string()),
+        term: with_unit.and_then(|split| find(split.0)),
+    }
+}
+
+/// Takes units from a line of units, and returns `true` if the line is one.
+fn add_units(columns: &mut [Column], line: &str, separator: Separator) -> bool {
+    let fields = separator.split(line);
+    if fields.iter().any(|field| is_number(field)) {
+        return false;
+    }
+    let is_unit = |field: &&str| units::find(field).is_some();
+    let texts: Vec<&str> = fields.iter().map(|field| &**field).collect();
+    let count = texts
+        .iter()
+        .copied()
+        .filter(|field| is_unit(&field))
+        .count();
+    let others = texts
+        .iter()
+        .filter(|field| !field.is_empty() && !is_unit(field))
+        .count();
+    if count == 0 || count < others {
+        return false;
+    }
+    for (column, unit) in columns.iter_mut().zip(texts) {
+        if is_unit(&unit) {
+            let is_mark = |c: char| "()[]{}<>".contains(c);
+            column.unit = Some(unit.trim_matches(is_mark).to_string());
+        }
+    }
+    true
+}
+
+/// Returns the line and the names of `width` columns in the comments before a table: all in one
+/// comment, or a numbered comment for each.
+pub(super) fn from_comments(
+    comments: &[&(usize, String)],
+    width: usize,
+    terms: &'static [Term],
+) -> Option<(usize, Vec<Column>)> {
+    for (number, comment) in comments.iter().rev().copied() {
+        let after_colon = comment.split_once(':').map(|(_, names)| names.trim());
+        for text in [Some(comment.as_str()), after_colon].into_iter().flatten() {
+            if let Some((columns, known)) = names(text, Separator::Blanks, width, terms)
+                && columns.len() == width
+                && known >= width.min(2)
+            {
+                return Some((*number, columns));
+            }
+        }
+    }
+    let mut columns = vec![Column::default(); width];
+    let mut first = None;
+    for (number, comment) in comments.iter().copied() {
+        let text = comment.trim_start_matches(|c: char| c.is_alphabetic() || c == ' ' || c == ':');
+        let digits = text
+            .find(|c: char| !c.is_ascii_digit())
+            .unwrap_or(text.len());
+        let index = text[..digits].parse::<usize>().ok();
+        let name = text[digits..].trim_start_matches([':', '.', ' ', '=']);
+        if let Some(column_of) = index.and_then(|k| columns.get_mut(k.checked_sub(1)?))
+            && !name.is_empty()
+        {
+            *column_of = column(name, terms);
+            first = first.or(Some(*number));
+        }
+    }
+    let are_named = columns.iter().all(|column| !column.name.is_empty());
+    let known = columns
+        .iter()
+        .filter(|column| column.term.is_some())
+        .count();
+    (are_named && known >= 2).then_some((first?, columns))
+}

@@ -1,0 +1,120 @@
+//! Wells and fixed atoms in the frame of the image.
+
+use std::borrow::Cow;
+
+use super::{FixedAtom, Params, WellPath};
+use crate::Result;
+use crate::error::{Error, cause};
+use crate::geometry::to_3d;
+use crate::image::Geometry;
+use crate::image::placing::{Frame, GivenFile};
+use crate::image::point_nulls::{NullSearch, consecutive_pairs};
+use crate::image::stated::{CoordinateOptions, StatedCoordinates};
+
+/// A file of points: what it and its option say about its coordinates.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PointFile {
+    /// The option that names the file, for messages.
+    pub place: String,
+    /// The statements of the file.
+    pub stated: StatedCoordinates,
+    /// The statements of the option.
+    pub options: CoordinateOptions,
+    /// What was assumed when the file was read.
+    pub notes: Vec<String>,
+}
+
+/// Points of a file in the frame of an image.
+struct PlacedPoints<const D: usize> {
+    /// The index of each point that is left, and its position.
+    points: Vec<(usize, [f64; D])>,
+    /// The factor of lengths along x.
+    scale: f64,
+    /// A note, if coordinates changed.
+    note: Option<String>,
+}
+
+impl PointFile {
+    /// Returns points of the file in the frame of an image.
+    fn placed<const D: usize>(
+        &self,
+        points: &[[f64; D]],
+        frame: &Frame<D>,
+    ) -> Result<PlacedPoints<D>> {
+        let named: Vec<f64> = (self.stated.nulls.iter())
+            .chain(self.options.nulls.iter().flatten())
+            .copied()
+            .collect();
+        let in_space: Vec<[f64; 3]> = points.iter().map(|p| to_3d(*p)).collect();
+        let nulls = NullSearch {
+            points: &in_space,
+            named: &named,
+            recognises: D == 3 && self.options.nulls.as_deref() != Some(&[]),
+        }
+        .find(|| vec![consecutive_pairs(0, points.len())]);
+        let known: Vec<usize> = (0..points.len()).filter(|&i| !nulls.flags[i]).collect();
+        if known.is_empty() {
+            let problem = format!("has no point: {}", nulls.notes.join(", "));
+            let remedy = "export it again, or keep all values: ,null=none";
+            return Err(Error::Job(cause(&self.place, problem, remedy)));
+        }
+        let file = GivenFile {
+            place: &self.place,
+            stated: &self.stated,
+            options: &self.options,
+        };
+        let placing = frame.placing(file, &mut known.iter().map(|&i| points[i]))?;
+        let mut texts = self.notes.clone();
+        if !placing.is_identity() {
+            texts.extend(placing.notes.iter().cloned());
+        }
+        texts.extend(nulls.notes);
+        Ok(PlacedPoints {
+            points: known
+                .iter()
+                .map(|&i| (i, placing.apply(points[i])))
+                .collect(),
+            scale: placing.length(1.0),
+            note: (!texts.is_empty()).then(|| format!("{}: {}", self.place, texts.join(", "))),
+        })
+    }
+}
+
+impl<const D: usize> Params<D> {
+    /// Returns the parameters with wells and fixed atoms in the frame of an image of `dims` samples,
+    /// and notes on those whose coordinates changed.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for coordinates that do not suit the image.
+    pub(super) fn with_points_in(
+        &self,
+        geometry: &Geometry<D>,
+        dims: [usize; D],
+    ) -> Result<(Cow<'_, Self>, Vec<String>)> {
+        if self.fixed_atoms.is_empty() && self.wells.is_empty() {
+            return Ok((Cow::Borrowed(self), Vec::new()));
+        }
+        let frame = self.frame(geometry, dims);
+        let (mut params, mut notes) = (self.clone(), Vec::new());
+        if !self.fixed_atoms.is_empty() {
+            let positions: Vec<[f64; D]> = self.fixed_atoms.iter().map(|a| a.position).collect();
+            let placed = self.atom_file.placed(&positions, &frame)?;
+            notes.extend(placed.note);
+            let atom = |(i, position): (usize, [f64; D])| FixedAtom {
+                name: self.fixed_atoms[i].name.clone(),
+                position,
+            };
+            params.fixed_atoms = placed.points.into_iter().map(atom).collect();
+        }
+        for well in &mut params.wells {
+            let placed = well.file.placed(&well.points, &frame)?;
+            notes.extend(placed.note);
+            *well = WellPath {
+                points: placed.points.into_iter().map(|(_, point)| point).collect(),
+                radius: well.radius * placed.scale,
+                ..well.clone()
+            };
+        }
+        Ok((Cow::Owned(params), notes))
+    }
+}

@@ -1,0 +1,305 @@
+//! Horizons that a user gives, brought to one unit and one direction of z over a map.
+
+use super::horizon::{Horizon, TriangleIndex};
+use crate::error::cause;
+use crate::geometry::grid_index::index_at;
+use crate::image::placing::{Frame, GivenFile, Region};
+use crate::image::point_nulls::{NullSearch, Pairs};
+use crate::image::stated::{CoordinateOptions, StatedCoordinates, ZDirection};
+use crate::image::{Geometry, Image};
+use crate::store::LatticeSpace;
+use crate::surface_file::interpretation::{PickedShape, PickedSurface, triangulate_points};
+use crate::units::{self, Quantity};
+use crate::{Error, Result};
+
+/// Smallest ratio between the distances of two horizons, as they are and with the sign of one turned,
+/// from which the sign is turned.
+const TURNED_RATIO: f64 = 4.0;
+
+/// A horizon as a user gives it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenHorizon {
+    /// The option that gives it, for messages.
+    pub place: String,
+    /// Its shape, in the coordinates of its file.
+    pub shape: HorizonShape,
+    /// What the option says about its coordinates.
+    pub options: CoordinateOptions,
+}
+
+/// Shape of a horizon in its file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum HorizonShape {
+    /// A constant z.
+    Flat(f64),
+    /// An image of z.
+    Grid(Image<2>),
+    /// Surfaces or points, all of which are one horizon.
+    Surfaces(Vec<PickedSurface>),
+}
+
+/// Horizons over a map in one unit and one direction of z.
+#[derive(Debug, Clone)]
+pub struct PlacedHorizons {
+    /// The horizons, with their names in messages.
+    pub horizons: Vec<(String, Horizon)>,
+    /// The unit of z.
+    pub z_unit: String,
+    /// Notes for the user.
+    pub notes: Vec<String>,
+}
+
+impl GivenHorizon {
+    /// Creates a horizon of constant z, named `place` in messages.
+    pub fn flat(place: &str, z: f64) -> Self {
+        Self {
+            place: place.to_string(),
+            shape: HorizonShape::Flat(z),
+            options: CoordinateOptions::default(),
+        }
+    }
+
+    /// Returns the statements of the file.
+    fn stated(&self) -> StatedCoordinates {
+        match &self.shape {
+            HorizonShape::Surfaces(surfaces) => surfaces
+                .first()
+                .map(|surface| surface.coordinates.clone())
+                .unwrap_or_default(),
+            HorizonShape::Grid(image) => {
+                let unit =
+                    |k: usize| Some(image.geometry.units[k].clone()).filter(|u| !u.is_empty());
+                StatedCoordinates {
+                    units: [unit(0), unit(1), None],
+                    ..StatedCoordinates::default()
+                }
+            }
+            HorizonShape::Flat(_) => StatedCoordinates::default(),
+        }
+    }
+
+    /// Returns the direction of z that the option or the file states.
+    fn direction(&self) -> Option<ZDirection> {
+        self.options.z_direction.or(self.stated().z_direction)
+    }
+
+    /// Returns the unit of z that the option or the file states.
+    fn z_unit(&self) -> Option<units::Unit> {
+        let stated = self.stated().units;
+        let name = self.options.unit(2).map(String::from).or(stated[2].clone());
+        name.and_then(|name| units::find(&name))
+    }
+}
+
+/// Returns horizons in the frame of a map. `z_unit` is the unit of z, by default that of the map's x;
+/// horizons of which the first states a unit of time are in that unit. z grows as in the first horizon
+/// that states it.
+///
+/// # Errors
+/// Returns [`Error::Job`] for horizons in units that do not suit the map, or that are no surfaces.
+pub fn place_horizons(
+    given: Vec<GivenHorizon>,
+    map: &LatticeSpace<2>,
+    z_unit: Option<&str>,
+) -> Result<PlacedHorizons> {
+    let stated_unit = given.iter().find_map(GivenHorizon::z_unit);
+    let x_unit = &map.geometry.units[0];
+    let is_time = stated_unit.is_some_and(|unit| unit.quantity == Quantity::Time);
+    let z_unit = match (z_unit, stated_unit) {
+        (Some(unit), _) => unit.to_string(),
+        (None, Some(unit)) if is_time || x_unit.is_empty() => unit.symbol.to_string(),
+        _ => x_unit.clone(),
+    };
+    let direction = given.iter().find_map(GivenHorizon::direction);
+    let mut geometry = map.geometry.to_3d();
+    geometry.units[2].clone_from(&z_unit);
+    let [nx, ny] = map.dims().map(|n| n.round() as usize);
+    let frame = Frame::new(&geometry, [nx, ny, 1])
+        .in_region(Region::Column)
+        .with_direction(direction);
+    let reference = given
+        .iter()
+        .position(|horizon| horizon.direction() == direction);
+    let is_stated: Vec<bool> = given.iter().map(|h| h.direction().is_some()).collect();
+    let mut notes = Vec::new();
+    let mut horizons = Vec::new();
+    for horizon in given {
+        let place = horizon.place.clone();
+        let (placed, texts) = horizon.placed(&frame, map)?;
+        if !texts.is_empty() {
+            notes.push(format!("{place}: {}", texts.join(", ")));
+        }
+        horizons.push((place, placed));
+    }
+    let reference_z = reference.and_then(|r| mean_z(&horizons[r].1));
+    for (k, (place, horizon)) in horizons.iter_mut().enumerate() {
+        let (Some(z), Some(other)) = (mean_z(horizon), reference_z) else {
+            continue;
+        };
+        let is_opposite = !is_stated[k] && (z - other).abs() > TURNED_RATIO * (z + other).abs();
+        if is_opposite {
+            turn(horizon);
+            notes.push(format!(
+                "{place}: with the sign of z turned, as that of the other horizons (else add ,z=up or ,z=down)"
+            ));
+        }
+    }
+    Ok(PlacedHorizons {
+        horizons,
+        z_unit,
+        notes,
+    })
+}
+
+impl GivenHorizon {
+    /// Returns the horizon in a frame, and notes.
+    fn placed(self, frame: &Frame<3>, map: &LatticeSpace<2>) -> Result<(Horizon, Vec<String>)> {
+        let stated = self.stated();
+        let Self {
+            place,
+            shape,
+            options,
+        } = self;
+        let file = GivenFile {
+            place: &place,
+            stated: &stated,
+            options: &options,
+        };
+        match shape {
+            HorizonShape::Flat(z) => Ok((Horizon::Flat(z), Vec::new())),
+            HorizonShape::Grid(image) => placed_grid(image, file, frame, map),
+            HorizonShape::Surfaces(surfaces) => {
+                let mut triangles = Vec::new();
+                let mut notes: Vec<String> = Vec::new();
+                for surface in &surfaces {
+                    let placed = surface.placed(frame, &place, &options)?;
+                    triangles.extend(horizon_triangles(&placed.shape, &place)?);
+                    let new = placed
+                        .notes
+                        .into_iter()
+                        .filter(|note| !notes.contains(note));
+                    notes.extend(new.collect::<Vec<_>>());
+                }
+                if triangles.is_empty() {
+                    let remedy = "give a surface, a grid of heights or points";
+                    return Err(Error::Job(cause(place, "has no such surface", remedy)));
+                }
+                Ok((Horizon::Surface(TriangleIndex::new(triangles)), notes))
+            }
+        }
+    }
+}
+
+/// Returns the triangles of a horizon.
+fn horizon_triangles(shape: &PickedShape, place: &str) -> Result<Vec<[[f64; 3]; 3]>> {
+    match shape {
+        PickedShape::Triangles(triangles) => Ok(triangles.clone()),
+        PickedShape::Sticks(_) => {
+            let remedy = "give a file of surfaces, a grid of heights or points";
+            Err(Error::Job(cause(
+                place,
+                "holds fault sticks and no horizon",
+                remedy,
+            )))
+        }
+        shape => {
+            let points: Vec<[f64; 3]> = shape.points().collect();
+            triangulate_points(&points).map_err(|error| {
+                let problem = format!("its {} points span no surface", points.len());
+                let remedy = "give at least three points that are not on one line";
+                Error::Job(cause(place, problem, remedy).with_source(error))
+            })
+        }
+    }
+}
+
+/// Returns a grid of z in a frame, and notes. A grid without a position of its own, and with as many
+/// samples as the map, has the position of the map.
+fn placed_grid(
+    mut image: Image<2>,
+    file: GivenFile<'_>,
+    frame: &Frame<3>,
+    map: &LatticeSpace<2>,
+) -> Result<(Horizon, Vec<String>)> {
+    let unplaced = Geometry::<2>::default();
+    let is_placed =
+        (image.geometry.origin, image.geometry.axes) != (unplaced.origin, unplaced.axes);
+    if !is_placed && map.fits_dims(image.dims()) {
+        image.geometry = map.geometry.clone();
+    }
+    let [nx, _] = image.dims();
+    let geometry = image.geometry.clone();
+    let point = |(i, z): (usize, &f32)| {
+        let [x, y] = geometry.to_physical(index_at(image.dims(), i).map(|i| i as f64));
+        [x, y, f64::from(*z)]
+    };
+    let points: Vec<[f64; 3]> = image.as_slice().iter().enumerate().map(point).collect();
+    let nulls = NullSearch {
+        points: &points,
+        named: file.options.nulls.as_deref().unwrap_or_default(),
+        recognises: file.options.nulls.as_deref() != Some(&[]),
+    };
+    let neighbours = || {
+        let count = points.len() as u32;
+        let nx = nx as u32;
+        let along_x = (1..count).filter(|i| i % nx > 0).map(|i| [i - 1, i]);
+        let pairs: Pairs = along_x.chain((nx..count).map(|i| [i - nx, i])).collect();
+        vec![pairs]
+    };
+    let mut nulls = nulls.find(neighbours);
+    // Cells without z are usual in grids.
+    nulls.notes.retain(|note| note.contains("common"));
+    let known = points.iter().zip(&nulls.flags).filter(|(_, null)| !**null);
+    let placing = frame.placing(file, &mut known.map(|(p, _)| *p))?;
+    let mut samples = Vec::with_capacity(points.len());
+    for (p, null) in points.iter().zip(&nulls.flags) {
+        let z = if *null {
+            f64::NAN
+        } else {
+            placing.apply(*p)[2]
+        };
+        samples.push(z as f32);
+    }
+    let mut placed = Geometry {
+        units: map.geometry.units.clone(),
+        ..geometry
+    };
+    for c in 0..2 {
+        let mut unit = [0.0; 3];
+        unit[c] = 1.0;
+        let factor = placing.apply(unit)[c];
+        placed.origin[c] *= factor;
+        placed.axes.iter_mut().for_each(|axis| axis[c] *= factor);
+    }
+    let mut notes = placing.notes.clone();
+    notes.append(&mut nulls.notes);
+    Ok((
+        Horizon::Grid(Image::new(image.dims(), samples, placed)),
+        notes,
+    ))
+}
+
+/// Returns the mean of a horizon's z, if there is any.
+fn mean_z(horizon: &Horizon) -> Option<f64> {
+    let mean = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = values.fold((0.0, 0usize), |(sum, count), z| (sum + z, count + 1));
+        (count > 0).then(|| sum / count as f64)
+    };
+    match horizon {
+        Horizon::Flat(z) => Some(*z),
+        Horizon::Grid(image) => {
+            let finite = image.as_slice().iter().filter(|z| z.is_finite());
+            mean(&mut finite.map(|z| f64::from(*z)))
+        }
+        Horizon::Surface(triangles) => mean(&mut triangles.corners().map(|p| p[2])),
+    }
+}
+
+/// Turns the sign of a horizon's z.
+fn turn(horizon: &mut Horizon) {
+    match horizon {
+        Horizon::Flat(z) => *z = -*z,
+        Horizon::Grid(image) => image.samples.mapv_inplace(|z| -z),
+        Horizon::Surface(triangles) => triangles.turn(),
+    }
+}

@@ -1,0 +1,577 @@
+//! Columns of places in tables: which of them hold x, y and z, and what their names say.
+
+use crate::Result;
+use crate::files::table::{Column, Table, Term, X_TERM, Y_TERM};
+use crate::image::stated::{Domain, StatedCoordinates, ZDirection};
+use crate::units::{self, Quantity};
+
+/// Meanings of columns in tables of points, sticks and wells.
+pub const PLACE_TERMS: &[Term] = &[
+    X_TERM,
+    Y_TERM,
+    Term::new(
+        "z",
+        &[
+            "zcoord",
+            "zcoordinate",
+            "coordz",
+            "zc",
+            "zpos",
+            "zposition",
+            "zvalue",
+            "pointz",
+            "points2",
+        ],
+    ),
+    Term::new(
+        "tvdss",
+        &[
+            "sstvd",
+            "tvdsubsea",
+            "subseatvd",
+            "subseadepth",
+            "subsea",
+            "tvdmsl",
+            "depthss",
+            "ssdepth",
+            "depthsubsea",
+            "depthmsl",
+            "depthtvdss",
+            "tvdssdepth",
+            "zss",
+            "tvdssmsl",
+        ],
+    ),
+    Term::new(
+        "elevation",
+        &[
+            "elev",
+            "height",
+            "alt",
+            "altitude",
+            "topo",
+            "topography",
+            "elevationmsl",
+            "heightmsl",
+            "zup",
+            "elevationz",
+            "zelevation",
+            "subseaelevation",
+            "heightabovesealevel",
+        ],
+    ),
+    Term::new(
+        "depth",
+        &[
+            "dep",
+            "depthz",
+            "zdepth",
+            "verticaldepth",
+            "zdown",
+            "truedepth",
+            "depthvalue",
+        ],
+    ),
+    Term::new(
+        "tvd",
+        &[
+            "trueverticaldepth",
+            "tvdkb",
+            "tvdrkb",
+            "tvdrt",
+            "tvdbrt",
+            "tvddepth",
+        ],
+    ),
+    Term::new(
+        "time",
+        &[
+            "twt",
+            "t",
+            "twowaytime",
+            "twowaytraveltime",
+            "twttime",
+            "timetwt",
+            "twtpicked",
+            "twtauto",
+            "ztwt",
+            "ztime",
+            "timez",
+            "twoway",
+        ],
+    ),
+    Term::new(
+        "md",
+        &[
+            "measureddepth",
+            "mdepth",
+            "dept",
+            "mdkb",
+            "mdrkb",
+            "mdrt",
+            "dmea",
+        ],
+    ),
+    Term::new(
+        "inclination",
+        &[
+            "inc",
+            "incl",
+            "inclin",
+            "devi",
+            "deviation",
+            "dev",
+            "inclinationdeg",
+            "incdeg",
+            "hole deviation",
+        ],
+    ),
+    Term::new(
+        "azimuth",
+        &[
+            "azi",
+            "azim",
+            "az",
+            "azimgn",
+            "azimuthgn",
+            "azigrid",
+            "gridazimuth",
+            "hazi",
+            "azimuthdeg",
+            "azideg",
+        ],
+    ),
+    Term::new(
+        "azimuth-true",
+        &["azimtn", "azimuthtn", "azitrue", "trueazimuth"],
+    ),
+    Term::new(
+        "radius",
+        &[
+            "r",
+            "rw",
+            "rad",
+            "wellradius",
+            "boreradius",
+            "wellboreradius",
+            "holeradius",
+        ],
+    ),
+    Term::new(
+        "diameter",
+        &[
+            "diam",
+            "dia",
+            "bore",
+            "borediameter",
+            "holesize",
+            "holediameter",
+            "wellborediameter",
+            "bitsize",
+        ],
+    ),
+    Term::new(
+        "inline",
+        &[
+            "il",
+            "iline",
+            "inl",
+            "inlineno",
+            "inlinenumber",
+            "inlinenr",
+            "ilineno",
+            "inlinenum",
+            "ilno",
+        ],
+    ),
+    Term::new(
+        "crossline",
+        &[
+            "xl",
+            "xline",
+            "crl",
+            "crosslineno",
+            "crosslinenumber",
+            "xlineno",
+            "xlinenumber",
+            "crosslinenum",
+            "xlno",
+        ],
+    ),
+    Term::new(
+        "fault",
+        &[
+            "faultname",
+            "faultid",
+            "faultno",
+            "faultnumber",
+            "faultsurface",
+        ],
+    ),
+    Term::new(
+        "horizon",
+        &[
+            "horizonname",
+            "horizonid",
+            "formation",
+            "formationname",
+            "marker",
+            "top",
+            "topname",
+        ],
+    ),
+    Term::new(
+        "surface",
+        &[
+            "surfacename",
+            "surfaceid",
+            "interpretation",
+            "interpretationname",
+            "object",
+            "objectname",
+            "feature",
+        ],
+    ),
+    Term::new("name", &["label"]),
+    Term::new(
+        "well",
+        &[
+            "wellname",
+            "wellid",
+            "wellbore",
+            "borehole",
+            "boreholename",
+            "uwi",
+            "hole",
+            "holeid",
+            "bhid",
+            "wellidentifier",
+        ],
+    ),
+    Term::new(
+        "stick",
+        &[
+            "stickid",
+            "stickno",
+            "sticknumber",
+            "sticknr",
+            "stickindex",
+            "faultstick",
+            "segment",
+            "segmentid",
+            "segmentno",
+            "polyline",
+            "polyid",
+            "polylineid",
+            "lineid",
+            "part",
+            "sticknum",
+        ],
+    ),
+];
+
+/// Keys of the datum of depths in the remarks of a file.
+const DATUM_KEYS: &[&str] = &[
+    "kb",
+    "rkb",
+    "kellybushing",
+    "kbelevation",
+    "elevationkb",
+    "kbelev",
+    "welldatum",
+    "ekb",
+    "elevkb",
+    "rtelevation",
+    "kellybushingelevation",
+    "kbe",
+    "rotarytable",
+    "eref",
+    "wellkb",
+];
+
+/// A way to read places from the columns of a table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaceReading<const D: usize> {
+    /// The columns of the coordinates.
+    pub columns: [usize; D],
+    /// The columns of inline and crossline, where these decide between readings.
+    pub lines: Option<[usize; 2]>,
+    /// `true` if a column of consecutive numbers precedes the coordinates.
+    pub is_numbered: bool,
+    /// What is added to the last coordinate, as its datum is not that of the others.
+    pub shift: f64,
+    /// What the file says about the coordinates.
+    pub coordinates: StatedCoordinates,
+    /// What was assumed.
+    pub notes: Vec<String>,
+}
+
+impl<const D: usize> PlaceReading<D> {
+    /// Returns the names of the columns, as the suffix `columns=` takes them.
+    pub fn column_names(&self) -> String {
+        let width = self.columns.iter().max().map_or(0, |last| last + 1);
+        let name = |k: usize| match self.columns.iter().position(|&column| column == k) {
+            Some(axis) => ["x", "y", "z"][axis.min(2)],
+            None => "_",
+        };
+        let names: Vec<&str> = (0..width).map(name).collect();
+        names.join(",")
+    }
+}
+
+/// A meaning of the last coordinate.
+struct Vertical {
+    term: &'static str,
+    direction: Option<ZDirection>,
+    domain: Option<Domain>,
+}
+
+const fn vertical(
+    term: &'static str,
+    direction: Option<ZDirection>,
+    domain: Option<Domain>,
+) -> Vertical {
+    Vertical {
+        term,
+        direction,
+        domain,
+    }
+}
+
+/// The meanings of the last coordinate: the first that a table has counts, and in time the last.
+const VERTICALS: [Vertical; 6] = [
+    vertical("z", None, None),
+    vertical("tvdss", Some(ZDirection::Down), Some(Domain::Depth)),
+    vertical("elevation", Some(ZDirection::Up), Some(Domain::Depth)),
+    vertical("depth", Some(ZDirection::Down), Some(Domain::Depth)),
+    vertical("tvd", Some(ZDirection::Down), Some(Domain::Depth)),
+    vertical("time", Some(ZDirection::Down), Some(Domain::Time)),
+];
+
+/// Returns the term of this name.
+pub(crate) fn term(name: &str) -> &'static Term {
+    let position = PLACE_TERMS.iter().position(|term| term.name == name);
+    &PLACE_TERMS[position.unwrap_or(0)]
+}
+
+/// Returns `true` if a table has a column for a coordinate.
+pub(crate) fn has_coordinates(table: &Table) -> bool {
+    let is_coordinate = |column: &Column| {
+        let is_vertical = VERTICALS
+            .iter()
+            .any(|vertical| column.term == Some(vertical.term));
+        is_vertical || matches!(column.term, Some("x" | "y"))
+    };
+    table.columns().iter().any(is_coordinate)
+}
+
+/// Returns the readings of places that the names of a table's columns allow: one, or one in depth and
+/// one in time.
+///
+/// # Errors
+/// Returns [`Error::Job`](crate::Error::Job) for a table without a column for each coordinate, or with
+/// two for one.
+pub fn named_readings<const D: usize>(table: &Table) -> Result<Vec<PlaceReading<D>>> {
+    let has_lines = table.column("inline")?.is_some() && table.column("crossline")?.is_some();
+    if has_lines && table.column("x")?.is_none() {
+        let problem = "has line numbers, but no x and y";
+        return Err(table.error(problem, "export the file again with X and Y"));
+    }
+    let x = table.required(term("x"))?;
+    let y = table.column("y")?;
+    let mut found = Vec::new();
+    for vertical in &VERTICALS {
+        if let Some(column) = table.column(vertical.term)? {
+            found.push((vertical, column));
+        }
+    }
+    let horizontal = match (D, y) {
+        (_, Some(y)) => vec![x, y],
+        // In 2-D, x and a depth are an upright section.
+        (2, None) if !found.is_empty() => vec![x],
+        _ => vec![x, table.required(term("y"))?],
+    };
+    if horizontal.len() == D {
+        let units = std::array::from_fn(|k| unit_of(table, horizontal.get(k).copied()));
+        return Ok(vec![PlaceReading {
+            columns: std::array::from_fn(|k| horizontal[k]),
+            lines: None,
+            is_numbered: false,
+            shift: 0.0,
+            coordinates: StatedCoordinates {
+                units,
+                nulls: table.nulls().to_vec(),
+                ..StatedCoordinates::default()
+            },
+            notes: Vec::new(),
+        }]);
+    }
+    let in_time = found
+        .iter()
+        .position(|(vertical, _)| vertical.domain == Some(Domain::Time));
+    let first = (!found.is_empty()).then_some(0);
+    let chosen = [first, in_time.filter(|&k| k > 0)].into_iter().flatten();
+    let mut readings: Vec<_> = chosen
+        .map(|k| reading(table, &horizontal, found[k].0, found[k].1))
+        .collect();
+    if let (true, Some(column)) = (readings.is_empty(), only_other_column(table)) {
+        let mut other: PlaceReading<D> = reading(table, &horizontal, &VERTICALS[0], column);
+        other.notes.push(format!(
+            "column {} taken as z",
+            table.columns()[column].name
+        ));
+        readings.push(other);
+    }
+    if readings.is_empty() {
+        let terms: Vec<Term> = VERTICALS
+            .iter()
+            .map(|vertical| *term(vertical.term))
+            .collect();
+        return Err(table.missing(&terms));
+    }
+    Ok(readings)
+}
+
+/// Returns, for each column of a table, whether it has numbers and nothing else.
+pub(crate) fn number_columns(table: &Table) -> Vec<bool> {
+    let mut has_numbers = vec![false; table.columns().len()];
+    let mut has_texts = has_numbers.clone();
+    for row in table.rows() {
+        for k in 0..has_texts.len() {
+            if !has_texts[k] {
+                match row.number(k) {
+                    Ok(value) => has_numbers[k] |= value.is_some(),
+                    Err(_) => has_texts[k] = true,
+                }
+            }
+        }
+    }
+    let flags = has_numbers.into_iter().zip(has_texts);
+    flags.map(|(numbers, texts)| numbers && !texts).collect()
+}
+
+/// Returns the only column of numbers whose name is not known. In a table with x and y it is z, under
+/// the name of a surface.
+fn only_other_column(table: &Table) -> Option<usize> {
+    let is_number = number_columns(table);
+    let is_other = |&k: &usize| {
+        let term = table.columns()[k].term;
+        is_number[k] && matches!(term, None | Some("horizon" | "surface" | "fault"))
+    };
+    let mut others = (0..is_number.len()).filter(is_other);
+    others.next().filter(|_| others.next().is_none())
+}
+
+/// Returns the unit of a column.
+fn unit_of(table: &Table, column: Option<usize>) -> Option<String> {
+    table.columns().get(column?)?.unit.clone()
+}
+
+/// Returns the reading with a certain last coordinate.
+fn reading<const D: usize>(
+    table: &Table,
+    horizontal: &[usize],
+    vertical: &Vertical,
+    column: usize,
+) -> PlaceReading<D> {
+    let remark = |keys: &[&str]| {
+        let unit = table.remark_text(keys)?;
+        units::find(unit).map(|_| unit.to_string())
+    };
+    let general = remark(&["units", "unit", "coordinateunits"]);
+    let plane =
+        remark(&["unitinxandydirection", "xyunit", "xyunits", "unitxy"]).or(general.clone());
+    let depth = remark(&[
+        "unitindepth",
+        "zunit",
+        "zunits",
+        "depthunit",
+        "depthunits",
+        "unitz",
+    ]);
+    let depth = depth.or_else(|| general.filter(|_| vertical.domain != Some(Domain::Time)));
+    let mut coordinates = StatedCoordinates {
+        z_direction: vertical.direction,
+        domain: vertical.domain,
+        nulls: table.nulls().to_vec(),
+        ..StatedCoordinates::default()
+    };
+    for (unit, &column) in coordinates.units.iter_mut().zip(horizontal) {
+        *unit = unit_of(table, Some(column)).or(plane.clone());
+    }
+    let unit = unit_of(table, Some(column)).or(depth);
+    if unit
+        .as_deref()
+        .and_then(units::find)
+        .is_some_and(|unit| unit.quantity == Quantity::Time)
+    {
+        coordinates.domain = Some(Domain::Time);
+    }
+    coordinates.units[D - 1] = unit;
+    let mut reading = PlaceReading {
+        columns: std::array::from_fn(|k| horizontal.get(k).copied().unwrap_or(column)),
+        lines: None,
+        is_numbered: false,
+        shift: 0.0,
+        coordinates,
+        notes: Vec::new(),
+    };
+    reading.columns[D - 1] = column;
+    reading.take_sign_and_datum(table, vertical);
+    reading
+}
+
+impl<const D: usize> PlaceReading<D> {
+    /// Looks whether values agree with the direction that their name says, and applies the datum of
+    /// depths below the kelly bushing.
+    fn take_sign_and_datum(&mut self, table: &Table, vertical: &Vertical) {
+        let column = self.columns[D - 1];
+        let is_null = |value: &f64| table.nulls().contains(value);
+        let values = table
+            .rows()
+            .filter_map(|row| row.number(column).ok().flatten());
+        let mut sides = [0usize; 2];
+        for value in values.filter(|value| !is_null(value)) {
+            sides[0] += usize::from(value < 0.0);
+            sides[1] += usize::from(value > 0.0);
+        }
+        if vertical.direction == Some(ZDirection::Down) && sides[0] > 0 && sides[1] == 0 {
+            self.coordinates.z_direction = Some(ZDirection::Up);
+            let name = &table.columns()[column].name;
+            self.notes.push(format!(
+                "all values of {name} are negative: they are read as heights"
+            ));
+        }
+        if vertical.term != "tvd" {
+            return;
+        }
+        let name = &table.columns()[column].name;
+        match datum(table, self.coordinates.units[D - 1].as_deref()) {
+            Some(height) => {
+                let is_down = self.coordinates.z_direction == Some(ZDirection::Down);
+                self.shift = if is_down { -height } else { height };
+                self.notes.push(format!(
+                    "{name} is measured from a datum {height} above z = 0"
+                ));
+            }
+            None => self.notes.push(format!(
+                "{name} is taken as measured from z = 0, as the file names no kelly bushing"
+            )),
+        }
+    }
+}
+
+/// Returns the height of the datum of depths that the remarks of a table state, in `unit`.
+pub(crate) fn datum(table: &Table, unit: Option<&str>) -> Option<f64> {
+    let (height, own) = table.remark_value(DATUM_KEYS)?;
+    Some(height * unit_ratio(own.as_deref(), unit))
+}
+
+/// Returns the number of units `to` in a unit `from`; 1 where one of them is not known.
+pub(crate) fn unit_ratio(from: Option<&str>, to: Option<&str>) -> f64 {
+    let size = |unit: Option<&str>| unit.and_then(units::find).map(|unit| unit.size);
+    match (size(from), size(to)) {
+        (Some(from), Some(to)) if from != to => from / to,
+        _ => 1.0,
+    }
+}

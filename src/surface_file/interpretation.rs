@@ -44,7 +44,7 @@ pub struct PickedSurface {
     pub shape: PickedShape,
     /// The statements of the file about its coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed when the file was read.
+    /// Notes on assumptions when the file was read.
     pub notes: Vec<String>,
 }
 

@@ -298,11 +298,11 @@ pub struct PlaceReading<const D: usize> {
     pub lines: Option<[usize; 2]>,
     /// `true` if a column of consecutive numbers precedes the coordinates.
     pub is_numbered: bool,
-    /// What is added to the last coordinate, as its datum is not that of the others.
+    /// A number that is added to the last coordinate, as its datum is not that of the others.
     pub shift: f64,
-    /// What the file says about the coordinates.
+    /// The statements of the file about the coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed.
+    /// Notes on assumptions.
     pub notes: Vec<String>,
 }
 

@@ -15,6 +15,7 @@ mod common;
 const PROGRAM: &str = env!("CARGO_BIN_EXE_atomesh");
 
 mod anisotropy;
+mod brought;
 mod checkpoint;
 mod columns;
 mod compartments;

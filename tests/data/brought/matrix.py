@@ -7,6 +7,8 @@ and finds the object; then atomesh meshes an image with the file, and its faces 
 the object.
 
     matrix.py ATOMESH FOLDER [--only FORMAT,...]
+    matrix.py ATOMESH FOLDER --keep FILES     also copies the first files of each format that are right to FILES,
+                                              with `cases.json`, for `cargo test --test main brought::`
 
 The combinations are generated: each pair of values of two dimensions occurs at least once among those that a format can hold.
 A combination is right, wrong (another place or another name, without a word), or refused (exit code 1).
@@ -15,9 +17,11 @@ The program prints a table and fails if any is wrong, or more than one in ten is
 
 import argparse
 import itertools
+import json
 import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 
@@ -591,7 +595,7 @@ def judge_surface(atomesh, case, folder, name):
         return "wrong", f"{off:.0f} m off; {note}"
     if not 0.93 < share < 1.07:
         return "wrong", f"area {share:.2f}; {note}"
-    return "right", ""
+    return "right", name + ending + kind + text
 
 
 # ------------------------------------------------------------------ wells
@@ -661,7 +665,21 @@ def judge_well(atomesh, case, folder, name):
         return "wrong", f"{len(nodes)} nodes, up to {off.max() if len(nodes) else math.nan:.1f} m off"
     if along.min() > 30 or along.max() < 240:
         return "wrong", f"from {along.min():.0f} to {along.max():.0f} m of 0 to 270"
-    return "right", ""
+    return "right", name + ".csv" + text
+
+
+# Number of files of each format that `--keep` copies.
+KEPT = 3
+
+
+def kept_case(case, option):
+    """What a test needs to judge a file: options, and the object in metres."""
+    image = case["image"]
+    entry = {"option": option, "image": IMAGES[image][0], "metres": [1 / in_xy(image), 1 / in_xy(image), 1 / IMAGES[image][1](1.0)]}
+    if case["format"] == "well":
+        _, direction = well_path()
+        return {**entry, "head": list(HEAD), "direction": list(direction)}
+    return {**entry, "centre": list(CENTRE), "normal": list(case["plane"].normal), "area": area_of(case["plane"])}
 
 
 def main():
@@ -670,8 +688,10 @@ def main():
     parser.add_argument("folder")
     parser.add_argument("--only", help="formats, separated by commas")
     parser.add_argument("--list", action="store_true", help="print the combinations only")
+    parser.add_argument("--keep", metavar="FILES", help="copy some files of each format to this folder")
     args = parser.parse_args()
     os.makedirs(args.folder, exist_ok=True)
+    kept = []
     atomesh = os.path.abspath(args.atomesh)
     rng = np.random.default_rng(0)
     np.save(os.path.join(args.folder, "image.npy"), rng.normal(size=DIMS[::-1]).astype("f4"))
@@ -688,9 +708,15 @@ def main():
         verdict, why = judge(atomesh, case, args.folder, f"{case['format']}{n}")
         counts = table.setdefault(case["format"], {"right": 0, "wrong": 0, "refused": 0})
         counts[verdict] += 1
+        if verdict == "right" and args.keep and counts[verdict] <= KEPT:
+            shutil.copy(os.path.join(args.folder, why.split(",")[0]), args.keep)
+            kept.append(kept_case(case, why))
         if verdict != "right":
             plane = case["plane"].name if "plane" in case else ""
-            print(f"{verdict}: {case['format']}{n}: {plane}", *words, "|", why)
+            print(f"{verdict}: {case['format']}{n}: {plane}", *words, "|", why, file=sys.stderr)
+    if args.keep:
+        with open(os.path.join(args.keep, "cases.json"), "w") as out:
+            out.write("[\n" + ",\n".join(json.dumps(entry) for entry in kept) + "\n]\n")
     total = {v: sum(c[v] for c in table.values()) for v in ("right", "wrong", "refused")}
     for name, counts in table.items():
         print(f"{name:>14} {counts['right']:>5} right {counts['wrong']:>5} wrong {counts['refused']:>5} refused")

@@ -22,7 +22,7 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// Returns the nodes of a mesh, or of its faces on features if `on_features`.
+/// Returns the nodes of a mesh of tetrahedra.
 fn nodes(path: &Path) -> Vec<[f64; 3]> {
     match read_any_vtu(path).unwrap() {
         AnyMesh::Tetrahedra(file) => file.mesh.nodes,

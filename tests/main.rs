@@ -30,6 +30,7 @@ mod foreign;
 mod gaps;
 mod geological_grids;
 mod given_surfaces;
+mod given_zones;
 mod history_matching;
 mod images_formats;
 mod inactive;

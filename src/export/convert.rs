@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::surfaces::AnySurfaces;
-use super::surfaces::sticks::read_charisma;
 use super::surfaces::vtp::read_surfaces;
-use super::{FaultSticks, Gocad, read_gocad, read_sticks, write_sticks};
+use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
 use crate::image::Image;
 use crate::image::formats::segy::{SegyFloat, write_like};
@@ -20,6 +19,10 @@ use crate::image::formats::{
 use crate::image::stated::StatedCoordinates;
 use crate::job::depth::image_in_depth;
 use crate::job::spec::NumberOrFile;
+use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
+use crate::surface_file::obj::read_obj;
+use crate::surface_file::ply::read_ply;
+use crate::surface_file::stl::read_stl;
 use crate::{Error, Result};
 
 /// Options of `atomesh convert`.
@@ -54,7 +57,7 @@ pub struct ConvertSpec {
 pub(crate) const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
 
 /// File endings of surfaces that can be read.
-const SURFACE_EXTENSIONS: [&str; 5] = ["vtp", "ts", "pl", "csv", "charisma"];
+const SURFACE_EXTENSIONS: [&str; 8] = ["vtp", "ts", "pl", "csv", "charisma", "obj", "stl", "ply"];
 
 /// Returns `true` if the file at `path` holds surfaces and no image, judged by its ending.
 pub(crate) fn holds_surfaces(path: &Path) -> bool {
@@ -234,6 +237,23 @@ impl ConvertSpec {
     }
 }
 
+/// Reads the fault sticks of a file.
+fn sticks_of(path: &Path) -> Result<Vec<FaultSticks>> {
+    let fault = |surface: PickedSurface| match surface.shape {
+        PickedShape::Sticks(sticks) => Ok(FaultSticks {
+            name: surface.name,
+            sticks,
+            coordinates: surface.coordinates,
+        }),
+        _ => {
+            let problem = format!("{} has no sticks", surface.name);
+            let remedy = "give columns fault,stick,x,y,z";
+            Err(Error::Job(cause(path.display(), problem, remedy)))
+        }
+    };
+    read_interpretation(path)?.into_iter().map(fault).collect()
+}
+
 /// Reads surfaces, lines or sticks, and returns them in the form that `output` holds, with notes.
 /// Coordinates stay as they are; `output` states their units and the direction of z as `input` does.
 fn convert_surfaces(input: &Path, output: &Path) -> Result<(Converted, Vec<String>)> {
@@ -282,13 +302,14 @@ fn read_converted(input: &Path, output: &Path) -> Result<Converted> {
         Ok(AnySurfaces::Surfaces(file))
     };
     let is_to_sticks = extension(output) == "csv";
+    let stem = input.file_stem().unwrap_or_default().to_string_lossy();
     let content = match extension(input).as_str() {
         "vtp" => AnySurfaces::Surfaces(read_surfaces(input)?),
-        ending @ ("csv" | "charisma") => {
-            let sticks = match ending {
-                "csv" => read_sticks(input)?,
-                _ => read_charisma(input)?,
-            };
+        "obj" => AnySurfaces::Surfaces(read_obj(input, &stem)?),
+        "stl" => AnySurfaces::Surfaces(read_stl(input, &stem)?),
+        "ply" => AnySurfaces::Surfaces(read_ply(input, &stem)?),
+        "csv" | "charisma" => {
+            let sticks = sticks_of(input)?;
             let converted = if is_to_sticks {
                 Converted::Sticks(sticks)
             } else {

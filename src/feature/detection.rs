@@ -17,8 +17,10 @@ use std::borrow::Cow;
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultEvidence {
-    /// The probability of a fault by a convolutional network, which was trained on synthetic images
+    /// The network, or semblance in surveys whose traces are far apart
     #[default]
+    Auto,
+    /// The probability of a fault by a convolutional network, which was trained on synthetic images
     Network,
     /// Layers that do not continue across a plane: low semblance
     Semblance,

@@ -3,7 +3,7 @@
 //! - [`atomic`]: files and folders that appear completely or not at all
 //! - [`codec`]: binary encoding of values
 //! - [`table`]: tables in text files
-//! - [`open`](fn@open): opens regular files only, no folders and no pipes
+//! - [`open`](fn@open), [`read`]: open or read regular files only, no folders and no pipes
 //! - [`read_exact_at`]: reads parts of one file from many threads at once
 //! - [`vtk`]: reads and writes VTK's XML container, and reads legacy VTK files
 
@@ -18,7 +18,7 @@ pub use atomic::{
     Batch, atomic_write, check_target, check_tree, exit_without_unfinished, remove_unfinished,
     transaction,
 };
-pub use open::open;
+pub use open::{open, read};
 pub use read_at::read_exact_at;
 
 /// The remedy for a damaged file.

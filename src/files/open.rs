@@ -1,6 +1,7 @@
 //! Opens files that are read more than once, or from the middle.
 
 use std::fs::{self, File};
+use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result, cause, io_error};
@@ -24,6 +25,18 @@ pub fn open(path: &Path, remedy: &str) -> Result<File> {
         return Err(Error::Io(cause(path.display(), problem, remedy)));
     }
     File::open(path).map_err(|e| io_error(path, "open", e))
+}
+
+/// Reads a whole file, as [`open`] opens it.
+///
+/// # Errors
+/// Returns the errors of [`open`], and [`Error::Io`] if the file cannot be read.
+pub fn read(path: &Path, remedy: &str) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path, remedy)?
+        .read_to_end(&mut bytes)
+        .map_err(|e| io_error(path, "read", e))?;
+    Ok(bytes)
 }
 
 #[cfg(test)]

@@ -140,6 +140,40 @@ impl<const D: usize> LiveMask<D> {
         }
     }
 
+    /// Returns the mask of a grid of `dims` samples with `factors` samples in place of one along each axis. A
+    /// sample between two others holds data if both do. The mask has no nearest live samples: it cannot
+    /// [fill](Self::fill) gaps.
+    pub fn refined(&self, dims: [usize; D], factors: [usize; D]) -> Self {
+        let mut cell_dims = dims;
+        if let Some(axis) = self.uniform_axis {
+            cell_dims[axis] = 1;
+        }
+        let state = |i: usize| {
+            let at = index_at(cell_dims, i);
+            let mut state = SampleState::Live;
+            for corner in 0..1usize << D {
+                let near = std::array::from_fn(|k| {
+                    let rounded_up = (corner >> k & 1) * (factors[k] - 1);
+                    ((at[k] + rounded_up) / factors[k]).min(self.dims[k] - 1)
+                });
+                state = match (state, self.states[self.cell_index(near)]) {
+                    (SampleState::Dead, _) | (_, SampleState::Dead) => SampleState::Dead,
+                    (SampleState::Live, SampleState::Live) => SampleState::Live,
+                    _ => SampleState::Bridged,
+                };
+            }
+            state
+        };
+        let count: usize = cell_dims.iter().product();
+        Self {
+            dims: cell_dims,
+            uniform_axis: self.uniform_axis,
+            uniform_len: self.uniform_axis.map_or(1, |axis| dims[axis]),
+            states: (0..count).into_par_iter().map(state).collect(),
+            nearest_live: vec![NO_CELL; count],
+        }
+    }
+
     fn cell_index(&self, mut at: [usize; D]) -> usize {
         if let Some(axis) = self.uniform_axis {
             at[axis] = 0;

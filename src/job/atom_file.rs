@@ -14,7 +14,7 @@ pub struct AtomFile<const D: usize> {
     pub points: Vec<(usize, [f64; D])>,
     /// The statements of the file about its coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed.
+    /// Notes on assumptions.
     pub notes: Vec<String>,
 }
 

@@ -28,6 +28,8 @@ pub struct FollowedSurface {
     pub coordinates: CoordinateOptions,
     /// The surface, in the coordinates of its file.
     pub surface: PickedSurface,
+    /// The options that give the surface again, and its names there.
+    pub twins: Vec<String>,
 }
 
 /// Given surfaces in an image.
@@ -78,6 +80,11 @@ pub(crate) fn read(
         }
         for mut surface in picked {
             surface.is_horizon = option.is_horizon.or(surface.is_horizon);
+            let twin = surfaces.iter_mut().find(|s| s.surface.is_twin(&surface));
+            if let Some(twin) = twin {
+                twin.twins.push(format!("{} of {place}", surface.name));
+                continue;
+            }
             let same_name = surfaces.iter().find(|s| s.surface.name == surface.name);
             if let Some(other) = same_name {
                 let problem = format!(
@@ -91,6 +98,7 @@ pub(crate) fn read(
                 option: place.clone(),
                 coordinates: option.coordinates.with_nulls(nulls.map(<[f64]>::to_vec)),
                 surface,
+                twins: Vec::new(),
             });
         }
     }
@@ -202,6 +210,9 @@ impl FollowedSurface {
         };
         note += if is_horizon { " a horizon" } else { " a fault" };
         note += &origin;
+        for twin in &self.twins {
+            note += &format!(", the same as {twin}");
+        }
         for text in &placed.notes {
             note += &format!(", {text}");
         }

@@ -20,7 +20,7 @@ pub struct PointFile {
     pub stated: StatedCoordinates,
     /// The statements of the option.
     pub options: CoordinateOptions,
-    /// What was assumed when the file was read.
+    /// Notes on assumptions when the file was read.
     pub notes: Vec<String>,
 }
 

@@ -276,7 +276,9 @@ where
     report.add_given_surfaces(outside, &features.names);
     let note_on_distance = placement::distance_note(source, params, &features)?;
     report.notes.extend(notes_on_points);
-    report.notes.extend(notes_on_given.into_iter().chain(note_on_distance));
+    report
+        .notes
+        .extend(notes_on_given.into_iter().chain(note_on_distance));
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;

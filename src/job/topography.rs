@@ -342,6 +342,7 @@ mod tests {
         });
         FollowedSurface {
             option: "topography ground.irap".into(),
+            twins: Vec::new(),
             coordinates: Default::default(),
             surface: PickedSurface {
                 name: "ground".into(),

@@ -28,7 +28,7 @@ pub struct WellFile<const D: usize> {
     pub points: Vec<WellPoint<D>>,
     /// The statements of the file about its coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed.
+    /// Notes on assumptions.
     pub notes: Vec<String>,
 }
 
@@ -414,7 +414,7 @@ impl<'a> Survey<'a> {
             }
             _ => {
                 let problem = "is a deviation survey that does not say where the well begins";
-                let remedy = "add lines '# X-COORDINATE: ...', '# Y-COORDINATE: ...' and '# KB: ...' (the height of measured depth 0), or columns x, y and z";
+                let remedy = "add lines '# X-COORDINATE: ...', '# Y-COORDINATE: ...' and '# KB: ...' (the height of measured depth 0), give ,head=X,Y,Z after the file, or add columns x, y and z";
                 return Err(table.error(problem, remedy));
             }
         };
@@ -516,7 +516,7 @@ impl<'a> Survey<'a> {
             let Some(station) = self.station(row)? else {
                 continue;
             };
-            let is_first = points.is_empty();
+            let begins = points.is_empty();
             if station.measured_depth < last.measured_depth {
                 let problem = format!(
                     "has a measured depth of {}, less than the one before",
@@ -540,10 +540,10 @@ impl<'a> Survey<'a> {
                     });
                 }
             };
-            if is_first {
+            if begins {
                 push(offset);
             }
-            let step = if is_first {
+            let step = if begins {
                 [0.0, 0.0, station.measured_depth]
             } else {
                 last.offset_to(station)

@@ -6,9 +6,10 @@
 use crate::progress::ASSUMED;
 
 /// Phrases in other notes that tell of a guess about units, signs and null values.
-const PHRASES: [&str; 5] = [
+const PHRASES: [&str; 6] = [
     "taken as",
     "sign of z turned",
+    "sign of z kept",
     "common null value",
     "with a null value",
     "count as missing",

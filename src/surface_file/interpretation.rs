@@ -2,33 +2,36 @@
 //!
 //! | content of the file | surface |
 //! |---|---|
-//! | GOCAD `TSurf`, VTK poly data, Wavefront OBJ | its triangles |
+//! | GOCAD `TSurf`, polygons of VTK poly data (`.vtp`, `.vtk`), Wavefront OBJ, STL, PLY | its triangles |
 //! | a grid of heights: IRAP classic, ZMAP+, CPS-3 | two triangles for each cell with four known heights |
-//! | fault sticks: a table with a column `stick`, Charisma's sticks, or GOCAD `PLine` | triangles between neighbouring sticks |
-//! | a table of points | points, which [`triangulate_points`] joins |
+//! | fault sticks: a table with a column `stick`, Charisma's sticks, GOCAD `PLine`, or lines of VTK poly data | [`join_sticks`](super::joining::join_sticks) |
+//! | a table of points; GOCAD `VSet` | points, which [`triangulate_points`] joins |
 //!
 //! [`point_table`](super::point_table) reads tables.
 
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
 use super::SurfaceFile;
 use super::has_extension;
+use super::obj::read_obj;
+use super::ply::read_ply;
 use super::point_table::{TableReadings, read_point_table};
 use super::sticks::{FaultSticks, Stick, is_charisma, read_charisma};
-use super::tsurf::{Gocad, read_gocad};
-use super::vtp::read_surfaces;
+use super::stl::read_stl;
+use super::tsurf::{GocadKind, GocadObject, read_gocad_objects};
+use super::vtp::{read_line_sticks, read_surfaces};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
-use crate::image::stated::{StatedCoordinates, ZDirection};
+use crate::image::stated::StatedCoordinates;
 use crate::mesh::delaunay::delaunay_plane;
 use crate::names;
-use crate::units;
 
 /// A surface that a user gives, in physical coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,8 +44,26 @@ pub struct PickedSurface {
     pub shape: PickedShape,
     /// The statements of the file about its coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed when the file was read.
+    /// Notes on assumptions when the file was read.
     pub notes: Vec<String>,
+}
+
+impl PickedSurface {
+    /// Returns `true` if two surfaces are one that was given twice: of the same points, in whatever
+    /// order, and with the same statements about them.
+    pub fn is_twin(&self, other: &Self) -> bool {
+        let sorted = |surface: &Self| {
+            let mut points: Vec<[f64; 3]> = surface.shape.points().collect();
+            points.sort_by(|a, b| {
+                let order = a.iter().zip(b).map(|(a, b)| a.total_cmp(b));
+                order.fold(Ordering::Equal, Ordering::then)
+            });
+            points
+        };
+        let is_same_shape =
+            std::mem::discriminant(&self.shape) == std::mem::discriminant(&other.shape);
+        is_same_shape && self.coordinates == other.coordinates && sorted(self) == sorted(other)
+    }
 }
 
 /// The shape of a surface that a user gives.
@@ -116,15 +137,21 @@ pub fn read_interpretation(path: &Path) -> Result<Vec<PickedSurface>> {
 pub fn read_interpretation_as(path: &Path, columns: &[String]) -> Result<Vec<PickedSurface>> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let stem = names::from_file(&stem);
-    let surfaces = if has_extension(path, &["vtp"]) {
-        from_triangles(&read_surfaces(path)?, None)
+    let surfaces = if has_extension(path, &["vtp", "vtk"]) {
+        let file = read_surfaces(path)?;
+        if file.names.is_empty() {
+            from_sticks(read_line_sticks(path)?)
+        } else {
+            from_triangles(&file, None)
+        }
     } else if has_extension(path, &["obj"]) {
         from_triangles(&read_obj(path, &stem)?, None)
-    } else if has_extension(path, &["ts", "pl"]) {
-        match read_gocad(path)? {
-            Gocad::Surfaces(file) => from_triangles(&file, None),
-            Gocad::Lines(file) => from_sticks(FaultSticks::from_lines(&file)),
-        }
+    } else if has_extension(path, &["stl"]) {
+        from_triangles(&read_stl(path, &stem)?, None)
+    } else if has_extension(path, &["ply"]) {
+        from_triangles(&read_ply(path, &stem)?, None)
+    } else if is_gocad(path)? {
+        from_gocad(read_gocad_objects(path)?)
     } else if let Some(format) = grid_format(path)? {
         vec![read_grid(path, format, stem)?]
     } else {
@@ -134,6 +161,7 @@ pub fn read_interpretation_as(path: &Path, columns: &[String]) -> Result<Vec<Pic
             read_point_table(path, &stem, columns)?
         }
     };
+    let surfaces = without_single_sticks(surfaces);
     let is_empty = |surface: &PickedSurface| match &surface.shape {
         PickedShape::Triangles(triangles) => triangles.is_empty(),
         PickedShape::Points(points) => points.is_empty(),
@@ -161,13 +189,8 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
     }
     let surface = |(s, triangles): (usize, _)| {
         let name = file.names[s].clone();
-        let has_kind = |kind: &str| name.to_lowercase().starts_with(kind);
         PickedSurface {
-            is_horizon: is_horizon.or(match (has_kind("horizon"), has_kind("fault")) {
-                (true, _) => Some(true),
-                (_, true) => Some(false),
-                _ => None,
-            }),
+            is_horizon: is_horizon.or_else(|| kind_of_name(&name)),
             name,
             shape: PickedShape::Triangles(triangles),
             coordinates: file.stated.clone(),
@@ -175,6 +198,91 @@ fn from_triangles(file: &SurfaceFile<3>, is_horizon: Option<bool>) -> Vec<Picked
         }
     };
     by_name.into_iter().map(surface).collect()
+}
+
+/// Leaves out faults of a single stick if there are other surfaces, which get a note on them.
+fn without_single_sticks(surfaces: Vec<PickedSurface>) -> Vec<PickedSurface> {
+    let is_single = |surface: &PickedSurface| match &surface.shape {
+        PickedShape::Sticks(sticks) => sticks.len() == 1,
+        _ => false,
+    };
+    let (single, mut others): (Vec<_>, Vec<_>) = surfaces.into_iter().partition(is_single);
+    let Some(first) = others.first_mut() else {
+        return single;
+    };
+    let note = |fault: PickedSurface| format!("fault {} left out: a single stick", fault.name);
+    first.notes.extend(single.into_iter().map(note));
+    others
+}
+
+/// Returns `true` if a file is one of GOCAD's by its first line.
+fn is_gocad(path: &Path) -> Result<bool> {
+    let mut head = Vec::new();
+    let file = files::open(path, "give a file of surfaces")?;
+    file.take(64)
+        .read_to_end(&mut head)
+        .map_err(|e| io_error(path, "read", e))?;
+    Ok(head.trim_ascii_start().starts_with(b"GOCAD "))
+}
+
+/// Returns the surfaces of a GOCAD file; if it has none, its lines, which are sticks; or else its
+/// points. Objects of one name that state the same of their coordinates are one.
+fn from_gocad(objects: Vec<GocadObject>) -> Vec<PickedSurface> {
+    let kinds = [GocadKind::Surface, GocadKind::Lines, GocadKind::Points];
+    let is_there = |kind: &GocadKind| objects.iter().any(|object| object.kind == *kind);
+    let kind = kinds.into_iter().find(is_there);
+    let mut surfaces: Vec<PickedSurface> = Vec::new();
+    for object in objects
+        .into_iter()
+        .filter(|object| Some(object.kind) == kind)
+    {
+        let nodes = &object.nodes;
+        let place = |n: u32| nodes[n as usize];
+        let shape = match object.kind {
+            GocadKind::Surface => {
+                PickedShape::Triangles(object.triangles.iter().map(|t| t.map(place)).collect())
+            }
+            GocadKind::Lines => {
+                let lines = (1..).zip(&object.lines);
+                let stick = |(number, (line, nodes)): (usize, &(usize, Vec<u32>))| Stick {
+                    name: number.to_string(),
+                    line: Some(*line),
+                    points: nodes.iter().map(|&n| place(n)).collect(),
+                };
+                PickedShape::Sticks(lines.map(stick).collect())
+            }
+            GocadKind::Points => PickedShape::Points(object.nodes),
+        };
+        let is_horizon = match object.kind {
+            GocadKind::Lines => object.is_horizon.or(Some(false)),
+            _ => object.is_horizon.or_else(|| kind_of_name(&object.name)),
+        };
+        let same = (surfaces.iter_mut())
+            .find(|s| s.name == object.name && s.coordinates == object.coordinates);
+        match (same.map(|s| &mut s.shape), shape) {
+            (Some(PickedShape::Triangles(all)), PickedShape::Triangles(more)) => all.extend(more),
+            (Some(PickedShape::Sticks(all)), PickedShape::Sticks(more)) => all.extend(more),
+            (Some(PickedShape::Points(all)), PickedShape::Points(more)) => all.extend(more),
+            (_, shape) => surfaces.push(PickedSurface {
+                name: object.name,
+                is_horizon,
+                shape,
+                coordinates: object.coordinates,
+                notes: Vec::new(),
+            }),
+        }
+    }
+    surfaces
+}
+
+/// Returns `true` if a surface is a horizon by its name, and `false` if it is a fault.
+fn kind_of_name(name: &str) -> Option<bool> {
+    let name = name.to_lowercase();
+    match (name.starts_with("horizon"), name.starts_with("fault")) {
+        (true, _) => Some(true),
+        (_, true) => Some(false),
+        _ => None,
+    }
 }
 
 /// Returns the faults of a file. Their sticks are joined when they are placed in the image.
@@ -242,89 +350,6 @@ fn read_text(path: &Path) -> Result<String> {
     file.read_to_end(&mut bytes)
         .map_err(|e| io_error(path, "read", e))?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
-}
-
-/// Reads the surfaces of an OBJ file: those of each group or object. Polygons are cut into fans.
-fn read_obj(path: &Path, stem: &str) -> Result<SurfaceFile<3>> {
-    let text = read_text(path)?;
-    let mut file = SurfaceFile::<3> {
-        surface_starts: vec![0],
-        z_up: true,
-        ..SurfaceFile::default()
-    };
-    for (number, line) in (1..).zip(text.lines()) {
-        let refuse = |problem: &str| {
-            let place = format!("{}:{number}", path.display());
-            Error::Io(cause(place, problem, "export the file again"))
-        };
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("#") => read_remark(line, &mut file),
-            Some("v") => {
-                let position: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
-                let position = position.first_chunk::<3>().copied();
-                let position = position.filter(|p| p.iter().all(|c| c.is_finite()));
-                file.nodes
-                    .push(position.ok_or_else(|| refuse("is not a vertex (x, y, z)"))?);
-            }
-            Some("g" | "o") => {
-                let name = names::from_file(&words.collect::<Vec<_>>().join(" "));
-                file.names.push(if name.is_empty() {
-                    stem.to_string()
-                } else {
-                    name
-                });
-                file.surface_starts.push(file.facets.len());
-            }
-            Some("f") => {
-                let count = file.nodes.len() as i64;
-                let index = |word: &str| {
-                    let number: i64 = word.split('/').next()?.parse().ok()?;
-                    let index = if number < 0 {
-                        count + number
-                    } else {
-                        number - 1
-                    };
-                    (0..count).contains(&index).then_some(index as u32)
-                };
-                let ring: Option<Vec<u32>> = words.map(index).collect();
-                let ring = ring.ok_or_else(|| refuse("names a vertex that does not exist"))?;
-                if file.names.is_empty() {
-                    file.names.push(stem.to_string());
-                    file.surface_starts.push(0);
-                }
-                file.facets
-                    .extend((2..ring.len()).map(|k| [ring[0], ring[k - 1], ring[k]]));
-                if let Some(end) = file.surface_starts.last_mut() {
-                    *end = file.facets.len();
-                }
-            }
-            _ => {}
-        }
-    }
-    Ok(file)
-}
-
-/// Takes what a remark of an OBJ file says about the coordinates: `# units: m,m,ms` and `# z: up`.
-fn read_remark(line: &str, file: &mut SurfaceFile<3>) {
-    let text = line.trim_start_matches(['#', ' ']);
-    if let Some(names) = text.strip_prefix("units:") {
-        for (k, name) in names
-            .split([',', ' '])
-            .filter(|n| !n.is_empty())
-            .take(3)
-            .enumerate()
-        {
-            let unit = units::find(name).map(|_| name.to_string());
-            file.units[k] = unit.clone().unwrap_or_default();
-            file.stated.units[k] = unit;
-        }
-    }
-    if let Some(direction) = text.strip_prefix("z:") {
-        let is_up = direction.trim() != "down";
-        file.z_up = is_up;
-        file.stated.z_direction = Some(ZDirection::from_up(is_up));
-    }
 }
 
 /// Longest edge of a triangle between points, in units of the median of all triangles' longest
@@ -506,6 +531,162 @@ mod tests {
         grid = Image::new(grid.dims(), samples, grid.geometry.clone());
         formats::write(&path, &grid).unwrap();
         assert_eq!(area(&path), 10);
+    }
+
+    /// Returns the name, kind, count of parts and statements of each surface.
+    fn summaries(path: &Path) -> Vec<(String, Option<bool>, usize, StatedCoordinates)> {
+        let count = |shape: &PickedShape| match shape {
+            PickedShape::Triangles(triangles) => triangles.len(),
+            PickedShape::Sticks(sticks) => sticks.len(),
+            _ => shape.points().count(),
+        };
+        let summary = |s: PickedSurface| {
+            let count = count(&s.shape);
+            (s.name, s.is_horizon, count, s.coordinates)
+        };
+        read_interpretation(path)
+            .unwrap()
+            .into_iter()
+            .map(summary)
+            .collect()
+    }
+
+    #[test]
+    fn gocad_objects_state_their_units_directions_and_kinds() {
+        let folder = tempfile::tempdir().unwrap();
+        let system = |units: &str, positive: &str| {
+            format!(
+                "GOCAD_ORIGINAL_COORDINATE_SYSTEM\nNAME Default\nAXIS_UNIT {units}\nZPOSITIVE {positive}\nEND_ORIGINAL_COORDINATE_SYSTEM\n"
+            )
+        };
+        let part = "TFACE\nVRTX 1 0 0 1\nPVRTX 2 1 0 1 -99999\nVRTX 3 0 1 1\nATOM 4 2\nTRGL 1 2 3\n\
+                    TFACE\nVRTX 5 9 9 9\nTRGL 4 3 5\nEND\n";
+        let text = format!(
+            "GOCAD TSurf 1\nHEADER {{ name: Main fault }}\n{}PROPERTIES p\nNO_DATA_VALUES -99999\n{part}\
+             GOCAD TSurf 1\nHEADER {{\n*name:\"Top A\"\n}}\n{}GEOLOGICAL_TYPE top\n{part}",
+            system("\"m\" \"m\" \"ft\"", "Depth"),
+            system("m m ms", "elevation")
+        );
+        let read = summaries(&write(folder.path(), "a.ts", &text));
+        let units = |z: &str| ["m", "m", z].map(|unit| Some(unit.to_string()));
+        let stated = |z: &str, direction| StatedCoordinates {
+            units: units(z),
+            z_direction: Some(direction),
+            ..StatedCoordinates::default()
+        };
+        use crate::image::stated::ZDirection::{Down, Up};
+        let expected = [
+            ("Main_fault".to_string(), None, 2, stated("ft", Down)),
+            ("Top_A".to_string(), Some(true), 2, stated("ms", Up)),
+        ];
+        assert_eq!(read, expected);
+        // Lines are sticks, also without segments or with segments in another order.
+        let line = "VRTX 1 0 0 0\nVRTX 2 0 0 -1\nVRTX 3 0 0 -2\n";
+        let text = format!(
+            "GOCAD PLine 1\nHEADER {{\nname:f\n}}\nILINE\n{line}SEG 2 3\nSEG 1 2\nILINE\n\
+             VRTX 4 9 0 0\nVRTX 5 9 0 -2\nEND\n"
+        );
+        let read = read_interpretation(&write(folder.path(), "a.pl", &text)).unwrap();
+        let PickedShape::Sticks(sticks) = &read[0].shape else {
+            panic!("no sticks")
+        };
+        let summary: Vec<_> = sticks.iter().map(|s| (s.line, s.points.len())).collect();
+        assert_eq!(summary, [(Some(5), 3), (Some(11), 2)]);
+        assert!(sticks[0].points[1] == [0.0, 0.0, -1.0] && read[0].is_horizon == Some(false));
+        let text =
+            "GOCAD VSet 1\nHEADER {\nname: horizon picks\n}\nVRTX 1 0 0 3\nPVRTX 2 1 1 3 7\nEND\n";
+        let read = summaries(&write(folder.path(), "a.vs", text));
+        let expected = (
+            "horizon_picks".to_string(),
+            Some(true),
+            2,
+            StatedCoordinates::default(),
+        );
+        assert_eq!(read, [expected]);
+    }
+
+    #[test]
+    fn poly_data_of_each_format_has_triangles_strips_or_sticks() {
+        let folder = tempfile::tempdir().unwrap();
+        let points = "POINTS 4 float\n0 0 0 1 0 0 0 1 0 1 1 2\n";
+        let head = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET POLYDATA\n";
+        for (name, cells, is_sticks) in [
+            ("polygons.vtk", "POLYGONS 2 8\n3 0 1 2\n3 1 3 2\n", false),
+            ("strips.vtk", "TRIANGLE_STRIPS 1 5\n4 0 1 2 3\n", false),
+            ("lines.vtk", "LINES 2 6\n2 0 1\n2 2 3\n", true),
+        ] {
+            let path = write(folder.path(), name, &format!("{head}{points}{cells}"));
+            let read = read_interpretation(&path).unwrap();
+            assert_eq!(read[0].name, name.trim_end_matches(".vtk"));
+            let PickedSurface { shape, .. } = &read[0];
+            assert_eq!(matches!(shape, PickedShape::Sticks(_)), is_sticks, "{name}");
+            let corners: Vec<[f64; 3]> = shape.points().collect();
+            let expected = if is_sticks { 4 } else { 6 };
+            assert_eq!(corners.len(), expected, "{name}");
+            assert!(corners.contains(&[1.0, 1.0, 2.0]), "{name}");
+        }
+    }
+
+    #[test]
+    fn sticks_of_each_writer_make_the_same_surface_again() {
+        use crate::surface_file::sticks::{write_charisma, write_sticks};
+        use crate::surface_file::tsurf::write_tsurf;
+        let folder = tempfile::tempdir().unwrap();
+        let point = |i: usize, j: usize| {
+            let (along, down) = (40.0 * i as f64, 25.0 * j as f64);
+            [500.0 + 0.5 * down, along, -100.0 - down]
+        };
+        let stick = |i: usize| Stick {
+            name: i.to_string(),
+            line: None,
+            points: (0..5).map(|j| point(i, j)).collect(),
+        };
+        let faults = [FaultSticks {
+            name: "Main fault".into(),
+            sticks: [0, 3, 1, 4, 2].map(stick).to_vec(),
+            ..FaultSticks::default()
+        }];
+        let area = |t: &[[f64; 3]; 3]| 0.5 * norm(cross(sub(t[1], t[0]), sub(t[2], t[0])));
+        let exact = 160.0 * 100.0 * norm([0.5, 1.0]);
+        let path = |ending: &str| folder.path().join(format!("a.{ending}"));
+        write_sticks(&path("csv"), &faults).unwrap();
+        write_charisma(&path("charisma"), &faults, true, |_| [1, 2]).unwrap();
+        write_tsurf(&path("pl"), &FaultSticks::to_lines(&faults)).unwrap();
+        for ending in ["csv", "charisma", "pl"] {
+            let read = read_interpretation(&path(ending)).unwrap();
+            assert_eq!((read.len(), &*read[0].name), (1, "Main_fault"), "{ending}");
+            let PickedShape::Sticks(sticks) = &read[0].shape else {
+                panic!("{ending}: no sticks")
+            };
+            let joined = super::super::joining::join_sticks("F", sticks, [1.0; 3]).unwrap();
+            let total: f64 = joined.triangles.iter().map(area).sum();
+            assert!(
+                (total / exact - 1.0).abs() < 1e-6,
+                "{ending}: {total} {exact}"
+            );
+        }
+    }
+
+    #[test]
+    fn twins_have_the_same_points_in_any_order() {
+        let sticks = |points: Vec<Vec<[f64; 3]>>| PickedSurface {
+            name: "F".into(),
+            is_horizon: None,
+            shape: PickedShape::Sticks(
+                (points.into_iter())
+                    .map(|points| Stick {
+                        points,
+                        ..Stick::default()
+                    })
+                    .collect(),
+            ),
+            coordinates: StatedCoordinates::default(),
+            notes: Vec::new(),
+        };
+        let [a, b, c] = [[0.0; 3], [1.0; 3], [2.0; 3]];
+        let first = sticks(vec![vec![a, b], vec![c]]);
+        assert!(first.is_twin(&sticks(vec![vec![c], vec![b, a]])));
+        assert!(!first.is_twin(&sticks(vec![vec![c], vec![b, b]])));
     }
 
     #[test]

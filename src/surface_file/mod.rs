@@ -1,7 +1,8 @@
 //! Surfaces of triangles in files of their own: faults and horizons, with names, values and units.
 //!
-//! - `tsurf`: GOCAD surfaces and lines
+//! - `tsurf`: GOCAD surfaces, lines and points
 //! - `vtp`: VTK poly data
+//! - `obj`, `stl`, `ply`: triangles of other programs
 //! - `sticks`: fault sticks
 //! - `joining`: fault sticks become surfaces
 //! - `place_columns`, `point_table`: points and sticks in tables
@@ -10,10 +11,13 @@
 
 pub mod interpretation;
 pub mod joining;
+pub mod obj;
 pub mod place_columns;
 pub mod placed;
+pub mod ply;
 pub mod point_table;
 pub mod sticks;
+pub mod stl;
 pub mod tsurf;
 pub mod vtp;
 
@@ -96,6 +100,29 @@ impl<const D: usize> SurfaceFile<D> {
             z_up,
             ..self
         }
+    }
+}
+
+impl SurfaceFile<3> {
+    /// Creates surfaces of triangles, each with its name. z grows upwards.
+    pub(crate) fn from_triangles(
+        surfaces: impl IntoIterator<Item = (String, Vec<[[f64; 3]; 3]>)>,
+    ) -> Self {
+        let mut file = Self {
+            surface_starts: vec![0],
+            z_up: true,
+            ..Self::default()
+        };
+        for (name, triangles) in surfaces {
+            for triangle in triangles {
+                let first = file.nodes.len() as u32;
+                file.nodes.extend(triangle);
+                file.facets.push([first, first + 1, first + 2]);
+            }
+            file.names.push(name);
+            file.surface_starts.push(file.facets.len());
+        }
+        file
     }
 }
 

@@ -1,88 +1,14 @@
 //! Columns of places in tables: which of them hold x, y and z, and what their names say.
 
 use crate::Result;
-use crate::files::table::{Column, Table, Term};
+use crate::files::table::{Column, Table, Term, X_TERM, Y_TERM};
 use crate::image::stated::{Domain, StatedCoordinates, ZDirection};
 use crate::units::{self, Quantity};
 
 /// Meanings of columns in tables of points, sticks and wells.
 pub const PLACE_TERMS: &[Term] = &[
-    Term::new(
-        "x",
-        &[
-            "easting",
-            "eastings",
-            "east",
-            "e",
-            "utmx",
-            "utme",
-            "xutm",
-            "xcoord",
-            "xcoordinate",
-            "coordx",
-            "xc",
-            "xpos",
-            "xposition",
-            "cdpx",
-            "xcdp",
-            "mapx",
-            "xmap",
-            "worldx",
-            "xworld",
-            "realx",
-            "xlocation",
-            "xloc",
-            "utmeasting",
-            "eastingutm",
-            "mapeasting",
-            "xeast",
-            "xeasting",
-            "eastingx",
-            "rechtswert",
-            "surfacex",
-            "pointx",
-            "points0",
-            "xmidpoint",
-        ],
-    ),
-    Term::new(
-        "y",
-        &[
-            "northing",
-            "northings",
-            "north",
-            "n",
-            "utmy",
-            "utmn",
-            "yutm",
-            "ycoord",
-            "ycoordinate",
-            "coordy",
-            "yc",
-            "ypos",
-            "yposition",
-            "cdpy",
-            "ycdp",
-            "mapy",
-            "ymap",
-            "worldy",
-            "yworld",
-            "realy",
-            "ylocation",
-            "yloc",
-            "utmnorthing",
-            "northingutm",
-            "mapnorthing",
-            "ynorth",
-            "ynorthing",
-            "northingy",
-            "hochwert",
-            "surfacey",
-            "pointy",
-            "points1",
-            "ymidpoint",
-        ],
-    ),
+    X_TERM,
+    Y_TERM,
     Term::new(
         "z",
         &[
@@ -372,11 +298,11 @@ pub struct PlaceReading<const D: usize> {
     pub lines: Option<[usize; 2]>,
     /// `true` if a column of consecutive numbers precedes the coordinates.
     pub is_numbered: bool,
-    /// What is added to the last coordinate, as its datum is not that of the others.
+    /// A number that is added to the last coordinate, as its datum is not that of the others.
     pub shift: f64,
-    /// What the file says about the coordinates.
+    /// The statements of the file about the coordinates.
     pub coordinates: StatedCoordinates,
-    /// What was assumed.
+    /// Notes on assumptions.
     pub notes: Vec<String>,
 }
 

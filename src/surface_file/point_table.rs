@@ -44,7 +44,7 @@ pub struct ReadingFrame<'a> {
 pub struct FittingReading {
     /// The points.
     pub points: Vec<[f64; 3]>,
-    /// What the table says about them.
+    /// The statements of the table about them.
     pub coordinates: StatedCoordinates,
     /// A note on the columns that were taken.
     pub note: String,

@@ -97,6 +97,10 @@ impl FaultSticks {
             ..SurfaceFile::default()
         };
         for fault in faults {
+            let units = fault.coordinates.units.each_ref();
+            file.units = units.map(|unit| unit.clone().unwrap_or_default());
+            file.z_up = fault.coordinates.z_direction != Some(ZDirection::Down);
+            file.stated = fault.coordinates.clone();
             for stick in &fault.sticks {
                 let first = file.nodes.len() as u32;
                 file.nodes.extend(&stick.points);
@@ -109,27 +113,24 @@ impl FaultSticks {
         file
     }
 
-    /// Makes a surface of each fault, as [`join_sticks`] does. Coordinates in a unit that is unknown
-    /// count as metres.
+    /// Makes a surface of each fault, as [`join_sticks`] does. Faults with a single stick are omitted.
+    /// Coordinates in a unit that is unknown count as metres.
     ///
     /// # Errors
     /// Returns the errors of [`join_sticks`].
     pub fn to_surfaces(faults: &[Self]) -> Result<SurfaceFile<3>> {
-        let mut file = SurfaceFile {
-            surface_starts: vec![0],
-            z_up: true,
-            ..SurfaceFile::default()
-        };
-        for fault in faults {
+        let mut surfaces = Vec::new();
+        for fault in faults.iter().filter(|fault| fault.sticks.len() > 1) {
             let units = fault.coordinates.units.each_ref();
             let scale = units.map(|unit| default_metres_per_unit(unit.as_deref().unwrap_or("")));
-            for triangle in join_sticks(&fault.name, &fault.sticks, scale)?.triangles {
-                let first = file.nodes.len() as u32;
-                file.nodes.extend(triangle);
-                file.facets.push([first, first + 1, first + 2]);
-            }
-            file.names.push(fault.name.clone());
-            file.surface_starts.push(file.facets.len());
+            let joined = join_sticks(&fault.name, &fault.sticks, scale)?;
+            surfaces.push((fault.name.clone(), joined.triangles));
+        }
+        let mut file = SurfaceFile::from_triangles(surfaces);
+        if let Some(fault) = faults.last() {
+            let units = fault.coordinates.units.each_ref();
+            file.units = units.map(|unit| unit.clone().unwrap_or_default());
+            file.z_up = fault.coordinates.z_direction != Some(ZDirection::Down);
             file.stated = fault.coordinates.clone();
         }
         Ok(file)
@@ -301,16 +302,52 @@ pub fn write_charisma(
     })
 }
 
-/// Returns `true` if a text has Charisma's fault sticks.
-pub(crate) fn is_charisma(text: &str) -> bool {
-    let first = text.lines().find(|line| !line.trim().is_empty());
-    first.is_some_and(|line| {
-        let word = line.split_whitespace().next().unwrap_or("");
-        ["INLINE-", "XLINE-", "CROSSLINE-"].contains(&word)
-    })
+/// Words with which a line of Charisma's fault sticks begins: the kind of section on which the point
+/// was picked.
+const CHARISMA_SECTIONS: [&str; 8] = [
+    "INLINE-",
+    "XLINE-",
+    "CROSSLINE-",
+    "TRACE-",
+    "RANDOM-",
+    "TIMESLICE-",
+    "TIME-SLICE-",
+    "Z-SLICE-",
+];
+
+/// Returns the words of a line of Charisma's fault sticks after that of its section.
+fn charisma_words(line: &str) -> Option<Vec<&str>> {
+    let line = line.trim_start();
+    let first = line.split_whitespace().next()?.to_uppercase();
+    let section = (CHARISMA_SECTIONS.iter()).find(|section| first.starts_with(**section))?;
+    Some(line.get(section.len()..)?.split_whitespace().collect())
 }
 
-/// Reads Charisma's fault sticks. z stays positive downwards.
+/// Returns `true` if a text has Charisma's fault sticks.
+pub(crate) fn is_charisma(text: &str) -> bool {
+    let is_data = |line: &&str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    let first = text.lines().find(is_data);
+    first.is_some_and(|line| charisma_words(line).is_some())
+}
+
+/// Returns the point, the fault and the stick of a line of Charisma's fault sticks. The inline and the
+/// crossline may be missing, and the name of the fault may have spaces.
+fn charisma_point<'a>(words: &[&'a str]) -> Option<([f64; 3], String, &'a str)> {
+    let (stick, words) = words.split_last()?;
+    let numbers: Vec<f64> = words.iter().map_while(|word| word.parse().ok()).collect();
+    // All but the last two words may be numbers if the fault's name is one.
+    let first = if numbers.len() >= 5 && words.len() > 5 {
+        2
+    } else {
+        0
+    };
+    let point = numbers.get(first..first + 3)?.try_into().ok()?;
+    let name = words.get(first + 3..)?.join(" ");
+    (!name.is_empty()).then_some((point, name, *stick))
+}
+
+/// Reads Charisma's fault sticks: lines `INLINE- inline crossline x y z fault stick`, or without line
+/// numbers, from inlines, crosslines, slices or other sections. z stays positive downwards.
 ///
 /// # Errors
 /// Returns [`Error::Io`], with the line number, if the file cannot be read or a line is no point of a
@@ -318,19 +355,15 @@ pub(crate) fn is_charisma(text: &str) -> bool {
 pub fn read_charisma(path: &Path) -> Result<Vec<FaultSticks>> {
     let text = read_text(path)?;
     let mut collector = StickCollector::default();
-    let lines = (1..).zip(text.lines());
-    for (number, line) in lines.filter(|line| !line.1.trim().is_empty()) {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let point: Option<Vec<f64>> = words
-            .get(3..6)
-            .and_then(|words| words.iter().map(|word| word.parse().ok()).collect());
-        let point = point.and_then(|point| point.try_into().ok());
-        let (Some(point), [.., stick]) = (point.filter(|_| words.len() >= 8), &words[..]) else {
+    let is_data = |line: &str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    for (number, line) in (1..).zip(text.lines()).filter(|line| is_data(line.1)) {
+        let words = charisma_words(line).unwrap_or_default();
+        let Some((point, fault, stick)) = charisma_point(&words) else {
             let place = format!("{}:{number}", path.display());
             let problem = "is not 'INLINE- inline crossline x y z fault stick'";
             return Err(Error::Io(cause(place, problem, "export the sticks again")));
         };
-        collector.add(&words[6..words.len() - 1].join(" "), stick, number, point);
+        collector.add(&fault, stick, number, point);
     }
     for fault in &mut collector.faults {
         fault.coordinates.z_direction = Some(ZDirection::Down);
@@ -475,6 +508,18 @@ mod tests {
             message.contains("sticks.charisma:1: is not 'INLINE-"),
             "{message}"
         );
+
+        // Other sections, no line numbers, and names with spaces or of digits.
+        let text = "# picks\nCROSSLINE-  10 20 1 2 3 Main fault 7\nXLINE-12 20 1 2 3 Main fault 8\n\
+                    TIMESLICE- 1 2 4 Main fault 9\nINLINE- 10 20 1 2 5 101 1\n";
+        std::fs::write(&path, text).unwrap();
+        let read = read_charisma(&path).unwrap();
+        let names: Vec<(&str, usize)> = (read.iter())
+            .map(|fault| (&*fault.name, fault.sticks.len()))
+            .collect();
+        assert_eq!(names, [("Main fault", 3), ("101", 1)]);
+        assert_eq!(read[0].sticks[2].points, [[1.0, 2.0, 4.0]]);
+        assert_eq!(read[1].sticks[0].points, [[1.0, 2.0, 5.0]]);
 
         // Nine of the ten strips of the plane lie between sticks.
         let rebuilt = FaultSticks::to_surfaces(&faults).unwrap();

@@ -13,7 +13,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::files::atomic_write;
 use crate::geometry::sorted_distinct;
-use crate::image::stated::ZDirection;
+use crate::image::stated::{StatedCoordinates, ZDirection};
 use crate::names;
 
 /// Writes surfaces. Coordinates have all digits and the units that are known.
@@ -66,6 +66,36 @@ pub enum Gocad {
     Lines(SurfaceFile<2>),
 }
 
+/// Kind of a GOCAD object that is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GocadKind {
+    /// `TSurf`: triangles.
+    Surface,
+    /// `PLine`: lines.
+    Lines,
+    /// `VSet`: points.
+    Points,
+}
+
+/// An object of a GOCAD file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GocadObject {
+    /// Name of the object, without spaces.
+    pub name: String,
+    /// Kind of the object.
+    pub kind: GocadKind,
+    /// `true` for a horizon and `false` for a fault, if the file says so (`GEOLOGICAL_TYPE`).
+    pub is_horizon: Option<bool>,
+    /// Vertices.
+    pub nodes: Vec<[f64; 3]>,
+    /// Nodes of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// Lines, each with its line in the file and its nodes from end to end.
+    pub lines: Vec<(usize, Vec<u32>)>,
+    /// The statements of the object about its coordinates.
+    pub coordinates: StatedCoordinates,
+}
+
 /// Reads the `TSurf` objects of a GOCAD file, or its `PLine` objects if there are none. Other
 /// objects are ignored. Vertices may have properties (`PVRTX`) or copy the position of another
 /// vertex (`ATOM`, `PATOM`).
@@ -74,114 +104,308 @@ pub enum Gocad {
 /// Returns [`Error::Io`], with the line number if a line is damaged, if the file cannot be read or
 /// has no such object.
 pub fn read_gocad(path: &Path) -> Result<Gocad> {
-    let mut bytes = Vec::new();
-    let mut file = files::open(path, "give a GOCAD file")?;
-    file.read_to_end(&mut bytes)
-        .map_err(|e| io_error(path, "read", e))?;
-    let text = String::from_utf8_lossy(&bytes);
-    let surfaces = read_objects::<3>(path, &text, "TSurf", &["TRGL"])?;
-    if !surfaces.names.is_empty() {
-        return Ok(Gocad::Surfaces(surfaces));
+    let objects = read_gocad_objects(path)?;
+    let of_kind = |kind| objects.iter().filter(move |object| object.kind == kind);
+    if of_kind(GocadKind::Surface).next().is_some() {
+        let facets = |object: &GocadObject| object.triangles.clone();
+        return Ok(Gocad::Surfaces(surface_file(
+            of_kind(GocadKind::Surface),
+            facets,
+        )));
     }
-    let lines = read_objects::<2>(path, &text, "PLine", &["SEG"])?;
-    if !lines.names.is_empty() {
-        return Ok(Gocad::Lines(lines));
+    if of_kind(GocadKind::Lines).next().is_some() {
+        let segments = |object: &GocadObject| {
+            let lines = object.lines.iter();
+            lines
+                .flat_map(|(_, nodes)| nodes.windows(2).map(|pair| [pair[0], pair[1]]))
+                .collect()
+        };
+        return Ok(Gocad::Lines(surface_file(
+            of_kind(GocadKind::Lines),
+            segments,
+        )));
     }
     let problem = "holds no GOCAD object TSurf or PLine";
     let remedy = "give a file of surfaces (.ts) or lines (.pl)";
     Err(Error::Io(cause(path.display(), problem, remedy)))
 }
 
-/// Reads the objects of one kind.
-fn read_objects<const D: usize>(
-    path: &Path,
-    text: &str,
-    kind: &str,
-    elements: &[&str],
-) -> Result<SurfaceFile<D>> {
-    let mut surfaces = SurfaceFile::<D> {
+/// Returns objects as one file of surfaces or lines.
+fn surface_file<'a, const D: usize>(
+    objects: impl Iterator<Item = &'a GocadObject>,
+    facets: impl Fn(&GocadObject) -> Vec<[u32; D]>,
+) -> SurfaceFile<D> {
+    let mut file = SurfaceFile::<D> {
         surface_starts: vec![0],
         z_up: true,
         ..SurfaceFile::default()
     };
-    let mut in_object = false;
-    // Index in `surfaces` of each vertex number of the current object.
-    let mut vertex_index: HashMap<u32, u32> = HashMap::new();
+    for object in objects {
+        let first = file.nodes.len() as u32;
+        file.nodes.extend(&object.nodes);
+        file.facets
+            .extend(facets(object).iter().map(|facet| facet.map(|n| n + first)));
+        file.surface_starts.push(file.facets.len());
+        file.names.push(object.name.clone());
+        let units = object.coordinates.units.clone();
+        file.units = units.map(Option::unwrap_or_default);
+        file.z_up = object.coordinates.z_direction != Some(ZDirection::Down);
+        file.stated = object.coordinates.clone();
+    }
+    file
+}
+
+/// Reads all surfaces, lines and sets of points of a GOCAD file. Coordinates are as in the file.
+///
+/// # Errors
+/// Returns [`Error::Io`], with the line number if a line is damaged, if the file cannot be read.
+pub fn read_gocad_objects(path: &Path) -> Result<Vec<GocadObject>> {
+    let mut bytes = Vec::new();
+    let mut file = files::open(path, "give a GOCAD file")?;
+    file.read_to_end(&mut bytes)
+        .map_err(|e| io_error(path, "read", e))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut reader = ObjectReader::default();
     for (number, line) in (1..).zip(text.lines()) {
-        let refuse = |problem: &str| {
+        reader.read_line(number, line).map_err(|problem| {
             let place = format!("{}:{number}", path.display());
             Error::Io(cause(place, problem, "export the file again"))
-        };
+        })?;
+    }
+    reader.end_object();
+    Ok(reader.objects)
+}
+
+/// Reads objects line by line.
+#[derive(Default)]
+struct ObjectReader {
+    objects: Vec<GocadObject>,
+    /// The object that is being read.
+    current: Option<GocadObject>,
+    /// `true` if the object has the name of its header, not one of style (`*name`).
+    has_name: bool,
+    /// Index of each vertex number of the current object.
+    vertex_index: HashMap<u32, u32>,
+    /// The parts of the current line object: line in the file, first vertex, and segments.
+    parts: Vec<LinePart>,
+}
+
+/// A part of a line object.
+struct LinePart {
+    line: usize,
+    first_node: usize,
+    segments: Vec<[u32; 2]>,
+}
+
+impl ObjectReader {
+    /// Reads a line. Returns what is wrong with it.
+    fn read_line(&mut self, number: usize, line: &str) -> std::result::Result<(), &'static str> {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some(&first) = words.first() else {
-            continue;
+            return Ok(());
         };
         if first == "GOCAD" {
-            in_object = words.get(1) == Some(&kind);
-            vertex_index.clear();
-            if in_object {
-                surfaces
-                    .names
-                    .push(format!("{kind}{}", surfaces.names.len() + 1));
-                surfaces.surface_starts.push(surfaces.facets.len());
-            }
-            continue;
+            self.end_object();
+            self.start_object(words.get(1).copied().unwrap_or_default());
+            return Ok(());
         }
-        if !in_object {
-            continue;
-        }
+        let Some(object) = &mut self.current else {
+            return Ok(());
+        };
         let id = |k: usize| words.get(k).and_then(|word| word.parse::<u32>().ok());
-        let vertex = |k: usize| id(k).and_then(|id| vertex_index.get(&id).copied());
+        let vertex = |k: usize| id(k).and_then(|id| self.vertex_index.get(&id).copied());
+        let missing = "names a vertex that does not exist";
         match first {
-            _ if first.starts_with("name:") => {
-                let name = line.trim_start().trim_start_matches("name:").trim();
-                if let (Some(last), false) = (surfaces.names.last_mut(), name.is_empty()) {
-                    *last = names::from_file(name);
-                }
-            }
-            "AXIS_UNIT" => {
-                let units = words[1..].iter().map(|unit| unit.trim_matches('"'));
-                for (k, name) in units.enumerate().take(3) {
-                    let is_stated = !name.eq_ignore_ascii_case("unitless");
-                    surfaces.stated.units[k] = is_stated.then(|| name.to_string());
-                    surfaces.units[k] = surfaces.stated.units[k].clone().unwrap_or_default();
-                }
-            }
-            "ZPOSITIVE" => {
-                let is_down = words
-                    .get(1)
-                    .is_some_and(|word| word.eq_ignore_ascii_case("depth"));
-                surfaces.z_up = !is_down;
-                surfaces.stated.z_direction = Some(ZDirection::from_up(!is_down));
-            }
+            "AXIS_UNIT" => object.coordinates.units = axis_units(line),
+            "ZPOSITIVE" => object.coordinates.z_direction = z_direction(&words),
+            "GEOLOGICAL_TYPE" => object.is_horizon = geological_type(&words),
             "VRTX" | "PVRTX" => {
                 let position: Option<Vec<f64>> =
                     (2..5).map(|k| words.get(k)?.parse::<f64>().ok()).collect();
                 let position = position.and_then(|place| <[f64; 3]>::try_from(place).ok());
                 let (Some(id), Some(position)) = (id(1), position) else {
-                    return Err(refuse("is not a vertex (number, x, y, z)"));
+                    return Err("is not a vertex (number, x, y, z)");
                 };
-                vertex_index.insert(id, surfaces.nodes.len() as u32);
-                surfaces.nodes.push(position);
+                self.vertex_index.insert(id, object.nodes.len() as u32);
+                object.nodes.push(position);
             }
             "ATOM" | "PATOM" => {
                 let (Some(id), Some(vertex)) = (id(1), vertex(2)) else {
-                    return Err(refuse("copies a vertex that does not exist"));
+                    return Err("copies a vertex that does not exist");
                 };
-                vertex_index.insert(id, vertex);
+                self.vertex_index.insert(id, vertex);
             }
-            _ if elements.contains(&first) => {
-                let nodes: Option<Vec<u32>> = (1..=D).map(vertex).collect();
-                let facet = nodes.and_then(|nodes| <[u32; D]>::try_from(nodes).ok());
-                let facet = facet.ok_or_else(|| refuse("names a vertex that does not exist"))?;
-                surfaces.facets.push(facet);
-                if let Some(end) = surfaces.surface_starts.last_mut() {
-                    *end = surfaces.facets.len();
-                }
+            "TRGL" => {
+                let [Some(a), Some(b), Some(c)] = [1, 2, 3].map(vertex) else {
+                    return Err(missing);
+                };
+                object.triangles.push([a, b, c]);
             }
-            "END" => in_object = false,
-            _ => {}
+            "ILINE" => self.parts.push(LinePart {
+                line: number,
+                first_node: object.nodes.len(),
+                segments: Vec::new(),
+            }),
+            "SEG" => {
+                let ([Some(a), Some(b)], Some(part)) = ([1, 2].map(vertex), self.parts.last_mut())
+                else {
+                    return Err(missing);
+                };
+                part.segments.push([a, b]);
+            }
+            "END" => self.end_object(),
+            _ => self.read_name(line),
+        }
+        Ok(())
+    }
+
+    /// Reads the name from a line of the header, such as `name: Top`, `*name: Top` or
+    /// `HEADER { name: Top }`.
+    fn read_name(&mut self, line: &str) {
+        let line = line.trim();
+        let line = match line.strip_prefix("HEADER") {
+            Some(rest) => rest.trim_start().trim_start_matches('{').trim_start(),
+            None => line,
+        };
+        let is_of_style = line.starts_with('*');
+        let line = line.trim_start_matches('*');
+        let Some(name) = line
+            .strip_prefix("name:")
+            .filter(|_| !(is_of_style && self.has_name))
+        else {
+            return;
+        };
+        let name = name
+            .trim_end()
+            .trim_end_matches('}')
+            .trim()
+            .trim_matches('"');
+        if let (Some(object), false) = (&mut self.current, name.is_empty()) {
+            object.name = names::from_file(name);
+            self.has_name = !is_of_style;
         }
     }
-    Ok(surfaces)
+
+    /// Starts an object, if it is of a kind that is read.
+    fn start_object(&mut self, kind_name: &str) {
+        let kind = match kind_name {
+            "TSurf" => GocadKind::Surface,
+            "PLine" => GocadKind::Lines,
+            "VSet" => GocadKind::Points,
+            _ => return,
+        };
+        let before = self.objects.iter().filter(|object| object.kind == kind);
+        self.current = Some(GocadObject {
+            name: format!("{kind_name}{}", before.count() + 1),
+            kind,
+            is_horizon: None,
+            nodes: Vec::new(),
+            triangles: Vec::new(),
+            lines: Vec::new(),
+            coordinates: StatedCoordinates::default(),
+        });
+    }
+
+    /// Ends the current object.
+    fn end_object(&mut self) {
+        let ends: Vec<usize> = self
+            .parts
+            .iter()
+            .skip(1)
+            .map(|part| part.first_node)
+            .collect();
+        if let Some(mut object) = self.current.take() {
+            for (i, part) in self.parts.drain(..).enumerate() {
+                let end = ends.get(i).copied().unwrap_or(object.nodes.len());
+                let mut lines = chains(&part.segments);
+                // Without segments, the vertices follow one another.
+                if part.segments.is_empty() && end > part.first_node {
+                    lines.push((part.first_node as u32..end as u32).collect());
+                }
+                object
+                    .lines
+                    .extend(lines.into_iter().map(|nodes| (part.line, nodes)));
+            }
+            self.objects.push(object);
+        }
+        self.parts.clear();
+        self.vertex_index.clear();
+        self.has_name = false;
+    }
+}
+
+/// Returns the units of an `AXIS_UNIT` line, whose names may be in quotes.
+fn axis_units(line: &str) -> [Option<String>; 3] {
+    let mut names = if line.contains('"') {
+        line.split('"').skip(1).step_by(2).collect::<Vec<_>>()
+    } else {
+        line.split_whitespace().skip(1).collect()
+    }
+    .into_iter();
+    std::array::from_fn(|_| {
+        let name = names.next()?.trim();
+        let is_none = ["", "unitless", "none", "unknown"]
+            .iter()
+            .any(|none| name.eq_ignore_ascii_case(none));
+        (!is_none).then(|| name.to_string())
+    })
+}
+
+/// Returns the direction of z that a `ZPOSITIVE` line names.
+fn z_direction(words: &[&str]) -> Option<ZDirection> {
+    let name = words.get(1)?.trim_matches('"').to_lowercase();
+    match name.as_str() {
+        "depth" => Some(ZDirection::Down),
+        "elevation" => Some(ZDirection::Up),
+        _ => None,
+    }
+}
+
+/// Returns `true` if a `GEOLOGICAL_TYPE` line names a horizon, and `false` if it names a fault.
+fn geological_type(words: &[&str]) -> Option<bool> {
+    match words.get(1)?.to_lowercase().as_str() {
+        "fault" => Some(false),
+        "top" | "intraformational" | "unconformity" | "topographic" => Some(true),
+        _ => None,
+    }
+}
+
+/// Returns the lines that segments make where they share ends.
+fn chains(segments: &[[u32; 2]]) -> Vec<Vec<u32>> {
+    let mut chains: Vec<Vec<u32>> = Vec::new();
+    for &[a, b] in segments {
+        match chains.last_mut() {
+            Some(chain) if chain.last() == Some(&a) => chain.push(b),
+            _ => chains.push(vec![a, b]),
+        }
+    }
+    // Segments in another order leave pieces.
+    let mut i = 0;
+    while i < chains.len() {
+        let joined = (i + 1..chains.len()).find_map(|j| {
+            let union = chained(&chains[i], &chains[j])?;
+            Some((j, union))
+        });
+        match joined {
+            Some((j, union)) => {
+                chains[i] = union;
+                chains.remove(j);
+            }
+            None => i += 1,
+        }
+    }
+    chains
+}
+
+/// Returns the line that two lines make if they share an end.
+fn chained(a: &[u32], b: &[u32]) -> Option<Vec<u32>> {
+    let reversed = |line: &[u32]| line.iter().rev().copied().collect::<Vec<u32>>();
+    for first in [a.to_vec(), reversed(a)] {
+        for second in [b.to_vec(), reversed(b)] {
+            if first.last() == second.first() {
+                return Some([&first, &second[1..]].concat());
+            }
+        }
+    }
+    None
 }

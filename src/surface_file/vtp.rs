@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::SurfaceFile;
+use super::sticks::{FaultSticks, Stick};
 use crate::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::pieces::{
@@ -13,7 +14,7 @@ use crate::files::vtk::pieces::{
 use crate::files::vtk::xml::Element;
 use crate::files::vtk::{ArraySource, Document, VtkFile};
 use crate::image::stated::{StatedCoordinates, ZDirection};
-use crate::units;
+use crate::{names, units};
 
 /// Field with the units of x, y and z, with commas between them.
 const UNITS_FIELD: &str = "units";
@@ -93,8 +94,8 @@ pub fn read_triangles(path: &Path, label: Option<i64>) -> Result<Vec<[[f64; 3]; 
     Ok(selected.map(|(_, triangle)| triangle).collect())
 }
 
-/// Returns the triangles of a file, each with the number of its surface. The number is 1 if
-/// `is_labelled` is `false`.
+/// Returns the triangles of a file, each with the number of its surface: those of its polygons, which
+/// are cut into fans, and of its strips. The number is 1 if `is_labelled` is `false`.
 pub(crate) fn labelled_triangles(
     file: &VtkFile,
     is_labelled: bool,
@@ -104,7 +105,30 @@ pub(crate) fn labelled_triangles(
         let triangle = |k: usize| (label, [ring[0], ring[k - 1], ring[k]]);
         (2..ring.len()).map(triangle).collect::<Vec<_>>()
     };
-    Ok(polygons.flat_map(fan).collect())
+    let strips = labelled_rings(file, "Strips", is_labelled)?.into_iter();
+    let of_strip = |(label, strip): (i64, Vec<[f64; 3]>)| {
+        let triangle = |k: usize| match k % 2 {
+            0 => (label, [strip[k - 2], strip[k - 1], strip[k]]),
+            _ => (label, [strip[k - 1], strip[k - 2], strip[k]]),
+        };
+        (2..strip.len()).map(triangle).collect::<Vec<_>>()
+    };
+    Ok(polygons
+        .flat_map(fan)
+        .chain(strips.flat_map(of_strip))
+        .collect())
+}
+
+/// Elements of cells, in the order in which they have values.
+const CELL_ELEMENTS: [&str; 4] = ["Verts", "Lines", "Polys", "Strips"];
+
+/// Returns the ends of the polygons or lines of an element in their list of points; none if the file
+/// does not have the element.
+fn cell_ends(file: &VtkFile, element: &str) -> Result<Vec<i64>> {
+    match file.piece()?.child(element) {
+        Some(cells) if !cells.children.is_empty() => read_cell_integers(file, cells, "offsets"),
+        _ => Ok(Vec::new()),
+    }
 }
 
 /// Returns the points of each polygon or line of a file, with the number of its surface. The number
@@ -117,9 +141,19 @@ pub(crate) fn labelled_rings(
     let piece = file.piece()?;
     let points = read_count(file, piece, "NumberOfPoints")?;
     let nodes: Vec<[f64; 3]> = read_nodes(file, file.child(piece, "Points")?, points)?;
-    let element = file.child(piece, element)?;
-    let corners = read_cell_integers(file, element, "connectivity")?;
-    let ends = read_cell_integers(file, element, "offsets")?;
+    let ends = cell_ends(file, element)?;
+    if ends.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut first_cell = 0;
+    for before in CELL_ELEMENTS
+        .into_iter()
+        .take_while(|other| *other != element)
+    {
+        first_cell += cell_ends(file, before)?.len();
+    }
+    let cells = file.child(piece, element)?;
+    let corners = read_cell_integers(file, cells, "connectivity")?;
     let labels = if is_labelled {
         read_cell_integers(file, file.child(piece, "CellData")?, "surface")?
     } else {
@@ -139,7 +173,7 @@ pub(crate) fn labelled_rings(
         };
         start = end as usize;
         let label = if is_labelled {
-            labels.get(i).copied()
+            labels.get(first_cell + i).copied()
         } else {
             Some(1)
         };
@@ -190,14 +224,50 @@ pub(crate) fn surface_name(label: i64, names: &[String]) -> String {
     name.unwrap_or_else(|| format!("surface{label}"))
 }
 
+/// Reads the lines of a file as fault sticks, with the numbers and names in the file. A file without
+/// surface numbers gives one fault with the name of the file.
+///
+/// # Errors
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
+pub fn read_line_sticks(path: &Path) -> Result<Vec<FaultSticks>> {
+    let file = VtkFile::read(path, "PolyData")?;
+    let (is_labelled, names) = (is_numbered(&file)?, names_of(path, &file)?);
+    let stated = stated_coordinates(&file);
+    let mut faults: BTreeMap<i64, Vec<Stick>> = BTreeMap::new();
+    for (label, points) in labelled_rings(&file, "Lines", is_labelled)? {
+        let sticks = faults.entry(label).or_default();
+        sticks.push(Stick {
+            name: (sticks.len() + 1).to_string(),
+            line: None,
+            points,
+        });
+    }
+    let fault = |(label, sticks)| FaultSticks {
+        name: surface_name(label, &names),
+        sticks,
+        coordinates: stated.clone(),
+    };
+    Ok(faults.into_iter().map(fault).collect())
+}
+
+/// Returns the names of the surfaces of a file; that of the file if its surfaces have no numbers.
+fn names_of(path: &Path, file: &VtkFile) -> Result<Vec<String>> {
+    let names = surface_names(file);
+    if names.is_empty() && !is_numbered(file)? {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        return Ok(vec![names::from_file(&stem)]);
+    }
+    Ok(names)
+}
+
 /// Reads the surfaces of a file of this or another program, with the numbers and names in the file.
-/// A file without surface numbers gives one surface.
+/// A file without surface numbers gives one surface with the name of the file.
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
 pub fn read_surfaces(path: &Path) -> Result<SurfaceFile<3>> {
     let file = VtkFile::read(path, "PolyData")?;
-    let (is_labelled, names) = (is_numbered(&file)?, surface_names(&file));
+    let (is_labelled, names) = (is_numbered(&file)?, names_of(path, &file)?);
     let stated = stated_coordinates(&file);
     let mut file_surfaces = SurfaceFile {
         surface_starts: vec![0],

@@ -44,7 +44,7 @@ class MeshOptions(TypedDict, total=False):
     #: [default: automatic; it is printed]
     threshold: _Number | None
     #: How faults are recognised in seismic amplitudes
-    fault_evidence: Literal["network", "semblance"] | None
+    fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
     #: else at 2,000 m/s
     min_dip: _Number | None
@@ -217,7 +217,7 @@ class FeatureOptions(TypedDict, total=False):
     #: [default: automatic; it is printed]
     threshold: _Number | None
     #: How faults are recognised in seismic amplitudes
-    fault_evidence: Literal["network", "semblance"] | None
+    fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
     min_dip: _Number | None
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
@@ -681,7 +681,8 @@ class ExportOptions(TypedDict, total=False):
     #: Another property of the cells, such as a seismic attribute, given like a porosity; may be
     #: repeated
     property: _Values | None
-    #: An image of labels that sets the regions of the cells
+    #: An image of labels that sets the regions of the cells: each cell has the label that fills the
+    #: largest part of it, or with `:nearest` at the end that at its centre
     region: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
@@ -927,6 +928,8 @@ class SurfaceOptions(TypedDict, total=False):
     #: The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and
     #: confidence; its lines number points, and its bins are the nodes of grids
     survey: _Path | None
+    #: Smallest confidence of a fault or horizon in the survey: omit those below. Noise has about 1
+    min_confidence: _Number | None
     #: Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
     #: of IMAGE [default: 0.6]
     depth: _Number | None

@@ -16,7 +16,8 @@ use crate::job::spec::NumberOrFile;
 /// Arguments of `atomesh convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// The image or grid to read, or surfaces: .vtp, GOCAD's .ts or .pl, or fault sticks: .csv, .charisma
+    /// The image or grid to read, or surfaces: .vtp, GOCAD's .ts or .pl, .obj, .stl,
+    /// .ply, or fault sticks: .csv, .charisma
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
     /// The file to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png, with

@@ -134,19 +134,26 @@ impl Extraction<'_> {
             self.progress
                 .note(&mixed_units_note(&geometry.units, &up, is_time));
         }
-        let (mut survey, mut image) = (None, None);
+        let (mut survey_grid, mut image) = (None, None);
         if let Some(path) = &spec.survey {
             let input = ImageInput {
                 image: (self.read_image)(path, &spec.input)?,
                 name: &path.display().to_string(),
                 sha256: None,
             };
-            survey = SurveyGrid::new(&input.image);
+            survey_grid = SurveyGrid::new(&input.image);
             image = Some(input.fitting(&stored.space)?);
         }
         let image = image.as_ref();
-        let (surfaces, mut measures, mut file) =
-            measured_groups(&stored, facets, &options, &up, z_up, image);
+        let survey = image.map(|image| Survey {
+            image,
+            min_confidence: spec.min_confidence,
+        });
+        let groups = measured_groups(&stored, facets, &options, (&up, z_up), survey);
+        if let Some(note) = &groups.doubtful {
+            self.progress.note(note);
+        }
+        let (surfaces, mut measures, mut file) = (groups.surfaces, groups.measures, groups.file);
         if let Some(image) = image {
             if are_horizons_upright(&measures, &up.up) {
                 self.progress
@@ -181,7 +188,7 @@ impl Extraction<'_> {
                 dropped_area: surfaces.dropped_area,
                 dropped_share: surfaces.dropped_share(stored.lattice.nodes()),
             },
-            survey,
+            survey: survey_grid,
             mesh,
         })
     }
@@ -317,31 +324,91 @@ fn mean_spacing<const D: usize, M: Mesh<D>>(mesh: &M) -> f64 {
     (volume / mesh.nodes().len() as f64).powf(1.0 / D as f64)
 }
 
+/// The image of amplitudes in which surfaces are measured.
+#[derive(Clone, Copy)]
+struct Survey<'a, const D: usize> {
+    image: &'a Image<D>,
+    /// Confidence below which surfaces are dropped.
+    min_confidence: Option<f64>,
+}
+
+/// The surfaces of a mesh, with their measures and as a file.
+struct SurfaceGroups<const D: usize> {
+    surfaces: Surfaces<D>,
+    measures: Vec<SurfaceMeasure>,
+    file: SurfaceFile<D>,
+    /// Note on the surfaces that were dropped because of their confidence.
+    doubtful: Option<String>,
+}
+
 /// Groups facets of a mesh into surfaces and measures them. `up` is the direction that is up; `z_up`
 /// is `true` if z grows upwards. With the `survey`, horizons stay on their reflectors.
 fn measured_groups<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
-    up: &MapAxes<D>,
-    z_up: bool,
-    survey: Option<&Image<D>>,
-) -> (Surfaces<D>, Vec<SurfaceMeasure>, SurfaceFile<D>) {
+    (up, z_up): (&MapAxes<D>, bool),
+    survey: Option<Survey<'_, D>>,
+) -> SurfaceGroups<D> {
     let mut surfaces = group_facets(stored, facets, options);
     let nodes = stored.world.nodes.as_slice();
-    if let Some(image) = survey {
-        let kinds = surface_kinds(&surfaces, nodes, &horizon_facets(stored));
-        let (samples, geometry) = (nodes_in_samples(stored), &stored.space.geometry);
+    let geometry = &stored.space.geometry;
+    let (mut doubtful, horizons) = (None, horizon_facets(stored));
+    if let Some(Survey { image, .. }) = survey {
+        let kinds = surface_kinds(&surfaces, nodes, &horizons);
+        let samples = nodes_in_samples(stored);
         split_horizons(&mut surfaces, &kinds, &samples, image, geometry, up.up);
     }
     surfaces.orient(nodes, up.up);
-    let geometry = &stored.space.geometry;
+    if let Some((Survey { image, .. }, min)) = survey.and_then(|s| s.min_confidence.map(|c| (s, c)))
+    {
+        let kinds = surface_kinds(&surfaces, nodes, &horizons);
+        let samples = nodes_in_samples(stored);
+        let amplitudes = measure_amplitudes(&surfaces, &kinds, &samples, image, geometry, up.up);
+        let confidences = amplitudes.surfaces.iter().map(|m| m.confidence);
+        doubtful = drop_doubtful(&mut surfaces, &kinds, &confidences.collect::<Vec<_>>(), min);
+    }
     let up = &up.with_geometry(geometry);
-    let measures = measure(&surfaces, nodes, up, &horizon_facets(stored));
+    let measures = measure(&surfaces, nodes, up, &horizons);
     let mut file = SurfaceFile::new(nodes, &surfaces.facets, &surfaces.start, "surface");
     file.names = measures.iter().map(surface_name).collect();
     file.cell_data = cell_data(&surfaces, &measures, nodes);
-    (surfaces, measures, file.with_space(geometry, z_up))
+    SurfaceGroups {
+        surfaces,
+        measures,
+        file: file.with_space(geometry, z_up),
+        doubtful,
+    }
+}
+
+/// Drops the surfaces whose confidence is below `min`; those without one stay. Returns a note on them.
+fn drop_doubtful<const D: usize>(
+    surfaces: &mut Surfaces<D>,
+    kinds: &[SurfaceKind],
+    confidences: &[Option<f64>],
+    min: f64,
+) -> Option<String> {
+    let is_doubtful: Vec<bool> = (confidences.iter())
+        .map(|confidence| confidence.is_some_and(|c| c < min))
+        .collect();
+    let doubtful = (0..surfaces.len()).filter(|&s| is_doubtful[s]);
+    let dropped: Vec<String> = doubtful
+        .map(|s| {
+            let kind = kinds[s].name();
+            let name = surfaces.names.get(s).map_or(kind, String::as_str);
+            format!("{name} ({:.1})", confidences[s].unwrap_or_default())
+        })
+        .collect();
+    if dropped.is_empty() {
+        return None;
+    }
+    surfaces.remove(&is_doubtful);
+    Some(format!(
+        "{} of {} surfaces have a confidence below {min} and are omitted: {}",
+        dropped.len(),
+        kinds.len(),
+        dropped.join(", ")
+    ))
 }
 
 /// Returns the surfaces of the faces on features with default options. A mesh without features has
@@ -364,7 +431,7 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
         facet_selection::marked_facets(&stored.lattice, &marks)
     };
     let options = grouping.options(None)?;
-    Ok(measured_groups(stored, facets, &options, &up, z_up, None).2)
+    Ok(measured_groups(stored, facets, &options, (&up, z_up), None).file)
 }
 
 /// Returns the name of a surface in files.

@@ -83,16 +83,18 @@ impl<const D: usize> DetectorOutput<D> {
         }
     }
 
-    /// Takes the candidates of all ranks; the candidates are no longer distributed afterwards.
+    /// Takes the candidates of all ranks. Neither they nor flat candidates are distributed afterwards.
     ///
     /// # Errors
     /// Returns the errors of other ranks.
     pub fn gather_candidates(&mut self, comm: &dyn Comm) -> Result<Vec<Candidate<D>>> {
         let local = std::mem::take(&mut self.candidates);
-        match self.layers.take() {
-            Some(_) => Ok(concatenate(comm.all_gather("candidates", local)?)),
-            None => Ok(local),
+        if self.layers.take().is_none() {
+            return Ok(local);
         }
+        let flat = std::mem::take(&mut self.flat_candidates);
+        self.flat_candidates = concatenate(comm.all_gather("flat candidates", flat)?);
+        Ok(concatenate(comm.all_gather("candidates", local)?))
     }
 
     /// Drops candidates in chaotic zones, unless `keep_chaos` is set. `kind` is what is sought.

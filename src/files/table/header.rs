@@ -27,12 +27,14 @@ pub(super) fn find(
     separator: Separator,
     terms: &'static [Term],
 ) -> Header {
-    let is_word = |line: &Line, word: &str| plain_name(line.of(text)) == word;
+    let is_word = |line: &Line, word: &str| plain_name(line.text(text)) == word;
     let begin = lines.iter().position(|line| is_word(line, "beginheader"));
     let end = lines.iter().position(|line| is_word(line, "endheader"));
     if let (Some(begin), Some(end)) = (begin, end.filter(|&end| begin < Some(end))) {
         let block = &lines[begin + 1..end];
-        let columns = block.iter().map(|line| typed_column(line.of(text), terms));
+        let columns = block
+            .iter()
+            .map(|line| typed_column(line.text(text), terms));
         return Header {
             line: Some(lines[begin].number),
             columns: columns.collect(),
@@ -42,7 +44,7 @@ pub(super) fn find(
     let (first, width) = first_row(text, lines, separator);
     let mut named: Option<(usize, Vec<Column>, usize)> = None;
     for (at, line) in lines.iter().enumerate().take(MAX_LINES_BEFORE_NAMES) {
-        let Some((columns, known)) = names(line.of(text), separator, width, terms) else {
+        let Some((columns, known)) = names(line.text(text), separator, width, terms) else {
             continue;
         };
         // Names in another number than fields are of another line's.
@@ -54,7 +56,7 @@ pub(super) fn find(
     }
     let named = named.map(|(at, columns, _)| (at, columns)).or_else(|| {
         let at = first.checked_sub(1)?;
-        let (columns, _) = names(lines[at].of(text), separator, width, terms)?;
+        let (columns, _) = names(lines[at].text(text), separator, width, terms)?;
         (columns.len() > 1 && columns.len() == width).then_some((at, columns))
     });
     let Some((at, mut columns)) = named else {
@@ -66,7 +68,7 @@ pub(super) fn find(
     };
     let mut first_row = at + 1;
     if let Some(line) = lines.get(first_row)
-        && add_units(&mut columns, line.of(text), separator)
+        && add_units(&mut columns, line.text(text), separator)
     {
         first_row += 1;
     }
@@ -82,17 +84,17 @@ pub(super) fn find(
 /// fields.
 fn first_row(text: &str, lines: &[Line], separator: Separator) -> (usize, usize) {
     let is_row = |line: &&Line| {
-        let first = line.of(text).split(|c: char| !c.is_alphanumeric()).next();
-        has_number(line.of(text)) && !PREAMBLES.contains(&&*plain_name(first.unwrap_or("")))
+        let first = line.text(text).split(|c: char| !c.is_alphanumeric()).next();
+        has_number(line.text(text)) && !PREAMBLES.contains(&&*plain_name(first.unwrap_or("")))
     };
     let rows = lines.iter().filter(is_row);
     let mut widths: Vec<usize> = rows
-        .map(|line| separator.split(line.of(text)).len())
+        .map(|line| separator.split(line.text(text)).len())
         .collect();
     widths.sort_unstable();
     let usual = widths.get(widths.len() / 2).copied().unwrap_or(0);
     let position = lines.iter().position(|line| {
-        let fields = separator.split(line.of(text));
+        let fields = separator.split(line.text(text));
         is_row(&line) && (fields.len() == usual || is_number(&fields[0]))
     });
     (position.unwrap_or(0), usual)
@@ -117,9 +119,9 @@ fn names(
                 .collect(),
         );
     }
-    // Names of several words stand two blanks apart.
-    let apart = line.split("  ").map(|name| name.trim().to_string());
-    splits.push(apart.filter(|name| !name.is_empty()).collect());
+    // Names of several words are separated by two blanks or more.
+    let by_two_blanks = line.split("  ").map(|name| name.trim().to_string());
+    splits.push(by_two_blanks.filter(|name| !name.is_empty()).collect());
     splits.push(known_pairs(line, width, terms));
     let mut best: Option<(Vec<Column>, [usize; 2])> = None;
     for split in splits {

@@ -27,10 +27,10 @@ impl<'a> Entry<'a> {
 impl Table {
     /// Returns `true` if the text is a LAS file.
     pub(super) fn is_las(&self, lines: &[Line]) -> bool {
-        let is_comment = |line: &&Line| line.of(&self.text).starts_with('#');
+        let is_comment = |line: &&Line| line.text(&self.text).starts_with('#');
         let first = lines.iter().find(|line| !is_comment(line));
         first.is_some_and(|line| {
-            line.of(&self.text)
+            line.text(&self.text)
                 .get(..2)
                 .is_some_and(|mark| mark.eq_ignore_ascii_case("~v"))
         })
@@ -41,7 +41,7 @@ impl Table {
         let text = std::mem::take(&mut self.text);
         let mut section = ' ';
         for line in lines {
-            let words = line.of(&text).trim();
+            let words = line.text(&text).trim();
             if let Some(name) = words.strip_prefix('~') {
                 section = name.chars().next().unwrap_or(' ').to_ascii_uppercase();
                 continue;

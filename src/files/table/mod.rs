@@ -53,6 +53,86 @@ impl Term {
     }
 }
 
+/// The term of x, and the names by which it is known.
+pub const X_TERM: Term = Term::new(
+    "x",
+    &[
+        "easting",
+        "eastings",
+        "east",
+        "e",
+        "utmx",
+        "utme",
+        "xutm",
+        "xcoord",
+        "xcoordinate",
+        "coordx",
+        "xc",
+        "xpos",
+        "xposition",
+        "cdpx",
+        "xcdp",
+        "mapx",
+        "xmap",
+        "worldx",
+        "xworld",
+        "realx",
+        "xlocation",
+        "xloc",
+        "utmeasting",
+        "eastingutm",
+        "mapeasting",
+        "xeast",
+        "xeasting",
+        "eastingx",
+        "rechtswert",
+        "surfacex",
+        "pointx",
+        "points0",
+        "xmidpoint",
+    ],
+);
+
+/// The term of y, and the names by which it is known.
+pub const Y_TERM: Term = Term::new(
+    "y",
+    &[
+        "northing",
+        "northings",
+        "north",
+        "n",
+        "utmy",
+        "utmn",
+        "yutm",
+        "ycoord",
+        "ycoordinate",
+        "coordy",
+        "yc",
+        "ypos",
+        "yposition",
+        "cdpy",
+        "ycdp",
+        "mapy",
+        "ymap",
+        "worldy",
+        "yworld",
+        "realy",
+        "ylocation",
+        "yloc",
+        "utmnorthing",
+        "northingutm",
+        "mapnorthing",
+        "ynorth",
+        "ynorthing",
+        "northingy",
+        "hochwert",
+        "surfacey",
+        "pointy",
+        "points1",
+        "ymidpoint",
+    ],
+);
+
 /// A column of a table.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Column {
@@ -92,8 +172,8 @@ struct Line {
 }
 
 impl Line {
-    fn of(self, text: &str) -> &str {
-        text[self.start..self.end].trim_matches([' ', '\r', '\u{a0}'])
+    fn text(self, whole: &str) -> &str {
+        whole[self.start..self.end].trim_matches([' ', '\r', '\u{a0}'])
     }
 }
 
@@ -208,7 +288,7 @@ impl Table {
         let mut table = Self::empty(path, decode(bytes));
         let lines = split_lines(&table.text);
         let (content, _) = without_comments(&table.text, lines);
-        let texts = content.iter().map(|line| line.of(&table.text));
+        let texts = content.iter().map(|line| line.text(&table.text));
         table.separator = Separator::of_lines(texts);
         table.lines = content;
         table.find_decimal_mark();
@@ -249,18 +329,18 @@ impl Table {
     fn find_rows(&mut self, lines: Vec<Line>, terms: &'static [Term]) -> Result<()> {
         let text = std::mem::take(&mut self.text);
         let (mut content, comments) = without_comments(&text, lines);
-        let numeric = content.iter().map(|line| line.of(&text));
+        let numeric = content.iter().map(|line| line.text(&text));
         let numeric = numeric.filter(|line| has_number(line)).count();
-        let is_numeric = |line: &&Line| numeric == 0 || has_number(line.of(&text));
+        let is_numeric = |line: &&Line| numeric == 0 || has_number(line.text(&text));
         let lines_of_numbers = content.iter().filter(is_numeric);
-        self.separator = Separator::of_lines(lines_of_numbers.map(|line| line.of(&text)));
+        self.separator = Separator::of_lines(lines_of_numbers.map(|line| line.text(&text)));
         let header = header::find(&text, &content, self.separator, terms);
         let before = content[..header.first_row].iter();
         let before = before.filter(|line| Some(line.number) != header.line);
         let last_comment = content
             .get(header.first_row)
             .map_or(usize::MAX, |row| row.number);
-        self.remarks = before.map(|line| line.of(&text).to_string()).collect();
+        self.remarks = before.map(|line| line.text(&text).to_string()).collect();
         (self.remarks).extend(comments.iter().map(|comment| comment.1.clone()));
         self.header_line = header.line;
         self.columns = header.columns;
@@ -285,7 +365,7 @@ impl Table {
     fn find_decimal_mark(&mut self) {
         let mut evidence = DecimalEvidence::default();
         for line in &self.lines {
-            let fields = self.separator.split(line.of(&self.text));
+            let fields = self.separator.split(line.text(&self.text));
             fields.iter().for_each(|field| evidence.add(field));
         }
         self.decimal_mark = evidence.mark();
@@ -298,16 +378,16 @@ impl Table {
             width => width,
         };
         let numbers = |line: &Line| {
-            let fields = self.separator.split(line.of(&self.text));
+            let fields = self.separator.split(line.text(&self.text));
             fields.iter().filter(|field| is_number(field)).count()
         };
         let usual = self.lines.first().map_or(0, numbers);
         let has_numbers = self
             .lines
             .iter()
-            .any(|line| has_number(line.of(&self.text)));
+            .any(|line| has_number(line.text(&self.text)));
         let is_end = |line: &Line| {
-            let text = line.of(&self.text);
+            let text = line.text(&self.text);
             let has_row_width = self.separator.split(text).len() == width;
             if is_footer(text) {
                 !has_row_width || numbers(line) < usual
@@ -320,13 +400,13 @@ impl Table {
             end -= 1;
         }
         let dropped = self.lines.split_off(end);
-        (self.remarks).extend(dropped.iter().map(|line| line.of(&self.text).to_string()));
+        (self.remarks).extend(dropped.iter().map(|line| line.text(&self.text).to_string()));
     }
 
     /// Returns the largest number of fields in a line with numbers that is no total, or in any line.
     fn usual_width(&self) -> usize {
         let widths = |is_row: &dyn Fn(&&str) -> bool| {
-            let texts = self.lines.iter().map(|line| line.of(&self.text));
+            let texts = self.lines.iter().map(|line| line.text(&self.text));
             texts
                 .filter(is_row)
                 .map(|text| self.separator.split(text).len())
@@ -399,7 +479,7 @@ impl Table {
     }
 
     fn row(&self, line: &Line) -> TableRow<'_> {
-        let mut fields = self.separator.split(line.of(&self.text));
+        let mut fields = self.separator.split(line.text(&self.text));
         let width = self.columns.len();
         // Between blanks, the words of a name without quotes are one field.
         if self.separator == Separator::Blanks && self.has_names() && fields.len() > width {
@@ -661,7 +741,7 @@ fn without_comments(text: &str, lines: Vec<Line>) -> (Vec<Line>, Vec<(usize, Str
     let mut comments: Vec<(usize, String)> = Vec::new();
     let mut segment = 0;
     for mut line in lines {
-        let words = line.of(text).trim_start();
+        let words = line.text(text).trim_start();
         if words.starts_with('>') || words.starts_with("->") {
             segment += 1;
         } else if let Some(comment) = comment_text(words) {

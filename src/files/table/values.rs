@@ -26,7 +26,7 @@ pub struct ValueTable {
     pub terms: &'static [Term],
     /// The meaning of a row, for messages.
     pub meaning: &'static str,
-    /// What to write, for messages.
+    /// The remedy of a wrong row, for messages.
     pub remedy: &'static str,
 }
 

@@ -34,7 +34,8 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
     let kind = match &data {
         DataSet::ImageData { .. } => "ImageData",
         DataSet::UnstructuredGrid { .. } => "UnstructuredGrid",
-        _ => return Err("holds neither an image nor an unstructured grid".into()),
+        DataSet::PolyData { .. } => "PolyData",
+        _ => return Err("holds no image, no unstructured grid and no poly data".into()),
     };
     let mut content = XmlContent {
         fields: fields
@@ -71,6 +72,22 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
             content.piece.push(("NumberOfPoints", count.to_string()));
             content.points = Some(points);
             content.take_cells(piece.cells)?;
+            content.take_attributes(piece.data)?;
+        }
+        DataSet::PolyData { pieces, .. } => {
+            let piece = single_piece(pieces)?;
+            let points = to_values(piece.points)?;
+            let count = points.len() / 3;
+            content.piece.push(("NumberOfPoints", count.to_string()));
+            content.points = Some(points);
+            for (element, cells) in [
+                ("Verts", piece.verts),
+                ("Lines", piece.lines),
+                ("Strips", piece.strips),
+                ("Polys", piece.polys),
+            ] {
+                content.take_polygons(element, cells)?;
+            }
             content.take_attributes(piece.data)?;
         }
         _ => {}
@@ -224,7 +241,8 @@ struct XmlContent {
     point_arrays: Vec<DataArray>,
     cell_arrays: Vec<DataArray>,
     points: Option<Values>,
-    cells: Vec<DataArray>,
+    /// Elements of cells, each with its arrays.
+    cells: Vec<(&'static str, Vec<DataArray>)>,
 }
 
 impl XmlContent {
@@ -288,12 +306,40 @@ impl XmlContent {
         } else {
             ["connectivity", "offsets"]
         };
-        self.cells = vec![
+        let arrays = vec![
             DataArray::scalars(names[0], connectivity),
             DataArray::scalars(names[1], ends),
             DataArray::scalars("types", types),
         ];
+        self.cells.push(("Cells", arrays));
         self.piece.push(("NumberOfCells", count.to_string()));
+        Ok(())
+    }
+
+    /// Adds the polygons, lines or points of poly data.
+    fn take_polygons(
+        &mut self,
+        element: &'static str,
+        cells: Option<VertexNumbers>,
+    ) -> Result<(), String> {
+        let (connectivity, ends) = match cells {
+            None => return Ok(()),
+            Some(VertexNumbers::Legacy { vertices, .. }) => {
+                split_cells(&vertices).ok_or("has broken cells")?
+            }
+            Some(VertexNumbers::XML {
+                connectivity,
+                offsets,
+            }) => {
+                let begins = usize::from(offsets.first() == Some(&0));
+                (connectivity, offsets[begins..].to_vec())
+            }
+        };
+        let arrays = vec![
+            DataArray::scalars("connectivity", connectivity),
+            DataArray::scalars("offsets", ends),
+        ];
+        self.cells.push((element, arrays));
         Ok(())
     }
 
@@ -312,7 +358,10 @@ impl XmlContent {
             document.open("Points", &[]);
             document.add_array(points.source("Points", 3));
             document.close();
-            open_with_arrays(&mut document, "Cells", &[], &self.cells);
+            for (element, arrays) in &self.cells {
+                open_with_arrays(&mut document, element, &[], arrays);
+                document.close();
+            }
         }
         let mut bytes = Cursor::new(Vec::new());
         document.write(&mut bytes)?;

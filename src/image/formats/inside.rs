@@ -5,13 +5,12 @@ use std::path::Path;
 
 use super::{AnyImage, LoadedImage, ReadOptions, detect, read_any};
 use crate::error::{Error, Result, cause, io_error};
-use crate::files::table::Table;
+use crate::files::table::{Table, X_TERM, Y_TERM};
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
 use crate::image::Image;
 use crate::parallel::prelude::*;
-use crate::surface_file::place_columns::PLACE_TERMS;
 
 const REMEDY: &str = "give a table of x,y, a closed GOCAD line (.pl), lines or polygons (.vtp), or an image that is not 0 inside";
 
@@ -137,7 +136,7 @@ fn edges_of(points: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
 
 /// Reads the edges of a table of points. A ring ends at its first point, or where a segment does.
 fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
-    let table = Table::read(path, PLACE_TERMS)?;
+    let table = Table::read(path, &[X_TERM, Y_TERM])?;
     let columns = match (table.column("x")?, table.column("y")?) {
         (Some(x), Some(y)) => [x, y],
         _ if !table.has_names() && (2..=3).contains(&table.columns().len()) => [0, 1],

@@ -281,40 +281,61 @@ impl CellAveraging<'_> {
 
     /// Calls `add` with the volume and the centre (a sample index) of each piece of a cell.
     fn for_each_piece_of_cell(&self, cell: usize, mut add: impl FnMut(f64, [f64; 3])) {
-        let (mesh, positions) = (self.mesh, self.positions);
-        for &f in self.faces.get(cell) {
-            let ring = mesh.faces.get(f as usize);
-            let position_pair = |n: u32| [mesh.nodes[n as usize], positions.nodes[n as usize]];
-            let middle = |index: usize| -> [f64; 3] {
-                let sum = |k: usize| {
-                    ring.iter()
-                        .map(|&n| position_pair(n)[index][k])
-                        .sum::<f64>()
-                };
-                std::array::from_fn(|k| sum(k) / ring.len() as f64)
+        for_each_piece_of_cell(
+            self.mesh,
+            self.positions,
+            self.faces.get(cell),
+            cell,
+            MAX_PIECE_EDGE_SAMPLES,
+            &mut add,
+        );
+    }
+}
+
+/// Calls `add` with six times the volume and the centre (a sample index) of each piece of a cell with
+/// these faces. No edge of a piece is longer than `max_edge` samples.
+pub(super) fn for_each_piece_of_cell(
+    mesh: &PolyMesh<3>,
+    positions: &SamplePositions,
+    faces: &[u32],
+    cell: usize,
+    max_edge: f64,
+    add: &mut impl FnMut(f64, [f64; 3]),
+) {
+    for &f in faces {
+        let ring = mesh.faces.get(f as usize);
+        let position_pair = |n: u32| [mesh.nodes[n as usize], positions.nodes[n as usize]];
+        let middle = |index: usize| -> [f64; 3] {
+            let sum = |k: usize| {
+                ring.iter()
+                    .map(|&n| position_pair(n)[index][k])
+                    .sum::<f64>()
             };
-            // The centre of a triangle is not needed.
-            let (apex, edges) = match ring.len() {
-                3 => (position_pair(ring[0]), 1..2),
-                n => ([middle(0), middle(1)], 0..n),
-            };
-            for i in edges {
-                let [p, q] = [ring[i], ring[(i + 1) % ring.len()]].map(position_pair);
-                let volume = volume6(&[mesh.sites[cell], apex[0], p[0], q[0]]).abs();
-                for_each_piece(
-                    [positions.sites[cell], apex[1], p[1], q[1]],
-                    volume,
-                    &mut add,
-                );
-            }
+            std::array::from_fn(|k| sum(k) / ring.len() as f64)
+        };
+        // The centre of a triangle is not needed.
+        let (apex, edges) = match ring.len() {
+            3 => (position_pair(ring[0]), 1..2),
+            n => ([middle(0), middle(1)], 0..n),
+        };
+        for i in edges {
+            let [p, q] = [ring[i], ring[(i + 1) % ring.len()]].map(position_pair);
+            let volume = volume6(&[mesh.sites[cell], apex[0], p[0], q[0]]).abs();
+            let piece = [positions.sites[cell], apex[1], p[1], q[1]];
+            for_each_piece(piece, volume, max_edge, add);
         }
     }
 }
 
-/// Halves a tetrahedron until it is small, and calls `add` with the volume and the centre of each
+/// Halves a tetrahedron until no edge is longer than `max_edge`, and calls `add` with the volume and the centre of each
 /// piece.
-fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64; 3])) {
-    let mut longest = (MAX_PIECE_EDGE_SAMPLES * MAX_PIECE_EDGE_SAMPLES, 0, 0);
+fn for_each_piece(
+    p: [[f64; 3]; 4],
+    volume: f64,
+    max_edge: f64,
+    add: &mut impl FnMut(f64, [f64; 3]),
+) {
+    let mut longest = (max_edge * max_edge, 0, 0);
     for i in 0..4 {
         for j in 0..i {
             let length = distance2(&p[i], &p[j]);
@@ -332,7 +353,7 @@ fn for_each_piece(p: [[f64; 3]; 4], volume: f64, add: &mut impl FnMut(f64, [f64;
     for end in [i, j] {
         let mut half = p;
         half[end] = midpoint;
-        for_each_piece(half, 0.5 * volume, add);
+        for_each_piece(half, 0.5 * volume, max_edge, add);
     }
 }
 

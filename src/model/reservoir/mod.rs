@@ -3,6 +3,7 @@
 //! module `export` writes it.
 //!
 //! - `prepared_model`: models from mesh files
+//! - `region_shares`: regions from an image that the mesh was not made of
 //! - `rock_options`: options for the rock in the cells
 //! - `space_options`: options that place a model in space
 //! - `case_options`: options for the wells and fluids of a simulation
@@ -32,6 +33,7 @@ mod extended_faults;
 pub(crate) mod frame;
 pub(crate) mod gouge;
 pub(crate) mod prepared_model;
+pub(crate) mod region_shares;
 pub(crate) mod rock_options;
 pub(crate) mod schedule;
 pub(crate) mod seal_check;

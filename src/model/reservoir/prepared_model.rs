@@ -4,12 +4,14 @@
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::sub;
+use crate::image::placing::Frame;
 use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::flow::anisotropy::AxisRatios;
+use crate::model::reservoir::region_shares::RegionShares;
 use crate::model::reservoir::{
     CellMeans, DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, SamplePositions, averaging,
 };
@@ -253,6 +255,11 @@ impl ModelParts {
 }
 
 impl PreparedModel {
+    /// Returns the frame of the meshed image, into which the positions that the user gives are brought.
+    pub(super) fn image_frame(&self) -> Frame<3> {
+        Frame::new(&self.geometry, self.dims.map(|n| n.round() as usize))
+    }
+
     /// Builds a model from a mesh with any kind of cells; `place` names the mesh in errors.
     /// Triangles and polygons become prisms.
     ///
@@ -376,6 +383,22 @@ impl PreparedModel {
     /// Returns [`Error::Image`] if the image has neither, and the errors of
     /// `averaging::average_cells`.
     pub fn average(&self, image: &Image<3>, mean: MeanKind, place: &str) -> Result<CellMeans> {
+        let positions = self.positions_in(image, place)?;
+        averaging::average_cells(&self.model.mesh, &positions, image, mean, place)
+    }
+
+    /// Returns the regions of the cells from an image of labels, which is placed as for
+    /// [`average`](Self::average).
+    ///
+    /// # Errors
+    /// Returns [`Error::Image`] as [`average`](Self::average) does.
+    pub fn region_shares(&self, image: &Image<3>, place: &str) -> Result<RegionShares> {
+        let positions = self.positions_in(image, place)?;
+        Ok(RegionShares::new(&self.model.mesh, &positions, image))
+    }
+
+    /// Returns the positions of the mesh in an image.
+    fn positions_in(&self, image: &Image<3>, place: &str) -> Result<SamplePositions> {
         let dims = image.dims();
         let same_dims = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
         let geometry = if same_dims {
@@ -408,6 +431,6 @@ impl PreparedModel {
                 "give an image of the same dimensions, or one with a position that covers the mesh",
             )));
         }
-        averaging::average_cells(&self.model.mesh, &positions, image, mean, place)
+        Ok(positions)
     }
 }

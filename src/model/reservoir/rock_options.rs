@@ -73,7 +73,8 @@ pub struct RockOptions {
     /// repeated
     #[cfg_attr(feature = "cli", arg(long, value_name = "NAME=VALUE"))]
     pub property: Vec<CellProperty>,
-    /// An image of labels that sets the regions of the cells
+    /// An image of labels that sets the regions of the cells: each cell has the label that fills the
+    /// largest part of it, or with `:nearest` at the end that at its centre
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     #[serde(deserialize_with = "deserialize_optional")]
     pub region: Option<String>,
@@ -241,6 +242,9 @@ serde_as_text!(
     CutOff: ["="; 2],
 );
 
+/// End of the value of an option for an image of which the nearest samples count.
+const NEAREST_SUFFIX: &str = ":nearest";
+
 /// Returns an error about an option.
 fn option_error(option: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{option} {value}"), problem, remedy))
@@ -266,8 +270,7 @@ impl RockOptions {
             without_data: Vec::new(),
         };
         if let Some(text) = &self.region {
-            let labels = filling.image_values("region", text, MeanKind::Nearest, prepared)?;
-            let labels: Vec<i32> = labels.iter().map(|&l| l.round() as i32).collect();
+            let labels = filling.regions(text, prepared)?;
             prepared.model.graph.region.clone_from(&labels);
             prepared.model.mesh.region = labels;
             // The new regions are not those of the labels from which the mesh was made.
@@ -531,6 +534,19 @@ impl Filling<'_> {
             return Ok(array.values.to_f64());
         }
         self.image_values(option, text, mean, prepared)
+    }
+
+    /// Returns the region of each cell: the label of an image that fills the largest part of it, or,
+    /// for `IMAGE:nearest`, the label at its site.
+    fn regions(&mut self, text: &str, prepared: &PreparedModel) -> Result<Vec<i32>> {
+        if text.ends_with(NEAREST_SUFFIX) || !Path::new(text).exists() {
+            let labels = self.image_values("region", text, MeanKind::Nearest, prepared)?;
+            return Ok(labels.iter().map(|&label| label.round() as i32).collect());
+        }
+        let image = self.read_image(Path::new(text))?;
+        let shares = prepared.region_shares(&image, text)?;
+        self.progress.note(&shares.note(text));
+        Ok(shares.region)
     }
 
     fn image_values(

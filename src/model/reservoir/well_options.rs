@@ -6,6 +6,8 @@ use std::str::FromStr;
 
 use super::{Completion, Control, PreparedModel, Trajectory, WellTracer};
 use crate::error::cause;
+use crate::image::placing::GivenFile;
+use crate::image::stated::CoordinateOptions;
 use crate::job::spec::{InvalidValue, joined, parse_number};
 use crate::job::well_file::{WellFile, is_well_file};
 use crate::option_text::serde_as_text;
@@ -169,24 +171,34 @@ impl GivenWell<'_> {
                 }
             }
         }
-        let frame = &prepared.frame;
+        let (frame, image) = (&prepared.frame, prepared.image_frame());
+        let options = CoordinateOptions::default();
         let mut wells = Vec::new();
         for file in files {
+            let given = GivenFile {
+                place: &self.label,
+                stated: &file.coordinates,
+                options: &options,
+            };
+            let placing = image.placing(given, &mut file.points.iter().map(|p| p.position))?;
+            let scale = placing.length(1.0) * frame.horizontal_scale();
             let points = file.points.iter();
-            let radii = points.clone().map(|p| {
-                let own = p.radius.map(|radius| radius * frame.horizontal_scale());
-                own.unwrap_or(default_radius)
-            });
+            let radii = points
+                .clone()
+                .map(|p| p.radius.map_or(default_radius, |radius| radius * scale));
             let trajectory = Trajectory {
                 name: self.label.clone(),
                 radii: radii.collect(),
-                points: points.map(|p| frame.to_model(p.position)).collect(),
+                points: points
+                    .map(|p| frame.to_model(placing.apply(p.position)))
+                    .collect(),
             };
             let completions = tracer.complete(&trajectory)?;
             let inside = completions.iter().map(|c| c.length).sum::<f64>();
             let total = trajectory.length();
             let place = format!("{} ({})", path.display(), file.name);
-            for note in &file.notes {
+            let placed = placing.notes.iter().filter(|_| !placing.is_identity());
+            for note in file.notes.iter().chain(placed) {
                 progress.note(&format!("{place}: {note}"));
             }
             if file.points.iter().any(|p| p.radius.is_none()) {

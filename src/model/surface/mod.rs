@@ -258,6 +258,26 @@ impl<const D: usize> Surfaces<D> {
         }
     }
 
+    /// Removes surfaces; `is_removed` has a value for each.
+    pub(crate) fn remove(&mut self, is_removed: &[bool]) {
+        let kept_before = |end: usize| {
+            is_removed[..end]
+                .iter()
+                .filter(|removed| !**removed)
+                .count()
+        };
+        self.interfaces = kept_before(self.interfaces.start)..kept_before(self.interfaces.end);
+        let kept = (0..self.len()).filter(|&s| !is_removed[s]);
+        let names = kept.clone().filter_map(|s| self.names.get(s).cloned());
+        let names: Vec<String> = names.collect();
+        let (mut facets, mut start) = (Vec::new(), vec![0]);
+        for s in kept {
+            facets.extend_from_slice(self.facets_of(s));
+            start.push(facets.len());
+        }
+        (self.names, self.facets, self.start) = (names, facets, start);
+    }
+
     /// Returns the facets of a surface.
     pub fn facets_of(&self, surface: usize) -> &[[u32; D]] {
         &self.facets[self.start[surface]..self.start[surface + 1]]

@@ -64,6 +64,17 @@ pub struct SurfaceSpec {
     /// confidence; its lines number points, and its bins are the nodes of grids
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub survey: Option<PathBuf>,
+    /// Smallest confidence of a fault or horizon in the survey: omit those below. Noise has about 1
+    #[cfg_attr(
+        feature = "cli",
+        arg(
+            long,
+            value_name = "C",
+            allow_negative_numbers = true,
+            requires = "survey"
+        )
+    )]
+    pub min_confidence: Option<f64>,
     /// Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
     /// of IMAGE [default: 0.6]
     #[cfg_attr(feature = "cli", arg(long, value_name = "DEPTH", requires = "image"))]
@@ -218,6 +229,17 @@ impl SurfaceSpec {
                 "is out of range",
                 remedy,
             )));
+        }
+        if let Some(confidence) = self.min_confidence {
+            let place = || format!("min-confidence {confidence}");
+            if !(confidence.is_finite() && confidence >= 0.0) {
+                let remedy = "give 0 or more; noise has about 1";
+                return Err(Error::Job(cause(place(), "is out of range", remedy)));
+            }
+            if self.survey.is_none() {
+                let problem = "needs the amplitudes in which confidence is measured";
+                return Err(Error::Job(cause(place(), problem, "give them as survey")));
+            }
         }
         if self.by == GroupBy::Regions
             && (self.image.is_some()

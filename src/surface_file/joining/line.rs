@@ -119,6 +119,21 @@ impl Line {
         )
     }
 
+    /// Returns the mean vector from this line to another, from the samples of the shorter one across to
+    /// the longer one.
+    pub fn vector_to(&self, other: &Self) -> Point {
+        let (short, long, sign) = if self.length <= other.length {
+            (self, other, 1.0)
+        } else {
+            (other, self, -1.0)
+        };
+        let share = sign / short.samples.len() as f64;
+        (short.samples.iter()).fold([0.0; 3], |sum, &sample| {
+            let across = sub(long.nearest_of_samples(sample, true).place, sample);
+            std::array::from_fn(|k| sum[k] + share * across[k])
+        })
+    }
+
     /// Returns how this line lies beside `longer`.
     pub fn offset_from(&self, longer: &Self) -> Offset {
         let mut offset = Offset {

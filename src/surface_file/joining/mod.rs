@@ -8,7 +8,8 @@
 //!    lines is measured across them, so that it does not depend on where they start and end.
 //! 4. If neighbours on the path are nearly parallel and do not cross, strips of triangles join them
 //!    ([`strip`]). The surface is interrupted where neighbours are more than four times as far
-//!    apart as usual.
+//!    apart as usual, and where it would fold. If it folds at several places, it is unclear which
+//!    sticks belong, and that is an error.
 //! 5. Otherwise, as where sticks lie on lines and on slices, the places along all of them are joined
 //!    in the direction that is perpendicular to them ([`scattered`]).
 //!
@@ -19,6 +20,8 @@ mod order;
 mod scattered;
 mod screening;
 mod strip;
+#[cfg(test)]
+mod tests;
 
 use self::line::{Line, Point};
 use self::order::Distances;
@@ -44,6 +47,10 @@ const STRIP_STEP_RATIO: f64 = 0.5;
 
 /// Largest number of places that are added to one side of a strip.
 const MAX_ADDED_PLACES: f64 = 64.0;
+
+/// Largest cosine of the angle between steps from stick to stick where a surface folds (75 degrees):
+/// it is interrupted at the longer step.
+const MAX_FOLD_COSINE: f64 = 0.26;
 
 /// Share of the steps from stick to stick that are not longer than the usual one.
 const USUAL_STEP_SHARE: f64 = 0.8;
@@ -74,14 +81,11 @@ pub fn join_sticks(
     sticks: &[Stick],
     metres_per_unit: [f64; 3],
 ) -> Result<JoinedSticks> {
-    let refuse = |problem: String, remedy: &str| {
-        let place = format!("fault {fault}");
-        Err(Error::Job(cause(place, problem, remedy)))
-    };
     let in_metres = |p: &Point| std::array::from_fn(|k| p[k] * metres_per_unit[k]);
     let line =
         |(i, stick): (usize, &Stick)| Line::new(i, stick.points.iter().map(in_metres).collect());
     let mut notes = Notes {
+        fault,
         sticks,
         texts: Vec::new(),
     };
@@ -92,21 +96,10 @@ pub fn join_sticks(
     let spacing = usual_spacing(&lines);
     merged.extend(merge_continuations(&mut lines, spacing));
     notes.merged(&merged);
-    let count = lines.len();
+    let count = lines.len() as f64;
     let misfits = remove_misfits(&mut lines, spacing);
-    if misfits.len() > 1 && misfits.len() as f64 > MAX_MISFIT_SHARE * count as f64 {
-        let named: Vec<usize> = misfits.iter().map(|(stick, _)| *stick).collect();
-        let problem = format!(
-            "its sticks make no single surface: {} lie up to {:.0} m off that of the others",
-            notes.names(&named),
-            misfits
-                .iter()
-                .fold(0.0, |max: f64, (_, misfit)| max.max(misfit.distance)),
-        );
-        return refuse(
-            problem,
-            "give each fault a name of its own, or correct the sticks",
-        );
+    if misfits.len() > 1 && misfits.len() as f64 > MAX_MISFIT_SHARE * count {
+        return notes.refuse_unclear(misfits.iter().map(|(stick, _)| *stick).collect());
     }
     notes.misfits(&misfits);
     let triangles = if lines.len() < 2 {
@@ -121,7 +114,7 @@ pub fn join_sticks(
         } else {
             problem
         };
-        return refuse(problem, "give at least two sticks side by side");
+        return notes.refuse(problem, "give at least two sticks side by side");
     }
     let in_units = |p: Point| std::array::from_fn(|k| p[k] / metres_per_unit[k]);
     Ok(JoinedSticks {
@@ -152,9 +145,31 @@ fn join(mut lines: Vec<Line>, spacing: f64, notes: &mut Notes) -> Result<Vec<[Po
     let mut steps: Vec<f64> = path.windows(2).map(|p| distances.get(p[0], p[1])).collect();
     steps.sort_by(f64::total_cmp);
     let usual = steps[(USUAL_STEP_SHARE * (steps.len() - 1) as f64) as usize];
-    let is_apart = |a: usize, b: usize| distances.get(a, b) > MAX_GAP_RATIO * usual;
-    let parts: Vec<&[usize]> = path.chunk_by(|&a, &b| !is_apart(a, b)).collect();
-    notes.parts(&parts, &lines, usual);
+    let mut is_cut: Vec<bool> = (path.windows(2))
+        .map(|p| distances.get(p[0], p[1]) > MAX_GAP_RATIO * usual)
+        .collect();
+    let mut folds: Vec<usize> = Vec::new();
+    for (k, p) in path.windows(3).enumerate() {
+        let [first, second] = [(0, 1), (1, 2)].map(|(a, b)| lines[p[a]].vector_to(&lines[p[b]]));
+        if dot(first, second) < MAX_FOLD_COSINE * norm(first) * norm(second) {
+            let step = if norm(first) > norm(second) { k } else { k + 1 };
+            is_cut[step] = true;
+            folds.push(step);
+        }
+    }
+    folds.dedup();
+    if folds.len() > 1 {
+        let sticks = folds.iter().map(|&step| lines[path[step + 1]].sticks[0]);
+        return notes.refuse_unclear(sticks.collect());
+    }
+    let mut parts: Vec<Vec<usize>> = vec![vec![path[0]]];
+    for (&line, &is_cut) in path[1..].iter().zip(&is_cut) {
+        match parts.last_mut() {
+            Some(part) if !is_cut => part.push(line),
+            _ => parts.push(vec![line]),
+        }
+    }
+    notes.parts(&parts, &lines);
     let mut triangles = Vec::new();
     for part in parts {
         for pair in part.windows(2) {
@@ -189,6 +204,7 @@ fn is_sequence(lines: &[Line], path: &[usize], spacing: f64) -> bool {
 
 /// Notes for the user on the sticks of a fault.
 struct Notes<'a> {
+    fault: &'a str,
     sticks: &'a [Stick],
     texts: Vec<String>,
 }
@@ -210,6 +226,21 @@ impl Notes<'_> {
             String::new()
         };
         format!("stick{plural} {}{more}", names.join(", "))
+    }
+
+    /// Returns the error of sticks that make no surface.
+    fn refuse<T>(&self, problem: String, remedy: &str) -> Result<T> {
+        let place = format!("fault {}", self.fault);
+        Err(Error::Job(cause(place, problem, remedy)))
+    }
+
+    /// Returns the error of sticks that make no single surface with the others.
+    fn refuse_unclear<T>(&self, sticks: Vec<usize>) -> Result<T> {
+        let names = self.names(&sticks);
+        let problem =
+            format!("its sticks make no single surface: {names} lie off those beside them");
+        let remedy = "give each fault a name of its own, or correct the sticks";
+        self.refuse(problem, remedy)
     }
 
     fn single_points(&mut self, lines: &[Line]) {
@@ -256,18 +287,17 @@ impl Notes<'_> {
         }
     }
 
-    fn parts(&mut self, parts: &[&[usize]], lines: &[Line], usual: f64) {
+    fn parts(&mut self, parts: &[Vec<usize>], lines: &[Line]) {
         let joined = parts.iter().filter(|part| part.len() > 1).count();
         if joined > 1 {
-            let gap = MAX_GAP_RATIO * usual;
-            let text = format!("{joined} parts, which are more than {gap:.0} m apart");
-            self.texts.push(text);
+            self.texts.push(format!(
+                "{joined} parts, which are not joined: they are too far apart, or at an angle"
+            ));
         }
         for part in parts.iter().filter(|part| part.len() == 1) {
             let name = self.names(&lines[part[0]].sticks);
-            let gap = MAX_GAP_RATIO * usual;
             self.texts.push(format!(
-                "{name} left out: more than {gap:.0} m from the others"
+                "{name} left out: too far from the others, or at an angle to them"
             ));
         }
     }

@@ -10,6 +10,8 @@
 //!    along the layers, that dip too little, or that stand out too little: the likelihood must be
 //!    low on both sides.
 //!
+//! In surveys whose traces are far apart, all this is done on a finer grid ([`FineGrid`]).
+//!
 //! Faults that dip less than [`min_dip`](crate::feature::DetectionOptions::min_dip) in the world are
 //! left out; the outcome counts them, except where semblance does not scan such planes.
 //!
@@ -19,9 +21,12 @@
 //! about two samples or more (and no multiple of the period of layers); faults dip by 25 degrees or
 //! more against layers that lie across one axis, and by 36 degrees or more against the samples; noise is not correlated along layers.
 
+mod fine_grid;
 mod network;
 pub(crate) mod scan;
 pub(crate) mod semblance;
+
+use fine_grid::FineGrid;
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput, layers_search_bytes, sample_count};
@@ -32,8 +37,8 @@ use crate::feature::windows::{self, MAX_WHOLE_SAMPLES};
 use crate::feature::world_dip::WorldDip;
 use crate::feature::{FaultEvidence, FeatureKind};
 use crate::geometry::dot;
-use crate::image::ImageSource;
 use crate::image::time::DEFAULT_VELOCITY;
+use crate::image::{ImageSource, LiveMask};
 use crate::progress::ASSUMED;
 
 /// Detector of faults in seismic amplitude.
@@ -110,6 +115,89 @@ fn max_scan_slope<const D: usize>(
     low
 }
 
+/// Finds fault points on the grid of `input`. `auto_evidence` is the evidence if the options leave it open.
+fn find_on_grid<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    auto_evidence: FaultEvidence,
+    notes: &mut Vec<String>,
+) -> Result<DetectorOutput<D>> {
+    let (live, cancel) = (input.live_mask, input.cancel);
+    let window = input.options.smoothing.unwrap_or(TENSOR_WINDOW);
+    let samples = input.smoothed_in_layers()?;
+    let (layers, rms) = NormalField::new(&samples, window, live, cancel)?;
+    let vertical = layers.main_axis();
+    let dips = WorldDip::new(input.source.geometry(), vertical);
+    let min_dip = input.options.min_dip;
+    let evidence = match input.options.fault_evidence {
+        FaultEvidence::Auto => auto_evidence,
+        given => given,
+    };
+    let likelihood = match evidence {
+        FaultEvidence::Auto | FaultEvidence::Network => {
+            // A given scale applies to the amplitudes; the network needs none.
+            let (amplitude, rms) = match input.options.scale {
+                Some(_) => (samples, rms.smoothed),
+                None => (input.samples(1.0)?, rms.unsmoothed),
+            };
+            network::likelihood(&amplitude, (vertical, rms), cancel)?
+        }
+        FaultEvidence::Semblance => {
+            let max_slope = |normal, crossed_axis| {
+                max_scan_slope((&dips, vertical), min_dip, normal, crossed_axis)
+            };
+            semblance::likelihood(&samples, (&layers, rms.smoothed), live, max_slope, cancel)?
+        }
+    };
+    notes.push(format!(
+        "faults that dip by {min_dip} degrees or more, by {}; dips of layers are averaged over {window} samples",
+        match evidence {
+            FaultEvidence::Auto | FaultEvidence::Network => "the probability that a neural network gives".to_owned(),
+            FaultEvidence::Semblance => format!(
+                "the planes across which layers are least alike (semblance), after smoothing over {} samples",
+                input.scale()
+            ),
+        },
+    ));
+    if input.source.geometry().time_coordinate().is_some() {
+        notes.push(format!(
+            "{ASSUMED}for dips, two-way time is depth at {DEFAULT_VELOCITY} m/s (--velocity sets another)"
+        ));
+    }
+    let search = RidgeSearch {
+        scale: match evidence {
+            FaultEvidence::Auto | FaultEvidence::Network => Some(PROBABILITY_SCALE),
+            FaultEvidence::Semblance => None,
+        },
+        auto_thresholds: match evidence {
+            FaultEvidence::Auto | FaultEvidence::Network => |_| PROBABILITY_THRESHOLDS[D - 2],
+            FaultEvidence::Semblance => semblance::thresholds,
+        },
+        // Weak ridges of the likelihood are mostly ends of layers.
+        weak_share: 1.0,
+        // The likelihood varies along a fault much more than the values of a fault image: the
+        // share is about 0.1 if there is little noise, and larger if noise raises the threshold.
+        min_strength_share: |thresholds| 3.0 * thresholds.low,
+        min_height_share: MIN_HEIGHT_SHARE,
+        ..RidgeSearch::new(input)
+    };
+    let mut output = search.find(likelihood, notes)?;
+    let layer_cosine = |position, normal| dot(normal, layers.normal_at(position)).abs();
+    output
+        .candidates
+        .retain(|c| layer_cosine(c.position, c.normal) < MAX_LAYER_COSINE);
+    let is_steep = |c: &Candidate<D>| dips.degrees(c.normal.map(f64::from)) >= min_dip;
+    (output.candidates, output.flat_candidates) = output.candidates.into_iter().partition(is_steep);
+    let keep_chaos = input.options.keep_chaos;
+    output.drop_chaotic(
+        layers.chaotic_zones(),
+        FeatureKind::Faults,
+        keep_chaos,
+        notes,
+    );
+    output.vertical_axis = vertical;
+    Ok(output)
+}
+
 impl<const D: usize> Detector<D> for Faults {
     fn kind(&self) -> FeatureKind {
         FeatureKind::Faults
@@ -120,78 +208,20 @@ impl<const D: usize> Detector<D> for Faults {
         input: &DetectorInput<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let (live, cancel) = (input.live_mask, input.cancel);
-        let window = input.options.smoothing.unwrap_or(TENSOR_WINDOW);
-        let samples = input.smoothed_in_layers()?;
-        let (layers, rms) = NormalField::new(&samples, window, live, cancel)?;
-        let vertical = layers.main_axis();
-        let dips = WorldDip::new(input.source.geometry(), vertical);
-        let min_dip = input.options.min_dip;
-        let evidence = input.options.fault_evidence;
-        let likelihood = match evidence {
-            FaultEvidence::Network => {
-                // A given scale applies to the amplitudes; the network needs none.
-                let (amplitude, rms) = match input.options.scale {
-                    Some(_) => (samples, rms.smoothed),
-                    None => (input.samples(1.0)?, rms.unsmoothed),
-                };
-                network::likelihood(&amplitude, (vertical, rms), cancel)?
-            }
-            FaultEvidence::Semblance => {
-                let max_slope = |normal, crossed_axis| {
-                    max_scan_slope((&dips, vertical), min_dip, normal, crossed_axis)
-                };
-                semblance::likelihood(&samples, (&layers, rms.smoothed), live, max_slope, cancel)?
-            }
+        let Some(grid) = FineGrid::for_survey(input, notes)? else {
+            return find_on_grid(input, FaultEvidence::Network, notes);
         };
-        notes.push(format!(
-            "faults that dip by {min_dip} degrees or more, by {}; dips of layers are averaged over {window} samples",
-            match evidence {
-                FaultEvidence::Network => "the probability that a neural network gives".to_owned(),
-                FaultEvidence::Semblance => format!(
-                    "the planes across which layers are least alike (semblance), after smoothing over {} samples",
-                    input.scale()
-                ),
-            },
-        ));
-        if input.source.geometry().time_coordinate().is_some() {
-            notes.push(format!(
-                "{ASSUMED}for dips, two-way time is depth at {DEFAULT_VELOCITY} m/s (--velocity sets another)"
-            ));
-        }
-        let search = RidgeSearch {
-            scale: match evidence {
-                FaultEvidence::Network => Some(PROBABILITY_SCALE),
-                FaultEvidence::Semblance => None,
-            },
-            auto_thresholds: match evidence {
-                FaultEvidence::Network => |_| PROBABILITY_THRESHOLDS[D - 2],
-                FaultEvidence::Semblance => semblance::thresholds,
-            },
-            // Weak ridges of the likelihood are mostly ends of layers.
-            weak_share: 1.0,
-            // The likelihood varies along a fault much more than the values of a fault image: the
-            // share is about 0.1 if there is little noise, and larger if noise raises the threshold.
-            min_strength_share: |thresholds| 3.0 * thresholds.low,
-            min_height_share: MIN_HEIGHT_SHARE,
-            ..RidgeSearch::new(input)
+        let live: Option<LiveMask<D>> =
+            (input.live_mask).map(|live| live.refined(grid.dims, grid.factors));
+        let fine = DetectorInput {
+            source: ImageSource::Layered(&grid),
+            live_mask: live.as_ref(),
+            ..*input
         };
-        let mut output = search.find(likelihood, notes)?;
-        let layer_cosine = |position, normal| dot(normal, layers.normal_at(position)).abs();
-        output
-            .candidates
-            .retain(|c| layer_cosine(c.position, c.normal) < MAX_LAYER_COSINE);
-        let is_steep = |c: &Candidate<D>| dips.degrees(c.normal.map(f64::from)) >= min_dip;
-        (output.candidates, output.flat_candidates) =
-            output.candidates.into_iter().partition(is_steep);
-        let keep_chaos = input.options.keep_chaos;
-        output.drop_chaotic(
-            layers.chaotic_zones(),
-            FeatureKind::Faults,
-            keep_chaos,
-            notes,
-        );
-        output.vertical_axis = vertical;
+        let mut output = find_on_grid(&fine, FaultEvidence::Semblance, notes)?;
+        let candidates = output.gather_candidates(input.comm)?;
+        output.candidates = grid.to_survey(&candidates);
+        output.flat_candidates = grid.to_survey(&output.flat_candidates);
         Ok(output)
     }
 
@@ -404,6 +434,102 @@ mod tests {
                 assert!(is_good(fit), "3-D {throw} {dip} {azimuth} {fit:?}");
             }
         }
+    }
+
+    /// Returns a survey of layers that dip by 5 degrees and are thrown by 30 m across a fault, and the distance
+    /// of places (samples) from the fault, in metres along the line across it. Traces of 4 m a sample are `spacing`
+    /// apart along both axes; the fault dips by 60 degrees. `with_fault` tells whether there is one.
+    fn coarse_survey(spacing: [f64; 2], with_fault: bool) -> (Image<3>, impl Fn([f64; 3]) -> f64) {
+        let dims = [
+            96,
+            (1200.0 / spacing[0]) as usize,
+            (1200.0 / spacing[1]) as usize,
+        ];
+        let steps = [4.0, spacing[0], spacing[1]];
+        let middle = dims.map(|n| 0.5 * (n as f64 - 1.0));
+        let azimuth = 35f64.to_radians();
+        let distance = move |p: [f64; 3]| -> f64 {
+            let [z, x, y] = std::array::from_fn(|k| steps[k] * (p[k] - middle[k]));
+            x * azimuth.cos() + y * azimuth.sin() - z / 60f64.to_radians().tan()
+        };
+        let mut noise = Noise::new(5);
+        let volume = Volume { dims, samples: &[] };
+        let samples = (0..dims.iter().product()).map(|i| {
+            let p = volume.coordinates(i).map(|c| c as f64);
+            let throw = if with_fault && distance(p) > 0.0 {
+                30.0
+            } else {
+                0.0
+            };
+            let slope = 5f64.to_radians().tan();
+            let depth = 4.0 * p[0] - throw - slope * steps[1] * p[1];
+            // Wavelengths around 50 m that are no multiples of one another.
+            let waves = [(50.0, 1.0), (67.0, 0.8), (41.0, 0.7)];
+            let wave = |(length, height): (f64, f64)| {
+                height * (std::f64::consts::TAU * depth / length).sin()
+            };
+            (waves.map(wave).iter().sum::<f64>() + 0.25 * noise.normal()) as f32
+        });
+        let geometry = Geometry {
+            axes: [
+                [0.0, 0.0, -4.0],
+                [spacing[0], 0.0, 0.0],
+                [0.0, spacing[1], 0.0],
+            ],
+            units: ["m".into(), "m".into(), "m".into()],
+            ..Geometry::default()
+        };
+        (Image::new(dims, samples.collect(), geometry), distance)
+    }
+
+    #[test]
+    #[ignore = "slow: make test-all"]
+    fn faults_of_coarse_surveys_lie_within_a_trace_of_where_they_are() {
+        for spacing in [[50.0, 50.0], [100.0, 25.0]] {
+            let (image, distance) = coarse_survey(spacing, true);
+            let options = DetectionOptions::with_kind(FeatureKind::Faults, 6.0);
+            let features = detect(&image, &options).unwrap();
+            let distances = features
+                .points
+                .iter()
+                .map(|p| distance(p.position.map(f64::from)));
+            let distances: Vec<f64> = distances.map(|d| d / spacing[0]).collect();
+            let near = distances.iter().filter(|d| d.abs() < 1.0).count();
+            let share = near as f64 / distances.len() as f64;
+            let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+            assert!(
+                share > 0.97 && mean.abs() < 0.2,
+                "{spacing:?} {share} {mean}"
+            );
+            // Columns along the first lateral axis that the fault crosses inside the survey.
+            let dims = image.dims();
+            let crossing = |z: usize, y: usize| {
+                let at = |x: f64| distance([z as f64, x, y as f64]);
+                let x = -at(0.0) / (at(1.0) - at(0.0));
+                (x > 1.0 && x < dims[1] as f64 - 2.0).then_some(x)
+            };
+            let (mut crossed, mut found) = (0, 0);
+            for (z, y) in (0..dims[0]).flat_map(|z| (0..dims[2]).map(move |y| (z, y))) {
+                let Some(x) = crossing(z, y) else { continue };
+                let place = [z as f64, x, y as f64];
+                let is_near = |p: &FeaturePoint<3>| {
+                    (0..3).all(|k| (f64::from(p.position[k]) - place[k]).abs() <= 1.5)
+                };
+                crossed += 1;
+                found += usize::from(features.points.iter().any(is_near));
+            }
+            let recall = f64::from(found as u32) / f64::from(crossed);
+            assert!(recall > 0.85, "{spacing:?} {recall} {:?}", features.notes);
+        }
+    }
+
+    #[test]
+    #[ignore = "slow: make test-all"]
+    fn coarse_surveys_without_faults_have_none() {
+        let (image, _) = coarse_survey([100.0, 50.0], false);
+        let options = DetectionOptions::with_kind(FeatureKind::Faults, 6.0);
+        let features = detect(&image, &options).unwrap();
+        assert!(features.points.is_empty(), "{:?}", features.notes);
     }
 
     #[test]

@@ -172,6 +172,10 @@ impl<'a, const D: usize> FacetGrid<'a, D> {
     }
 }
 
+/// How far beyond a facet's edge a line may pass, as a share of the facet, and still pass through it. A
+/// line through an edge or a node of a surface must not slip between its facets by rounding.
+const EDGE_TOLERANCE: f64 = 1e-9;
+
 /// Returns `true` if the line from a to b passes through a facet.
 fn intersects<const D: usize>(a: [f64; D], b: [f64; D], facet: &[[f64; D]; D]) -> bool {
     let facet_normal = normal(facet);
@@ -183,6 +187,6 @@ fn intersects<const D: usize>(a: [f64; D], b: [f64; D], facet: &[[f64; D]; D]) -
     (0..D).all(|k| {
         let mut triangle = *facet;
         triangle[k] = crossing;
-        dot(normal(&triangle), facet_normal) >= 0.0
+        dot(normal(&triangle), facet_normal) >= -EDGE_TOLERANCE * dot(facet_normal, facet_normal)
     })
 }

@@ -119,3 +119,19 @@ fn squares(dims: [usize; 2]) -> PolyMesh<2> {
 fn boxes(dims: [usize; 3]) -> PolyMesh<3> {
     crate::mesh::voronoi::voronoi(&cube_sites(dims), dims.map(|n| n as f64)).unwrap()
 }
+
+#[test]
+fn removed_surfaces_leave_the_names_and_facets_of_the_others() {
+    let mut surfaces = Surfaces::<2> {
+        facets: vec![[0, 1], [1, 2], [2, 3], [3, 4], [4, 5]],
+        start: vec![0, 2, 3, 4, 5],
+        names: ["a", "b", "c"].map(String::from).to_vec(),
+        interfaces: 1..3,
+        ..Surfaces::default()
+    };
+    surfaces.remove(&[true, false, true, false]);
+    assert_eq!(surfaces.facets, [[2, 3], [4, 5]]);
+    assert_eq!(surfaces.start, [0, 1, 2]);
+    assert_eq!(surfaces.names, ["b"]);
+    assert_eq!(surfaces.interfaces, 0..1);
+}

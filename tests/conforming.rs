@@ -322,6 +322,7 @@ fn edges_are_faces_in_the_plane() {
     let surface = FacetSurface::<2> {
         nodes: (0..9).map(node).collect(),
         facets: (0..8).map(|i| [i, i + 1]).collect(),
+        names: Vec::new(),
     };
     let sites = ConformingSites::new(surface, extent, &[]);
     assert_eq!(sites.facets().len(), 8);

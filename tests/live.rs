@@ -233,7 +233,7 @@ fn surveys_are_cropped_by_their_line_numbers() {
     assert!(part == cut);
     // The lines that cover a box in a turned survey keep their places.
     let info = |options: &[&str]| -> serde_json::Value {
-        let arguments = [&["info", "s.sgy", "--json"], options].concat();
+        let arguments = [&["info", "s.sgy", "--json"][..], options].concat();
         serde_json::from_str(&run_args(folder, &arguments)).unwrap()
     };
     let [x, y] = survey.position(4, 3);

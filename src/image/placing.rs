@@ -1,8 +1,8 @@
 //! The one place that brings positions which a user gives into the frame of an image: their units,
 //! the sign of z, and two-way time.
 //!
-//! What a file says counts, and what the option says replaces it. What both leave out is taken from
-//! the image:
+//! The statements of the file count, and those of the option replace them. The image gives what both
+//! leave out:
 //!
 //! - units: those of the image. If the image was converted from two-way time to depth, z without a
 //!   unit is two-way time, as in the image's file, unless clearly more of the points lie in the image
@@ -83,7 +83,7 @@ pub struct GivenFile<'a> {
 enum Vertical {
     /// z times a factor.
     Scaled(f64),
-    /// Two-way time in a unit of so many seconds, which is converted to depth.
+    /// Two-way time, converted to depth. The number has the seconds in its unit.
     TwoWayTime(f64),
 }
 
@@ -106,7 +106,7 @@ pub struct Placing<'a, const D: usize> {
     sign: f64,
     /// The share of the points that lies in the image.
     pub share: f64,
-    /// What was read, assumed and turned, each as a part of a sentence.
+    /// Parts of sentences on what was read, assumed and turned.
     pub notes: Vec<String>,
 }
 

@@ -24,7 +24,7 @@ use crate::{Error, Result};
 pub struct FollowedSurface {
     /// The option that names it, for messages.
     pub option: String,
-    /// What the option says about its coordinates.
+    /// The statements of the option about its coordinates.
     pub coordinates: CoordinateOptions,
     /// The surface, in the coordinates of its file.
     pub surface: PickedSurface,
@@ -131,18 +131,18 @@ impl<const D: usize> Params<D> {
         }
         let frame = self.frame(geometry, dims);
         let found: Vec<SurfaceInImage<D>> = (self.surfaces.iter())
-            .map(|followed| followed.in_image(&frame, geometry, dims))
+            .map(|surface| surface.in_image(&frame, geometry, dims))
             .collect::<Result<_>>()?;
         let given: Vec<GivenSurface<D>> = found.iter().map(|s| s.surface.clone()).collect();
         let points = GivenPoints::new(&given, dims);
         let mut notes = Vec::new();
-        for (index, (found, followed)) in found.iter().zip(&self.surfaces).enumerate() {
+        for (index, (found, option)) in found.iter().zip(&self.surfaces).enumerate() {
             let count = points.count(index);
-            let problem = || followed.outside_problem(&found.placed, &frame);
+            let problem = || option.outside_problem(&found.placed, &frame);
             if count == 0 {
                 let remedy = "give coordinates of the image, which `atomesh info` shows, or say how they differ: \
                               ,unit=ft ,z=down ,domain=time";
-                return Err(Error::Job(cause(&followed.option, problem(), remedy)));
+                return Err(Error::Job(cause(&option.option, problem(), remedy)));
             }
             notes.push(format!("{}, {count} points", found.note));
             if found.outside > MAX_OUTSIDE_SHARE {

@@ -48,7 +48,7 @@ pub struct Topography {
     heights: [f64; 3],
     /// Width of cells with which the mesh's top follows the bends of the surface.
     top_width: f64,
-    /// What was read, assumed and turned in the surfaces.
+    /// Notes on what was read, assumed and turned in the surfaces.
     notes: Vec<String>,
 }
 

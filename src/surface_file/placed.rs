@@ -15,7 +15,7 @@ pub struct PlacedSurface {
     pub shape: PickedShape,
     /// The share of its points that lies in the image.
     pub share: f64,
-    /// What was read, assumed, turned and dropped, each as a part of a sentence.
+    /// Parts of sentences on what was read, assumed, turned and dropped.
     pub notes: Vec<String>,
 }
 

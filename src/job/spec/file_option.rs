@@ -1,7 +1,7 @@
 //! Files of positions as values of options: surfaces, wells, atoms, horizons.
 //!
 //! `FILE[:NAME][,fault|horizon][,unit=ft][,z=down][,domain=time][,null=-999][,columns=x,y,_,z]`.
-//! What follows the file says what the file itself does not say.
+//! The parts after the file say what the file itself does not say.
 
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ pub struct FileOption {
     pub name: Option<String>,
     /// `true` for horizons and `false` for faults; `None` if the file or the dip decides.
     pub is_horizon: Option<bool>,
-    /// What the option says about the coordinates.
+    /// The statements of the option about the coordinates.
     pub coordinates: CoordinateOptions,
 }
 

@@ -23,7 +23,7 @@ pub struct GivenHorizon {
     pub place: String,
     /// Its shape, in the coordinates of its file.
     pub shape: HorizonShape,
-    /// What the option says about its coordinates.
+    /// The statements of the option about its coordinates.
     pub options: CoordinateOptions,
 }
 

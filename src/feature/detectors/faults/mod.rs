@@ -30,6 +30,7 @@ use fine_grid::FineGrid;
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput, layers_search_bytes, sample_count};
+use crate::comm::concatenate;
 use crate::error::Result;
 use crate::feature::candidate::Candidate;
 use crate::feature::structure_tensor::NormalField;
@@ -151,7 +152,9 @@ fn find_on_grid<const D: usize>(
     notes.push(format!(
         "faults that dip by {min_dip} degrees or more, by {}; dips of layers are averaged over {window} samples",
         match evidence {
-            FaultEvidence::Auto | FaultEvidence::Network => "the probability that a neural network gives".to_owned(),
+            FaultEvidence::Auto | FaultEvidence::Network => {
+                "the probability that a neural network gives".to_owned()
+            }
             FaultEvidence::Semblance => format!(
                 "the planes across which layers are least alike (semblance), after smoothing over {} samples",
                 input.scale()
@@ -219,9 +222,14 @@ impl<const D: usize> Detector<D> for Faults {
             ..*input
         };
         let mut output = find_on_grid(&fine, FaultEvidence::Semblance, notes)?;
+        let flat = std::mem::take(&mut output.flat_candidates);
+        let flat = match &output.layers {
+            Some(_) => concatenate(input.comm.all_gather("flat candidates", flat)?),
+            None => flat,
+        };
+        output.flat_candidates = grid.to_survey(&flat);
         let candidates = output.gather_candidates(input.comm)?;
         output.candidates = grid.to_survey(&candidates);
-        output.flat_candidates = grid.to_survey(&output.flat_candidates);
         Ok(output)
     }
 

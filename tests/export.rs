@@ -596,11 +596,6 @@ fn errors_name_the_cause() {
         ),
         (
             "opm -o B.DATA",
-            &format!("{rock} --injector 1a=5,5,5:1"),
-            "'1a'",
-        ),
-        (
-            "opm -o B.DATA",
             &format!("{rock} --injector 5,5,5:1 --well-radius 90"),
             "radius",
         ),

@@ -45,7 +45,7 @@ fn surfaces_keep_the_names_that_other_programs_gave_them() {
             &format!("export {file} --to inp -o {format}.inp --quiet"),
         );
         let text = std::fs::read_to_string(folder.join(format!("{format}.inp"))).unwrap();
-        assert!(text.contains("NSET=NMAIN_A"), "{file}");
+        assert!(text.contains("NSET=NMAIN-A"), "{file}");
         let flow = format!("flow {file} -o flow.vtu --pressure xmin=1 --pressure xmax=0 --json");
         let rate = |options: &str| -> f64 {
             let run_json = run(folder, &format!("{flow} {options}"));

@@ -245,6 +245,24 @@ fn an_export_has_the_table_of_names_that_changed_and_no_other() {
 }
 
 #[test]
+fn wells_have_distinct_names_in_decks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_row_of_cubes(&folder.join("row.msh"), &["a", "b", "c"]);
+    let line = "export row.msh --to opm -o W.DATA --porosity 0.2 --permeability 100 \
+                --permeability-unit mD --depth-at-top 1000 --quiet --injector 1a=0.5,0.3,0.4:1 \
+                --producer producer-1=1.5,0.3,0.4:50 --producer producer-2=2.5,0.3,0.4:50";
+    run(folder, line);
+    let deck = std::fs::read_to_string(folder.join("W.DATA")).unwrap();
+    let wells = deck.split("WELSPECS\n").nth(1).unwrap();
+    let names: Vec<&str> = (wells.lines().take(3))
+        .map(|line| line.split_whitespace().next().unwrap())
+        .collect();
+    assert_eq!(names, ["W1a", "producer", "produc_2"]);
+    assert!(deck.contains("-- well 3 'producer-2' is produc_2\n"));
+}
+
+#[test]
 fn a_name_that_is_given_twice_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -322,7 +322,7 @@ mod tests {
         };
         assert_eq!(
             (file.names, file.facets),
-            (vec!["Top_Etive".into()], vec![[0, 1, 2], [0, 2, 1]])
+            (vec!["Top Etive".into()], vec![[0, 1, 2], [0, 2, 1]])
         );
         for (old, new, line) in [
             ("TRGL 13 12 11", "TRGL 13 12 99", 15),

@@ -317,10 +317,10 @@ fn a_stick_that_cannot_belong_is_named_and_left_out() {
         }
         let (mut sticks, area) = pick(fault, Picked::Sections(0.0), case);
         let (sin, cos) = fault.strike.to_radians().sin_cos();
-        let stray = sticks[2]
+        let misplaced = sticks[2]
             .iter()
             .map(|p| [p[0] + 250.0 * cos, p[1] - 250.0 * sin, p[2]]);
-        sticks.push(stray.collect());
+        sticks.push(misplaced.collect());
         let joined = join_sticks("F", &named(&sticks), [1.0; 3]).unwrap();
         let expected = format!(
             "stick {} (line {}) left out: ",

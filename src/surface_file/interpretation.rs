@@ -576,8 +576,8 @@ mod tests {
         };
         use crate::image::stated::ZDirection::{Down, Up};
         let expected = [
-            ("Main_fault".to_string(), None, 2, stated("ft", Down)),
-            ("Top_A".to_string(), Some(true), 2, stated("ms", Up)),
+            ("Main fault".to_string(), None, 2, stated("ft", Down)),
+            ("Top A".to_string(), Some(true), 2, stated("ms", Up)),
         ];
         assert_eq!(read, expected);
         // Lines are sticks, also without segments or with segments in another order.
@@ -597,7 +597,7 @@ mod tests {
             "GOCAD VSet 1\nHEADER {\nname: horizon picks\n}\nVRTX 1 0 0 3\nPVRTX 2 1 1 3 7\nEND\n";
         let read = summaries(&write(folder.path(), "a.vs", text));
         let expected = (
-            "horizon_picks".to_string(),
+            "horizon picks".to_string(),
             Some(true),
             2,
             StatedCoordinates::default(),
@@ -654,7 +654,7 @@ mod tests {
         write_tsurf(&path("pl"), &FaultSticks::to_lines(&faults)).unwrap();
         for ending in ["csv", "charisma", "pl"] {
             let read = read_interpretation(&path(ending)).unwrap();
-            assert_eq!((read.len(), &*read[0].name), (1, "Main_fault"), "{ending}");
+            assert_eq!((read.len(), &*read[0].name), (1, "Main fault"), "{ending}");
             let PickedShape::Sticks(sticks) = &read[0].shape else {
                 panic!("{ending}: no sticks")
             };

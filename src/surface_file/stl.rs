@@ -91,7 +91,7 @@ mod tests {
                     vertex 0 3.5 -1e1\n  endloop\n endfacet\nendsolid top A\nsolid\nendsolid\n";
         std::fs::write(&path, text).unwrap();
         let file = read_stl(&path, "a").unwrap();
-        assert_eq!(file.names, ["top_A", "a"]);
+        assert_eq!(file.names, ["top A", "a"]);
         let expected = [[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [0.0, 3.5, -10.0]];
         assert_eq!(file.nodes, expected);
         let mut bytes = b"solid but binary".to_vec();

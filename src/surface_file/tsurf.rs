@@ -80,7 +80,7 @@ pub enum GocadKind {
 /// An object of a GOCAD file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GocadObject {
-    /// Name of the object, without spaces.
+    /// Name of the object.
     pub name: String,
     /// Kind of the object.
     pub kind: GocadKind,

@@ -607,5 +607,8 @@ fn surfaces_and_images_with_a_geometry_are_horizons() {
             "x.vtu",
         ],
     );
-    assert!(error.contains("h.vtp:7: has no such surface"), "{error}");
+    assert!(
+        error.contains("h.vtp:7: names no surface: the file has h1, h2"),
+        "{error}"
+    );
 }

@@ -507,10 +507,7 @@ const REFUSED_JOBS: [(&str, &[&str]); 30] = [
         "ENDS --fault-multiplier gone.csv",
         &["gone.csv", "not a file"],
     ),
-    (
-        "ENDS --fault-multiplier laws.csv",
-        &["laws.csv:2", "1;half"],
-    ),
+    ("ENDS --fault-multiplier laws.csv", &["laws.csv:2", "half"]),
     (
         "ENDS --fault-multiplier 1:0.1 --fault-multiplier 1:0.2",
         &["fault 1", "second factor"],

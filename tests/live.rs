@@ -78,7 +78,7 @@ fn decks_have_the_pore_volume_of_the_ground_with_data() {
         run(
             folder,
             &format!(
-                "mesh ragged.npy --unit m --feature ridges --cells {cells} --distance 5 --effort draft --quiet -o m.vtu"
+                "mesh ragged.npy --unit m --feature ridges --cells {cells} --distance 3 --effort draft --quiet -o m.vtu"
             ),
         );
         let found = notes(

@@ -130,7 +130,7 @@ fn impossible_jobs_in_the_plane_are_refused() {
         ("mesh slice.png --metric 1,1,1", &["--metric", "2 axes"]),
         (
             "mesh slice.png --atoms-from wells.csv",
-            &["wells.csv:1", "x,y"],
+            &["wells.csv", "3 columns", "x,y"],
         ),
         ("mesh slice.png --distance 60", &["60"]),
         ("convert ball.npy ball.png", &["ball.png", "3-D"]),

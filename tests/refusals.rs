@@ -392,7 +392,7 @@ fn impossible_fixed_atoms() {
     for (text, word) in [
         ("5,5,5\n6,6,6\n5,5,5\n", "3"),
         ("500,5,5\n", "outside"),
-        ("5,5\n", "5,5"),
+        ("5,5\n", "2 columns"),
         ("x,y,z\n5,5,deep\n", "deep"),
     ] {
         std::fs::write(folder.path().join("wells.csv"), text).unwrap();

@@ -573,7 +573,7 @@ fn impossible_wells_of_meshes_are_refused() {
             "--well W.csv --well near.csv",
             "wells W.csv and near.csv: are nearer",
         ),
-        ("--well P.csv", "P.csv:1: "),
+        ("--well P.csv", "P.csv: has 1 points"),
         ("--well-distance 3", "without a well"),
         ("--well W.csv --well-distance 9", "9 is not above 0"),
         ("--well none.csv", "none.csv"),

@@ -21,6 +21,11 @@ use std::borrow::Cow;
 
 /// Smallest cosine between the normals of parallel surfaces.
 const MIN_PARALLEL_COSINE: f32 = 0.9;
+
+/// Largest distance (samples) of boundaries of labels from a given surface that they follow in steps, and
+/// smallest cosine between their normals.
+const STEP_DISTANCE: f64 = 1.5;
+const MIN_STEP_COSINE: f32 = 0.6;
 /// Distance (samples) between neighbours of a point in one surface: those of adjacent columns.
 const NEIGHBOUR_DISTANCE: f64 = 1.8;
 /// Distance (samples) from a point to the mean of its neighbours from which its surface ends there.
@@ -124,15 +129,23 @@ impl<const D: usize> GivenPoints<D> {
     }
 
     /// Drops the candidates that are parallel to a given surface and nearer to it than `distance`
-    /// samples. Returns their number.
-    pub(super) fn drop_parallel(&self, candidates: &mut Vec<Candidate<D>>, distance: f64) -> usize {
+    /// samples. Returns their number. Boundaries of labels (`are_labels`) also follow the surface where
+    /// they are steps of samples beside it.
+    pub(super) fn drop_parallel(
+        &self,
+        candidates: &mut Vec<Candidate<D>>,
+        distance: f64,
+        are_labels: bool,
+    ) -> usize {
         let positions = self.positions();
-        let grid = CellList::new(&positions, distance.max(1.0));
+        let grid = CellList::new(&positions, distance.max(STEP_DISTANCE));
         let is_parallel = |c: &Candidate<D>| {
             let (position, mut is_near) = (c.position.map(f64::from), false);
-            grid.visit_within(position, distance, |i| {
-                is_near |= norm(sub(positions[i], position)) <= distance
-                    && dot(self.points[i].0.normal, c.normal).abs() >= MIN_PARALLEL_COSINE;
+            grid.visit_within(position, distance.max(STEP_DISTANCE), |i| {
+                let offset = norm(sub(positions[i], position));
+                let cosine = dot(self.points[i].0.normal, c.normal).abs();
+                is_near |= offset <= distance && cosine >= MIN_PARALLEL_COSINE
+                    || are_labels && offset <= STEP_DISTANCE && cosine >= MIN_STEP_COSINE;
             });
             is_near
         };

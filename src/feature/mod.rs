@@ -489,8 +489,9 @@ fn find_candidates<const D: usize>(
     let mut output = output?;
     if let Some(given) = &input.options.given {
         let distance = detector.resolution() * input.options.min_distance();
-        let count = given.drop_parallel(&mut output.candidates, distance);
-        given.drop_parallel(&mut output.flat_candidates, distance);
+        let are_labels = output.labels.is_some();
+        let count = given.drop_parallel(&mut output.candidates, distance, are_labels);
+        given.drop_parallel(&mut output.flat_candidates, distance, false);
         notes.push(format!(
             "{count} candidates dropped as they lie nearer than {distance:.1} samples to a given surface"
         ));

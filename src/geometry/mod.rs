@@ -15,6 +15,7 @@
 //! - `morphology`: dilation of marked cells of a grid
 //! - `union_find`: disjoint sets that are united pair by pair
 //! - `random`: random numbers that are a function of seed and counter
+//! - `spread`: points spread evenly over paths and triangles
 //! - `simd`: loops compiled for the widest vector registers of the machine
 
 pub(crate) mod box_tree;
@@ -31,6 +32,7 @@ pub(crate) mod morphology;
 pub(crate) mod point_grid;
 pub(crate) mod random;
 pub(crate) mod simd;
+pub(crate) mod spread;
 pub(crate) mod union_find;
 pub(crate) mod vector;
 

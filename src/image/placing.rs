@@ -21,7 +21,7 @@ use crate::units::{self, Quantity, Unit};
 use crate::{Error, Result};
 
 /// Largest number of points that choose between the readings of a file.
-const MAX_TESTED_POINTS: usize = 4000;
+pub(crate) const MAX_TESTED_POINTS: usize = 4000;
 
 /// Smallest share of the points in the image, with the opposite sign of z, that refutes a file.
 const REFUTING_SHARE: f64 = 0.25;

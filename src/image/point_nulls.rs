@@ -7,8 +7,8 @@
 //! other neighbours.
 
 use super::nulls::{CERTAIN_NULL_MAGNITUDE, COMMON_NULLS, MIN_NULL_COUNT, is_null};
-use crate::geometry::bounding_box;
 use crate::geometry::cell_list::CellList;
+use crate::geometry::{bounding_box, distance2};
 
 /// Smallest ratio of the difference of z between points with a null value and their neighbours to that
 /// of other neighbours.
@@ -193,7 +193,7 @@ pub(crate) fn pairs_in_plan(points: &[[f64; 3]]) -> Pairs {
     let cells = CellList::new(&positions, radius);
     for (i, p) in positions.iter().enumerate() {
         cells.visit_within(*p, radius, |j| {
-            if i < j {
+            if i < j && distance2(p, &positions[j]) <= radius * radius {
                 pairs.push([places[i].0, places[j].0]);
             }
         });

@@ -288,11 +288,14 @@ impl FollowedSurface {
 
     /// Returns that the surface lies outside the image, with the ranges of both.
     fn outside_problem<const D: usize>(&self, placed: &PlacedSurface, frame: &Frame<D>) -> String {
+        let notes = match placed.notes.join(", ") {
+            notes if notes.is_empty() => notes,
+            notes => format!(" ({notes})"),
+        };
         format!(
-            "{} lies outside the image: it has {} ({}), the image {}",
+            "{} lies outside the image: it has {}{notes}, the image {}",
             self.surface.name,
             ranges(placed.shape.points()),
-            placed.notes.join(", "),
             frame.ranges()
         )
     }

@@ -116,7 +116,7 @@ mod tests {
             if is_dead {
                 f32::NAN
             } else {
-                (0.37 * x[1] as f32).sin()
+                (0.37 * x[1] as f32 + 0.2).sin()
             }
         };
         let samples = (0..dims.iter().product()).map(sample).collect();

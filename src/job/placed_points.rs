@@ -5,9 +5,10 @@ use std::borrow::Cow;
 use super::{FixedAtom, Params, WellPath};
 use crate::Result;
 use crate::error::{Error, cause};
+use crate::geometry::spread::along_path;
 use crate::geometry::to_3d;
 use crate::image::Geometry;
-use crate::image::placing::{Frame, GivenFile};
+use crate::image::placing::{Frame, GivenFile, MAX_TESTED_POINTS};
 use crate::image::point_nulls::{NullSearch, consecutive_pairs};
 use crate::image::stated::{CoordinateOptions, StatedCoordinates};
 
@@ -35,10 +36,11 @@ struct PlacedPoints<const D: usize> {
 }
 
 impl PointFile {
-    /// Returns points of the file in the frame of an image.
+    /// Returns points of the file in the frame of an image. If `is_path`, lines join them.
     fn placed<const D: usize>(
         &self,
         points: &[[f64; D]],
+        is_path: bool,
         frame: &Frame<D>,
     ) -> Result<PlacedPoints<D>> {
         let named: Vec<f64> = (self.stated.nulls.iter())
@@ -63,7 +65,11 @@ impl PointFile {
             stated: &self.stated,
             options: &self.options,
         };
-        let placing = frame.placing(file, &mut known.iter().map(|&i| points[i]))?;
+        let mut tested: Vec<[f64; D]> = known.iter().map(|&i| points[i]).collect();
+        if is_path {
+            tested = along_path(&tested, MAX_TESTED_POINTS);
+        }
+        let placing = frame.placing(file, &mut tested.into_iter())?;
         let mut texts = self.notes.clone();
         if !placing.is_identity() {
             texts.extend(placing.notes.iter().cloned());
@@ -98,7 +104,7 @@ impl<const D: usize> Params<D> {
         let (mut params, mut notes) = (self.clone(), Vec::new());
         if !self.fixed_atoms.is_empty() {
             let positions: Vec<[f64; D]> = self.fixed_atoms.iter().map(|a| a.position).collect();
-            let placed = self.atom_file.placed(&positions, &frame)?;
+            let placed = self.atom_file.placed(&positions, false, &frame)?;
             notes.extend(placed.note);
             let atom = |(i, position): (usize, [f64; D])| FixedAtom {
                 name: self.fixed_atoms[i].name.clone(),
@@ -107,7 +113,7 @@ impl<const D: usize> Params<D> {
             params.fixed_atoms = placed.points.into_iter().map(atom).collect();
         }
         for well in &mut params.wells {
-            let placed = well.file.placed(&well.points, &frame)?;
+            let placed = well.file.placed(&well.points, true, &frame)?;
             notes.extend(placed.note);
             *well = WellPath {
                 points: placed.points.into_iter().map(|(_, point)| point).collect(),

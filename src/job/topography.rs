@@ -464,9 +464,9 @@ mod tests {
                 "does not cover the mesh: it has no height at x -20.00, y -20.00; ",
             ),
             (
-                // The first of the checked places, 75/64 samples apart, at which x > 10.
-                grid(20.0, -1.0, |x, _| 10.0 - x),
-                "cuts into the image at x 10.47, y -20.00, where it is 0.4688 below the image's top; ",
+                // The first of the checked places, 75/64 samples apart, at which x > 30.
+                grid(20.0, -1.0, |x, _| 30.0 - x),
+                "cuts into the image at x 30.39, y -20.00, where it is 0.3906 below the image's top; ",
             ),
         ] {
             let error = outcome("sides=20", surface).unwrap_err().to_string();

@@ -26,6 +26,7 @@ use super::vtp::{read_line_sticks, read_surfaces};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
+use crate::geometry::spread::{along_path, over_triangles};
 use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
@@ -93,6 +94,20 @@ impl PickedShape {
         let of_sticks = sticks.iter().flat_map(|stick| &stick.points);
         let points = points.iter().chain(of_sticks).copied();
         points.chain(readings.into_iter().flatten())
+    }
+
+    /// Returns points that are spread evenly over the triangles or along the sticks, about `count` of them,
+    /// or the points themselves.
+    pub fn spread_points(&self, count: usize) -> Vec<[f64; 3]> {
+        match self {
+            Self::Triangles(triangles) => over_triangles(triangles, count),
+            Self::Sticks(sticks) => {
+                let of_stick =
+                    |stick: &Stick| along_path(&stick.points, count / sticks.len().max(1));
+                sticks.iter().flat_map(of_stick).collect()
+            }
+            Self::Points(_) | Self::Readings(_) => self.points().collect(),
+        }
     }
 
     /// Replaces each point by `place(point)`. Of a table that can be read in several ways, the first
@@ -437,6 +452,20 @@ pub fn triangulate_points(points: &[[f64; 3]]) -> Result<Vec<[[f64; 3]; 3]>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn points_of_planes_across_each_axis_are_joined() {
+        for axis in 0..3 {
+            let place = |i: i32| {
+                let mut p = [19.0; 3];
+                p[(axis + 1) % 3] = 1.75 * f64::from(i % 21);
+                p[(axis + 2) % 3] = 1.55 * f64::from(i / 21);
+                p
+            };
+            let points: Vec<[f64; 3]> = (0..441).map(place).collect();
+            assert_eq!(triangulate_points(&points).unwrap().len(), 800, "{axis}");
+        }
+    }
 
     fn write(folder: &Path, name: &str, text: &str) -> std::path::PathBuf {
         let path = folder.join(name);

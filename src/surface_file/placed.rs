@@ -4,7 +4,7 @@ use super::interpretation::{PickedShape, PickedSurface};
 use super::point_table::{ReadingFrame, TableReadings};
 use super::sticks::Stick;
 use crate::error::{Error, Result, cause};
-use crate::image::placing::{Frame, GivenFile, Region};
+use crate::image::placing::{Frame, GivenFile, MAX_TESTED_POINTS, Region};
 use crate::image::point_nulls::{NullSearch, consecutive_pairs, pairs_in_plan};
 use crate::image::stated::CoordinateOptions;
 
@@ -13,7 +13,7 @@ use crate::image::stated::CoordinateOptions;
 pub struct PlacedSurface {
     /// The triangles or the points.
     pub shape: PickedShape,
-    /// The share of its points that lies in the image.
+    /// The share of it that lies in the image.
     pub share: f64,
     /// Parts of sentences on what was read, assumed, turned and dropped.
     pub notes: Vec<String>,
@@ -49,7 +49,8 @@ impl PickedSurface {
             options,
         };
         let to_frame = |p: [f64; 3]| std::array::from_fn::<f64, D, _>(|k| p[k]);
-        let placing = frame.placing(file, &mut shape.points().map(to_frame))?;
+        let spread = shape.spread_points(MAX_TESTED_POINTS);
+        let placing = frame.placing(file, &mut spread.into_iter().map(to_frame))?;
         shape.try_map_points(|p| {
             let placed = placing.apply(to_frame(p));
             Ok(std::array::from_fn(|k| {

@@ -502,7 +502,7 @@ mod tests {
                 assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] + b[2]).abs() < 2e-3);
             }
         }
-        std::fs::write(&path, "INLINE- 1 2 3 4 F 1\n").unwrap();
+        std::fs::write(&path, "INLINE- 1 2 F 1\n").unwrap();
         let message = read_charisma(&path).unwrap_err().to_string();
         assert!(
             message.contains("sticks.charisma:1: is not 'INLINE-"),

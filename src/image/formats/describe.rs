@@ -77,7 +77,7 @@ pub struct AxisDescription {
 /// # Errors
 /// Returns a [`crate::Error::Io`] if the file cannot be read or understood at all.
 pub fn describe(path: &Path, options: &ReadOptions) -> Result<Description> {
-    if detect(path, options)? == ImageFormat::Segy && options.placement.is_empty() {
+    if detect(path, options)? == ImageFormat::Segy && options.keep_all_samples() {
         return describe_survey(segy::SegySurvey::open(path, &options.segy)?, path);
     }
     Description::from_opened(path, open(path, options)?)

@@ -87,6 +87,17 @@ pub struct ReadOptions {
     pub inside: Option<PathBuf>,
 }
 
+impl ReadOptions {
+    /// Returns `true` if all samples keep the values and the places that the file gives them.
+    fn keep_all_samples(&self) -> bool {
+        self.placement.is_empty()
+            && self.nulls.is_empty()
+            && self.mask.is_none()
+            && self.crop.is_none()
+            && self.inside.is_none()
+    }
+}
+
 /// The image formats that can be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageFormat {

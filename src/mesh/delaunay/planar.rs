@@ -4,7 +4,8 @@
 //! exactly on the sides of a box, need no special treatment: the triangles fill the hull.
 
 use spade::{
-    ConstrainedDelaunayTriangulation, DelaunayTriangulation, HasPosition, Point2, Triangulation,
+    ConstrainedDelaunayTriangulation, DelaunayTriangulation, HasPosition, MIN_ALLOWED_VALUE,
+    Point2, Triangulation,
 };
 
 use crate::error::cause;
@@ -33,7 +34,7 @@ impl HasPosition for IndexedPoint {
 ///
 /// # Errors
 /// Returns [`Error::Delaunay`] for fewer than three points, for points on one line, for coinciding
-/// points, and for coordinates that are not finite or outside spade's range (1e-42 to 1e60).
+/// points, and for coordinates that are not finite or above 1e60.
 pub fn delaunay_plane(points: &[[f64; 2]]) -> Result<TriMesh> {
     let numbered = indexed_points(points)?;
     let triangulation = DelaunayTriangulation::<IndexedPoint>::bulk_load(numbered)
@@ -70,6 +71,12 @@ fn invalid_input<T>(problem: String, remedy: &str) -> Result<T> {
     Err(Error::Delaunay(cause(place, problem, remedy)))
 }
 
+/// Returns a coordinate, or 0 in place of one that is so near to 0 that spade refuses it: such values
+/// are what rounding leaves of 0.
+fn without_underflow(c: f64) -> f64 {
+    if c.abs() < MIN_ALLOWED_VALUE { 0.0 } else { c }
+}
+
 /// Checks the points and combines them with their indices.
 fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
     if points.len() < 3 || points.len() >= u32::MAX as usize {
@@ -78,7 +85,8 @@ fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
             "give at least 3 points, and fewer than 2^32",
         );
     }
-    for (i, &[x, y]) in points.iter().enumerate() {
+    let points = || points.iter().map(|point| point.map(without_underflow));
+    for (i, [x, y]) in points().enumerate() {
         if spade::validate_coordinate(x).is_err() || spade::validate_coordinate(y).is_err() {
             return invalid_input(
                 format!("the coordinates of point {i}, ({x}, {y}), are too large to compute with"),
@@ -87,8 +95,8 @@ fn indexed_points(points: &[[f64; 2]]) -> Result<Vec<IndexedPoint>> {
         }
     }
     Ok((0u32..)
-        .zip(points)
-        .map(|(index, &[x, y])| IndexedPoint {
+        .zip(points())
+        .map(|(index, [x, y])| IndexedPoint {
             position: Point2::new(x, y),
             index,
         })
@@ -187,6 +195,16 @@ mod tests {
         assert_eq!(mesh.triangles.len(), 2 * 19 * 19);
         let report = check(&mesh, [0.0; 2], [19.0; 2], 1e-12);
         assert!(report.passed(), "{:?}", report.problems);
+    }
+
+    #[test]
+    fn coordinates_that_rounding_leaves_of_zero_are_zero() {
+        let points = [[-1.0, 3e-45], [1.0, -1e-300], [0.0, 1.0], [1e-50, -1.0]];
+        let mesh = delaunay_plane(&points).unwrap();
+        assert_eq!(
+            (mesh.triangles.len(), mesh.nodes.as_slice()),
+            (2, &points[..])
+        );
     }
 
     #[test]

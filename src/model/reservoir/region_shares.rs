@@ -138,12 +138,21 @@ mod tests {
     use crate::mesh::poly::samples::two_cells;
 
     /// Returns the regions of the cells of the box [0, 2] x [0, 1]^2, which is cut at x = 1. Label 5
-    /// begins at x = `boundary`, label 3 is before it.
-    fn shares(boundary: f64) -> RegionShares {
+    /// begins at the first sample with x >= `boundary`, label 3 is before it. Samples are .05 apart, the
+    /// first at x = `origin`.
+    fn shares(origin: f64, boundary: f64) -> RegionShares {
         let mesh = two_cells::<3>(1.0);
-        let label = |[x, ..]: [f64; 3]| if x / 20.0 < boundary { 3.0 } else { 5.0 };
+        let label = |[x, ..]: [f64; 3]| {
+            if x / 20.0 + origin < boundary {
+                3.0
+            } else {
+                5.0
+            }
+        };
         let image = Image::from_fn([41, 21, 21], Geometry::default(), label);
-        let positions = SamplePositions::new(&mesh, image.dims(), |p| p.map(|c| 20.0 * c));
+        let positions = SamplePositions::new(&mesh, image.dims(), |[x, y, z]| {
+            [x - origin, y, z].map(|c| 20.0 * c)
+        });
         RegionShares::new(&mesh, &positions, &image)
     }
 
@@ -155,7 +164,7 @@ mod tests {
             (1.3, 1.275, [3, 5]),
             (1.6, 1.575, [3, 3]),
         ] {
-            let shares = shares(boundary);
+            let shares = shares(0.0, boundary);
             assert_eq!(shares.region, regions, "{boundary}");
             assert!((shares.volumes[&3][0] - begin).abs() < 0.01, "{shares:?}");
             assert!(
@@ -167,13 +176,14 @@ mod tests {
 
     #[test]
     fn the_note_says_how_far_volumes_are_off() {
-        let note = shares(1.3).note("lay.npy");
+        let note = shares(0.0, 1.3).note("lay.npy");
         // 1 in place of 1.275, and 1 in place of .725.
         assert!(
             note.contains("5: +37.") && note.contains("3: -21."),
             "{note}"
         );
-        let note = shares(1.025).note("lay.npy");
+        // Label 5 begins half-way between the samples at x = .975 and x = 1.025.
+        let note = shares(0.025, 1.0).note("lay.npy");
         assert!(note.contains("within 1 %"), "{note}");
     }
 }

@@ -6,7 +6,8 @@ use std::str::FromStr;
 
 use super::{Completion, Control, PreparedModel, Trajectory, WellTracer};
 use crate::error::cause;
-use crate::image::placing::GivenFile;
+use crate::geometry::spread::along_path;
+use crate::image::placing::{GivenFile, MAX_TESTED_POINTS};
 use crate::image::stated::CoordinateOptions;
 use crate::job::spec::{InvalidValue, joined, parse_number};
 use crate::job::well_file::{WellFile, is_well_file};
@@ -180,7 +181,9 @@ impl GivenWell<'_> {
                 stated: &file.coordinates,
                 options: &options,
             };
-            let placing = image.placing(given, &mut file.points.iter().map(|p| p.position))?;
+            let positions: Vec<[f64; 3]> = file.points.iter().map(|p| p.position).collect();
+            let spread = along_path(&positions, MAX_TESTED_POINTS);
+            let placing = image.placing(given, &mut spread.into_iter())?;
             let scale = placing.length(1.0) * frame.horizontal_scale();
             let points = file.points.iter();
             let radii = points

@@ -151,7 +151,7 @@ fn gmsh_meshes_keep_regions_names_and_surfaces() {
     }
     let horizon = MSH_V2_TEXT.replace("\"fault\"", "\"Horizon B\"");
     let file = tets(horizon.as_bytes());
-    assert_eq!(NamedSurfaces::from_file(&file).names, ["Horizon_B"]);
+    assert_eq!(NamedSurfaces::from_file(&file).names, ["Horizon B"]);
     assert_eq!(
         file.cell_array("horizon_faces").map(|a| &a.values),
         file.cell_array("feature_faces").map(|a| &a.values)

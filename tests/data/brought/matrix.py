@@ -423,7 +423,7 @@ def petrel_points(case, path):
              "FLOAT,Amplitude", "END HEADER"]
     lines += [f"{x:.5f} {y:.5f} {z:.6f} {(7 * i) % 101 - 50:.2f}" for i, (x, y, z) in enumerate(points)]
     open(path, "w").write("\n".join(lines) + "\n")
-    return suffix(case, False, False), points
+    return suffix(case, True, False), points
 
 
 SURFACES = {
@@ -600,7 +600,8 @@ def judge_surface(atomesh, case, folder, name):
 
 # ------------------------------------------------------------------ wells
 
-HEAD = np.array([ORIGIN[0] + 300.0, ORIGIN[1] + 250.0, -TOP - 6.0])
+# More than half a sample below the top: nearer ends of wells are moved to the side of the image.
+HEAD = np.array([ORIGIN[0] + 300.0, ORIGIN[1] + 250.0, -TOP - 8.0])
 
 
 def well_path():
@@ -628,13 +629,80 @@ def well_table(case, path):
     return suffix(case, case["names"] == "units", False)
 
 
+# The height of measured depth 0 above the datum of z: the kelly bushing, in metres.
+BUSHING = 25.0
+
+
+def survey(case):
+    """Names, units and values of the columns of a deviation survey, and the wellhead: x, y, height."""
+    frame = Frame(case)
+    _, direction = well_path()
+    above = (BUSHING - HEAD[2]) / -direction[2]
+    head = frame.write(HEAD - above * direction)[0] * (1, 1, frame.sign)
+    depths = np.linspace(0, above + 270, 12) * frame.xy
+    return head, [dict(md=d, inc=30.0, azi=40.0, radius=0.5 * frame.xy, diameter=frame.xy) for d in depths]
+
+
+SURVEY_NAMES = {
+    "short": {"md": "md", "inc": "inc", "azi": "azi"},
+    "geographic": {"md": "MD", "inc": "Inclination", "azi": "Azimuth"},
+    "upper": {"md": "MEASURED_DEPTH", "inc": "INCL", "azi": "AZIM"},
+}
+SURVEY_COLUMNS = {"xyz": ["md", "inc", "azi"], "yxz": ["inc", "azi", "md"], "zxy": ["azi", "md", "inc"], "zyx": ["azi", "inc", "md"]}
+
+
+def well_survey(case, path):
+    head, rows = survey(case)
+    unit, size = UNIT_NAME[case["unit"]][0], case["size"]
+    if case["names"] == "units":
+        names = {"md": f"MD ({unit})", "inc": "INC (deg)", "azi": "AZI (deg)"}
+    else:
+        names = SURVEY_NAMES[case["names"]]
+    columns = SURVEY_COLUMNS[case["columns"]] + [size]
+    text = table_text(case, columns, rows, {**names, size: size})
+    by_comment = case["stated"] == "stated"
+    if by_comment:
+        lines = [f"# WELL HEAD X-COORDINATE: {head[0]:.4f} ({unit})", f"# WELL HEAD Y-COORDINATE: {head[1]:.4f} ({unit})",
+                 f"# WELL DATUM (KB, Kelly bushing, from MSL): {head[2]:.4f} ({unit})"]
+        text = "\n".join(lines) + "\n" + text
+    open(path, "w", newline="").write(text)
+    option = suffix(case, case["names"] == "units" or by_comment, False)
+    return option if by_comment else f"{option},head={head[0]:.4f},{head[1]:.4f},{head[2]:.4f}"
+
+
+def well_las(case, path):
+    import lasio
+    head, rows = survey(case)
+    unit = UNIT_NAME[case["unit"]][0]
+    las = lasio.LASFile()
+    las.well["WELL"].value = "B-4"
+    for name, value in zip(("XCOORD", "YCOORD", "EKB"), head):
+        las.well[name] = lasio.HeaderItem(name, unit=unit, value=round(value, 4))
+    for name, mnemonic, of in (("md", "DEPT", unit), ("inc", "INCL", "deg"), ("azi", "AZIM", "deg"), ("radius", "RADIUS", unit)):
+        las.append_curve(mnemonic, np.array([row[name] for row in rows]), unit=of)
+    las.write(path, version=2.0)
+    again = lasio.read(path)
+    assert np.allclose(again["DEPT"], [row["md"] for row in rows])
+    return ""
+
+
 WELL_DIMENSIONS = {k: DIMENSIONS[k] for k in ("image", "unit", "sign", "columns", "names", "separator", "decimal", "comment")}
 WELL_DIMENSIONS["size"] = ["radius", "diameter"]
+# Deviation surveys have one unit and are in depth.
+SURVEY_DIMENSIONS = {**WELL_DIMENSIONS, "stated": DIMENSIONS["stated"], "unit": ["m", "ft-all"], "sign": ["up"]}
+
+WELLS = {
+    # name: (ending, writer, dimensions)
+    "well": (".csv", well_table, WELL_DIMENSIONS),
+    "survey": (".dev", well_survey, SURVEY_DIMENSIONS),
+    "las": (".las", well_las, {"image": DIMENSIONS["image"], "unit": ["m", "ft-all"], "sign": ["up"]}),
+}
 
 
 def well_cases():
-    for case in pairwise(WELL_DIMENSIONS, fits):
-        yield {**{k: v[0] for k, v in DIMENSIONS.items()}, **case, "format": "well"}
+    for name, (_, _, dimensions) in WELLS.items():
+        for case in pairwise(dimensions, fits):
+            yield {**{k: v[0] for k, v in DIMENSIONS.items()}, **case, "format": name}
 
 
 def fixed_nodes(path):
@@ -650,10 +718,12 @@ def fixed_nodes(path):
 
 
 def judge_well(atomesh, case, folder, name):
-    text = well_table(case, os.path.join(folder, name + ".csv"))
+    ending, writer, _ = WELLS[case["format"]]
+    file = name + ending
+    text = writer(case, os.path.join(folder, file))
     image = case["image"]
     result = run([atomesh, "mesh", "image.npy", *IMAGES[image][0], "--feature", "none", "--distance", "4", "--well",
-                  name + ".csv" + text, "--well-distance", "1", "-o", name + ".vtu"], folder)
+                  file + text, "--well-distance", "1", "-o", name + ".vtu"], folder)
     if result.returncode != 0:
         return "refused", result.stderr.strip().splitlines()[-1] if result.stderr.strip() else "no word"
     nodes = to_metres(fixed_nodes(os.path.join(folder, name + ".vtu")), image)
@@ -665,7 +735,7 @@ def judge_well(atomesh, case, folder, name):
         return "wrong", f"{len(nodes)} nodes, up to {off.max() if len(nodes) else math.nan:.1f} m off"
     if along.min() > 30 or along.max() < 240:
         return "wrong", f"from {along.min():.0f} to {along.max():.0f} m of 0 to 270"
-    return "right", name + ".csv" + text
+    return "right", file + text
 
 
 # Number of files of each format that `--keep` copies.
@@ -676,7 +746,7 @@ def kept_case(case, option):
     """What a test needs to judge a file: options, and the object in metres."""
     image = case["image"]
     entry = {"option": option, "image": IMAGES[image][0], "metres": [1 / in_xy(image), 1 / in_xy(image), 1 / IMAGES[image][1](1.0)]}
-    if case["format"] == "well":
+    if case["format"] in WELLS:
         _, direction = well_path()
         return {**entry, "head": list(HEAD), "direction": list(direction)}
     return {**entry, "centre": list(CENTRE), "normal": list(case["plane"].normal), "area": area_of(case["plane"])}

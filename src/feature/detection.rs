@@ -49,6 +49,9 @@ pub struct DetectionOptions<const D: usize> {
     /// Smallest area of a fault in squares of this many samples (in 2-D its smallest length, in
     /// samples); the default of [`FeatureKind::Faults`] if `None`.
     pub min_fault_size: Option<f64>,
+    /// Smallest confidence of a fault or horizon (see [`Confidences`](super::Confidences)); `None` keeps
+    /// all.
+    pub min_confidence: Option<f64>,
     /// Depths, in (0, 1], of the valleys of faults and of horizons if both are followed.
     pub weights: [f64; 2],
     /// Points of the object and of the background, for [`FeatureKind::Paths`].
@@ -87,6 +90,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
+            min_confidence: None,
             weights: [1.0; 2],
             seeds: PathSeeds::default(),
             d_min: 8.0,

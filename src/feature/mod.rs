@@ -10,6 +10,8 @@
 //! - `detection`: options of detection and their checks
 //! - `outcome`: what was found of each kind, and how credible it is
 //! - `world_dip`: dips of surfaces in the world
+//! - `confidence`: contrasts of faults and horizons in amplitudes, over those at random places
+//! - `traces`: traces on the two sides of a fault
 //! - `doubt`: decisions that the image leaves open
 //! - `given`: surfaces that the user gives, as features
 //! - `resolved`: scales and thresholds of a whole image, to be used again for a part of it
@@ -51,6 +53,7 @@ pub(crate) mod candidate;
 mod candidate_slab;
 pub(crate) mod chaos;
 pub(crate) mod components;
+pub(crate) mod confidence;
 pub(crate) mod corners;
 mod detection;
 pub(crate) mod detectors;
@@ -73,6 +76,7 @@ pub(crate) mod resolved;
 pub(crate) mod ridges;
 pub(crate) mod structure_tensor;
 pub(crate) mod surfaces;
+pub(crate) mod traces;
 pub(crate) mod volume;
 pub(crate) mod voxel_index;
 pub(crate) mod windows;
@@ -97,6 +101,7 @@ use volume::Volume;
 use windows::Samples;
 use world_dip::WorldDip;
 
+pub use confidence::{Confidences, DOUBTFUL_CONFIDENCE};
 pub(crate) use detection::fills_gaps;
 pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
@@ -264,7 +269,11 @@ pub(crate) fn detect_with_cancel<const D: usize>(
         (None, LayerChoice::NeedsMemory) => None,
     };
     match selection {
-        Some((tasks, reason)) if tasks.iter().all(|(detector, _)| detector.is_streamable()) => {
+        // Confidences are measured in the whole image.
+        Some((tasks, reason))
+            if tasks.iter().all(|(detector, _)| detector.is_streamable())
+                && options.min_confidence.is_none() =>
+        {
             run_detectors((source, None), tasks, reason, options, comm, cancel)
         }
         // The detectors need the whole image, or the image has gaps.
@@ -412,6 +421,13 @@ fn run_detector<const D: usize>(
         (comm, input.cancel),
     )?;
     input.cancel.set_fraction(PROGRESS_GROUPED);
+    let confidence = measure_confidences(
+        input,
+        detector,
+        output.vertical_axis,
+        &mut surfaces,
+        &mut notes,
+    )?;
     surfaces.describe(kind, &rules, &mut notes);
     // The spacing of labels needs the points of all ranks.
     let is_partitioned = options.is_distributed && output.labels.is_none();
@@ -446,6 +462,7 @@ fn run_detector<const D: usize>(
         signal_to_noise: output.signal_to_noise,
         chaotic: output.chaotic_share,
         below_min_dip,
+        confidence,
         gently_dipping: if detector.is_fault() {
             let dips = WorldDip::new(input.source.geometry(), output.vertical_axis);
             outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm)?
@@ -539,6 +556,40 @@ fn flat_faults<const D: usize>(
         options.step,
         options.min_dip,
     ))
+}
+
+/// Measures the confidence of faults and horizons, and drops those below
+/// [`min_confidence`](DetectionOptions::min_confidence). `None` for other features, and in images that
+/// are not in memory. Collective.
+fn measure_confidences<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    vertical_axis: usize,
+    surfaces: &mut FeatureSurfaces<D>,
+    notes: &mut Vec<String>,
+) -> Result<Option<Confidences>> {
+    let (kind, min) = (detector.kind(), input.options.min_confidence);
+    if !(detector.is_fault() || detector.is_horizon()) {
+        return Ok(None);
+    }
+    let ImageSource::InMemory(image) = input.source else {
+        return Ok(None);
+    };
+    let all = surfaces.clone().gather(input.comm)?;
+    let vertical = detector.is_fault().then_some(vertical_axis);
+    let confidences = confidence::confidences(image, &all, input.options.step, vertical);
+    let Some((summary, stays)) = Confidences::summarise(&all, &confidences, min) else {
+        return Ok(None);
+    };
+    if let (Some(min), true) = (min, summary.left_out > 0) {
+        surfaces.keep(&stays, &all);
+        notes.push(format!(
+            "{} of {} {kind} have a confidence below {min} and are left out",
+            summary.left_out,
+            stays.len()
+        ));
+    }
+    Ok(Some(summary))
 }
 
 /// Returns the rules by which the candidates in `output` form surfaces.

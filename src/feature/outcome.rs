@@ -1,6 +1,7 @@
 //! Outcome of detection for each kind of feature: numbers of points, dropped points, and
 //! credibility.
 
+use super::confidence::Confidences;
 use super::surfaces::FeatureSurfaces;
 use super::world_dip::WorldDip;
 use super::{DroppedPoints, FeatureKind, FeaturePoint};
@@ -29,6 +30,8 @@ pub struct KindOutcome {
     pub gently_dipping: Option<f64>,
     /// Faults that are left out because they dip too little; `None` if there are none.
     pub below_min_dip: Option<FlatFaults>,
+    /// Confidences of faults or horizons; `None` for other kinds, and where they cannot be measured.
+    pub confidence: Option<Confidences>,
     /// Share of the image that lies in chaotic zones, in which none is sought; `None` if there are no
     /// such zones, or features are sought in them.
     pub chaotic: Option<f64>,

@@ -471,6 +471,7 @@ impl<const D: usize> Params<D> {
             fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,
+            min_confidence: spec.min_confidence,
             keep_chaos: spec.keep_chaos,
             seeks_crossings: spec.effort() != Effort::Draft,
             weights: spec.feature_weights.0,

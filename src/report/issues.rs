@@ -4,7 +4,9 @@ use super::regions;
 use super::table::group_digits;
 use super::verdict::{MAX_CONTACT_AREA, MAX_DROPPED_SHARE, percent};
 use super::{Fidelity, Grade, Quality, RegionReport, Report, Voronoi};
-use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning};
+use crate::feature::{
+    DOUBTFUL_CONFIDENCE, FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning,
+};
 
 /// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
 /// an issue.
@@ -12,6 +14,10 @@ pub(super) const MIN_FEATURE_SHARE: f64 = 0.9;
 
 /// Minimum ratio of the typical strength of features to the noise. Weaker features may be noise.
 const MIN_SIGNAL_TO_NOISE: f32 = 2.5;
+
+/// Maximum fraction of the points of faults, or of horizons, that lie on surfaces whose confidence is
+/// doubtful. More is an issue.
+const MAX_DOUBTFUL_SHARE: f64 = 0.1;
 
 /// Maximum fraction of faults that dip as gently as layers. More is an issue.
 const MAX_GENTLE_FAULT_SHARE: f64 = 0.25;
@@ -75,6 +81,21 @@ fn label_distance(value: &str) -> Option<(&str, f64)> {
     let (label, settings) = value.split_once(':')?;
     let distance = (settings.split(',')).find_map(|setting| setting.strip_prefix("distance="))?;
     Some((label, distance.trim().parse().ok()?))
+}
+
+/// Returns the issue of faults or horizons that the amplitudes do not confirm.
+fn confidence_issue(outcome: &KindOutcome) -> Option<Issue> {
+    let confidence = outcome.confidence.as_ref()?;
+    (confidence.doubtful_share > MAX_DOUBTFUL_SHARE).then(|| Issue {
+        message: format!(
+            "{} of {} {} have a confidence below {DOUBTFUL_CONFIDENCE} (noise has 1), so that they may be noise",
+            group_digits(confidence.doubtful),
+            group_digits(confidence.surfaces),
+            outcome.kind
+        ),
+        option: Some(format!("--min-confidence {DOUBTFUL_CONFIDENCE}")),
+        suggestion: "leaves them out",
+    })
 }
 
 impl Report {
@@ -330,6 +351,9 @@ impl Report {
                 option: None,
                 suggestion: "compare them with the image (slice)",
             });
+        }
+        if let Some(issue) = self.outcomes.iter().find_map(confidence_issue) {
+            return Some(issue);
         }
         let noisy = |o: &&KindOutcome| {
             o.signal_to_noise

@@ -6,7 +6,7 @@ use super::Report;
 use super::assumptions::assumptions;
 use super::issues::{Issue, angle_range};
 use super::table::group_digits;
-use crate::feature::{FeatureKind, KindOutcome, MIN_FAULT_DIP};
+use crate::feature::{Confidences, FeatureKind, KindOutcome, MIN_FAULT_DIP};
 use crate::image::NoAngles;
 
 /// Maximum fraction of the features of one kind that the mesh may drop. More is an issue.
@@ -345,7 +345,32 @@ fn outcome_lines(outcome: &KindOutcome) -> Vec<String> {
             percent(gentle)
         ));
     }
+    if let Some(confidence) = &outcome.confidence {
+        lines.extend(confidence_line(&kind, confidence));
+    }
     lines
+}
+
+/// Returns the statement about the confidence of faults or horizons, if they have one.
+fn confidence_line(kind: &str, confidence: &Confidences) -> Option<String> {
+    let Confidences {
+        surfaces,
+        lowest,
+        median,
+        left_out,
+        ..
+    } = confidence;
+    let mut line = match surfaces {
+        0 => String::new(),
+        1 => format!("confidence of the {kind} {median:.1}"),
+        _ => format!("confidence of the {kind} {median:.1}, the least {lowest:.1}"),
+    };
+    if *left_out > 0 {
+        let separator = if line.is_empty() { "" } else { "; " };
+        let count = group_digits(*left_out);
+        line += &format!("{separator}{count} {kind} left out by --min-confidence");
+    }
+    (!line.is_empty()).then_some(line)
 }
 
 #[cfg(test)]
@@ -468,6 +493,7 @@ mod tests {
             signal_to_noise: Some(6.0),
             gently_dipping: Some(0.05),
             below_min_dip: None,
+            confidence: None,
             chaotic: None,
         };
         let report_with = |outcome: KindOutcome| Report {
@@ -720,6 +746,7 @@ mod tests {
                 dips: [17.2, 27.6],
                 assumed_velocity: Some(2000.0),
             }),
+            confidence: None,
             chaotic: None,
         }];
         report.notes = vec![
@@ -770,6 +797,7 @@ mod tests {
             signal_to_noise: None,
             gently_dipping: None,
             below_min_dip: None,
+            confidence: None,
             chaotic: None,
         }];
         let option = Verdict::from_report(&featureless).unwrap().option;

@@ -124,6 +124,31 @@ impl<const D: usize> FeatureSurfaces<D> {
         Ok(gathered)
     }
 
+    /// Keeps the surfaces for which `stays` is `true`, and numbers them anew. `all` has the points of all
+    /// ranks.
+    pub fn keep(&mut self, stays: &[bool], all: &Self) {
+        let mut count = 0;
+        let new_number = |stays: &bool| {
+            count += u32::from(*stays);
+            stays.then_some(count)
+        };
+        let new_numbers: Vec<Option<u32>> = stays.iter().map(new_number).collect();
+        let number_of = |surface: u32| new_numbers[surface as usize - 1];
+        let is_kept: Vec<bool> = (self.surface.iter())
+            .map(|&surface| number_of(surface).is_some())
+            .collect();
+        let mut kept = is_kept.iter().copied();
+        self.points.retain(|_| kept.next().unwrap_or(true));
+        let mut kept = is_kept.iter().copied();
+        self.is_rim.retain(|_| kept.next().unwrap_or(true));
+        self.surface = (self.surface.iter())
+            .filter_map(|&s| number_of(s))
+            .collect();
+        self.surface_count = count as usize;
+        let all = all.surface.iter();
+        self.total_points = all.filter(|&&s| number_of(s).is_some()).count();
+    }
+
     /// Adds notes on the points of one kind of feature that were kept and dropped.
     pub fn describe(&self, kind: FeatureKind, rules: &SurfaceRules<D>, notes: &mut Vec<String>) {
         let dropped = &self.dropped;

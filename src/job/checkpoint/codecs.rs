@@ -3,8 +3,8 @@
 use std::io::{self, Write};
 
 use crate::feature::{
-    Doubt, DroppedPoints, FeaturePoint, Features, FlatFaults, KindOutcome, LabelMap, MissingData,
-    PointCounts, ResolvedOptions,
+    Confidences, Doubt, DroppedPoints, FeaturePoint, Features, FlatFaults, KindOutcome, LabelMap,
+    MissingData, PointCounts, ResolvedOptions,
 };
 use crate::files::codec::{Codec, codec_fields, codec_variants};
 use crate::image::{ScalarField, SparseField};
@@ -24,7 +24,8 @@ codec_fields! {
     @(const D: usize) SparseField<D> as SparseField { dims, step, slots, masks, samples, is_distributed, miss_flag }
     Doubt as Doubt { question, assumed, other }
     PointCounts as PointCounts { points, on_horizon }
-    KindOutcome as KindOutcome { kind, points, dropped, signal_to_noise, gently_dipping, below_min_dip, chaotic }
+    KindOutcome as KindOutcome { kind, points, dropped, signal_to_noise, gently_dipping, below_min_dip, confidence, chaotic }
+    Confidences as Confidences { surfaces, lowest, median, doubtful, doubtful_share, left_out }
     FlatFaults as FlatFaults { min_dip, count, largest_area, dips, assumed_velocity }
     MissingData as MissingData { bridged, without_features }
     DroppedPoints as DroppedPoints { near_another_surface, in_small_pieces, in_narrow_parts, weak }

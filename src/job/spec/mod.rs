@@ -121,6 +121,10 @@ pub struct MeshSpec {
     /// the square of it, in 2-D its length [default: 20]
     #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", help_heading = FEATURES))]
     pub min_fault_size: Option<f64>,
+    /// Smallest confidence of a fault or horizon in seismic amplitudes: leave out those below. Noise has
+    /// about 1
+    #[cfg_attr(feature = "cli", arg(long, value_name = "C", help_heading = FEATURES))]
+    pub min_confidence: Option<f64>,
     /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
     #[cfg_attr(feature = "cli", arg(long, help_heading = FEATURES))]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -389,6 +393,7 @@ impl Default for MeshSpec {
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
+            min_confidence: None,
             keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
@@ -603,6 +608,7 @@ impl MeshSpec {
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
+            min_confidence: self.min_confidence,
             keep_chaos: self.keep_chaos,
             seeks_crossings: self.effort() != Effort::Draft,
             weights: self.feature_weights.0,

@@ -409,6 +409,18 @@ impl Options<'_> {
                 remedy,
             ));
         }
+        if let Some(confidence) = spec
+            .min_confidence
+            .filter(|c| !(c.is_finite() && *c >= 0.0))
+        {
+            let remedy = "noise has about 1: give a value such as 1.5";
+            return Err(option_error(
+                "min-confidence",
+                confidence,
+                "is not 0 or more",
+                remedy,
+            ));
+        }
         Ok(())
     }
 

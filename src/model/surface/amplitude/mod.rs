@@ -16,7 +16,6 @@
 
 mod horizon_pairs;
 mod reflectors;
-mod traces;
 
 use std::collections::BTreeMap;
 
@@ -24,12 +23,12 @@ use serde::Serialize;
 
 use super::facets::FacetComplex;
 use super::{SurfaceKind, Surfaces};
-use crate::geometry::random::Random;
+use crate::feature::confidence::{AmplitudeScale, fault_confidence, random_contrast};
+use crate::feature::traces::{FaultPoint, MAX_LAG, best_lag};
 use crate::geometry::{dot, norm, normal, unit};
 use crate::image::{Geometry, Image};
 use crate::parallel::prelude::*;
 use horizon_pairs::{HorizonFaces, PairThrows};
-use traces::{FaultPoint, MAX_LAG, best_lag};
 
 /// Passes over neighbouring faces that average correlations before reflectors are matched, and
 /// before the throw is measured.
@@ -49,12 +48,6 @@ const MIN_CORRELATION: f64 = 0.7;
 /// Smallest difference of the largest correlation from that of other reflectors, so that reflectors
 /// match without doubt.
 const MIN_PEAK_EXCESS: f64 = 0.1;
-
-/// Number of random places for the contrast without features.
-const RANDOM_PLACES: usize = 1000;
-
-/// Largest confidence: images without noise have no contrast away from features.
-const MAX_CONFIDENCE: f64 = 50.0;
 
 /// The sign of the amplitude of a horizon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -209,7 +202,7 @@ pub fn split_horizons<const D: usize>(
             continue;
         }
         let complex = FacetComplex::new(nodes, facets);
-        let reflector = reflectors::reflectors(&complex, image, space.vertical, space.mean);
+        let reflector = reflectors::reflectors(&complex, image, space.vertical, space.scale.mean);
         let mut by_reflector: BTreeMap<usize, Vec<[u32; D]>> = BTreeMap::new();
         for (facet, reflector) in complex.facets.iter().zip(reflector) {
             by_reflector.entry(reflector).or_default().push(*facet);
@@ -250,9 +243,7 @@ struct Faces {
 /// An image, its vertical axis, and the scales of its amplitudes.
 struct AmplitudeSpace<'a, const D: usize> {
     image: &'a Image<D>,
-    mean: f64,
-    /// Median distance of amplitudes from the mean.
-    deviation: f64,
+    scale: AmplitudeScale,
     vertical: usize,
     /// 1 if the index of samples grows downwards, otherwise -1.
     down: f64,
@@ -270,18 +261,9 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
                 best
             }
         });
-        let samples = image.as_slice();
-        let sum: f64 = samples.iter().map(|&value| f64::from(value)).sum();
-        let mean = sum / samples.len().max(1) as f64;
-        let mut random = Random::new(1);
-        let mut deviations: Vec<f64> = (0..RANDOM_PLACES)
-            .map(|_| (random.draw() * samples.len() as f64) as usize)
-            .map(|i| (f64::from(samples[i]) - mean).abs())
-            .collect();
         Self {
             image,
-            mean,
-            deviation: median(&mut deviations).unwrap_or(0.0),
+            scale: AmplitudeScale::new(image),
             vertical,
             down: -rise[vertical].signum(),
             step: dot(geometry.axes[vertical], up).abs(),
@@ -295,14 +277,11 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
             .collect();
         let areas: Vec<f64> = (0..facets.len()).map(|f| norm(facets.normal(f))).collect();
         let mean = weighted_mean(&amplitudes, &areas);
-        let sign = if mean >= self.mean { 1.0 } else { -1.0 };
-        let confidence = |amplitude: f64| {
-            let contrast = sign * (amplitude - self.mean);
-            (contrast / self.deviation.max(f64::MIN_POSITIVE)).min(MAX_CONFIDENCE)
-        };
+        let is_peak = mean >= self.scale.mean;
+        let confidence = |amplitude: f64| self.scale.horizon_confidence(amplitude, is_peak);
         Faces {
             measure: AmplitudeMeasure {
-                polarity: Some(if sign > 0.0 {
+                polarity: Some(if is_peak {
                     Polarity::Peak
                 } else {
                     Polarity::Trough
@@ -323,7 +302,7 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
         let points = self.fault_points(facets);
         let pairs = self.pair_throws(&points, horizons);
         let correlations: Vec<_> = (points.par_iter())
-            .map(|point| point.correlate(self.image, self.vertical, self.mean))
+            .map(|point| point.correlate(self.image, self.vertical, self.scale.mean))
             .collect();
         let neighbours = neighbours(facets);
         let curves: Vec<Option<Vec<f32>>> = correlations
@@ -356,8 +335,9 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
             .filter_map(|(lag, &area)| lag.map(|(lag, peak)| [lag * scale, peak, area]))
             .filter(|m| m[1] >= MIN_CORRELATION)
             .collect();
-        let random_contrast = self.random_contrast(&points);
-        let confidence = |contrast: f64| (contrast / random_contrast).min(MAX_CONFIDENCE);
+        let random_contrast =
+            random_contrast(&points, (self.image, self.vertical, self.scale.mean));
+        let confidence = |contrast: f64| fault_confidence(contrast, random_contrast);
         let contrasts = correlations.iter().zip(&areas);
         let (contrasts, contrast_areas): (Vec<f64>, Vec<f64>) = contrasts
             .filter_map(|(c, &area)| c.as_ref().map(|c| (c.contrast, area)))
@@ -418,28 +398,6 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
                 }
             })
             .collect()
-    }
-
-    /// Returns the median of the absolute contrast at random places, for planes with the directions
-    /// of `points`.
-    fn random_contrast(&self, points: &[FaultPoint<D>]) -> f64 {
-        let mut random = Random::new(2);
-        let dims = self.image.dims();
-        let places: Vec<FaultPoint<D>> = (0..RANDOM_PLACES.min(points.len() * RANDOM_PLACES))
-            .map(|_| FaultPoint {
-                normal: points[(random.draw() * points.len() as f64) as usize].normal,
-                position: dims.map(|n| random.range(0.0, (n - 1) as f64)),
-            })
-            .collect();
-        let contrasts: Vec<Option<f64>> = (places.par_iter())
-            .map(|place| place.correlate(self.image, self.vertical, self.mean))
-            .map(|correlation| correlation.map(|c| c.contrast.abs()))
-            .collect();
-        let mut contrasts: Vec<f64> = contrasts.into_iter().flatten().collect();
-        // The largest contrast is about 1.
-        median(&mut contrasts)
-            .unwrap_or(1.0)
-            .max(1.0 / MAX_CONFIDENCE)
     }
 }
 
@@ -576,12 +534,6 @@ fn average_over_neighbours(
 fn weighted_mean(values: &[f64], weights: &[f64]) -> f64 {
     let sum: f64 = values.iter().zip(weights).map(|(v, w)| v * w).sum();
     sum / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
-}
-
-/// Returns the median.
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use crate::image::Image;
 const HALF_WINDOW: usize = 16;
 
 /// Largest throw that is found, in samples along the vertical axis.
-pub(super) const MAX_LAG: usize = 30;
+pub(crate) const MAX_LAG: usize = 30;
 
 /// Half the length of a trace, so that windows at every lag lie in it.
 const HALF_TRACE: usize = HALF_WINDOW + MAX_LAG / 2 + 1;
@@ -38,7 +38,7 @@ const MIN_HORIZONTAL_SQUARE: f64 = 0.03;
 
 /// The place and the directions of a pair of traces, in samples.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct FaultPoint<const D: usize> {
+pub(crate) struct FaultPoint<const D: usize> {
     /// Point on the fault.
     pub position: [f64; D],
     /// Unit normal of the fault, into the hanging wall.
@@ -47,7 +47,7 @@ pub(super) struct FaultPoint<const D: usize> {
 
 /// The correlation of the traces on both sides of a point on a fault.
 #[derive(Debug, Clone)]
-pub(super) struct Correlation {
+pub(crate) struct Correlation {
     /// Normalised cross-correlation at the lags from `-MAX_LAG` to `MAX_LAG`; NaN where the traces
     /// leave the image.
     pub by_lag: Vec<f32>,
@@ -189,7 +189,7 @@ fn correlation_at(foot: &Side, hanging: &Side, lag: isize) -> Option<f64> {
 
 /// Returns the lag of the largest correlation between the lags `low` and `high`, and that correlation.
 /// Returns `None` if fewer than `min_share` of the correlations in that range are known.
-pub(super) fn best_lag(
+pub(crate) fn best_lag(
     by_lag: &[f32],
     low: isize,
     high: isize,

@@ -1,0 +1,317 @@
+//! Confidence of faults and horizons: their contrast in seismic amplitudes over that at random places.
+//!
+//! The contrast at a fault is how much better traces on one side agree than those on both sides do
+//! (`traces`). At a horizon it is the amplitude, with the horizon's sign, less the image's mean. The
+//! confidence is about 1 where an image has only noise.
+
+use serde::Serialize;
+
+use super::surfaces::FeatureSurfaces;
+use super::traces::FaultPoint;
+use crate::geometry::random::Random;
+use crate::geometry::unit;
+use crate::image::Image;
+use crate::parallel::prelude::*;
+
+/// Number of random places for the contrast without features.
+const RANDOM_PLACES: usize = 1000;
+
+/// Largest confidence: images without noise have no contrast away from features.
+const MAX_CONFIDENCE: f64 = 50.0;
+
+/// Largest number of points of a surface that are measured, and smallest number of points with a contrast.
+const MAX_POINTS: usize = 400;
+const MIN_POINTS: usize = 5;
+
+/// Confidence below which a surface may be noise.
+pub const DOUBTFUL_CONFIDENCE: f64 = 1.5;
+
+/// Confidences of the surfaces of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Confidences {
+    /// Number of surfaces that are followed and have a confidence.
+    pub surfaces: usize,
+    /// The lowest and the median confidence of those.
+    pub lowest: f64,
+    /// The median confidence of those.
+    pub median: f64,
+    /// Number of those with a confidence below [`DOUBTFUL_CONFIDENCE`].
+    pub doubtful: usize,
+    /// Share of the followed points that lie on doubtful surfaces.
+    pub doubtful_share: f64,
+    /// Number of surfaces that are left out because their confidence is below
+    /// [`min_confidence`](super::DetectionOptions::min_confidence).
+    pub left_out: usize,
+}
+
+/// The mean of an image's amplitudes, and their median distance from it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct AmplitudeScale {
+    pub mean: f64,
+    pub deviation: f64,
+}
+
+impl AmplitudeScale {
+    /// Measures an image. The deviation is that at random places.
+    pub fn new<const D: usize>(image: &Image<D>) -> Self {
+        let samples = image.as_slice();
+        let sum: f64 = samples.iter().map(|&value| f64::from(value)).sum();
+        let mean = sum / samples.len().max(1) as f64;
+        let mut random = Random::new(1);
+        let mut deviations: Vec<f64> = (0..RANDOM_PLACES)
+            .map(|_| (random.draw() * samples.len() as f64) as usize)
+            .map(|i| (f64::from(samples[i]) - mean).abs())
+            .collect();
+        let deviation = median(&mut deviations).unwrap_or(0.0);
+        Self { mean, deviation }
+    }
+
+    /// Returns the confidence of a horizon with this mean amplitude.
+    pub fn horizon_confidence(self, amplitude: f64, is_peak: bool) -> f64 {
+        let sign = if is_peak { 1.0 } else { -1.0 };
+        let contrast = sign * (amplitude - self.mean);
+        (contrast / self.deviation.max(f64::MIN_POSITIVE)).min(MAX_CONFIDENCE)
+    }
+}
+
+/// Returns the confidence of a fault with this contrast in an image with the contrast
+/// `random_contrast` at random places.
+pub(crate) fn fault_confidence(contrast: f64, random_contrast: f64) -> f64 {
+    (contrast / random_contrast).min(MAX_CONFIDENCE)
+}
+
+/// Returns the median of the absolute contrast at random places of an image, for planes with the
+/// directions of `points`. `mean` is the image's mean.
+pub(crate) fn random_contrast<const D: usize>(
+    points: &[FaultPoint<D>],
+    (image, vertical, mean): (&Image<D>, usize, f64),
+) -> f64 {
+    let mut random = Random::new(2);
+    let dims = image.dims();
+    let places: Vec<FaultPoint<D>> = (0..RANDOM_PLACES.min(points.len() * RANDOM_PLACES))
+        .map(|_| FaultPoint {
+            normal: points[(random.draw() * points.len() as f64) as usize].normal,
+            position: dims.map(|n| random.range(0.0, (n - 1) as f64)),
+        })
+        .collect();
+    let contrasts: Vec<Option<f64>> = (places.par_iter())
+        .map(|place| place.correlate(image, vertical, mean))
+        .map(|correlation| correlation.map(|c| c.contrast.abs()))
+        .collect();
+    let mut contrasts: Vec<f64> = contrasts.into_iter().flatten().collect();
+    // The largest contrast is about 1.
+    median(&mut contrasts)
+        .unwrap_or(1.0)
+        .max(1.0 / MAX_CONFIDENCE)
+}
+
+/// Returns the confidence of each surface in an image of amplitudes; `None` where it cannot be
+/// measured: near the sides of the image, and on faults that are too flat. Points are in lattice
+/// space, with samples `step` apart. `vertical` is the vertical axis for faults, and `None` for
+/// horizons.
+pub(super) fn confidences<const D: usize>(
+    image: &Image<D>,
+    surfaces: &FeatureSurfaces<D>,
+    step: [f64; D],
+    vertical: Option<usize>,
+) -> Vec<Option<f64>> {
+    let mut on_surface: Vec<Vec<usize>> = vec![Vec::new(); surfaces.surface_count];
+    for (i, &surface) in surfaces.surface.iter().enumerate() {
+        on_surface[surface as usize - 1].push(i);
+    }
+    for points in &mut on_surface {
+        let every = points.len().div_ceil(MAX_POINTS).max(1);
+        *points = points.iter().copied().step_by(every).collect();
+    }
+    let scale = AmplitudeScale::new(image);
+    let in_samples = |i: usize| {
+        let point = &surfaces.points[i];
+        FaultPoint {
+            position: std::array::from_fn(|k| f64::from(point.position[k]) / step[k]),
+            normal: unit(std::array::from_fn(|k| {
+                f64::from(point.normal[k]) * step[k]
+            })),
+        }
+    };
+    let Some(vertical) = vertical else {
+        let confidence = |points: &Vec<usize>| {
+            let amplitudes = points
+                .iter()
+                .map(|&i| f64::from(image.interpolate_linear(in_samples(i).position)));
+            let mean = amplitudes.sum::<f64>() / points.len() as f64;
+            (points.len() >= MIN_POINTS).then(|| scale.horizon_confidence(mean, mean >= scale.mean))
+        };
+        return on_surface.iter().map(confidence).collect();
+    };
+    let all: Vec<FaultPoint<D>> = on_surface
+        .iter()
+        .flatten()
+        .map(|&i| in_samples(i))
+        .collect();
+    let random = random_contrast(&all, (image, vertical, scale.mean));
+    let confidence = |points: &Vec<usize>| {
+        let contrasts: Vec<Option<f64>> = (points.par_iter())
+            .map(|&i| in_samples(i).correlate(image, vertical, scale.mean))
+            .map(|correlation| correlation.map(|c| c.contrast))
+            .collect();
+        let contrasts: Vec<f64> = contrasts.into_iter().flatten().collect();
+        let mean = contrasts.iter().sum::<f64>() / contrasts.len() as f64;
+        (contrasts.len() >= MIN_POINTS).then(|| fault_confidence(mean, random))
+    };
+    on_surface.iter().map(confidence).collect()
+}
+
+impl Confidences {
+    /// Summarises the confidences of `surfaces`, of all ranks, and says which surfaces are to stay:
+    /// those with a confidence of at least `min` and those without one. `None` if no surface has one.
+    pub(super) fn summarise<const D: usize>(
+        surfaces: &FeatureSurfaces<D>,
+        confidences: &[Option<f64>],
+        min: Option<f64>,
+    ) -> Option<(Self, Vec<bool>)> {
+        let is_below = |confidence: &Option<f64>, limit: f64| confidence.is_some_and(|c| c < limit);
+        let stays = |confidence| min.is_none_or(|min| !is_below(confidence, min));
+        let stays: Vec<bool> = confidences.iter().map(stays).collect();
+        let left_out = stays.iter().filter(|stays| !**stays).count();
+        let followed = confidences.iter().zip(&stays).filter(|(_, stays)| **stays);
+        let mut known: Vec<f64> = followed.filter_map(|(confidence, _)| *confidence).collect();
+        if known.is_empty() && left_out == 0 {
+            return None;
+        }
+        let median = median(&mut known).unwrap_or_default();
+        let (mut doubtful_points, mut points) = (0, 0);
+        for &surface in &surfaces.surface {
+            let s = surface as usize - 1;
+            points += usize::from(stays[s]);
+            doubtful_points +=
+                usize::from(stays[s] && is_below(&confidences[s], DOUBTFUL_CONFIDENCE));
+        }
+        let summary = Self {
+            surfaces: known.len(),
+            lowest: known.first().copied().unwrap_or_default(),
+            median,
+            doubtful: known.iter().filter(|c| **c < DOUBTFUL_CONFIDENCE).count(),
+            doubtful_share: f64::from(doubtful_points as u32) / f64::from(points.max(1) as u32),
+            left_out,
+        };
+        Some((summary, stays))
+    }
+}
+
+/// Returns the median, and sorts the values.
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::{DroppedPoints, FeaturePoint};
+    use crate::image::Geometry;
+
+    const DIMS: [usize; 3] = [60, 50, 96];
+
+    /// Returns layers that a fault at x = 30 displaces by 7 samples, with noise of this amplitude.
+    fn faulted_layers(noise: f64) -> Image<3> {
+        let mut random = Random::new(5);
+        let layers: Vec<f64> = (0..DIMS[2] + 10).map(|_| random.range(-1.0, 1.0)).collect();
+        let mut samples = Vec::with_capacity(DIMS.iter().product());
+        for k in 0..DIMS[2] {
+            for _ in 0..DIMS[1] {
+                for i in 0..DIMS[0] {
+                    let shift = if i > 30 { 7 } else { 0 };
+                    samples.push((layers[k + shift] + noise * random.range(-1.0, 1.0)) as f32);
+                }
+            }
+        }
+        Image::new(DIMS, samples, Geometry::default())
+    }
+
+    /// Returns the points of the planes x = 30 (surface 1), on the fault, and x = 15 (surface 2), in
+    /// lattice space with steps of 2 along x.
+    fn planes() -> FeatureSurfaces<3> {
+        let mut points = Vec::new();
+        let mut surface = Vec::new();
+        for (number, x) in [(1, 30.5), (2, 15.0)] {
+            for j in 0..DIMS[1] {
+                for k in 0..DIMS[2] {
+                    points.push(FeaturePoint {
+                        position: [2.0 * x, j as f32, k as f32],
+                        normal: [1.0, 0.0, 0.0],
+                        strength: 1.0,
+                    });
+                    surface.push(number);
+                }
+            }
+        }
+        FeatureSurfaces {
+            is_rim: vec![false; points.len()],
+            total_points: points.len(),
+            points,
+            surface,
+            surface_count: 2,
+            dropped: DroppedPoints::default(),
+        }
+    }
+
+    #[test]
+    fn a_displacement_has_a_high_confidence_and_unbroken_layers_about_one() {
+        for noise in [0.3, 1.0] {
+            let image = faulted_layers(noise);
+            let found = confidences(&image, &planes(), [2.0, 1.0, 1.0], Some(2));
+            let [on_fault, beside] = [0, 1].map(|s| found[s].unwrap());
+            assert!(on_fault > 4.0, "{noise}: {on_fault}");
+            assert!(beside < DOUBTFUL_CONFIDENCE, "{noise}: {beside}");
+        }
+    }
+
+    #[test]
+    fn noise_has_about_one() {
+        let mut random = Random::new(7);
+        let samples: Vec<f32> = (0..DIMS.iter().product())
+            .map(|_| random.range(-1.0, 1.0) as f32)
+            .collect();
+        let image = Image::new(DIMS, samples, Geometry::default());
+        for vertical in [Some(2), None] {
+            for confidence in confidences(&image, &planes(), [2.0, 1.0, 1.0], vertical) {
+                assert!(
+                    confidence.unwrap().abs() < DOUBTFUL_CONFIDENCE,
+                    "{confidence:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn surfaces_below_the_smallest_confidence_are_dropped_and_the_others_numbered_anew() {
+        let mut surfaces = planes();
+        let all = surfaces.clone();
+        let (summary, stays) =
+            Confidences::summarise(&all, &[Some(1.2), Some(4.0)], Some(2.0)).unwrap();
+        assert_eq!(stays, [false, true]);
+        assert_eq!(
+            (summary.surfaces, summary.left_out, summary.doubtful),
+            (1, 1, 0)
+        );
+        assert_eq!((summary.lowest, summary.median), (4.0, 4.0));
+        surfaces.keep(&stays, &all);
+        assert_eq!(
+            (surfaces.surface_count, surfaces.total_points),
+            (1, all.total_points / 2)
+        );
+        assert!(surfaces.surface.iter().all(|&s| s == 1));
+        assert!(
+            surfaces
+                .points
+                .iter()
+                .all(|point| point.position[0] == 30.0)
+        );
+
+        // Without a limit all stay, and the doubtful ones are counted. Unknown confidences stay always.
+        let (summary, stays) = Confidences::summarise(&all, &[Some(1.2), None], None).unwrap();
+        assert_eq!(stays, [true, true]);
+        assert_eq!((summary.doubtful, summary.doubtful_share), (1, 0.5));
+        assert_eq!(Confidences::summarise(&all, &[None, None], Some(2.0)), None);
+    }
+}

@@ -39,8 +39,8 @@ fn samples_that_are_not_finite() {
                 good(index).round()
             }
         });
-        let labels = ["mesh", name, "--feature", "labels"];
-        assert_contains(&expect_refusal(folder.path(), &labels), &["[3, 4, 5]"]);
+        let potential = ["mesh", name, "--feature", "potential"];
+        assert_contains(&expect_refusal(folder.path(), &potential), &["[3, 4, 5]"]);
     }
 }
 

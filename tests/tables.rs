@@ -111,7 +111,7 @@ fn several_wells_stand_in_one_file() {
             .iter()
             .any(|n| (0..3).all(|k| (n[k] - p[k]).abs() < 1e-3))
     };
-    assert!(has_node([1090.0, 2100.0, -20.0]) && has_node([1170.0, 2150.0, -170.0]));
+    assert!(has_node([1090.0, 2100.0, -40.0]) && has_node([1170.0, 2150.0, -170.0]));
 }
 
 #[test]

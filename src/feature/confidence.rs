@@ -1,8 +1,11 @@
 //! Confidence of faults and horizons: their contrast in seismic amplitudes over that at random places.
 //!
 //! The contrast at a fault is how much better traces on one side agree than those on both sides do
-//! (`traces`). At a horizon it is the amplitude, with the horizon's sign, less the image's mean. The
-//! confidence is about 1 where an image has only noise.
+//! (`traces`). It is about 1 at faults in an image that has only noise. At a horizon the contrast is the
+//! mean amplitude of a piece of it, less the image's mean: at horizons in noise it is well below 1,
+//! because signs alternate.
+
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 
@@ -19,9 +22,13 @@ const RANDOM_PLACES: usize = 1000;
 /// Largest confidence: images without noise have no contrast away from features.
 const MAX_CONFIDENCE: f64 = 50.0;
 
-/// Largest number of points of a surface that are measured, and smallest number of points with a contrast.
+/// Largest number of points of a fault that are measured, and smallest number of points with a contrast.
 const MAX_POINTS: usize = 400;
 const MIN_POINTS: usize = 5;
+
+/// Edge of the cubes (samples) in which amplitudes of a horizon are averaged. In each its sign is the same,
+/// unless it jumps to another reflector there.
+const PIECE_EDGE: f64 = 16.0;
 
 /// Confidence below which a surface may be noise.
 pub const DOUBTFUL_CONFIDENCE: f64 = 1.5;
@@ -119,10 +126,6 @@ pub(super) fn confidences<const D: usize>(
     for (i, &surface) in surfaces.surface.iter().enumerate() {
         on_surface[surface as usize - 1].push(i);
     }
-    for points in &mut on_surface {
-        let every = points.len().div_ceil(MAX_POINTS).max(1);
-        *points = points.iter().copied().step_by(every).collect();
-    }
     let scale = AmplitudeScale::new(image);
     let in_samples = |i: usize| {
         let point = &surfaces.points[i];
@@ -135,14 +138,24 @@ pub(super) fn confidences<const D: usize>(
     };
     let Some(vertical) = vertical else {
         let confidence = |points: &Vec<usize>| {
-            let amplitudes = points
-                .iter()
-                .map(|&i| f64::from(image.interpolate_linear(in_samples(i).position)));
-            let mean = amplitudes.sum::<f64>() / points.len() as f64;
-            (points.len() >= MIN_POINTS).then(|| scale.horizon_confidence(mean, mean >= scale.mean))
+            // Sum of contrasts in each piece.
+            let mut pieces: BTreeMap<[i64; D], f64> = BTreeMap::new();
+            for &i in points {
+                let position = in_samples(i).position;
+                let piece = position.map(|c| (c / PIECE_EDGE) as i64);
+                let contrast = f64::from(image.interpolate_linear(position)) - scale.mean;
+                *pieces.entry(piece).or_default() += contrast;
+            }
+            let sum: f64 = pieces.values().map(|sum| sum.abs()).sum();
+            let amplitude = scale.mean + sum / points.len() as f64;
+            (points.len() >= MIN_POINTS).then(|| scale.horizon_confidence(amplitude, true))
         };
         return on_surface.iter().map(confidence).collect();
     };
+    for points in &mut on_surface {
+        let every = points.len().div_ceil(MAX_POINTS).max(1);
+        *points = points.iter().copied().step_by(every).collect();
+    }
     let all: Vec<FaultPoint<D>> = on_surface
         .iter()
         .flatten()
@@ -199,7 +212,7 @@ impl Confidences {
 }
 
 /// Returns the median, and sorts the values.
-fn median(values: &mut [f64]) -> Option<f64> {
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
 }
@@ -215,7 +228,12 @@ mod tests {
     /// Returns layers that a fault at x = 30 displaces by 7 samples, with noise of this amplitude.
     fn faulted_layers(noise: f64) -> Image<3> {
         let mut random = Random::new(5);
-        let layers: Vec<f64> = (0..DIMS[2] + 10).map(|_| random.range(-1.0, 1.0)).collect();
+        let spikes: Vec<f64> = (0..DIMS[2] + 16).map(|_| random.range(-1.0, 1.0)).collect();
+        let layer = |window: &[f64]| -> f64 {
+            let weights = [0.1, 0.2, 0.4, 0.2, 0.1];
+            window.iter().zip(weights).map(|(c, w)| 3.0 * c * w).sum()
+        };
+        let layers: Vec<f64> = spikes.windows(5).map(layer).collect();
         let mut samples = Vec::with_capacity(DIMS.iter().product());
         for k in 0..DIMS[2] {
             for _ in 0..DIMS[1] {
@@ -228,16 +246,16 @@ mod tests {
         Image::new(DIMS, samples, Geometry::default())
     }
 
-    /// Returns the points of the planes x = 30 (surface 1), on the fault, and x = 15 (surface 2), in
+    /// Returns the points of the planes x = 30.5 (surface 1), on the fault, and x = 14.3 (surface 2), in
     /// lattice space with steps of 2 along x.
     fn planes() -> FeatureSurfaces<3> {
         let mut points = Vec::new();
         let mut surface = Vec::new();
-        for (number, x) in [(1, 30.5), (2, 15.0)] {
+        for (number, x) in [(1, 30.5), (2, 14.3)] {
             for j in 0..DIMS[1] {
                 for k in 0..DIMS[2] {
                     points.push(FeaturePoint {
-                        position: [2.0 * x, j as f32, k as f32],
+                        position: [2.0 * x, j as f32, k as f32 + 0.3],
                         normal: [1.0, 0.0, 0.0],
                         strength: 1.0,
                     });
@@ -305,7 +323,7 @@ mod tests {
             surfaces
                 .points
                 .iter()
-                .all(|point| point.position[0] == 30.0)
+                .all(|point| point.position[0] == 28.6)
         );
 
         // Without a limit all stay, and the doubtful ones are counted. Unknown confidences stay always.

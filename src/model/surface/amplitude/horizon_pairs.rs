@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 
 use super::super::facets::FacetComplex;
 use super::AmplitudeSpace;
-use super::traces::{FaultPoint, MAX_LAG};
+use crate::feature::confidence::median;
+use crate::feature::traces::{FaultPoint, MAX_LAG};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2, dot, norm, normal, sub, unit};
 
@@ -192,7 +193,7 @@ impl<const D: usize> AmplitudeSpace<'_, D> {
                 let x = add_scaled(*centre, u as f64, along);
                 let dims = self.image.dims();
                 if (0..D).all(|k| x[k] >= 0.0 && x[k] <= (dims[k] - 1) as f64) {
-                    let value = f64::from(self.image.interpolate_linear(x)) - self.mean;
+                    let value = f64::from(self.image.interpolate_linear(x)) - self.scale.mean;
                     *sum = (sum.0 + value, sum.1 + 1);
                 }
             }
@@ -241,7 +242,7 @@ fn add_votes(foot: &Cutoff, hanging: &Cutoff, votes: &mut Vec<Vote>) -> bool {
         })
         .collect();
     let mut sizes: Vec<f64> = throws.iter().map(|throw| throw.1.abs()).collect();
-    let median = super::median(&mut sizes);
+    let median = median(&mut sizes);
     if throws.len() < MIN_BINS || median.is_none_or(|size| size > MAX_LAG as f64) {
         return false;
     }

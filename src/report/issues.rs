@@ -88,7 +88,7 @@ fn confidence_issue(outcome: &KindOutcome) -> Option<Issue> {
     let confidence = outcome.confidence.as_ref()?;
     (confidence.doubtful_share > MAX_DOUBTFUL_SHARE).then(|| Issue {
         message: format!(
-            "{} of {} {} have a confidence below {DOUBTFUL_CONFIDENCE} (noise has 1), so that they may be noise",
+            "{} of {} {} have no more contrast in the amplitudes than noise (confidence below {DOUBTFUL_CONFIDENCE})",
             group_digits(confidence.doubtful),
             group_digits(confidence.surfaces),
             outcome.kind

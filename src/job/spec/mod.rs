@@ -122,7 +122,7 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", help_heading = FEATURES))]
     pub min_fault_size: Option<f64>,
     /// Smallest confidence of a fault or horizon in seismic amplitudes: leave out those below. Noise has
-    /// about 1
+    /// up to 1
     #[cfg_attr(feature = "cli", arg(long, value_name = "C", help_heading = FEATURES))]
     pub min_confidence: Option<f64>,
     /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too

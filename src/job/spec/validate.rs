@@ -413,7 +413,7 @@ impl Options<'_> {
             .min_confidence
             .filter(|c| !(c.is_finite() && *c >= 0.0))
         {
-            let remedy = "noise has about 1: give a value such as 1.5";
+            let remedy = "noise has up to 1: give a value such as 1.5";
             return Err(option_error(
                 "min-confidence",
                 confidence,

@@ -9,6 +9,8 @@ use crate::progress::CancelToken;
 
 /// Smallest distance between atoms of two wells, in units of d.
 const MIN_WELL_DISTANCE: f64 = 0.7;
+/// Distance below which two atoms of one well are at the same place, in units of d.
+const SAME_PLACE_RATIO: f64 = 1e-6;
 /// A well that ends nearer to a side than this, in units of d, ends on the side (or, where atoms
 /// may not be on sides, this far inside).
 const SIDE_SNAP_RATIO: f64 = 0.5;
@@ -135,7 +137,8 @@ pub fn refine_near_wells<const D: usize>(
 /// from it).
 ///
 /// # Errors
-/// Returns [`Error::Seeding`] if two wells are nearer to each other than 0.7 d.
+/// Returns [`Error::Seeding`] if two wells are nearer to each other than 0.7 d, and if a well passes the
+/// place of one of its atoms again.
 pub fn place_atoms<const D: usize>(
     wells: &[WellTrajectory<D>],
     distance: &Distance<D>,
@@ -199,6 +202,18 @@ pub fn place_atoms<const D: usize>(
                 )
                 .with_parameter("well-distance")));
             }
+            let is_repeated = atoms.iter().any(|(other, other_well)| {
+                let min_distance = SAME_PLACE_RATIO * distance.value_at(x);
+                wells[*other_well].name == well.name
+                    && distance2(other, &x) < min_distance * min_distance
+            });
+            if is_repeated {
+                return Err(Error::Seeding(cause(
+                    format!("well {}", well.name),
+                    format!("passes the place {x:?} (lattice) twice"),
+                    "correct its points; values that stand for no data are named as in FILE,null=-999.25",
+                )));
+            }
             atoms.push((x, index));
         }
     }
@@ -214,6 +229,17 @@ mod tests {
             name: name.into(),
             points: points.to_vec(),
         }
+    }
+
+    #[test]
+    fn a_well_that_comes_back_is_refused_by_name() {
+        let points = [[5.0, 5.0, 1.0], [5.0, 5.0, 9.0], [5.0, 5.0, 1.0]];
+        let wells = [well_trajectory("A 1", &points)];
+        let (distance, extent) = (Distance::Constant(2.0), [10.0; 3]);
+        let error = place_atoms(&wells, &distance, extent, Alignment::OnFeatures).unwrap_err();
+        let error = error.to_string();
+        assert!(error.starts_with("well A 1: passes the place"), "{error}");
+        assert!(error.contains("twice"), "{error}");
     }
 
     #[test]

@@ -60,6 +60,7 @@ mod slice;
 mod surface_files;
 mod surfaces;
 mod surfaces_in_surveys;
+mod survey_headers;
 mod tables;
 mod topography;
 mod velocity;

@@ -12,8 +12,8 @@ use crate::memory;
 use crate::parallel::prelude::*;
 
 /// Values that programs write where there is no data: Kingdom and Petrel, LAS files, GIS grids,
-/// IRAP, CPS-3, ZMAP+, Surfer, netCDF.
-pub(super) const COMMON_NULLS: [f32; 11] = [
+/// IRAP, CPS-3, ZMAP+, Surfer, xtgeo, netCDF.
+pub(super) const COMMON_NULLS: [f32; 12] = [
     -999.25,
     -999.0,
     -9999.0,
@@ -22,6 +22,7 @@ pub(super) const COMMON_NULLS: [f32; 11] = [
     9_999_900.0,
     1e30,
     -1e30,
+    1e33,
     1.701_41e38,
     f32::MAX,
     f32::MIN,

@@ -77,12 +77,16 @@ impl SegyFile {
         let is_revision_2 = revision.0 == 2 || fields.has_byte_order_mark();
         let mut notes = Vec::new();
 
-        let mut start = text_end(&file, length, fields.i16(3505), &mut notes)
+        // Revision 0 has no extended textual headers, and no such field.
+        let declared_headers = match revision.0 {
+            0 => 0,
+            _ => fields.i16(3505),
+        };
+        let mut start = text_end(&file, length, declared_headers, &mut notes)
             .map_err(|e| io_error(path, "read", e))?
             .ok_or_else(|| {
                 let problem = format!(
-                    "claims {} extended textual headers, which do not fit into its {length} bytes",
-                    fields.i16(3505)
+                    "claims {declared_headers} extended textual headers, which do not fit into its {length} bytes"
                 );
                 refuse(problem, "it is cut off or damaged: copy or write it again")
             })?;
@@ -338,17 +342,19 @@ impl<'a> BinaryHeader<'a> {
         }
     }
 
-    /// Returns the numbers of bytes that the headers of a trace may have. Revision 2.0 counts
-    /// additional headers at 3507-3510, revision 2.1 at 3507-3508.
+    /// Returns the numbers of bytes that the headers of a trace may have, those that the file states
+    /// first. Revision 2.0 counts additional headers at 3507-3510, revision 2.1 at 3507-3508.
     fn trace_header_lengths(&self) -> [usize; 3] {
-        let counts = [self.u16(3507), self.u16(3509), 0];
+        let mut counts = [self.u16(3507), self.u16(3509), 0];
+        counts.sort_by_key(|count| *count == 0);
         counts.map(|n| TRACE_HEADER_BYTES * (1 + usize::from(n)))
     }
 
     /// Returns the sample interval in microseconds, if it is given.
     fn interval_us(&self, is_revision_2: bool) -> Option<f64> {
         let extended = self.f64(3273);
-        match f64::from(self.i16(3217)) {
+        // Intervals above 32,767 us need the sign's bit.
+        match f64::from(self.u16(3217)) {
             _ if is_revision_2 && extended.is_finite() && extended > 0.0 => Some(extended),
             dt if dt > 0.0 => Some(dt),
             _ => None,

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::SegyInfo;
 use super::bytes::SegyBytes;
 use super::file_header::SegyFile;
-use super::grid::TraceGrid;
+use super::grid::{NO_TRACE, TraceGrid};
 use super::infer;
 use super::line::is_line;
 use super::survey_fit::SurveyFit;
@@ -25,6 +25,9 @@ const PRESTACK_REMEDY: &str = "stack it first, or give the bytes of the inline a
 trace headers";
 const START_TIMES_REMEDY: &str =
     "write it with one start time, or give 0 as the byte of the start time to ignore these";
+
+/// Identification code of dead traces, at byte 29.
+const DEAD_TRACE: i16 = 2;
 
 /// The image axes, the fastest in memory first.
 const AXIS_NAMES: [&str; 3] = ["sample", "crossline", "inline"];
@@ -165,7 +168,7 @@ impl SegySurvey {
             _ => {}
         }
 
-        let grid = match self.find_grid(bytes, headers) {
+        let mut grid = match self.find_grid(bytes, headers) {
             Ok(grid) => grid,
             Err(problem) if !is_line(bytes, headers) => {
                 match self.infer_grid(&problem, bytes, headers) {
@@ -191,6 +194,7 @@ impl SegySurvey {
             );
             return Err((problem, PRESTACK_REMEDY));
         }
+        self.drop_dead_traces(headers, &mut grid);
         self.info.missing = grid.missing_count;
         self.info.duplicates = grid.duplicate_count;
         if grid.missing_count > 0 {
@@ -215,13 +219,40 @@ impl SegySurvey {
         self.start_times_problem(bytes, headers).map_or(Ok(()), Err)
     }
 
+    /// Empties the cells of dead traces, unless most traces count as dead: their samples mean nothing.
+    fn drop_dead_traces(&mut self, headers: &TraceHeaders, grid: &mut TraceGrid) {
+        let is_dead: Vec<bool> = (headers.i16s(29).into_iter())
+            .map(|code| code == DEAD_TRACE)
+            .collect();
+        let is_dead = |trace: usize| trace != NO_TRACE && is_dead[trace];
+        let count = grid.traces.iter().filter(|trace| is_dead(**trace)).count();
+        let live = grid.traces.len() - grid.missing_count - count;
+        if count == 0 {
+            return;
+        }
+        if count > live {
+            self.notes.push(format!(
+                "{count} traces are dead by their identification code ({DEAD_TRACE} at byte 29), but only {live} are not: the \
+                 code is not used"
+            ));
+            return;
+        }
+        let dead = grid.traces.iter_mut().filter(|trace| is_dead(**trace));
+        dead.for_each(|trace| *trace = NO_TRACE);
+        grid.missing_count += count;
+        self.notes.push(format!(
+            "{count} traces are dead by their identification code ({DEAD_TRACE} at byte 29): they count as missing"
+        ));
+    }
+
     /// Sets the sample interval and the time of the first sample.
     fn find_times(&mut self, bytes: &SegyBytes, headers: &TraceHeaders) {
         let first_trace_value = |byte: usize| match byte {
             0 => 0,
             byte => headers.first_i16(byte),
         };
-        let trace_interval = Some(f64::from(first_trace_value(bytes.dt))).filter(|&dt| dt > 0.0);
+        let interval = first_trace_value(bytes.dt).cast_unsigned();
+        let trace_interval = Some(f64::from(interval)).filter(|&dt| dt > 0.0);
         let dt = match (self.file.interval_us, trace_interval) {
             (Some(file), Some(trace)) if file != trace => {
                 self.notes.push(format!(
@@ -271,7 +302,7 @@ impl SegySurvey {
             return None;
         }
         // Dead traces (value 2 at byte 29) often have no times.
-        let is_dead = headers.i16s(29).into_iter().map(|id| id == 2);
+        let is_dead = headers.i16s(29).into_iter().map(|code| code == DEAD_TRACE);
         let delays = headers.i16s(bytes.delay).into_iter().zip(is_dead);
         let live_delays: Vec<i16> = delays.filter(|d| !d.1).map(|d| d.0).collect();
         let (min, max) = (live_delays.iter().min()?, live_delays.iter().max()?);
@@ -417,6 +448,12 @@ impl SegySurvey {
                         fit.rms,
                         fit.max
                     ));
+                    if fit.outliers > 0 {
+                        self.notes.push(format!(
+                            "{} traces have X, Y far off that grid, which do not count",
+                            fit.outliers
+                        ));
+                    }
                     self.info.placed_by = name;
                     self.info.fit = Some(fit);
                 }

@@ -3,6 +3,17 @@
 use crate::geometry::hypot;
 use serde::Serialize;
 
+/// Largest share of the traces whose coordinates may be far off.
+const MAX_OUTLIER_SHARE: f64 = 0.05;
+
+/// Smallest distance of an outlier from the fit, in units of the median distance, and of the distance
+/// between lines.
+const OUTLIER_RATIO: f64 = 20.0;
+const OUTLIER_SPACING: f64 = 2.0;
+
+/// Largest number of fits, each without the outliers of the one before.
+const MAX_FITS: usize = 10;
+
 /// Position of a survey: `origin + i * inline + c * crossline` for the `i`th inline and `c`th
 /// crossline, fitted by least squares to all traces.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -19,6 +30,8 @@ pub struct SurveyFit {
     pub max: f64,
     /// Number of traces used for the fit.
     pub traces: usize,
+    /// Number of traces whose coordinates are far off, which are not used.
+    pub outliers: usize,
 }
 
 impl SurveyFit {
@@ -43,8 +56,8 @@ impl SurveyFit {
         if known.iter().all(|&t| positions[t] == first) {
             return Err("are the same for all traces".into());
         }
-        let fit =
-            Self::solve(cells, positions, &known).ok_or("are known for traces of one line only")?;
+        let fit = Self::solve_without_outliers(cells, positions, known)
+            .ok_or("are known for traces of one line only")?;
         let [a, b] = [fit.inline, fit.crossline];
         let area = (a[0] * b[1] - a[1] * b[0]).abs();
         let pitch = fit.line_spacing();
@@ -58,6 +71,51 @@ impl SurveyFit {
             ));
         }
         Ok(fit)
+    }
+
+    /// Solves the least-squares problem for the traces `known`, without those that lie much farther from
+    /// the fit than most. At most [`MAX_OUTLIER_SHARE`] of the traces are left out.
+    fn solve_without_outliers(
+        cells: &[[usize; 2]],
+        positions: &[[f64; 2]],
+        mut known: Vec<usize>,
+    ) -> Option<Self> {
+        let count = known.len();
+        let min_count = ((1.0 - MAX_OUTLIER_SHARE) * count as f64).ceil() as usize;
+        let mut fit = Self::solve(cells, positions, &known)?;
+        for _ in 0..MAX_FITS {
+            let residuals: Vec<f64> = (known.iter())
+                .map(|&t| fit.residual(cells[t], positions[t]))
+                .collect();
+            let mut sorted = residuals.clone();
+            sorted.sort_by(f64::total_cmp);
+            let spacing = fit.line_spacing();
+            let limit = (OUTLIER_RATIO * sorted[sorted.len() / 2])
+                .max(OUTLIER_SPACING * spacing[0].min(spacing[1]));
+            let near: Vec<usize> = known
+                .iter()
+                .zip(&residuals)
+                .filter(|(_, residual)| **residual <= limit)
+                .map(|(&t, _)| t)
+                .collect();
+            if near.len() == known.len() || near.len() < min_count {
+                break;
+            }
+            let Some(better) = Self::solve(cells, positions, &near) else {
+                break;
+            };
+            (fit, known) = (better, near);
+        }
+        fit.outliers = count - known.len();
+        Some(fit)
+    }
+
+    /// Returns the distance of a position from that of its cell.
+    fn residual(&self, cell: [usize; 2], position: [f64; 2]) -> f64 {
+        let [i, c] = cell.map(|k| k as f64);
+        let [x, y] = [0, 1]
+            .map(|k| position[k] - self.origin[k] - i * self.inline[k] - c * self.crossline[k]);
+        hypot(x, y)
     }
 
     /// Solves the least-squares problem on centred values, which keeps the digits of large
@@ -116,6 +174,7 @@ impl SurveyFit {
             rms: (sum / count).sqrt(),
             max: max.sqrt(),
             traces: known.len(),
+            outliers: 0,
         })
     }
 }
@@ -173,6 +232,27 @@ mod tests {
         .unwrap();
         assert_eq!(fit.traces, 70);
         assert!(fit.max < 1e-6);
+    }
+
+    #[test]
+    fn coordinates_far_off_do_not_move_the_survey() {
+        // Unset coordinates of several kinds, at most one in twenty.
+        let wild = [
+            [f64::from(i32::MIN); 2],
+            [f64::from(i32::MAX), 0.0],
+            [1.0, 1.0],
+        ];
+        for count in 1..=3 {
+            let fit = fit_survey(|i, j| match (i as usize, j as usize) {
+                (i, j) if i == 3 * j && j < count => wild[j],
+                _ => [1e5 + 10.0 * i, 2e5 + 12.5 * j],
+            })
+            .unwrap();
+            assert_eq!((fit.traces, fit.outliers), (77 - count, count));
+            assert!((fit.inline[0] - 10.0).abs() < 1e-8, "{fit:?}");
+            assert!((fit.crossline[1] - 12.5).abs() < 1e-8, "{fit:?}");
+            assert!(fit.max < 1e-6);
+        }
     }
 
     #[test]

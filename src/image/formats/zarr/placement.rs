@@ -91,15 +91,50 @@ impl SiblingArrays<'_> {
         let is_even = |(i, v): (usize, &f64)| {
             (v - first - i as f64 * step).abs() <= MAX_STEP_DEVIATION * step.abs()
         };
-        if step == 0.0 || !step.is_finite() || !values.iter().enumerate().all(is_even) {
-            notes.push(format!(
-                "the coordinate {name} is not evenly spaced: not used"
-            ));
-            return Ok(None);
-        }
         let unit = array_unit(&array);
+        if step == 0.0 || !step.is_finite() || !values.iter().enumerate().all(is_even) {
+            let Some([first, step]) = step_of_truncated(&values) else {
+                notes.push(format!(
+                    "the coordinate {name} is not evenly spaced: not used"
+                ));
+                return Ok(None);
+            };
+            notes.push(format!(
+                "the coordinate {name} has whole numbers that are not evenly spaced, as if cut off after the point: \
+                 taken as {step} apart from {first} (--interval, --spacing and --origin set others)"
+            ));
+            return Ok(Some(EvenCoordinate { first, step, unit }));
+        }
         Ok(Some(EvenCoordinate { first, step, unit }))
     }
+}
+
+/// Steps of samples are multiples of one of these, the first one preferred.
+const STEP_PARTS: [f64; 6] = [0.5, 0.25, 0.2, 0.125, 0.1, 0.05];
+
+/// Returns the first value and the step of evenly spaced values of which only the whole numbers are
+/// stored, as MDIO does with times; `None` if there is no step that fits all, or several do.
+fn step_of_truncated(values: &[f64]) -> Option<[f64; 2]> {
+    let (first, last) = (*values.first()?, *values.last()?);
+    let is_whole = values.iter().all(|v| v.fract() == 0.0 && v.abs() < 1e9);
+    let steps = (values.len() as f64 - 1.0).max(1.0);
+    let range = [(last - first - 1.0) / steps, (last - first + 1.0) / steps];
+    // The first value may have been cut off, too, but times begin with whole numbers.
+    let fits = |step: f64| {
+        let value = |i: usize| first + i as f64 * step;
+        let mut indexed = values.iter().enumerate();
+        indexed.all(|(i, v)| (value(i) + 1e-9).floor() == *v || (value(i) + 1e-9).trunc() == *v)
+    };
+    let of_part = |part: &f64| {
+        let multiples = (range[0] / part).ceil() as i64..=(range[1] / part).floor() as i64;
+        let mut fitting = multiples
+            .map(|n| n as f64 * part)
+            .filter(|step| fits(*step));
+        let step = fitting.next().filter(|step| *step != 0.0)?;
+        fitting.next().is_none().then_some(step)
+    };
+    let step = STEP_PARTS.iter().find_map(of_part).filter(|_| is_whole)?;
+    Some([first, step])
 }
 
 /// Returns the unit of the numbers of an array, as MDIO or xarray store it.
@@ -407,5 +442,27 @@ fn place_along_axes(header: &mut ImageHeader<3>, coordinates: &[Option<EvenCoord
         header.geometry.origin[c] = 0.0 + sign * first;
         header.geometry.axes[k][c] = sign * step;
         header.geometry.units[c] = unit;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_of_cut_off_numbers_are_found() {
+        for (first, step, count) in [
+            (0.0, 2.5, 64),
+            (8.0, 0.5, 20),
+            (100.0, 1.25, 300),
+            (0.0, 0.1, 500),
+        ] {
+            let values: Vec<f64> = (0..count)
+                .map(|i| (first + f64::from(i) * step + 1e-9).trunc())
+                .collect();
+            assert_eq!(step_of_truncated(&values), Some([first, step]));
+        }
+        assert_eq!(step_of_truncated(&[0.0, 2.0, 5.0, 6.0, 11.0]), None);
+        assert_eq!(step_of_truncated(&[0.0, 2.5, 5.0, 7.0]), None);
     }
 }

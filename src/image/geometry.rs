@@ -56,6 +56,16 @@ impl<const D: usize> Default for Geometry<D> {
     }
 }
 
+/// Returns the whole number that a ratio of two units is but for rounding, or else the ratio.
+fn without_rounding(ratio: f64) -> f64 {
+    let whole = ratio.round();
+    if (ratio - whole).abs() < 1e-9 * ratio {
+        whole
+    } else {
+        ratio
+    }
+}
+
 impl<const D: usize> Geometry<D> {
     /// Creates an axis-aligned geometry with the given spacing.
     pub fn with_spacing(origin: [f64; D], spacing: [f64; D]) -> Self {
@@ -72,6 +82,31 @@ impl<const D: usize> Geometry<D> {
     /// Returns the distance between neighbouring samples along each axis.
     pub fn spacing(&self) -> [f64; D] {
         self.axes.map(norm)
+    }
+
+    /// Returns the geometry with all coordinates in the unit of the first, if all units are known lengths.
+    #[must_use]
+    pub(crate) fn in_one_length_unit(mut self) -> Self {
+        let sizes = self.units.each_ref().map(|unit| metres_per_unit(unit));
+        let Some(unit_size) = sizes[0].filter(|_| !sizes.contains(&None)) else {
+            return self;
+        };
+        for c in 1..D {
+            let factor = sizes[c].unwrap_or(unit_size) / unit_size;
+            let scale = |value: f64| {
+                if factor < 1.0 {
+                    value / without_rounding(1.0 / factor)
+                } else {
+                    value * without_rounding(factor)
+                }
+            };
+            self.origin[c] = scale(self.origin[c]);
+            for axis in &mut self.axes {
+                axis[c] = scale(axis[c]);
+            }
+            self.units[c] = self.units[0].clone();
+        }
+        self
     }
 
     /// Returns the factor of each physical coordinate that brings all of them to one unit, so that

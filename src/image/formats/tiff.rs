@@ -12,7 +12,7 @@ use quick_xml::Reader;
 use quick_xml::events::Event;
 use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::tags::Tag;
+use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffError};
 
 use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, file_error, open_with_length};
@@ -42,8 +42,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     limits.intermediate_buffer_size = max_bytes;
     let decoder = Decoder::new(BufReader::new(file)).map_err(|e| page_error(path, 0, e))?;
     let mut decoder = decoder.with_limits(limits);
-    let description = decoder.get_tag_ascii_string(Tag::ImageDescription);
-    let description = description.unwrap_or_default();
+    let description = image_description(&mut decoder);
     let resolution = [Tag::XResolution, Tag::YResolution].map(|tag| {
         let value = decoder.get_tag(tag).ok()?;
         match value {
@@ -80,10 +79,11 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
     let mut image = Image::new(dims, pages.samples, Geometry::default());
     image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
     if let Some((StackSpacing { steps, units }, _)) = spacing {
-        image.geometry = Geometry {
+        let geometry = Geometry {
             units,
             ..Geometry::with_spacing([0.0; 3], steps)
         };
+        image.geometry = geometry.in_one_length_unit();
     }
     Ok(LoadedImage {
         image,
@@ -93,6 +93,24 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         survey: None,
         line_numbers: None,
     })
+}
+
+/// Returns the description of the first page, which ImageJ writes in Latin-1 and others in UTF-8; empty
+/// if there is none.
+fn image_description(decoder: &mut Decoder<BufReader<File>>) -> String {
+    let mut buffer = ValueBuffer::empty(Type::ASCII);
+    let found = decoder
+        .image_ifd()
+        .find_tag_buf(Tag::ImageDescription, &mut buffer);
+    let Ok(Some(_)) = found else {
+        return String::new();
+    };
+    let bytes = buffer.as_bytes();
+    let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
+    match std::str::from_utf8(&bytes[..end]) {
+        Ok(text) => text.to_string(),
+        Err(_) => bytes[..end].iter().map(|&b| char::from(b)).collect(),
+    }
 }
 
 /// Returns the error for a page that cannot be decoded.
@@ -224,12 +242,16 @@ fn stack_spacing(
             let value = fields.find(|(field, _)| field.trim() == name);
             value.map(|(_, value)| value.trim().to_string())
         };
+        // ImageJ leaves out what is 1, and units that are those of x.
         let unit = length_unit(&field("unit")?)?;
-        let [x, y] = resolution;
-        let (x, y) = (1.0 / x?, 1.0 / y?);
-        let z = field("spacing").and_then(|z| z.parse::<f64>().ok());
-        let steps = [x, y, z.map_or(x, f64::abs)];
-        let units = [(); 3].map(|()| unit.to_string());
+        let axis_unit = |name: &str| match field(name) {
+            Some(unit) => length_unit(&unit),
+            None => Some(unit),
+        };
+        let [x, y] = resolution.map(|resolution| resolution.unwrap_or(1.0));
+        let z = field("spacing").map_or(Some(1.0), |z| z.parse::<f64>().ok())?;
+        let steps = [1.0 / x, 1.0 / y, z.abs()];
+        let units = [unit, axis_unit("yunit")?, axis_unit("zunit")?].map(String::from);
         return valid(steps).then_some((StackSpacing { steps, units }, "ImageJ"));
     }
     let mut reader = Reader::from_str(description);
@@ -457,6 +479,68 @@ mod tests {
         TiffEncoder,
         colortype::{Gray8, RGB8},
     };
+
+    #[test]
+    fn imagej_leaves_out_what_is_one_and_units_of_x() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        let geometry = |resolution: Option<[u32; 2]>, fields: &[u8]| {
+            let mut encoder = TiffEncoder::new(std::fs::File::create(&path).unwrap()).unwrap();
+            for _ in 0..2 {
+                let mut page = encoder.new_image::<Gray8>(3, 2).unwrap();
+                let description = [b"ImageJ=1.53t\nimages=2\nslices=2\n", fields].concat();
+                // A text in Latin-1 is written as bytes.
+                let tags = page.encoder();
+                tags.write_tag(Tag::ImageDescription, description.as_slice())
+                    .unwrap();
+                if let Some([n, d]) = resolution {
+                    for tag in [Tag::XResolution, Tag::YResolution] {
+                        tags.write_tag(tag, tiff::encoder::Rational { n, d })
+                            .unwrap();
+                    }
+                }
+                page.write_data(&[7; 6]).unwrap();
+            }
+            let geometry = read(&path).unwrap().image.geometry;
+            (geometry.spacing(), geometry.units.join(","))
+        };
+        for (resolution, fields, steps, units) in [
+            (
+                Some([4, 1]),
+                &b"unit=um\n"[..],
+                [0.25, 0.25, 1.0],
+                "um,um,um",
+            ),
+            (None, b"unit=um\nspacing=2.5\n", [1.0, 1.0, 2.5], "um,um,um"),
+            (
+                Some([1, 8]),
+                b"unit=nm\nzunit=um\nspacing=0.04\n",
+                [8.0, 8.0, 40.0],
+                "nm,nm,nm",
+            ),
+            (
+                Some([4, 1]),
+                b"unit=\xb5m\nspacing=2.0\n",
+                [0.25, 0.25, 2.0],
+                "um,um,um",
+            ),
+            (
+                Some([100, 1]),
+                b"unit=inch\nspacing=0.02\n",
+                [0.01, 0.01, 0.02],
+                "in,in,in",
+            ),
+            (
+                Some([10, 1]),
+                b"unit=cm\nyunit=mm\n",
+                [0.1, 0.01, 1.0],
+                "cm,cm,cm",
+            ),
+        ] {
+            let (found, found_units) = geometry(resolution, fields);
+            assert_eq!((found, &*found_units), (steps, units));
+        }
+    }
 
     #[test]
     fn stacks_of_imagej_that_are_no_volume_are_refused() {

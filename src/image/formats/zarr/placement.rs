@@ -265,7 +265,7 @@ fn place_by_ome(header: &mut ImageHeader<3>, array: &ArrayMetadata, group: Optio
             let unit = axes[axis]["unit"].as_str().unwrap_or_default();
             geometry.units[k] = length_unit(unit).unwrap_or(unit).to_string();
         }
-        Some(geometry)
+        Some(geometry.in_one_length_unit())
     };
     match read_geometry() {
         Some(geometry) => {

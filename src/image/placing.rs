@@ -161,7 +161,7 @@ impl<const D: usize> Frame<D> {
     }
 
     /// Returns the unit of a coordinate, if it is known.
-    fn unit(&self, coordinate: usize) -> Option<Unit> {
+    pub(crate) fn unit(&self, coordinate: usize) -> Option<Unit> {
         units::find(&self.geometry.units[coordinate])
     }
 
@@ -294,6 +294,10 @@ impl<const D: usize> Frame<D> {
             (Some(file), Some(image)) if file == image => 1.0,
             (Some(_), Some(_)) => -1.0,
             _ if turned > as_given && D == 3 => -1.0,
+            // A surface above the image lies above it with both signs if z is far from 0.
+            _ if self.region == Region::Above && turned == as_given && D == 3 => {
+                placing.nearer_sign(points)
+            }
             _ => 1.0,
         };
         let is_refuted = by_option.is_none()
@@ -557,6 +561,21 @@ impl<const D: usize> Placing<'_, D> {
             }
         };
         placed
+    }
+
+    /// Returns the sign of z with which points lie nearer to the middle of the image.
+    fn nearer_sign(&mut self, points: &[[f64; D]]) -> f64 {
+        let middle = self.frame.middle()[D - 1];
+        let mut distance = |sign: f64| {
+            self.sign = sign;
+            let heights = points.iter().map(|p| self.apply(*p)[D - 1]);
+            heights.map(|z| (z - middle).abs()).sum::<f64>()
+        };
+        if distance(-1.0) < distance(1.0) {
+            -1.0
+        } else {
+            1.0
+        }
     }
 
     /// Returns a length along x of the file in the frame of the image.

@@ -2,6 +2,7 @@
 
 use super::{FixedAtom, Params, Weight};
 use crate::error::cause;
+use crate::image::placing::{Frame, ranges};
 use crate::image::{Geometry, ScalarField};
 use crate::lattice::energy::Beta;
 use crate::lattice::seeding::wells::WellTrajectory;
@@ -108,7 +109,12 @@ pub(crate) fn lattice_well_paths<const D: usize>(
         };
         let clipped = path.clip_to_box(extent);
         if clipped.is_empty() {
-            let problem = "lies outside the image".to_string();
+            let dims = std::array::from_fn(|k| (extent[k] / step[k]).round() as usize + 1);
+            let problem = format!(
+                "lies outside the image: it has {}, the image {}",
+                ranges(well.points.iter().copied()),
+                Frame::new(geometry, dims).ranges()
+            );
             let turned =
                 (well.points.iter()).any(|&x| is_inside_if_turned(x, geometry, step, extent));
             return refuse(problem, outside_remedy(turned));
@@ -136,7 +142,7 @@ fn outside_remedy(turned: bool) -> &'static str {
     if turned {
         "give z with the other sign, as the image has it (`atomesh info` shows it)"
     } else {
-        "give points inside, in the image's physical coordinates"
+        "give points inside, in the image's physical coordinates, or say how they differ: ,unit=ft ,z=down"
     }
 }
 

@@ -549,6 +549,7 @@ fn read_wells<const D: usize>(
         file: PointFile {
             stated: file.coordinates,
             notes: file.notes,
+            survey: file.survey,
             ..point_file.clone()
         },
     };

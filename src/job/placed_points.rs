@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use super::well_file::SurveyOffsets;
 use super::{FixedAtom, Params, WellPath};
 use crate::Result;
 use crate::error::{Error, cause};
@@ -11,6 +12,7 @@ use crate::image::Geometry;
 use crate::image::placing::{Frame, GivenFile, MAX_TESTED_POINTS};
 use crate::image::point_nulls::{NullSearch, consecutive_pairs};
 use crate::image::stated::{CoordinateOptions, StatedCoordinates};
+use crate::units::{self, Quantity, Unit};
 
 /// A file of points: what it and its option say about its coordinates.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -23,6 +25,8 @@ pub struct PointFile {
     pub options: CoordinateOptions,
     /// Notes on assumptions when the file was read.
     pub notes: Vec<String>,
+    /// The wellhead of a deviation survey whose offsets may have another unit than the wellhead.
+    pub survey: Option<SurveyOffsets>,
 }
 
 /// Points of a file in the frame of an image.
@@ -36,6 +40,34 @@ struct PlacedPoints<const D: usize> {
 }
 
 impl PointFile {
+    /// Returns points of a deviation survey with offsets from the wellhead in the units of coordinates, and
+    /// other points as they are. Measured depths without a unit have that of z.
+    fn with_converted_offsets<const D: usize>(
+        &self,
+        points: &[[f64; D]],
+        frame: &Frame<D>,
+    ) -> Vec<[f64; D]> {
+        let Some(survey) = &self.survey else {
+            return points.to_vec();
+        };
+        let length = |unit: Option<Unit>| unit.filter(|unit| unit.quantity == Quantity::Length);
+        let coordinate = |k: usize| {
+            let by_file = self.stated.units[k].as_deref();
+            let given = self.options.unit(k).or(by_file).and_then(units::find);
+            length(given.or_else(|| frame.unit(k)))
+        };
+        let measured = survey.unit.as_deref().and_then(units::find);
+        let measured = length(measured).or_else(|| coordinate(D - 1));
+        let factor = |k: usize| match (measured, coordinate(k)) {
+            (Some(from), Some(to)) if from != to => from.size / to.size,
+            _ => 1.0,
+        };
+        let factors = std::array::from_fn(factor);
+        (points.iter())
+            .map(|point| survey.converted(*point, factors))
+            .collect()
+    }
+
     /// Returns points of the file in the frame of an image. If `is_path`, lines join them.
     fn placed<const D: usize>(
         &self,
@@ -43,6 +75,7 @@ impl PointFile {
         is_path: bool,
         frame: &Frame<D>,
     ) -> Result<PlacedPoints<D>> {
+        let points = &self.with_converted_offsets(points, frame)[..];
         let named: Vec<f64> = (self.stated.nulls.iter())
             .chain(self.options.nulls.iter().flatten())
             .copied()

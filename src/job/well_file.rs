@@ -30,6 +30,29 @@ pub struct WellFile<const D: usize> {
     pub coordinates: StatedCoordinates,
     /// Notes on assumptions.
     pub notes: Vec<String>,
+    /// The wellhead of a deviation survey whose offsets may have another unit than the wellhead.
+    pub survey: Option<SurveyOffsets>,
+}
+
+/// The wellhead of a deviation survey. The offsets of its points from it are in the unit of measured
+/// depths.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurveyOffsets {
+    /// The wellhead, in the coordinates of the points.
+    pub head: [f64; 3],
+    /// The unit of measured depths, if the file says it.
+    pub unit: Option<String>,
+}
+
+impl SurveyOffsets {
+    /// Returns a point whose offset from the wellhead is converted to the units of coordinates.
+    /// `factors` are the sizes of the unit of measured depths in these units.
+    pub fn converted<const D: usize>(&self, point: [f64; D], factors: [f64; D]) -> [f64; D] {
+        std::array::from_fn(|k| match self.head.get(k) {
+            Some(head) => head + (point[k] - head) * factors[k],
+            None => point[k],
+        })
+    }
 }
 
 /// A point of a well.
@@ -272,6 +295,7 @@ fn wells_of_points<const D: usize>(table: &Table) -> Result<Vec<WellFile<D>>> {
             points,
             coordinates: reading.coordinates.clone(),
             notes,
+            survey: None,
         });
     }
     Ok(wells)
@@ -287,7 +311,7 @@ fn unnamed_columns<const D: usize>(table: &Table) -> Result<(PlaceReading<D>, Bo
             format!("write {columns} in each line, or the names of the columns in the first");
         return Err(table.error(problem, remedy));
     }
-    let reading = PlaceReading {
+    let mut reading = PlaceReading {
         columns: std::array::from_fn(|k| k),
         lines: None,
         is_numbered: false,
@@ -295,11 +319,31 @@ fn unnamed_columns<const D: usize>(table: &Table) -> Result<(PlaceReading<D>, Bo
         coordinates: StatedCoordinates::default(),
         notes: Vec::new(),
     };
+    let is_radius = count > D && is_column_of_radii(table, D)?;
+    if count > D && !is_radius {
+        reading.notes.push(format!(
+            "the values of column {} are no radii: they are left out",
+            D + 1
+        ));
+    }
     let bore = Bore {
-        column: (count > D).then_some(D),
+        column: is_radius.then_some(D),
         factor: 1.0,
     };
     Ok((reading, bore))
+}
+
+/// Returns `true` if the values of a column may be radii of bores. Measured depths, which some programs write
+/// behind the coordinates, grow from row to row and are larger.
+fn is_column_of_radii(table: &Table, column: usize) -> Result<bool> {
+    const MAX_RADIUS: f64 = 10.0;
+    let mut values = Vec::new();
+    for row in table.rows() {
+        values.extend(row.number(column)?);
+    }
+    let grows = values.len() > 2 && values.windows(2).all(|pair| pair[1] > pair[0]);
+    let is_large = values.iter().any(|value| *value > MAX_RADIUS);
+    Ok(!(grows && is_large))
 }
 
 /// A station of a deviation survey.
@@ -350,6 +394,8 @@ struct Survey<'a> {
     head: [f64; 3],
     /// Units of the wellhead in one of measured depth.
     scale: f64,
+    /// What converts offsets later, if the unit of the wellhead is not known here.
+    offsets: Option<SurveyOffsets>,
     coordinates: StatedCoordinates,
     notes: Vec<String>,
 }
@@ -396,10 +442,13 @@ impl<'a> Survey<'a> {
         let own = table.columns()[measured_depth].unit.clone();
         let mut notes = vec!["a deviation survey, by minimum curvature".to_string()];
         let place = [&HEAD_X, &HEAD_Y].map(|keys| table.remark_value(keys));
-        let unit = place[0]
-            .as_ref()
-            .and_then(|(_, unit)| unit.clone())
-            .or_else(|| own.clone());
+        // A wellhead that the option gives has the units of the option, or else of the image.
+        let unit = match given_head {
+            Some(_) => None,
+            None => (place[0].as_ref())
+                .and_then(|(_, unit)| unit.clone())
+                .or_else(|| own.clone()),
+        };
         let head = match (given_head, &place) {
             (Some(head), _) => head,
             (None, [Some((x, _)), Some((y, _))]) => {
@@ -430,7 +479,14 @@ impl<'a> Survey<'a> {
             inclination: table.required(term("inclination"))?,
             azimuth,
             head,
-            scale: unit_ratio(own.as_deref(), unit.as_deref()),
+            offsets: unit.is_none().then(|| SurveyOffsets {
+                head,
+                unit: own.clone(),
+            }),
+            scale: match unit {
+                Some(_) => unit_ratio(own.as_deref(), unit.as_deref()),
+                None => 1.0,
+            },
             coordinates,
             notes,
         })
@@ -487,6 +543,7 @@ impl<'a> Survey<'a> {
                 points,
                 coordinates: self.coordinates.clone(),
                 notes,
+                survey: self.offsets.clone(),
             });
         }
         if wells.len() > 1 {
@@ -627,6 +684,39 @@ mod tests {
                 ([1.0, 2.0], Some(0.1))
             );
         }
+    }
+
+    #[test]
+    fn measured_depths_behind_coordinates_are_no_radii() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("w.txt");
+        let radii = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let well = WellFile::<3>::read_all(&path, &[], None, 2).unwrap();
+            let radii = well[0].points.iter().map(|point| point.radius);
+            radii.collect::<Vec<_>>()
+        };
+        assert_eq!(radii("1 2 3 0\n1 2 9 600\n1 2 20 1700\n"), [None; 3]);
+        assert_eq!(
+            radii("1 2 3 0.1\n1 2 9 0.2\n1 2 20 0.3\n"),
+            [Some(0.1), Some(0.2), Some(0.3)]
+        );
+    }
+
+    #[test]
+    fn a_wellhead_of_the_option_keeps_its_units() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("w.dev");
+        std::fs::write(&path, "MD (ft),INC,AZI\n0,45,90\n1000,45,90\n").unwrap();
+        let head = [450_000.0, 6_780_000.0, 25.0];
+        let well = &WellFile::<3>::read_all(&path, &[], Some(head), 2).unwrap()[0];
+        assert_eq!(well.coordinates.units, [None, None, None]);
+        let survey = well.survey.as_ref().unwrap();
+        assert_eq!(survey.unit.as_deref(), Some("ft"));
+        let last = survey.converted(well.points[1].position, [0.3048, 0.3048, 0.3048]);
+        let offset = 304.8 * 0.5f64.sqrt();
+        assert!((last[0] - head[0] - offset).abs() < 1e-6, "{last:?}");
+        assert!((last[2] - head[2] + offset).abs() < 1e-6, "{last:?}");
     }
 
     #[test]

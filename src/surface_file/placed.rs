@@ -80,20 +80,29 @@ impl PickedSurface {
             stated: &self.coordinates,
             options,
         };
-        let is_inside = frame.membership(file)?;
+        // A table with depths and times may have a reading that suits the image, and one that does not.
+        let is_inside = frame.membership(file);
         let in_plan = frame.clone().in_region(Region::Column);
-        let is_inside_in_plan = in_plan.membership(file)?;
+        let is_inside_in_plan = in_plan.membership(file);
         let (middle, spacing) = (frame.middle(), frame.spacing());
         let reading_frame = ReadingFrame {
-            contains: &|p| is_inside(std::array::from_fn(|k| p[k])),
+            contains: &|p| {
+                let position = std::array::from_fn(|k| p[k]);
+                is_inside.as_ref().is_ok_and(|contains| contains(position))
+            },
             contains_in_plane: &|[x, y]| {
                 let place = |k| [x, y].get(k).copied().unwrap_or(middle[k]);
-                is_inside_in_plan(std::array::from_fn(place))
+                let position = std::array::from_fn(place);
+                (is_inside_in_plan.as_ref()).is_ok_and(|contains| contains(position))
             },
             spacing: std::array::from_fn(|k| spacing.get(k).copied().unwrap_or(1.0)),
             domain: options.domain.or(frame.domain()),
         };
-        let fitting = table.fit(place, &reading_frame)?;
+        let fitting = table.fit(place, &reading_frame);
+        if let (Err(_), Err(error)) = (&fitting, is_inside) {
+            return Err(error);
+        }
+        let fitting = fitting?;
         let mut resolved = self.clone();
         resolved.shape = PickedShape::Points(fitting.points);
         resolved.coordinates = fitting.coordinates;

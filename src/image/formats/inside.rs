@@ -5,11 +5,12 @@ use std::path::Path;
 
 use super::{AnyImage, LoadedImage, ReadOptions, detect, read_any};
 use crate::error::{Error, Result, cause, io_error};
-use crate::files::table::{Table, X_TERM, Y_TERM};
+use crate::files::table::{Table, TableRow, Term, X_TERM, Y_TERM};
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
 use crate::image::Image;
+use crate::image::time::metres_per_unit;
 use crate::parallel::prelude::*;
 
 const REMEDY: &str = "give a table of x,y, a closed GOCAD line (.pl), lines or polygons (.vtp), or an image that is not 0 inside";
@@ -40,7 +41,7 @@ fn kept_samples<const D: usize>(
         let is_kept = |s: &f32| s.is_finite() && *s != 0.0;
         return Ok(mask.as_slice().iter().map(is_kept).collect());
     }
-    let polygon = Polygon::read(path)?;
+    let polygon = Polygon::read(path, &image.geometry.units[..2])?;
     let count: usize = dims.iter().product();
     let is_kept = |i: usize| {
         let index = index_at(dims, i).map(|i| i as f64);
@@ -88,22 +89,41 @@ struct Polygon {
 }
 
 impl Polygon {
-    /// Reads the outlines in a file, and closes one that is open.
-    fn read(path: &Path) -> Result<Self> {
-        let edges = if is_polygon_file(path) {
-            vtk_edges(path)?
+    /// Reads the outlines in a file, closes one that is open, and converts lengths to those of an image
+    /// whose x and y have these units.
+    fn read(path: &Path, units: &[String]) -> Result<Self> {
+        let Outlines {
+            edges,
+            units: own_units,
+        } = if is_polygon_file(path) {
+            Outlines {
+                edges: vtk_edges(path)?,
+                units: [None, None],
+            }
         } else {
             let text = std::fs::read_to_string(path).map_err(|e| io_error(path, "read", e))?;
             if text.trim_start().starts_with("GOCAD") {
-                gocad_edges(&text)
+                gocad_outlines(&text)
             } else {
-                table_edges(path)?
+                table_outlines(path)?
             }
         };
+        let factor = |k: usize| {
+            let [own, of_image] = [own_units[k].as_deref(), units.get(k).map(String::as_str)]
+                .map(|unit| unit.and_then(metres_per_unit));
+            match (own, of_image) {
+                (Some(own), Some(of_image)) if own != of_image => own / of_image,
+                _ => 1.0,
+            }
+        };
+        let factors = [factor(0), factor(1)];
+        let edges = edges
+            .into_iter()
+            .map(|edge| edge.map(|[x, y]: [f64; 2]| [x * factors[0], y * factors[1]]));
         let refuse = |problem: String| {
             Error::Image(cause(path.display(), problem, REMEDY).with_parameter("inside"))
         };
-        let mut edges: Vec<_> = edges.into_iter().filter(|[a, b]| a != b).collect();
+        let mut edges: Vec<_> = edges.filter(|[a, b]| a != b).collect();
         let mut uses: BTreeMap<[u64; 2], usize> = BTreeMap::new();
         for end in edges.iter().flatten() {
             *uses.entry(end.map(f64::to_bits)).or_default() += 1;
@@ -134,9 +154,48 @@ fn edges_of(points: &[[f64; 2]]) -> impl Iterator<Item = [[f64; 2]; 2]> {
     points.windows(2).map(|pair| [pair[0], pair[1]])
 }
 
-/// Reads the edges of a table of points. A ring ends at its first point, or where a segment does.
-fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
-    let table = Table::read(path, &[X_TERM, Y_TERM])?;
+/// The outlines in a file.
+struct Outlines {
+    edges: Vec<[[f64; 2]; 2]>,
+    /// The units of x and y, if the file says them.
+    units: [Option<String>; 2],
+}
+
+/// A column that tells rings apart.
+const RING_TERM: Term = Term::new(
+    "ring",
+    &[
+        "ringid",
+        "polygon",
+        "polygonid",
+        "poly",
+        "polyid",
+        "part",
+        "partid",
+        "shape",
+        "shapeid",
+        "outline",
+        "line",
+        "lineid",
+        "id",
+        "name",
+    ],
+);
+
+/// Returns the first column that tells rings apart. One whose values change from row to row numbers points.
+fn ring_column(table: &Table) -> Option<usize> {
+    let rows: Vec<TableRow<'_>> = table.rows().collect();
+    let is_ring = |&k: &usize| {
+        let changes = (rows.windows(2)).filter(|pair| pair[0].text(k) != pair[1].text(k));
+        table.columns()[k].term == Some(RING_TERM.name) && 3 * changes.count() < rows.len()
+    };
+    (0..table.columns().len()).find(is_ring)
+}
+
+/// Reads the outlines of a table of points. A ring ends at its first point, where a segment does, or where
+/// the value in a column of rings changes.
+fn table_outlines(path: &Path) -> Result<Outlines> {
+    let table = Table::read(path, &[X_TERM, Y_TERM, RING_TERM])?;
     let columns = match (table.column("x")?, table.column("y")?) {
         (Some(x), Some(y)) => [x, y],
         _ if !table.has_names() && (2..=3).contains(&table.columns().len()) => [0, 1],
@@ -150,16 +209,20 @@ fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
         edges.extend(edges_of(ring));
         ring.clear();
     };
-    let (mut ring, mut segment): (Vec<[f64; 2]>, usize) = (Vec::new(), 0);
+    let ring_column = ring_column(&table);
+    let mut ring: Vec<[f64; 2]> = Vec::new();
+    let mut part: (usize, Option<String>) = (0, None);
     for row in table.rows() {
         let mut point = [0.0; 2];
         for (value, column) in point.iter_mut().zip(columns) {
             let number = row.number(column)?;
             *value = number.ok_or_else(|| row.error("is not a point", REMEDY))?;
         }
-        if row.segment != segment {
+        let name = ring_column.and_then(|column| row.text(column));
+        let name = name.map(String::from);
+        if (row.segment, &name) != (part.0, &part.1) {
             close(&mut ring);
-            segment = row.segment;
+            part = (row.segment, name);
         }
         let ends_ring = ring.len() > 2 && ring[0] == point;
         ring.push(point);
@@ -168,17 +231,26 @@ fn table_edges(path: &Path) -> Result<Vec<[[f64; 2]; 2]>> {
         }
     }
     close(&mut ring);
-    Ok(edges)
+    let general = table.remark_text(&["units", "unit", "coordinateunits", "xyunits", "xyunit"]);
+    let units = columns.map(|column| {
+        let own = table.columns()[column].unit.as_deref();
+        own.or(general).map(String::from)
+    });
+    Ok(Outlines { edges, units })
 }
 
-/// Returns the edges of the lines in a GOCAD file.
-fn gocad_edges(text: &str) -> Vec<[[f64; 2]; 2]> {
+/// Returns the outlines in a GOCAD file.
+fn gocad_outlines(text: &str) -> Outlines {
     let mut edges = Vec::new();
+    let mut units = [None, None];
     let mut vertices: BTreeMap<&str, [f64; 2]> = BTreeMap::new();
     for line in text.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             ["GOCAD", ..] => vertices.clear(),
+            ["AXIS_UNIT", x, y, ..] => {
+                units = [x, y].map(|unit| Some(unit.trim_matches('"').to_string()));
+            }
             ["VRTX" | "PVRTX", id, x, y, ..] => {
                 if let (Ok(x), Ok(y)) = (x.parse(), y.parse()) {
                     vertices.insert(id, [x, y]);
@@ -192,7 +264,7 @@ fn gocad_edges(text: &str) -> Vec<[[f64; 2]; 2]> {
             _ => {}
         }
     }
-    edges
+    Outlines { edges, units }
 }
 
 /// Reads the edges of the lines and polygons in VTK poly data.
@@ -250,7 +322,26 @@ mod tests {
     #[test]
     fn outlines_of_every_format_keep_the_same_points() {
         let folder = tempfile::tempdir().unwrap();
+        let metres = ["m".to_string(), "m".to_string()];
+        let feet = |c: f64| c / 0.3048;
+        let in_feet = |points: &[[f64; 2]]| -> String {
+            let row = |[x, y]: &[f64; 2]| format!("{},{}\n", feet(*x), feet(*y));
+            points.iter().map(row).collect()
+        };
+        let rings = [
+            [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]],
+            [[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]],
+        ];
+        let closed = rings.map(|[a, b, c, d]| in_feet(&[a, b, c, d, a])).concat();
+        let columns = format!("X (ft),Y (ft)\n{closed}");
+        let remark = format!("# units: ft\nx,y\n{closed}");
         let files = [
+            ("feet.csv", &*columns),
+            ("remark.csv", &*remark),
+            (
+                "open.csv",
+                "POLY_ID,x,y,point\n1,0,0,1\n1,10,0,2\n1,10,10,3\n1,0,10,4\n2,4,4,1\n2,6,4,2\n2,6,6,3\n2,4,6,4\n",
+            ),
             (
                 "a.csv",
                 "x,y\n0,0\n10,0\n10,10\n0,10\n0,0\n4,4\n6,4\n6,6\n4,6\n4,4\n",
@@ -269,7 +360,7 @@ mod tests {
         for (name, text) in files {
             let path = folder.path().join(name);
             std::fs::write(&path, text).unwrap();
-            let polygon = Polygon::read(&path).unwrap();
+            let polygon = Polygon::read(&path, &metres).unwrap();
             for (point, inside) in [
                 ([1.0, 1.0], true),
                 ([9.5, 5.0], true),
@@ -282,7 +373,7 @@ mod tests {
         }
         let path = folder.path().join("two.csv");
         std::fs::write(&path, "0,0\n1,1\n").unwrap();
-        let message = Polygon::read(&path).err().unwrap().to_string();
+        let message = Polygon::read(&path, &metres).err().unwrap().to_string();
         assert!(message.contains("three points"), "{message}");
     }
 }

@@ -36,7 +36,7 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
     let mut inputs = vec![args.mesh.as_path()];
     inputs.extend(spec.image.as_deref());
     inputs.extend(spec.survey.as_deref());
-    inputs.extend(spec.names_from.as_deref());
+    inputs.extend(spec.names_from.as_ref().map(|file| &*file.path));
     let endings = [
         &SURFACE_EXTENSIONS[..],
         &STICK_EXTENSIONS,

@@ -14,8 +14,8 @@ use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
 use crate::image::formats;
 use crate::image::placing::Frame;
-use crate::image::stated::CoordinateOptions;
 use crate::image::{Geometry, Image};
+use crate::job::spec::FileOption;
 use crate::mesh::Mesh;
 use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
 use crate::model::slice::OverlayShape;
@@ -167,9 +167,9 @@ impl Extraction<'_> {
                 measure.amplitudes = Some(amplitudes);
             }
         }
-        if let Some(path) = &spec.names_from {
+        if let Some(earlier) = &spec.names_from {
             let nodes = nodes_in_samples(&stored);
-            self.names_from(path, &surfaces, &mut measures, &nodes, &stored.space)?;
+            self.names_from(earlier, &surfaces, &mut measures, &nodes, &stored.space)?;
             file.names = measures.iter().map(surface_name).collect();
         }
         for note in doubtful_throw_notes(&measures) {
@@ -196,18 +196,18 @@ impl Extraction<'_> {
     /// Names surfaces by those of an earlier interpretation.
     fn names_from<const D: usize>(
         &mut self,
-        path: &Path,
+        file: &FileOption,
         surfaces: &Surfaces<D>,
         measures: &mut [SurfaceMeasure],
         nodes: &[[f64; D]],
         space: &LatticeSpace<D>,
     ) -> Result<()> {
         let dims = space.dims().map(|n| n.round() as usize);
-        let (earlier, notes) = read_earlier_surfaces(path, &space.geometry, dims)?;
+        let (earlier, notes) = read_earlier_surfaces(file, &space.geometry, dims)?;
         notes.iter().for_each(|note| self.progress.note(note));
         let kinds: Vec<SurfaceKind> = measures.iter().map(|m| m.kind).collect();
         let matched = match_names(surfaces, &kinds, nodes, &surfaces.names, &earlier);
-        let place = path.display();
+        let place = file.path.display();
         if matched.matched_count == 0 && surfaces.len() > surfaces.names.len() {
             self.progress.note(&format!(
                 "names-from {place}: none of its surfaces lies near one of this mesh; check that both \
@@ -265,10 +265,11 @@ impl Extraction<'_> {
 /// Reads the surfaces of an earlier interpretation, in samples of an image of `dims` samples. Also
 /// returns notes on their coordinates.
 fn read_earlier_surfaces<const D: usize>(
-    path: &Path,
+    file: &FileOption,
     geometry: &Geometry<D>,
     dims: [usize; D],
 ) -> Result<(Vec<EarlierSurface<D>>, Vec<String>)> {
+    let path = &file.path;
     let mut notes = Vec::new();
     let surfaces: Vec<(String, Vec<Vec<[f64; 3]>>)> = if D == 2 && has_extension(path, &["vtp"]) {
         let of_shape = |shape: OverlayShape| {
@@ -280,7 +281,7 @@ fn read_earlier_surfaces<const D: usize>(
         let frame = Frame::new(geometry, dims);
         let place = format!("names-from {}", path.display());
         let mut of_picks = |surface: PickedSurface| {
-            let placed = surface.placed(&frame, &place, &CoordinateOptions::default())?;
+            let placed = surface.placed(&frame, &place, &file.coordinates)?;
             notes.push(format!(
                 "{place}: {}: {}",
                 surface.name,
@@ -294,7 +295,9 @@ fn read_earlier_surfaces<const D: usize>(
             };
             Ok((surface.name, simplices))
         };
-        let read = read_interpretation(path)?.into_iter();
+        let is_meant =
+            |surface: &PickedSurface| (file.name.as_ref()).is_none_or(|name| *name == surface.name);
+        let read = read_interpretation(path)?.into_iter().filter(is_meant);
         read.map(&mut of_picks).collect::<Result<_>>()?
     };
     let in_samples = |x: &[f64; 3]| geometry.to_index(std::array::from_fn(|k| x[k]));

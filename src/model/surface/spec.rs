@@ -12,7 +12,7 @@ use crate::image::Geometry;
 use crate::image::formats::InputOptions;
 use crate::image::stated::ZDirection;
 use crate::job::MeshSpec;
-use crate::job::spec::{NumberOrFile, SignedAxis};
+use crate::job::spec::{FileOption, NumberOrFile, SignedAxis};
 use crate::{Error, Result};
 
 /// Options of `atomesh surface`.
@@ -51,9 +51,13 @@ pub struct SurfaceSpec {
     )]
     pub step: Option<f64>,
     /// Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
-    /// .ts, .obj, grids, sticks or points. All other surfaces get numbers that no earlier name has
-    #[cfg_attr(feature = "cli", arg(long, value_name = "EARLIER.vtp"))]
-    pub names_from: Option<PathBuf>,
+    /// .ts, .obj, grids, sticks or points, and what the file does not say, as for mesh --surface. All
+    /// other surfaces get numbers that no earlier name has
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "FILE[:NAME][,unit=U][,z=up|down]")
+    )]
+    pub names_from: Option<FileOption>,
     /// Also write the mesh with the names of these surfaces, which every verb then uses
     #[cfg_attr(feature = "cli", arg(long, value_name = "NAMED.vtu"))]
     pub mesh_out: Option<PathBuf>,

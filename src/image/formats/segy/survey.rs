@@ -253,7 +253,10 @@ impl SegySurvey {
         };
         let interval = first_trace_value(bytes.dt).cast_unsigned();
         let trace_interval = Some(f64::from(interval)).filter(|&dt| dt > 0.0);
+        // A value that needs the sign's bit may be meant to be negative, which makes no sense.
+        let is_signed = |dt: f64| dt <= f64::from(i16::MAX);
         let dt = match (self.file.interval_us, trace_interval) {
+            (Some(file), Some(trace)) if !is_signed(file) && is_signed(trace) => Some(trace),
             (Some(file), Some(trace)) if file != trace => {
                 self.notes.push(format!(
                     "the sample interval is {file} us by the file header and {trace} us by the first trace: that of the file header is used"

@@ -313,6 +313,8 @@ pub(super) fn from_comments(
             .unwrap_or(text.len());
         let index = text[..digits].parse::<usize>().ok();
         let name = text[digits..].trim_start_matches([':', '.', ' ', '=']);
+        // EarthVision says so of a column of texts.
+        let name = name.trim_end().trim_end_matches("non-numeric").trim_end();
         if let Some(column_of) = index.and_then(|k| columns.get_mut(k.checked_sub(1)?))
             && !name.is_empty()
         {

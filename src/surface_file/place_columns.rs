@@ -1,7 +1,7 @@
 //! Columns of places in tables: which of them hold x, y and z, and what their names say.
 
 use crate::Result;
-use crate::files::table::{Column, Table, Term, X_TERM, Y_TERM};
+use crate::files::table::{Column, Measure, Table, Term, X_TERM, Y_TERM};
 use crate::image::stated::{Domain, StatedCoordinates, ZDirection};
 use crate::units::{self, Quantity};
 
@@ -22,7 +22,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "pointz",
             "points2",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "tvdss",
         &[
@@ -41,7 +42,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "zss",
             "tvdssmsl",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "elevation",
         &[
@@ -59,7 +61,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "subseaelevation",
             "heightabovesealevel",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "depth",
         &[
@@ -71,7 +74,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "truedepth",
             "depthvalue",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "tvd",
         &[
@@ -82,7 +86,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "tvdbrt",
             "tvddepth",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "time",
         &[
@@ -99,7 +104,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "timez",
             "twoway",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "md",
         &[
@@ -111,7 +117,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "mdrt",
             "dmea",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "inclination",
         &[
@@ -125,7 +132,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "incdeg",
             "hole deviation",
         ],
-    ),
+    )
+    .measuring(Measure::Angle),
     Term::new(
         "azimuth",
         &[
@@ -140,11 +148,13 @@ pub const PLACE_TERMS: &[Term] = &[
             "azimuthdeg",
             "azideg",
         ],
-    ),
+    )
+    .measuring(Measure::Angle),
     Term::new(
         "azimuth-true",
         &["azimtn", "azimuthtn", "azitrue", "trueazimuth"],
-    ),
+    )
+    .measuring(Measure::Angle),
     Term::new(
         "radius",
         &[
@@ -156,7 +166,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "wellboreradius",
             "holeradius",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "diameter",
         &[
@@ -169,7 +180,8 @@ pub const PLACE_TERMS: &[Term] = &[
             "wellborediameter",
             "bitsize",
         ],
-    ),
+    )
+    .measuring(Measure::Place),
     Term::new(
         "inline",
         &[
@@ -415,6 +427,7 @@ pub fn named_readings<const D: usize>(table: &Table) -> Result<Vec<PlaceReading<
         .map(|k| reading(table, &horizontal, found[k].0, found[k].1))
         .collect();
     if let (true, Some(column)) = (readings.is_empty(), only_other_column(table)) {
+        table.check_unit(column)?;
         let mut other: PlaceReading<D> = reading(table, &horizontal, &VERTICALS[0], column);
         other.notes.push(format!(
             "column {} taken as z",
@@ -573,5 +586,87 @@ pub(crate) fn unit_ratio(from: Option<&str>, to: Option<&str>) -> f64 {
     match (size(from), size(to)) {
         (Some(from), Some(to)) if from != to => from / to,
         _ => 1.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    fn parse(header: &str) -> Table {
+        let text = format!("{header}\n1;2;3;4\n5;6;7;8\n");
+        Table::parse(Path::new("t.csv"), text, PLACE_TERMS).unwrap()
+    }
+
+    #[test]
+    fn units_with_reference_levels_are_units() {
+        for (name, term, unit) in [
+            ("MD (ftKB)", "md", "ft"),
+            ("MD (ft KB)", "md", "ft"),
+            ("MD [ft RKB]", "md", "ft"),
+            ("MD (ft MD)", "md", "ft"),
+            ("MD_ftKB", "md", "ft"),
+            ("Z (')", "z", "ft"),
+            ("TVD (ftKB)", "tvd", "ft"),
+            ("TVD (ft MSL)", "tvdss", "ft"),
+            ("TVDSS (ftSS)", "tvdss", "ft"),
+            ("TVDSS (ft MSL)", "tvdss", "ft"),
+            ("Z (ft TVDSS)", "tvdss", "ft"),
+            ("Z (mTVDSS)", "tvdss", "m"),
+            ("Depth (ft-msl)", "depth", "ft"),
+            ("Depth (ft KB)", "tvd", "ft"),
+            ("Elevation (ft, MSL)", "elevation", "ft"),
+            ("Elevation (m MSL)", "elevation", "m"),
+            ("Z_ft_SS", "z", "ft"),
+            ("Z_ft", "z", "ft"),
+        ] {
+            let table = parse(&format!("x;y;{name};w"));
+            let column = &table.columns()[2];
+            assert_eq!(
+                (column.term, column.unit.as_deref()),
+                (Some(term), Some(unit)),
+                "{name}"
+            );
+        }
+        let table = parse("x (UTM 31N);y;z;w");
+        assert_eq!(table.column("x").unwrap(), Some(0));
+    }
+
+    #[test]
+    fn units_that_are_not_known_are_errors() {
+        for (header, problem) in [
+            (
+                "x;y;depth (fathoms);w",
+                "t.csv:1: column depth has 'fathoms', which is not known as a unit",
+            ),
+            ("x (deg);y (deg);z;w", "t.csv:1: column x has 'deg'"),
+            (
+                "x;y;Top Balder (fathoms);md",
+                "t.csv:1: column Top Balder has 'fathoms'",
+            ),
+        ] {
+            let error = named_readings::<3>(&parse(header)).unwrap_err().to_string();
+            assert!(error.contains(problem), "{error}");
+        }
+        let table = parse("md;inc (grad);azi [gon];w");
+        for (term, unit) in [("inclination", "grad"), ("azimuth", "gon")] {
+            let error = table.column(term).unwrap_err().to_string();
+            assert!(
+                error.contains(&format!("has angles in '{unit}'")),
+                "{error}"
+            );
+            assert!(error.contains("give angles in degrees"), "{error}");
+        }
+        let table = parse("md;inc (deg);azi (deg TN);w");
+        assert_eq!(table.column("azimuth").unwrap(), Some(2));
+        // Columns without use may have any unit.
+        let mut table = parse("x;y;depth (fathoms);z (ft KB)");
+        table
+            .set_columns(&["x", "y", "_", "z"].map(String::from), PLACE_TERMS)
+            .unwrap();
+        let readings = named_readings::<3>(&table).unwrap();
+        assert_eq!(readings[0].coordinates.units[2].as_deref(), Some("ft"));
     }
 }

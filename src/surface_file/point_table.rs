@@ -3,14 +3,18 @@
 //! Columns are known by their names ([`PLACE_TERMS`]). A table without names may be read in several
 //! ways, which [`TableReadings`] holds until the image is known; the one that fits it counts.
 
+mod levels;
+mod unnamed;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::interpretation::{PickedShape, PickedSurface};
-use super::place_columns::{
-    PLACE_TERMS, PlaceReading, has_coordinates, named_readings, number_columns, term,
-};
+use super::place_columns::{PLACE_TERMS, PlaceReading, has_coordinates, named_readings, term};
 use super::sticks::{FaultSticks, Stick};
+use levels::has_several_levels;
+use unnamed::guessed_surfaces;
+
 use crate::error::cause;
 use crate::files::table::{Table, TableRow};
 use crate::image::stated::{Domain, StatedCoordinates};
@@ -53,6 +57,14 @@ pub struct FittingReading {
 /// Smallest share of points in the image of a reading that fits.
 const MIN_SHARE: f64 = 0.5;
 
+/// The problem of points of several surfaces in one.
+const SEVERAL_LEVELS: &str =
+    "has points with clearly different z at many places: the file seems to hold several surfaces";
+
+/// What to do with such points.
+const SEVERAL_LEVELS_REMEDY: &str =
+    "add a column of the names of surfaces, or write a file for each surface";
+
 /// Largest number of points that are tried.
 const MAX_TRIED: usize = 5000;
 
@@ -74,8 +86,21 @@ impl TableReadings {
     /// Returns the reading that fits an image. `option` is the option that names the file, for messages.
     ///
     /// # Errors
-    /// Returns [`Error::Job`], with all readings, if none fits or several do.
+    /// Returns [`Error::Job`], with all readings, if none fits or several do, and for points of several
+    /// surfaces above each other.
     pub fn fit(&self, option: &str, frame: &ReadingFrame<'_>) -> Result<FittingReading> {
+        let fitting = self.fitting_reading(option, frame)?;
+        if has_several_levels(&fitting.points) {
+            return Err(Error::Job(cause(
+                option,
+                SEVERAL_LEVELS,
+                SEVERAL_LEVELS_REMEDY,
+            )));
+        }
+        Ok(fitting)
+    }
+
+    fn fitting_reading(&self, option: &str, frame: &ReadingFrame<'_>) -> Result<FittingReading> {
         let all: Vec<usize> = (0..self.readings.len()).collect();
         let in_domain = |&k: &usize| {
             let domain = self.readings[k].coordinates.domain;
@@ -240,12 +265,21 @@ pub fn read_point_table(path: &Path, stem: &str, columns: &[String]) -> Result<V
     if !columns.is_empty() {
         table.set_columns(columns, PLACE_TERMS)?;
     }
-    if !has_coordinates(&table) && !table.has_names() {
-        return guessed_surface(&table, stem);
+    let surfaces = if !has_coordinates(&table) && !table.has_names() {
+        guessed_surfaces(&table, stem)?
+    } else {
+        let readings = named_readings::<3>(&table)?;
+        Groups::read(&table, &readings, stem)?.into_surfaces(&readings)?
+    };
+    for surface in &surfaces {
+        if let PickedShape::Points(points) = &surface.shape
+            && surface.is_horizon != Some(false)
+            && has_several_levels(points)
+        {
+            return Err(table.error(SEVERAL_LEVELS, SEVERAL_LEVELS_REMEDY));
+        }
     }
-    let readings = named_readings::<3>(&table)?;
-    let groups = Groups::read(&table, &readings, stem)?;
-    groups.into_surfaces(&readings)
+    Ok(surfaces)
 }
 
 /// Reads the fault sticks of a table.
@@ -435,106 +469,6 @@ impl Group {
     }
 }
 
-/// Returns the only surface of a table without names of columns, with all readings of them.
-fn guessed_surface(table: &Table, stem: &str) -> Result<Vec<PickedSurface>> {
-    let all = table.columns().len();
-    let is_number = number_columns(table);
-    let columns: Vec<usize> = (0..all).filter(|&k| is_number[k]).collect();
-    if table.is_empty() {
-        return Ok(Vec::new());
-    }
-    let is_short = |row: &TableRow<'_>| columns.get(2).is_none_or(|&third| row.len() <= third);
-    if let Some(row) = table.rows().find(is_short) {
-        let count = columns.iter().filter(|&&k| k < row.len()).count();
-        let remedy = "give x, y and z in each line, or a file of surfaces (.ts, .vtp, .obj)";
-        return Err(row.error(format!("has {count} numbers"), remedy));
-    }
-    let mut values = Vec::new();
-    let mut segments: Vec<(usize, usize)> = Vec::new();
-    let mut segment = 0;
-    for row in table.rows() {
-        let numbers: Vec<f64> = (0..all)
-            .map(|k| row.number(k).ok().flatten().unwrap_or(f64::NAN))
-            .collect();
-        // IRAP separates lines by rows of 999.
-        if columns[..3].iter().all(|&k| numbers[k] == 999.0) {
-            segment += 1;
-            continue;
-        }
-        values.extend(numbers);
-        segments.push((row.line, segment + row.segment));
-    }
-    let readings = guesses(&columns, &values, all);
-    let count =
-        segments.last().map_or(0, |last| last.1) - segments.first().map_or(0, |first| first.1);
-    let table = TableReadings {
-        values,
-        width: all,
-        readings,
-    };
-    let is_lines = count > 0;
-    let shape = if is_lines {
-        let group = Group {
-            name: stem.to_string(),
-            values: table.values,
-            rows: segments
-                .iter()
-                .map(|(line, segment)| (*line, segment.to_string()))
-                .collect(),
-            missing: 0,
-        };
-        PickedShape::Sticks(group.sticks(all, &table.readings[0]))
-    } else if table.readings.len() == 1 {
-        PickedShape::Points(table.points(0))
-    } else {
-        PickedShape::Readings(table)
-    };
-    Ok(vec![PickedSurface {
-        name: stem.to_string(),
-        is_horizon: is_lines.then_some(false),
-        shape,
-        coordinates: StatedCoordinates::default(),
-        notes: Vec::new(),
-    }])
-}
-
-/// Returns the readings of rows without names of columns: x, y, z first, after the numbers of points, or
-/// after the numbers of lines, or before these.
-fn guesses(columns: &[usize], values: &[f64], width: usize) -> Vec<PlaceReading<3>> {
-    let rows = || values.chunks_exact(width);
-    let is_whole = |k: usize| rows().all(|row| row[columns[k]].fract() == 0.0);
-    let are_consecutive = |k: usize| {
-        let column: Vec<f64> = rows().map(|row| row[columns[k]]).collect();
-        column.len() > 1 && column.windows(2).all(|pair| pair[1] == pair[0] + 1.0)
-    };
-    let mut readings = Vec::new();
-    let mut add = |at: [usize; 3], lines: Option<[usize; 2]>, is_numbered: bool| {
-        readings.push(PlaceReading {
-            columns: at.map(|k| columns[k]),
-            lines: lines.map(|lines| lines.map(|k| columns[k])),
-            is_numbered,
-            shift: 0.0,
-            coordinates: StatedCoordinates::default(),
-            notes: Vec::new(),
-        });
-    };
-    let count = columns.len();
-    add([0, 1, 2], None, false);
-    if count >= 5 && is_whole(0) && is_whole(1) {
-        add([2, 3, 4], Some([0, 1]), false);
-    }
-    if count >= 5 && is_whole(2) && is_whole(3) {
-        add([0, 1, 4], Some([2, 3]), false);
-    }
-    if count >= 4 && is_whole(0) && are_consecutive(0) {
-        add([1, 2, 3], None, true);
-        if count >= 6 && is_whole(1) && is_whole(2) {
-            add([3, 4, 5], Some([1, 2]), true);
-        }
-    }
-    readings
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -664,6 +598,83 @@ mod tests {
         // IRAP's lines are separated by rows of 999.
         let irap = "1 2 0\n1 2 -9\n999.0 999.0 999.0\n5 2 0\n5 2 -9\n999.0 999.0 999.0\n";
         assert!(matches!(&read(irap)[0].shape, PickedShape::Sticks(sticks) if sticks.len() == 2));
+    }
+
+    #[test]
+    fn names_in_a_table_without_names_of_columns_give_surfaces() {
+        for row in [
+            "\"NAME\"\tX\tY\tZ",
+            "NAME X Y Z",
+            "X Y Z NAME",
+            "NAME 5 7 X Y Z",
+        ] {
+            let mut text = String::new();
+            for (name, top) in [("Top_A", 100.5), ("Base_B", 300.5)] {
+                for n in 0..100 {
+                    let (x, y) = (
+                        f64::from(n % 10) * 25.0 + 0.5,
+                        f64::from(n / 10) * 25.0 + 0.5,
+                    );
+                    let z = top + 0.1 * x;
+                    let line = row.replace("NAME", name).replace('X', &x.to_string());
+                    let line = line.replace('Y', &y.to_string());
+                    text += &(line.replace('Z', &z.to_string()) + "\n");
+                }
+            }
+            let surfaces = read(&text);
+            let names: Vec<&str> = surfaces.iter().map(|surface| &*surface.name).collect();
+            assert_eq!(names, ["Top_A", "Base_B"], "{row}");
+            for surface in &surfaces {
+                assert_eq!(surface.shape.points().count(), 100, "{row}");
+            }
+            // Without names, they are no surface.
+            let text = text.replace("Top_A", "").replace("Base_B", "");
+            if !row.contains('5') {
+                let error = read_interpretation(&write(&text).1)
+                    .unwrap_err()
+                    .to_string();
+                assert!(error.contains("seems to hold several surfaces"), "{error}");
+            }
+        }
+        let earth_vision = "# Type: scattered data\n# Field: 1 x\n# Field: 2 y\n# Field: 3 z meters\n# Field: 4 Horizon Name non-numeric\n1 2 3 Top_A\n4 5 6 Base_B\n7 8 9 Top_A\n";
+        let surfaces = read(earth_vision);
+        let names: Vec<&str> = surfaces.iter().map(|surface| &*surface.name).collect();
+        assert_eq!(names, ["Top_A", "Base_B"]);
+        assert_eq!(surfaces[0].is_horizon, Some(true));
+    }
+
+    #[test]
+    fn sticks_and_nodes_after_coordinates_are_fault_sticks() {
+        // `dip` is the change of z from node to node, and `bend` that of their distance.
+        let rows = |fault: &str, first: i32, dip: f64, bend: f64| {
+            let row = |n: i32| {
+                let (stick, node) = (n / 5, f64::from(n % 5));
+                let x = 1000.5 + 50.0 * node + bend * node * node + 10.0 * f64::from(stick);
+                let y = 500.5 + 100.0 * f64::from(stick);
+                let z = 1460.5 + dip * node;
+                let node = n % 5 + first;
+                format!("{fault}{x}\t{y}\t{z}\t{}\t{node}\n", stick + first)
+            };
+            (0..20).map(row).collect::<String>()
+        };
+        let sticks = |text: &str| -> Vec<usize> {
+            let count = |surface: PickedSurface| match surface.shape {
+                PickedShape::Sticks(sticks) => {
+                    assert_eq!(surface.is_horizon, Some(false));
+                    assert!(sticks.iter().all(|stick| stick.points.len() == 5));
+                    sticks.len()
+                }
+                _ => 0,
+            };
+            read(text).into_iter().map(count).collect()
+        };
+        assert_eq!(sticks(&rows("", 0, 100.0, 0.0)), [4]);
+        assert_eq!(sticks(&rows("", 1, 0.1, 10.0)), [4]);
+        let two = rows("\"F 1\"\t", 1, 100.0, 0.0) + &rows("\"F 2\"\t", 1, 80.0, 0.0);
+        assert_eq!(sticks(&two), [4, 4]);
+        assert_eq!(read(&two)[1].name, "F 2");
+        // A horizon with line numbers from 1.
+        assert_eq!(sticks(&rows("", 1, 2.0, 0.0)), [0]);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Names and units of columns.
 
 use super::dialect::{Separator, is_number};
-use super::{Column, Line, Term, has_number, plain_name};
+use super::unit_text::UnitText;
+use super::{Column, Line, Measure, Term, has_number, plain_name};
 use crate::units;
 
 /// The names of a table's columns, and where its rows begin.
@@ -148,8 +149,13 @@ fn known_pairs(line: &str, width: usize, terms: &'static [Term]) -> Vec<String> 
     let mut extra = words.len().saturating_sub(width);
     let mut names: Vec<String> = Vec::new();
     for word in words {
+        let is_open = |last: &str| !last.ends_with([')', ']', '}', '>']);
         match names.last_mut() {
-            Some(last) if extra > 0 && column(&format!("{last} {word}"), terms).term.is_some() => {
+            Some(last)
+                if extra > 0
+                    && is_open(last)
+                    && column(&format!("{last} {word}"), terms).term.is_some() =>
+            {
                 *last = format!("{last} {word}");
                 extra -= 1;
             }
@@ -168,43 +174,77 @@ fn typed_column(line: &str, terms: &'static [Term]) -> Column {
     column(typed.map_or(line, |(_, name)| name), terms)
 }
 
-/// Returns the column of a name, which may have a unit: in brackets, or as its last word.
+/// Returns the column of a name, which may have a unit: in brackets, or as its last words.
 pub(super) fn column(name: &str, terms: &'static [Term]) -> Column {
     let name = name.trim().trim_matches('"').trim();
-    let find = |name: &str| {
-        let plain = plain_name(name);
-        terms
-            .iter()
-            .find(|term| term.is_called(&plain))
-            .map(|term| term.name)
-    };
     let bracket = name.find(['(', '[', '{', '<']);
-    if let Some((name, unit)) = bracket.map(|at| name.split_at(at)) {
-        let unit = unit.trim_matches(|c: char| c.is_whitespace() || "()[]{}<>".contains(c));
-        let is_unit = units::find(unit).is_some();
+    if let Some((name, text)) = bracket.map(|at| name.split_at(at)) {
+        let text = text.trim_matches(|c: char| c.is_whitespace() || "()[]{}<>".contains(c));
+        return bracketed_column(name.trim(), text, terms);
+    }
+    if let Some(term) = find_term(name, terms) {
+        return Column::named(name, Some(term));
+    }
+    let is_separator = |c: char| c.is_whitespace() || "_-./,".contains(c);
+    for (at, separator) in name.match_indices(is_separator) {
+        let (name, text) = (&name[..at], &name[at + separator.len()..]);
+        if let (Some(term), Some(parsed)) = (find_term(name, terms), UnitText::parse(text))
+            && parsed.unit.is_some()
+        {
+            let mut column = Column::named(name, measured_term(Some(term), &parsed, terms));
+            column.unit = parsed.unit;
+            return column;
+        }
+    }
+    Column::named(name, None)
+}
+
+/// Returns the term of a name.
+fn find_term(name: &str, terms: &'static [Term]) -> Option<&'static Term> {
+    let plain = plain_name(name);
+    terms.iter().find(|term| term.is_called(&plain))
+}
+
+/// Returns the column of a name with a text in brackets after it: a unit, a term, or both.
+fn bracketed_column(name: &str, text: &str, terms: &'static [Term]) -> Column {
+    let own = find_term(name, terms);
+    if units::find(text).is_none()
+        && let Some(term) = find_term(text, terms)
+    {
         // Z (TWT) is a time.
-        let term = if is_unit { None } else { find(unit) };
-        return Column {
-            name: name.trim().to_string(),
-            unit: is_unit.then(|| unit.to_string()),
-            term: term.or_else(|| find(name)),
-        };
+        return Column::named(name, Some(term));
     }
-    if let Some(term) = find(name) {
-        return Column {
-            name: name.to_string(),
-            unit: None,
-            term: Some(term),
-        };
+    let Some(parsed) = UnitText::parse(text) else {
+        let mut column = Column::named(name, own);
+        column.unknown_unit = Some(text.to_string());
+        return column;
+    };
+    let mut column = Column::named(name, measured_term(own, &parsed, terms));
+    column.unit = parsed.unit;
+    column
+}
+
+/// Returns the term of a column whose name has the term `own`, and whose unit says what the values are
+/// measured from: `Z (ft TVDSS)` and `TVD (ft MSL)` are depths below the sea, `Depth (ft KB)` is one in
+/// a well.
+fn measured_term(
+    own: Option<&'static Term>,
+    text: &UnitText,
+    terms: &'static [Term],
+) -> Option<&'static Term> {
+    let mut term = own;
+    if own.is_none_or(|own| matches!(own.name, "z" | "depth")) {
+        let all = find_term(&text.references.concat(), terms);
+        let mut words = text.references.iter();
+        let other = all.or_else(|| words.find_map(|word| find_term(word, terms)));
+        term = other.or(own);
     }
-    let split = name.rsplit_once(|c: char| c.is_whitespace() || "_-./,".contains(c));
-    let with_unit =
-        split.filter(|(name, unit)| units::find(unit).is_some() && find(name).is_some());
-    Column {
-        name: with_unit.map_or(name, |split| split.0).to_string(),
-        unit: with_unit.map(|split| split.1.to_string()),
-        term: with_unit.and_then(|split| find(split.0)),
-    }
+    let name = match term?.name {
+        "tvd" if text.is_from_sea_level() => "tvdss",
+        "depth" if text.is_from_rig() => "tvd",
+        name => name,
+    };
+    terms.iter().find(|term| term.name == name).or(term)
 }
 
 /// Takes units from a line of units, and returns `true` if the line is one.
@@ -213,27 +253,37 @@ fn add_units(columns: &mut [Column], line: &str, separator: Separator) -> bool {
     if fields.iter().any(|field| is_number(field)) {
         return false;
     }
-    let is_unit = |field: &&str| units::find(field).is_some();
-    let texts: Vec<&str> = fields.iter().map(|field| &**field).collect();
-    let count = texts
-        .iter()
-        .copied()
-        .filter(|field| is_unit(&field))
-        .count();
-    let others = texts
-        .iter()
-        .filter(|field| !field.is_empty() && !is_unit(field))
-        .count();
+    let parsed: Vec<Option<UnitText>> = fields.iter().map(|field| UnitText::parse(field)).collect();
+    let unit = |k: usize| parsed[k].as_ref().and_then(|text| text.unit.clone());
+    let count = (0..fields.len()).filter(|&k| unit(k).is_some()).count();
+    let is_other = |&k: &usize| !fields[k].is_empty() && unit(k).is_none();
+    let others = (0..fields.len()).filter(is_other).count();
     if count == 0 || count < others {
         return false;
     }
-    for (column, unit) in columns.iter_mut().zip(texts) {
-        if is_unit(&unit) {
+    for (k, column) in columns.iter_mut().enumerate().take(fields.len()) {
+        if let Some(unit) = unit(k) {
+            column.unit = Some(unit);
+            column.unknown_unit = None;
+        } else if parsed[k].is_none() {
             let is_mark = |c: char| "()[]{}<>".contains(c);
-            column.unit = Some(unit.trim_matches(is_mark).to_string());
+            column.unknown_unit = Some(fields[k].trim_matches(is_mark).to_string());
         }
     }
     true
+}
+
+impl Column {
+    /// Returns a column of a name without a unit.
+    fn named(name: &str, term: Option<&'static Term>) -> Self {
+        Self {
+            name: name.to_string(),
+            unit: None,
+            term: term.map(|term| term.name),
+            measure: term.map_or(Measure::Other, |term| term.measure),
+            unknown_unit: None,
+        }
+    }
 }
 
 /// Returns the line and the names of `width` columns in the comments before a table: all in one
@@ -263,6 +313,8 @@ pub(super) fn from_comments(
             .unwrap_or(text.len());
         let index = text[..digits].parse::<usize>().ok();
         let name = text[digits..].trim_start_matches([':', '.', ' ', '=']);
+        // EarthVision says so of a column of texts.
+        let name = name.trim_end().trim_end_matches("non-numeric").trim_end();
         if let Some(column_of) = index.and_then(|k| columns.get_mut(k.checked_sub(1)?))
             && !name.is_empty()
         {

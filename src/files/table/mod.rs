@@ -7,7 +7,7 @@
 //! | line ends | those of Unix, Windows and old Macs |
 //! | comments | lines that begin with `#`, `!`, `@`, `%`, `//` or `--`, and lines without letters and digits |
 //! | names of columns | a line of words before the first row, a comment of names before it, or the lines between `BEGIN HEADER` and `END HEADER` |
-//! | units | in the names, such as `X (m)`, `Z [ft]`, `depth_m`, or in a line of units after them |
+//! | units | in the names, such as `X (m)`, `Z [ft]`, `depth_m`, `MD (ftKB)`, or in a line of units after them |
 //! | lines before the names | remarks, like comments |
 //! | end | `EOF`, `END`, totals, and words after the last row |
 //! | `>` or `->` at the start of a line | the next segment |
@@ -19,6 +19,7 @@
 mod dialect;
 mod header;
 mod las;
+mod unit_text;
 mod values;
 
 use std::borrow::Cow;
@@ -39,12 +40,39 @@ pub struct Term {
     pub name: &'static str,
     /// Other names, in lower case without marks between words.
     pub aliases: &'static [&'static str],
+    /// The quantity that its values measure.
+    pub measure: Measure,
+}
+
+/// The quantity that a column measures, as far as its unit matters to all tables.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Measure {
+    /// A length or a time of a place: a unit that is not known is an error.
+    Place,
+    /// An angle in degrees.
+    Angle,
+    /// Anything else.
+    #[default]
+    Other,
 }
 
 impl Term {
     /// Returns a term with these names.
     pub const fn new(name: &'static str, aliases: &'static [&'static str]) -> Self {
-        Self { name, aliases }
+        Self {
+            name,
+            aliases,
+            measure: Measure::Other,
+        }
+    }
+
+    /// Returns the term as one whose values measure this quantity.
+    pub const fn measuring(self, measure: Measure) -> Self {
+        Self {
+            name: self.name,
+            aliases: self.aliases,
+            measure,
+        }
     }
 
     /// Returns `true` if a column of this name, in plain form, has this meaning.
@@ -91,7 +119,8 @@ pub const X_TERM: Term = Term::new(
         "points0",
         "xmidpoint",
     ],
-);
+)
+.measuring(Measure::Place);
 
 /// The term of y, and the names by which it is known.
 pub const Y_TERM: Term = Term::new(
@@ -131,7 +160,8 @@ pub const Y_TERM: Term = Term::new(
         "points1",
         "ymidpoint",
     ],
-);
+)
+.measuring(Measure::Place);
 
 /// A column of a table.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -142,7 +172,17 @@ pub struct Column {
     pub unit: Option<String>,
     /// The name of the term that the column's name belongs to.
     pub term: Option<&'static str>,
+    /// The quantity that the term measures.
+    pub measure: Measure,
+    /// The text in place of a unit, if it is not understood.
+    pub unknown_unit: Option<String>,
 }
+
+/// Units of angles other than degrees, in plain form.
+const OTHER_ANGLES: [&str; 11] = [
+    "grad", "grads", "gon", "gons", "gradian", "gradians", "rad", "rads", "radian", "radians",
+    "mil",
+];
 
 /// A table of a text file.
 #[derive(Debug, Clone)]
@@ -549,7 +589,41 @@ impl Table {
                 return Err(self.header_error(problem, remedy));
             }
         }
+        match self.columns[*first].measure {
+            Measure::Place => self.check_unit(*first)?,
+            Measure::Angle => self.check_degrees(*first)?,
+            Measure::Other => {}
+        }
         Ok(Some(*first))
+    }
+
+    /// Refuses a column of coordinates with a unit that is not known.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`], with the text in place of the unit.
+    pub fn check_unit(&self, column: usize) -> Result<()> {
+        let column = self.columns.get(column);
+        match column.map(|column| (&column.name, &column.unknown_unit)) {
+            Some((name, Some(text))) => {
+                let problem = format!(
+                    "column {name} has '{text}', which is not known as a unit of length or time"
+                );
+                let remedy = "write a unit such as m, ft or ms in its place, or remove it";
+                Err(self.header_error(problem, remedy))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Refuses a column of angles in another unit than degrees.
+    fn check_degrees(&self, column: usize) -> Result<()> {
+        let column = &self.columns[column];
+        let text = column.unknown_unit.as_deref().unwrap_or("");
+        if OTHER_ANGLES.contains(&&*plain_name(text)) {
+            let problem = format!("column {} has angles in '{text}'", column.name);
+            return Err(self.header_error(problem, "give angles in degrees"));
+        }
+        Ok(())
     }
 
     /// Returns the column of a term that must be there.

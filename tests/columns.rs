@@ -576,6 +576,13 @@ fn surfaces_and_images_with_a_geometry_are_horizons() {
         let error = (z - top).abs().min((z - 30.0).abs());
         assert!(error < if *x <= 45.0 { 1e-5 } else { 4.0 }, "{x} {z}");
     }
+    // A file of several surfaces is no horizon.
+    let line = "columns map.vtu --horizon h.vtp --horizon 40 -o x.vtu";
+    let error = expect_refusal(folder, &line.split(' ').collect::<Vec<_>>());
+    assert!(
+        error.contains("h.vtp: has 2 surfaces: h1, h2; name one of them as FILE:NAME"),
+        "{error}"
+    );
     // The image has other dimensions than the map, and a geometry of its own.
     let geometry = atomesh::image::Geometry::with_spacing([-10.0, -10.0], [20.0, 16.0]);
     let samples = (0..30).map(|i| 5.0 + 0.5 * (i % 5) as f32).collect();

@@ -234,3 +234,111 @@ fn opm_flow_runs_decks_with_inactive_cells() {
         assert!((porv[0] / half - 1.0).abs() < 0.1, "{porv:?} {half}");
     }
 }
+
+/// Returns the porosities of a deck.
+fn porosities(deck: &Path) -> Vec<f64> {
+    let deck = std::fs::read_to_string(deck).unwrap();
+    let values = deck.split("\nPORO\n").nth(1).unwrap();
+    let values = values.split('/').next().unwrap().split_whitespace();
+    values.map(|word| word.parse().unwrap()).collect()
+}
+
+/// Writes an image of the box of [`folder`], with its own position and the values of `value` at z.
+fn write_placed(path: &Path, origin: [f64; 3], spacing: [f64; 3], value: impl Fn(f64) -> f32) {
+    use atomesh::image::{Geometry, Image, formats};
+    let [nx, ny, nz] = DIMS;
+    let z = |i: usize| origin[2] + spacing[2] * (i / (nx * ny)) as f64;
+    let samples = (0..nx * ny * nz).map(|i| value(z(i))).collect();
+    let image = Image::new(DIMS, samples, Geometry::with_spacing(origin, spacing));
+    formats::write(path, &image).unwrap();
+}
+
+const PLACED: &str = "--spacing 25,25,20 --origin 450000,6780000,-2000 --unit m";
+
+#[test]
+fn images_with_as_many_samples_as_the_mesh_are_placed_by_their_coordinates() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        &format!(
+            "mesh sheet.npy {PLACED} --feature ridges --cells voronoi --distance 5 --quiet -o placed.vtu"
+        ),
+    );
+    let (origin, spacing) = ([450_000.0, 6_780_000.0, -2000.0], [25.0, 25.0, 20.0]);
+    let porosity = |z: f64| (0.05 + 0.01 * (z + 2000.0) / 20.0) as f32;
+    write_npy(&folder.join("array.npy"), DIMS, |[.., z]| {
+        porosity(20.0 * z as f64 - 2000.0)
+    });
+    let down = [origin[0], origin[1], 1620.0];
+    write_placed(&folder.join("same.vti"), origin, spacing, porosity);
+    write_placed(&folder.join("down.vti"), down, spacing, |z| porosity(-z));
+    let top = [origin[0], origin[1], -1620.0];
+    let falling = [25.0, 25.0, -20.0];
+    write_placed(&folder.join("falling.vti"), top, falling, porosity);
+    let moved = [460_000.0, origin[1], origin[2]];
+    write_placed(&folder.join("moved.vti"), moved, spacing, porosity);
+    let dense = [12.5, 12.5, 10.0];
+    write_placed(&folder.join("dense.vti"), origin, dense, porosity);
+    let export = |image: &str| {
+        format!(
+            "export placed.vtu --to opm -o A.DATA --porosity {image} --permeability 100 --permeability-unit mD"
+        )
+    };
+    run(folder, &format!("{} --quiet", export("array.npy")));
+    let expected = porosities(&folder.join("A.DATA"));
+    for image in ["same.vti", "down.vti", "falling.vti"] {
+        run(folder, &format!("{} --quiet", export(image)));
+        let values = porosities(&folder.join("A.DATA"));
+        assert_eq!(values.len(), expected.len());
+        for (value, expected) in values.iter().zip(&expected) {
+            assert!(
+                (value - expected).abs() < 1e-5,
+                "{image}: {value} {expected}"
+            );
+        }
+    }
+    std::fs::remove_file(folder.join("A.DATA")).unwrap();
+    for image in ["moved.vti", "dense.vti"] {
+        let line = export(image);
+        let error = expect_refusal(folder, &line.split_whitespace().collect::<Vec<_>>());
+        assert!(
+            error.contains(image)
+                && error.contains("does not cover the mesh: it lies at x 4")
+                && error.contains("the mesh at x 450000 to 450975"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn masks_with_a_position_are_placed_by_it() {
+    let folder = folder();
+    let folder = folder.path();
+    let (origin, spacing) = ([450_000.0, 6_780_000.0, -2000.0], [25.0, 25.0, 20.0]);
+    let flag = |z: f64| f32::from(u8::from(z < -1850.0));
+    write_npy(&folder.join("mask.npy"), DIMS, |[.., z]| {
+        flag(20.0 * z as f64 - 2000.0)
+    });
+    let down = [origin[0], origin[1], 1620.0];
+    write_placed(&folder.join("down.vti"), down, spacing, |z| flag(-z));
+    let moved = [455_000.0, origin[1], origin[2]];
+    write_placed(&folder.join("moved.vti"), moved, spacing, flag);
+    let line = |option: &str, mask: &str| {
+        format!("convert sheet.npy out.npy {PLACED} --{option} {mask} --quiet")
+    };
+    let read = || std::fs::read(folder.join("out.npy")).unwrap();
+    for option in ["mask", "inside"] {
+        run(folder, &line(option, "mask.npy"));
+        let expected = read();
+        run(folder, &line(option, "down.vti"));
+        assert!(read() == expected, "{option}");
+        std::fs::remove_file(folder.join("out.npy")).unwrap();
+        let words = line(option, "moved.vti").replace(" --quiet", "");
+        let error = expect_refusal(folder, &words.split_whitespace().collect::<Vec<_>>());
+        assert!(
+            error.contains("moved.vti: lies at x 455000 to 455975"),
+            "{error}"
+        );
+    }
+}

@@ -27,6 +27,13 @@ impl<const D: usize> AtomFile<D> {
     /// [`Error::Job`](crate::Error::Job), with the line, for what is not a table of points.
     pub fn read(path: &Path, columns: &[String]) -> Result<Self> {
         let mut table = Table::read(path, PLACE_TERMS)?;
+        if table.is_empty() {
+            let remedy = match D {
+                2 => "write x,y in each line",
+                _ => "write x,y,z in each line",
+            };
+            return Err(table.error("has no atom", remedy));
+        }
         if !columns.is_empty() {
             table.set_columns(columns, PLACE_TERMS)?;
         }
@@ -44,7 +51,7 @@ impl<const D: usize> AtomFile<D> {
             let reading = named_readings::<D>(&table)?.swap_remove(0);
             (columns, shift) = (reading.columns, reading.shift);
             (atoms.coordinates, atoms.notes) = (reading.coordinates, reading.notes);
-        } else if table.columns().len() != D && !table.is_empty() {
+        } else if table.columns().len() != D {
             let problem = format!(
                 "has {} columns without names, not {D}",
                 table.columns().len()
@@ -103,6 +110,15 @@ mod tests {
             ),
             ("1,2,nan\n", "atoms.csv:1: is not a point"),
             ("1,2,3,4\n", "has 4 columns without names"),
+            ("", "atoms.csv: has no atom; write x,y,z in each line"),
+            (
+                "x,y,z\n",
+                "atoms.csv: has no atom; write x,y,z in each line",
+            ),
+            (
+                "# a well\n\n",
+                "atoms.csv: has no atom; write x,y,z in each line",
+            ),
         ] {
             let message = read(text).unwrap_err();
             assert!(message.contains(expected), "{message}");

@@ -358,7 +358,7 @@ fn values_are_read_by_surface_and_by_region() {
     for text in [
         "1,2.5,3\n-4,5,6\n",
         "Region;KX;KY\n1;2,5;3\n-4;5;6\n",
-        "K,Label,L\n2.5,1,3\n5,-4,6\n# end\n",
+        "KY,Label,KX\n3,1,2.5\n6,-4,5\n# end\n",
     ] {
         assert_eq!(
             regions(text).unwrap(),

@@ -1,9 +1,188 @@
-//! Tables of values: by surface, and by region.
+//! Tables of values: by surface, and by region; and the units of their columns.
 
 use std::path::Path;
 
-use super::{Table, TableRow, Term};
+use super::{Table, TableRow, Term, comment_text, is_number, split_lines};
 use crate::Result;
+use crate::units::{self, Quantity};
+
+/// Cubic metres in a barrel.
+const BARREL: f64 = 0.158_987_294_928;
+
+/// Cubic metres in a cubic foot.
+const CUBIC_FOOT: f64 = 0.028_316_846_592;
+
+/// Bar in a pound per square inch.
+const PSI: f64 = 0.068_947_572_931_683_6;
+
+/// Square metres in a darcy.
+const DARCY: f64 = 9.869_232_667_160_13e-13;
+
+/// Units of a quantity: the size of each, and its names in the form of [`plain_unit`].
+type UnitNames = &'static [(f64, &'static [&'static str])];
+
+const PRESSURE_UNITS: UnitNames = &[
+    (1.0, &["bar", "bars", "bara"]),
+    (PSI, &["psi", "psia"]),
+    (1e-2, &["kpa"]),
+    (10.0, &["mpa"]),
+    (1e-5, &["pa"]),
+    (1.013_25, &["atm"]),
+];
+
+const LIQUID_RATE_UNITS: UnitNames = &[
+    (1.0, &["m3/d", "sm3/d", "rm3/d"]),
+    (24.0, &["m3/h"]),
+    (86_400.0, &["m3/s"]),
+    (BARREL, &["stb/d", "bbl/d", "rb/d", "bpd", "bopd", "bwpd"]),
+];
+
+const GAS_RATE_UNITS: UnitNames = &[
+    (1.0, &["m3/d", "sm3/d"]),
+    (CUBIC_FOOT, &["scf/d", "cf/d", "ft3/d"]),
+    (1e3 * CUBIC_FOOT, &["mscf/d", "mcf/d"]),
+    (1e6 * CUBIC_FOOT, &["mmscf/d", "mmcf/d"]),
+];
+
+const PERMEABILITY_UNITS: UnitNames = &[
+    (1.0, &["m2"]),
+    (1e-12, &["um2", "\u{b5}m2", "\u{3bc}m2"]),
+    (1e-3 * DARCY, &["md", "millidarcy", "millidarcies"]),
+    (DARCY, &["d", "darcy", "darcies"]),
+];
+
+const FRACTION_UNITS: UnitNames = &[
+    (0.01, &["%", "percent", "pct"]),
+    (
+        1.0,
+        &[
+            "-", "1", "fraction", "frac", "v/v", "m3/m3", "dec", "decimal",
+        ],
+    ),
+];
+
+/// A quantity whose unit may stand in the name of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measure {
+    /// A length, in metres.
+    Length,
+    /// A pressure, in bar.
+    Pressure,
+    /// A rate of a liquid, in m^3/day.
+    LiquidRate,
+    /// A rate of gas, in m^3/day at the surface.
+    GasRate,
+    /// A permeability, in m^2.
+    Permeability,
+    /// A fraction, from 0 to 1.
+    Fraction,
+}
+
+impl Measure {
+    /// Returns the name of the quantity, and units that are known, for messages.
+    fn texts(self) -> [&'static str; 2] {
+        match self {
+            Self::Length => ["length", "m, km, cm, mm, ft, in"],
+            Self::Pressure => ["pressure", "bar, psi, kPa, MPa, Pa, atm"],
+            Self::LiquidRate => ["liquid rate", "m3/day, sm3/day, STB/day, bbl/day"],
+            Self::GasRate => ["gas rate", "m3/day, sm3/day, scf/day, Mscf/day, MMscf/day"],
+            Self::Permeability => ["permeability", "mD, D, m2"],
+            Self::Fraction => ["fraction", "%, fraction, v/v, -"],
+        }
+    }
+
+    /// Returns the factor that converts values in a unit; `None` if it is not a unit of this quantity.
+    fn factor(self, unit: &str) -> Option<f64> {
+        let known = match self {
+            Self::Length => {
+                let unit = units::find(unit)?;
+                return (unit.quantity == Quantity::Length).then_some(unit.size);
+            }
+            Self::Pressure => PRESSURE_UNITS,
+            Self::LiquidRate => LIQUID_RATE_UNITS,
+            Self::GasRate => GAS_RATE_UNITS,
+            Self::Permeability => PERMEABILITY_UNITS,
+            Self::Fraction => FRACTION_UNITS,
+        };
+        let plain = plain_unit(unit);
+        let entry = known.iter().find(|(_, names)| names.contains(&&*plain));
+        entry.map(|(factor, _)| *factor)
+    }
+}
+
+/// Returns the name of a unit in lower case, without blanks, with powers as digits, and with `/d` for
+/// per day.
+fn plain_unit(unit: &str) -> String {
+    let is_kept = |c: &char| !c.is_whitespace() && !"^.*\"'".contains(*c);
+    let plain: String = unit.chars().filter(is_kept).collect();
+    let plain = plain.to_lowercase();
+    let plain = plain.replace('\u{b3}', "3").replace('\u{b2}', "2");
+    let volume = plain
+        .strip_suffix("/day")
+        .or_else(|| plain.strip_suffix("perday"));
+    match volume {
+        Some(volume) => format!("{volume}/d"),
+        None => plain,
+    }
+}
+
+impl Table {
+    /// Returns the unit of a column as the file writes it: in brackets behind the name, or in a line of
+    /// units below the names.
+    fn stated_unit(&self, column: usize) -> Option<String> {
+        let named = self.columns.get(column)?;
+        if named.name.is_empty() || named.unit.is_some() {
+            return named.unit.clone();
+        }
+        let lines = split_lines(&self.text);
+        let is_header = |line: &super::Line| Some(line.number) == self.header_line;
+        let at = lines.iter().position(is_header)?;
+        let first_row = self.lines.first();
+        let end = first_row.map_or(self.text.len(), |row| row.start);
+        let mut rest = self.text.get(lines[at].start..end)?;
+        for other in &self.columns[..=column] {
+            let from = rest.find(other.name.as_str())? + other.name.len();
+            rest = &rest[from..];
+        }
+        if let Some(unit) = rest.trim_start().strip_prefix(['(', '[', '{', '<']) {
+            let unit = unit.split([')', ']', '}', '>', '\n']).next()?.trim();
+            return (!unit.is_empty()).then(|| unit.to_string());
+        }
+        let is_above_rows =
+            |line: &&super::Line| first_row.is_none_or(|row| line.number < row.number);
+        let mut fields = lines[at + 1..]
+            .iter()
+            .take_while(is_above_rows)
+            .map(|line| line.text(&self.text))
+            .filter(|text| comment_text(text).is_none())
+            .map(|text| self.separator.split(text))
+            .filter(|fields| fields.len() == self.columns.len());
+        let unit = fields.next()?.get(column)?.to_string();
+        let unit = unit.trim_matches(|c: char| "()[]{}<>".contains(c) || c.is_whitespace());
+        (!unit.is_empty() && !is_number(unit)).then(|| unit.to_string())
+    }
+
+    /// Returns the factor that converts the values of a column to the unit of `measure`; `None` if the
+    /// file states no unit.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`](crate::Error::Job) for a unit that is not known.
+    pub fn unit_factor(&self, column: usize, measure: Measure) -> Result<Option<f64>> {
+        let name = self.columns.get(column).map_or("", |column| &*column.name);
+        let Some(unit) = self.stated_unit(column) else {
+            // A unit may be the last word of the name.
+            let last = name.rsplit_once(|c: char| c.is_whitespace() || "_-".contains(c));
+            return Ok(last.and_then(|(_, unit)| measure.factor(unit)));
+        };
+        let factor = measure.factor(&unit).ok_or_else(|| {
+            let [quantity, known] = measure.texts();
+            let problem =
+                format!("column '{name}' has the unit '{unit}', which is none of {quantity}");
+            self.header_error(problem, format!("give one of {known}"))
+        })?;
+        Ok(Some(factor))
+    }
+}
 
 /// Names of the column of regions.
 const REGION: Term = Term::new(
@@ -49,20 +228,44 @@ impl ValueTable {
         Ok(columns)
     }
 
-    /// Reads the rows of a file. `take` makes a value of the texts of a row, or refuses them. Returns each
-    /// value.
+    /// Reads the rows of a file. `take` makes a value of the texts of a row, or refuses them. Throws and
+    /// thicknesses are converted to metres. Returns each value.
     fn read<T>(
         &self,
         path: &Path,
-        mut take: impl FnMut(&TableRow<'_>, &[&str]) -> Result<Option<T>>,
+        take: impl FnMut(&TableRow<'_>, &[&str]) -> Result<Option<T>>,
     ) -> Result<Vec<T>> {
         let table = Table::read(path, self.terms)?;
-        let columns = self.columns(&table)?;
+        let mut columns = Vec::new();
+        for column in self.columns(&table)? {
+            let factor = match table.columns()[column].term {
+                Some("throw" | "thickness") => table.unit_factor(column, Measure::Length)?,
+                _ => None,
+            };
+            columns.push((column, factor.unwrap_or(1.0)));
+        }
+        self.read_columns(&table, &columns, take)
+    }
+
+    /// Reads columns of a table, each with the factor of its numbers.
+    fn read_columns<T>(
+        &self,
+        table: &Table,
+        columns: &[(usize, f64)],
+        mut take: impl FnMut(&TableRow<'_>, &[&str]) -> Result<Option<T>>,
+    ) -> Result<Vec<T>> {
         let mut values = Vec::new();
         for row in table.rows() {
             let texts = row.texts();
-            let text = |&k: &usize| texts.get(k).map_or("", String::as_str);
-            let mut words: Vec<&str> = columns.iter().map(text).collect();
+            let text = |&(column, factor): &(usize, f64)| {
+                let text = texts.get(column).cloned().unwrap_or_default();
+                match text.parse::<f64>() {
+                    Ok(number) if factor != 1.0 => (number * factor).to_string(),
+                    _ => text,
+                }
+            };
+            let converted: Vec<String> = columns.iter().map(text).collect();
+            let mut words: Vec<&str> = converted.iter().map(String::as_str).collect();
             while words.last().is_some_and(|word| word.is_empty()) {
                 words.pop();
             }
@@ -94,23 +297,127 @@ pub fn text_rows<T>(
     })
 }
 
-/// Reads values by region from a table: the region, and its numbers. `accept` makes a value of the
-/// numbers, or refuses them.
+/// Terms of tables of values by region.
+const REGION_TERMS: &[Term] = &[REGION];
+
+/// Terms of tables of permeability by region.
+const PERMEABILITY_TERMS: &[Term] = &[
+    REGION,
+    Term::new(
+        "kx",
+        &["permx", "permeabilityx", "kxx", "permxx", "ki", "permi"],
+    ),
+    Term::new(
+        "ky",
+        &["permy", "permeabilityy", "kyy", "permyy", "kj", "permj"],
+    ),
+    Term::new(
+        "kz",
+        &["permz", "permeabilityz", "kzz", "permzz", "kk", "permk"],
+    ),
+    Term::new("kxy", &["permxy", "permeabilityxy"]),
+    Term::new("kyz", &["permyz", "permeabilityyz"]),
+    Term::new("kxz", &["permxz", "permeabilityxz"]),
+    Term::new("kh", &["permh", "permeabilityh", "horizontalpermeability"]),
+    Term::new("kv", &["permv", "permeabilityv", "verticalpermeability"]),
+    Term::new("permeability", &["perm", "k"]),
+];
+
+/// Returns the columns of the region and of the permeability: one number, those along x, y and z, or
+/// those of a tensor. The names of columns decide. Without names these are all columns in their order.
+fn permeability_columns(table: &Table) -> Result<Vec<usize>> {
+    if !table.has_names() {
+        return Ok((0..table.columns().len()).collect());
+    }
+    let key = table.required(&REGION)?;
+    let others: Vec<usize> = (0..table.columns().len()).filter(|&k| k != key).collect();
+    if let [column] = others[..] {
+        return Ok(vec![key, column]);
+    }
+    let find = |term: usize| table.column(PERMEABILITY_TERMS[term].name);
+    let missing = |term: usize| table.missing(&PERMEABILITY_TERMS[term..=term]);
+    let [kx, ky, kz] = [find(1)?, find(2)?, find(3)?];
+    let [kh, kv] = [find(7)?, find(8)?];
+    if kx.is_some() || ky.is_some() || kz.is_some() {
+        let kx = kx.ok_or_else(|| missing(1))?;
+        let ky = ky.ok_or_else(|| missing(2))?;
+        let mut columns = vec![key, kx, ky];
+        columns.extend(kz.or(kv));
+        for term in 4..=6 {
+            columns.extend(find(term)?);
+        }
+        return Ok(columns);
+    }
+    if kh.is_some() || kv.is_some() {
+        let kh = kh.ok_or_else(|| missing(7))?;
+        let kv = kv.ok_or_else(|| missing(8))?;
+        return Ok(vec![key, kh, kh, kv]);
+    }
+    if let Some(column) = find(9)? {
+        return Ok(vec![key, column]);
+    }
+    match others.first() {
+        Some(&column) => Err(table.unknown(&table.columns()[column], PERMEABILITY_TERMS)),
+        None => Err(missing(9)),
+    }
+}
+
+/// Reads permeability by region from a table: the region, and one number, those along x, y and z, or
+/// those of a tensor, in m^2. `accept` makes a value of the numbers, or refuses them.
 ///
 /// # Errors
-/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read, and
-/// [`Error::Job`](crate::Error::Job) for a row that is not a region and its value, or a region that
-/// occurs twice.
+/// Returns the errors of [`quantities_by_region`].
 pub fn values_by_region<T>(
     path: &Path,
     accept: impl Fn(&[f64]) -> Option<T>,
     remedy: &'static str,
 ) -> Result<Vec<(i32, T)>> {
+    let measure = Some((Measure::Permeability, 1.0));
+    quantities_by_region(path, measure, accept, remedy)
+}
+
+/// Reads values by region from a table: the region, and its numbers. `accept` makes a value of the
+/// numbers, or refuses them. `measure` is their quantity, with the size of the unit to which numbers are
+/// converted whose column states a unit.
+///
+/// # Errors
+/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be read, and
+/// [`Error::Job`](crate::Error::Job) for a row that is not a region and its value, a region that
+/// occurs twice, and a column whose name or unit is not known.
+pub fn quantities_by_region<T>(
+    path: &Path,
+    measure: Option<(Measure, f64)>,
+    accept: impl Fn(&[f64]) -> Option<T>,
+    remedy: &'static str,
+) -> Result<Vec<(i32, T)>> {
+    let is_permeability = measure.is_some_and(|(measure, _)| measure == Measure::Permeability);
     let kind = ValueTable {
-        terms: &[REGION],
+        terms: if is_permeability {
+            PERMEABILITY_TERMS
+        } else {
+            REGION_TERMS
+        },
         meaning: "a region and its value",
         remedy,
     };
+    let table = Table::read(path, kind.terms)?;
+    let columns = if is_permeability {
+        permeability_columns(&table)?
+    } else {
+        kind.columns(&table)?
+    };
+    let mut converted = Vec::new();
+    for (place, column) in columns.into_iter().enumerate() {
+        // The first column is the region.
+        let factor = match measure {
+            Some((measure, size)) if place > 0 => {
+                let factor = table.unit_factor(column, measure)?;
+                factor.map_or(1.0, |factor| factor / size)
+            }
+            _ => 1.0,
+        };
+        converted.push((column, factor));
+    }
     let entry = |words: &[&str]| {
         let (region, values) = words.split_first()?;
         let region = region.parse::<f64>().ok().filter(|r| r.fract() == 0.0)? as i32;
@@ -121,7 +428,7 @@ pub fn values_by_region<T>(
         Some((region, accept(&values)?))
     };
     let mut known: Vec<i32> = Vec::new();
-    kind.read(path, |row, words| {
+    kind.read_columns(&table, &converted, |row, words| {
         let entry = entry(words);
         if let Some((region, _)) = &entry {
             if known.contains(region) {
@@ -132,4 +439,72 @@ pub fn values_by_region<T>(
         }
         Ok(entry)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str, measure: Measure, size: f64) -> std::result::Result<Vec<f64>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("v.csv");
+        std::fs::write(&path, text).unwrap();
+        let all = |values: &[f64]| Some(values.to_vec());
+        let rows = quantities_by_region(&path, Some((measure, size)), all, "write region,K");
+        let rows = rows.map_err(|error| error.to_string())?;
+        Ok(rows.into_iter().flat_map(|row| row.1).collect())
+    }
+
+    #[test]
+    fn names_of_columns_order_permeability() {
+        for text in [
+            "1,100,200,10\n",
+            "region,KX,KY,KZ\n1,100,200,10\n",
+            "region,KZ,KX,KY\n1,10,100,200\n",
+            "perm_z;Region;k_x;PERMY\n10;1;100;200\n",
+        ] {
+            let values = read(text, Measure::Permeability, 1.0);
+            assert_eq!(values.unwrap(), [100.0, 200.0, 10.0], "{text}");
+        }
+        let values = read("region,kv,kh\n1,10,100\n", Measure::Permeability, 1.0);
+        assert_eq!(values.unwrap(), [100.0, 100.0, 10.0]);
+        let values = read(
+            "region,porosity,permeability\n1,0.2,100\n",
+            Measure::Permeability,
+            1.0,
+        );
+        assert_eq!(values.unwrap(), [100.0]);
+        for (text, expected) in [
+            ("region,fast,slow,up\n1,1,2,3\n", ":1: 'fast' is not known"),
+            ("region,KX,KZ\n1,1,2\n", ":1: has no column ky"),
+        ] {
+            let error = read(text, Measure::Permeability, 1.0).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn units_in_the_names_of_columns_are_converted() {
+        let millidarcy = 1e-3 * DARCY;
+        for (name, value, factor) in [
+            ("permeability", 100.0, 1.0),
+            ("permeability (mD)", 100.0, 1.0),
+            ("permeability (D)", 0.1, 1.0),
+            ("K_mD", 100.0, 1.0),
+            ("permeability [m\u{b2}]", 1e-13, 1e-13 / millidarcy / 100.0),
+        ] {
+            let text = format!("region,{name}\n1,{value:e}\n");
+            let values = read(&text, Measure::Permeability, millidarcy).unwrap();
+            assert!((values[0] / (100.0 * factor) - 1.0).abs() < 1e-12, "{name}");
+        }
+        for name in ["porosity (%)", "porosity [percent]"] {
+            let text = format!("region,{name}\n1,25\n");
+            assert_eq!(read(&text, Measure::Fraction, 1.0).unwrap(), [0.25]);
+        }
+        let error = read("region,porosity (psi)\n1,25\n", Measure::Fraction, 1.0).unwrap_err();
+        assert!(
+            error.contains("v.csv:1: column 'porosity' has the unit 'psi', which is none of fraction; give one of %"),
+            "{error}"
+        );
+    }
 }

@@ -16,6 +16,9 @@ use crate::{Error, Result};
 /// from which the sign is turned.
 const TURNED_RATIO: f64 = 4.0;
 
+/// Largest number of names in a message.
+const MAX_NAMES: usize = 20;
+
 /// A horizon as a user gives it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GivenHorizon {
@@ -34,7 +37,7 @@ pub enum HorizonShape {
     Flat(f64),
     /// An image of z.
     Grid(Image<2>),
-    /// Surfaces or points, all of which are one horizon.
+    /// Surfaces or points of one name, all of which are one horizon.
     Surfaces(Vec<PickedSurface>),
 }
 
@@ -169,6 +172,7 @@ impl GivenHorizon {
             HorizonShape::Flat(z) => Ok((Horizon::Flat(z), Vec::new())),
             HorizonShape::Grid(image) => placed_grid(image, file, frame, map),
             HorizonShape::Surfaces(surfaces) => {
+                check_one_horizon(&surfaces, &place)?;
                 let mut triangles = Vec::new();
                 let mut notes: Vec<String> = Vec::new();
                 for surface in &surfaces {
@@ -188,6 +192,25 @@ impl GivenHorizon {
             }
         }
     }
+}
+
+/// Refuses surfaces of several names, which are several horizons.
+fn check_one_horizon(surfaces: &[PickedSurface], place: &str) -> Result<()> {
+    let mut names: Vec<&str> = Vec::new();
+    for surface in surfaces {
+        if !names.contains(&surface.name.as_str()) {
+            names.push(&surface.name);
+        }
+    }
+    if names.len() < 2 {
+        return Ok(());
+    }
+    let count = names.len();
+    names.truncate(MAX_NAMES);
+    let more = if count > MAX_NAMES { " ..." } else { "" };
+    let problem = format!("has {count} surfaces: {}{more}", names.join(", "));
+    let remedy = format!("name one of them as FILE:NAME, such as FILE:{}", names[0]);
+    Err(Error::Job(cause(place, problem, remedy)))
 }
 
 /// Returns the triangles of a horizon.

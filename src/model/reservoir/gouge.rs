@@ -411,6 +411,35 @@ mod tests {
     }
 
     #[test]
+    fn throws_of_a_table_are_converted_to_metres() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("throws.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let options = GougeOptions {
+                throw: vec![FaultThrow::File(path.clone())],
+                clay: None,
+            };
+            options.throws().map_err(|error| error.to_string())
+        };
+        for text in [
+            "surface,throw\nFA,30.48\n",
+            "surface,throw (ft)\nFA,100\n",
+            "throw [cm];surface\n3048;FA\n",
+        ] {
+            let throws = read(text).unwrap();
+            assert!((throws[0].1 / 30.48 - 1.0).abs() < 1e-12, "{text}");
+        }
+        let error = read("surface,throw (psi)\nFA,100\n").unwrap_err();
+        assert!(
+            error.contains(
+                "throws.csv:1: column 'throw' has the unit 'psi', which is none of length"
+            ),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn permeability_of_fault_rock_is_that_of_manzocchi() {
         // log k = -4 * 0.2 - 0.25 * log10(100) * 0.8^5
         let expected = 10f64.powf(-0.8 - 0.5 * 0.327_68);

@@ -4,6 +4,9 @@
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::sub;
+use crate::image::formats::same_place::{
+    ROUNDING, RelativePlace, extent_text, range_text, relative_place, unit_factors,
+};
 use crate::image::placing::Frame;
 use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image, Modality};
@@ -23,6 +26,10 @@ use crate::store::{
     read_named_regions,
 };
 use crate::{Error, Result};
+
+/// Largest distance, in samples, of a mesh outside an image that covers it: half a sample, because
+/// coordinates of a survey are rounded.
+const MAX_DISTANCE_OUTSIDE: f64 = 0.5 + 1e-6;
 
 /// Units and depth of a mesh's coordinates.
 #[derive(Debug, Clone, PartialEq)]
@@ -376,8 +383,8 @@ impl PreparedModel {
         AxisRatios::new(&model.graph, &permeability.rock, &axes, self.step, &cancel).map(Some)
     }
 
-    /// Returns a value for each cell from an image. The image must have the dimensions of the
-    /// meshed image, or a position such that it covers the mesh. `place` names it in errors.
+    /// Returns a value for each cell from an image. The image must have a position such that it covers
+    /// the mesh, or no position and the dimensions of the meshed image. `place` names it in errors.
     ///
     /// # Errors
     /// Returns [`Error::Image`] if the image has neither, and the errors of
@@ -397,40 +404,73 @@ impl PreparedModel {
         Ok(RegionShares::new(&self.model.mesh, &positions, image))
     }
 
-    /// Returns the positions of the mesh in an image.
+    /// Returns the positions of the mesh in an image: by the coordinates of the image, or, if it has as
+    /// many samples as the meshed image and no position that can be compared with the mesh's, by the
+    /// indices of its samples. The sign of z is the one with which the image covers the mesh.
     fn positions_in(&self, image: &Image<3>, place: &str) -> Result<SamplePositions> {
         let dims = image.dims();
-        let same_dims = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
-        let geometry = if same_dims {
-            &self.geometry
-        } else {
-            &image.geometry
-        };
+        let has_same_dims = (0..3).all(|k| (dims[k] as f64 - self.dims[k]).abs() < 1e-6);
+        let relative = relative_place(&self.geometry, &image.geometry, dims, ROUNDING);
+        let is_same = matches!(relative, RelativePlace::Unknown)
+            || relative == RelativePlace::Same([false; 3]);
+        let mesh = &self.model.mesh;
+        if has_same_dims && is_same {
+            let index_of = |point: [f64; 3]| {
+                let index = self.geometry.to_index(self.frame.to_file(point));
+                index.unwrap_or([f64::NAN; 3])
+            };
+            return Ok(SamplePositions::new(mesh, dims, index_of));
+        }
         let time_axis = image.geometry.time_coordinate();
-        if !same_dims
-            && time_axis.is_some_and(|c| metres_per_unit(&self.geometry.units[c]).is_some())
-        {
+        if time_axis.is_some_and(|c| metres_per_unit(&self.geometry.units[c]).is_some()) {
             let problem = "is in two-way time, the mesh in depth";
             let remedy = "give the image in depth, which atomesh convert --velocity makes";
             return Err(Error::Image(cause(place, problem, remedy)));
         }
-        let index_of = |point: [f64; 3]| {
-            let index = geometry.to_index(self.frame.to_file(point));
-            index.unwrap_or([f64::NAN; 3])
+        let factors = unit_factors(&self.geometry, &image.geometry);
+        let signs: &[f64] = if factors.is_some() {
+            &[1.0, -1.0]
+        } else {
+            &[1.0]
         };
-        let positions = SamplePositions::new(&self.model.mesh, dims, index_of);
-        // Half a sample of tolerance, because coordinates of a survey are rounded.
-        let is_located = geometry.determinant() != 0.0;
-        if !same_dims && (!is_located || positions.max_distance_outside() > 0.5) {
-            return Err(Error::Image(cause(
-                place,
-                format!(
-                    "is of {dims:?} samples, the image that was meshed of {:?}, and does not cover the mesh",
-                    self.dims
-                ),
-                "give an image of the same dimensions, or one with a position that covers the mesh",
-            )));
+        for sign in signs {
+            let index_of = |point: [f64; 3]| {
+                let point = self.frame.to_file(point);
+                let [fx, fy, fz] = factors.unwrap_or([1.0; 3]);
+                let position = [point[0] * fx, point[1] * fy, point[2] * fz * sign];
+                let index = image.geometry.to_index(position);
+                index.unwrap_or([f64::NAN; 3])
+            };
+            let positions = SamplePositions::new(mesh, dims, index_of);
+            let is_located = image.geometry.determinant() != 0.0;
+            if is_located && positions.max_distance_outside() <= MAX_DISTANCE_OUTSIDE {
+                return Ok(positions);
+            }
         }
-        Ok(positions)
+        Err(self.place_error(image, has_same_dims, place))
+    }
+
+    /// Returns the error for an image that does not cover the mesh.
+    fn place_error(&self, image: &Image<3>, has_same_dims: bool, place: &str) -> Error {
+        let dims = image.dims();
+        let nodes = self.model.mesh.nodes.iter();
+        let points = nodes.map(|&node| self.frame.to_file(node));
+        let extents = format!(
+            "lies at {}, the mesh at {}",
+            extent_text(&image.geometry, dims),
+            range_text(points, &self.geometry.units)
+        );
+        if has_same_dims {
+            let problem = format!("does not cover the mesh: it {extents}");
+            let remedy = "give an image whose position covers the mesh, or one without a position, such as .npy, with the samples of the meshed image";
+            return Error::Image(cause(place, problem, remedy));
+        }
+        let problem = format!(
+            "is of {dims:?} samples, the image that was meshed of {:?}, and does not cover the mesh: it {extents}",
+            self.dims
+        );
+        let remedy =
+            "give an image of the same dimensions, or one with a position that covers the mesh";
+        Error::Image(cause(place, problem, remedy))
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
-use crate::files::table::values_by_region;
+use crate::files::table::{Measure, quantities_by_region};
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
@@ -268,6 +268,7 @@ impl RockOptions {
             read_image,
             progress,
             without_data: Vec::new(),
+            permeability_unit: 1.0,
         };
         if let Some(text) = &self.region {
             let labels = filling.regions(text, prepared)?;
@@ -380,6 +381,7 @@ impl RockOptions {
             read_image,
             progress,
             without_data: Vec::new(),
+            permeability_unit: 1.0,
         };
         filling.values(option, value, MeanKind::Arithmetic, prepared)
     }
@@ -413,6 +415,8 @@ struct Filling<'a> {
     progress: &'a mut dyn Progress,
     /// `true` for each cell in which an image holds no data; empty if there is none.
     without_data: Vec<bool>,
+    /// Square metres in the unit of permeability.
+    permeability_unit: f64,
 }
 
 impl Filling<'_> {
@@ -422,6 +426,7 @@ impl Filling<'_> {
         unit: f64,
         prepared: &PreparedModel,
     ) -> Result<Rock> {
+        self.permeability_unit = unit;
         let frame = &prepared.frame;
         let tensor = |numbers: &[f64]| {
             // Zero permeability marks inactive cells.
@@ -440,7 +445,8 @@ impl Filling<'_> {
             && is_table(text)
         {
             let lines = "write region,K or region,KX,KY,KZ, positive, or 0 for inactive cells";
-            let by_region = values_by_region(Path::new(text), tensor, lines)?;
+            let measure = Some((Measure::Permeability, unit));
+            let by_region = quantities_by_region(Path::new(text), measure, tensor, lines)?;
             return Rock::by_region(&prepared.model.graph.region, &by_region, 1.0);
         }
         let number = |value: &CellValue| match value {
@@ -517,7 +523,13 @@ impl Filling<'_> {
                 [value] if value.is_finite() => Some(*value),
                 _ => None,
             };
-            let table = values_by_region(Path::new(text), single, "write region,value")?;
+            let measure = match option {
+                "porosity" | "net-to-gross" | "clay" => Some((Measure::Fraction, 1.0)),
+                "permeability" => Some((Measure::Permeability, self.permeability_unit)),
+                _ => None,
+            };
+            let path = Path::new(text);
+            let table = quantities_by_region(path, measure, single, "write region,value")?;
             let value = |region: &i32| {
                 let row = table.iter().find(|(known, _)| known == region);
                 row.map(|f| f.1).ok_or_else(|| {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::{Control, Fluid, Well};
-use crate::files::table::{Table, TableRow, Term};
+use crate::files::table::{Measure, Table, TableRow, Term};
 use crate::job::spec::InvalidValue;
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};
@@ -181,6 +181,8 @@ pub struct Schedule {
 struct Row<'a> {
     table: &'a Table,
     row: TableRow<'a>,
+    /// The factor of each column's numbers.
+    factors: &'a [f64],
 }
 
 impl Row<'_> {
@@ -211,7 +213,7 @@ impl Row<'_> {
             let problem = format!("'{text}' in column {column} is not a number of 0 or more");
             return Err(self.error(problem, "give a number, or leave it empty"));
         }
-        Ok(value)
+        Ok(value.map(|value| value * self.factors[index]))
     }
 
     /// Returns the entry of `known` whose name the column has.
@@ -313,11 +315,30 @@ fn check_columns(table: &Table) -> Result<()> {
     Ok(())
 }
 
+/// Returns the factor of each column that converts its numbers to m^3/day or bar, by the units in the
+/// names of columns.
+fn column_factors(table: &Table) -> Result<Vec<f64>> {
+    let mut factors = Vec::new();
+    for (index, column) in table.columns().iter().enumerate() {
+        let measure = match column.term {
+            Some("bhp") => Measure::Pressure,
+            Some("gas") => Measure::GasRate,
+            Some("oil" | "water" | "liquid" | "reservoir") => Measure::LiquidRate,
+            _ => {
+                factors.push(1.0);
+                continue;
+            }
+        };
+        factors.push(table.unit_factor(index, measure)?.unwrap_or(1.0));
+    }
+    Ok(factors)
+}
+
 impl Schedule {
     /// Reads a table with a row of column names: date, well, group, type (producer, water-injector,
     /// gas-injector), status (open, shut), mode (history, forecast), control, the rates oil, water,
-    /// gas, liquid and reservoir in m^3/day, bhp in bar, and skin. Only the date is needed in every
-    /// row. A row without a well is for a group, one without a group for nothing but the date.
+    /// gas, liquid and reservoir in m^3/day, bhp in bar, and skin. The name of a column may have another
+    /// unit in brackets, such as psi or STB/day. Only the date is needed in every row. A row without a well is for a group, one without a group for nothing but the date.
     ///
     /// # Errors
     /// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`] with the line of a row
@@ -325,6 +346,7 @@ impl Schedule {
     pub fn read(path: &Path, wells: &[Well], fluid: Fluid, start: Option<Date>) -> Result<Self> {
         let table = Table::read(path, &COLUMNS)?;
         check_columns(&table)?;
+        let factors = column_factors(&table)?;
         let mut kinds: Vec<WellKind> = (wells.iter())
             .map(|well| match well.control {
                 Control::Inject(_) => WellKind::WaterInjector,
@@ -333,7 +355,11 @@ impl Schedule {
             .collect();
         let mut dated: Vec<(Date, Row<'_>)> = Vec::new();
         for row in table.rows() {
-            let row = Row { table: &table, row };
+            let row = Row {
+                table: &table,
+                row,
+                factors: &factors,
+            };
             let text = row.text("date").unwrap_or_default();
             let date = text.parse().map_err(|_| {
                 let problem = format!("'{text}' in column date is not a date");
@@ -483,6 +509,43 @@ mod tests {
         assert!(schedule.steps[3].wells.is_empty());
         assert_eq!(schedule.groups(), ["G", "NORTH"]);
         assert_eq!(schedule.first_change(1).unwrap().skin, Some(2.5));
+    }
+
+    #[test]
+    fn units_in_the_names_of_columns_are_converted() {
+        let change = |names: &str, row: &str| -> std::result::Result<Controls, String> {
+            let schedule = read(&format!("date,well,{names}\n2000-01-01,P1,{row}\n"))?;
+            Ok(schedule.steps[0].wells[0].controls)
+        };
+        for (names, row) in [
+            ("oil,bhp", "10,100"),
+            ("oil (STB/day),bhp (psi)", "62.898108,1450.3774"),
+            ("oil [bbl/d],bhp [kPa]", "62.898108,10000"),
+            ("oil (sm\u{b3}/day),bhp (MPa)", "10,10"),
+            ("oil (m^3/d),bhp (atm)", "10,98.692327"),
+        ] {
+            let controls = change(names, row).unwrap();
+            let values = [controls.pressure.unwrap(), controls.rates[0].unwrap()];
+            assert!((values[0] / 100.0 - 1.0).abs() < 1e-6, "{names} {values:?}");
+            assert!((values[1] / 10.0 - 1.0).abs() < 1e-6, "{names} {values:?}");
+        }
+        for (names, expected) in [
+            (
+                "oil,bhp (furlong)",
+                ":1: column 'bhp' has the unit 'furlong'",
+            ),
+            (
+                "oil,bhp (furlong)",
+                "give one of bar, psi, kPa, MPa, Pa, atm",
+            ),
+            (
+                "oil (Mscf/day),bhp",
+                ":1: column 'oil' has the unit 'Mscf/day'",
+            ),
+        ] {
+            let error = change(names, "10,100").unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
     }
 
     #[test]

@@ -15,7 +15,8 @@ use crate::Result;
 use crate::files::table::{Table, TableRow};
 use crate::image::stated::{Domain, StatedCoordinates, ZDirection};
 use crate::surface_file::place_columns::{
-    PLACE_TERMS, PlaceReading, datum, has_coordinates, named_readings, term, unit_ratio,
+    PLACE_TERMS, PlaceReading, datum, has_coordinates, named_readings, term, unit_given_in_remark,
+    unit_ratio,
 };
 use crate::units;
 
@@ -440,6 +441,7 @@ impl<'a> Survey<'a> {
         };
         let measured_depth = table.required(term("md"))?;
         let own = table.columns()[measured_depth].unit.clone();
+        let own = own.or_else(|| unit_given_in_remark(table, "depth"));
         let mut notes = vec!["a deviation survey, by minimum curvature".to_string()];
         let place = [&HEAD_X, &HEAD_Y].map(|keys| table.remark_value(keys));
         // A wellhead that the option gives has the units of the option, or else of the image.
@@ -701,6 +703,31 @@ mod tests {
             radii("1 2 3 0.1\n1 2 9 0.2\n1 2 20 0.3\n"),
             [Some(0.1), Some(0.2), Some(0.3)]
         );
+    }
+
+    #[test]
+    fn petrels_remark_says_the_unit_of_depths() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("w.dev");
+        let head = "# WELL TRACE FROM PETREL\n# WELL HEAD X-COORDINATE: 450300.0 (m)\n\
+                    # WELL HEAD Y-COORDINATE: 6780300.0 (m)\n\
+                    # WELL DATUM (KB, Kelly bushing, from MSL): 82.021 (ft)\n\
+                    # DX DY ARE GIVEN IN GRID NORTH IN m-UNITS\n\
+                    # DEPTH (Z, TVD) GIVEN IN ft-UNITS\n#====\n";
+        let read = |table: &str| {
+            std::fs::write(&path, format!("{head}{table}")).unwrap();
+            WellFile::<3>::read_all(&path, &[], None, 2)
+                .unwrap()
+                .remove(0)
+        };
+        let trace =
+            read("MD X Y Z TVD\n0 450300 6780300 82.021 0\n1000 450300 6780300 -917.979 1000\n");
+        assert_eq!(trace.coordinates.units[2].as_deref(), Some("ft"));
+        // 1,000 ft at 60 degrees towards the east, in metres.
+        let survey = read("MD INCL AZIM_GN\n0 60 90\n1000 60 90\n");
+        let [x, _, z] = survey.points[1].position;
+        assert!((x - 450_300.0 - 304.8 * 0.75f64.sqrt()).abs() < 1e-6, "{x}");
+        assert!((z - 25.0 + 152.4).abs() < 1e-3, "{z}");
     }
 
     #[test]

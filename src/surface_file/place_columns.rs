@@ -426,6 +426,10 @@ pub fn named_readings<const D: usize>(table: &Table) -> Result<Vec<PlaceReading<
     let mut readings: Vec<_> = chosen
         .map(|k| reading(table, &horizontal, found[k].0, found[k].1))
         .collect();
+    // Beside a column of times, z is a depth.
+    if let [first, _] = &mut readings[..] {
+        first.coordinates.domain.get_or_insert(Domain::Depth);
+    }
     if let (true, Some(column)) = (readings.is_empty(), only_other_column(table)) {
         table.check_unit(column)?;
         let mut other: PlaceReading<D> = reading(table, &horizontal, &VERTICALS[0], column);
@@ -475,6 +479,18 @@ fn only_other_column(table: &Table) -> Option<usize> {
     others.next().filter(|_| others.next().is_none())
 }
 
+/// Returns the unit in the first remark that is about `subject` and ends with `GIVEN IN UNIT-UNITS`, as Petrel
+/// writes of the depths of its wells.
+pub(crate) fn unit_given_in_remark(table: &Table, subject: &str) -> Option<String> {
+    table.remarks().iter().find_map(|remark| {
+        let remark = remark.to_lowercase();
+        let (about, unit) = remark.split_once("given in ")?;
+        let unit = unit.trim().strip_suffix("-units")?;
+        let is_meant = about.trim_start_matches(['#', ' ']).starts_with(subject);
+        (is_meant && units::find(unit).is_some()).then(|| unit.to_string())
+    })
+}
+
 /// Returns the unit of a column.
 fn unit_of(table: &Table, column: Option<usize>) -> Option<String> {
     table.columns().get(column?)?.unit.clone()
@@ -502,7 +518,10 @@ fn reading<const D: usize>(
         "depthunits",
         "unitz",
     ]);
-    let depth = depth.or_else(|| general.filter(|_| vertical.domain != Some(Domain::Time)));
+    let depth = depth.or_else(|| unit_given_in_remark(table, "depth"));
+    let depth = depth
+        .or(general)
+        .filter(|_| vertical.domain != Some(Domain::Time));
     let mut coordinates = StatedCoordinates {
         z_direction: vertical.direction,
         domain: vertical.domain,

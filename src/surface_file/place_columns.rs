@@ -518,10 +518,8 @@ fn reading<const D: usize>(
         "depthunits",
         "unitz",
     ]);
-    let depth = depth.or_else(|| unit_given_in_remark(table, "depth"));
-    let depth = depth
-        .or(general)
-        .filter(|_| vertical.domain != Some(Domain::Time));
+    let of_depths = unit_given_in_remark(table, "depth").or(general);
+    let depth = depth.or_else(|| of_depths.filter(|_| vertical.domain != Some(Domain::Time)));
     let mut coordinates = StatedCoordinates {
         z_direction: vertical.direction,
         domain: vertical.domain,

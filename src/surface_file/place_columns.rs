@@ -40,6 +40,7 @@ pub const PLACE_TERMS: &[Term] = &[
             "depthtvdss",
             "tvdssdepth",
             "zss",
+            "ztvdss",
             "tvdssmsl",
         ],
     )
@@ -111,6 +112,8 @@ pub const PLACE_TERMS: &[Term] = &[
         &[
             "measureddepth",
             "mdepth",
+            "mmdepth",
+            "qmdepth",
             "dept",
             "mdkb",
             "mdrkb",
@@ -124,6 +127,8 @@ pub const PLACE_TERMS: &[Term] = &[
         &[
             "inc",
             "incl",
+            "qincl",
+            "mincl",
             "inclin",
             "devi",
             "deviation",
@@ -139,6 +144,8 @@ pub const PLACE_TERMS: &[Term] = &[
         &[
             "azi",
             "azim",
+            "qazi",
+            "mazi",
             "az",
             "azimgn",
             "azimuthgn",
@@ -244,6 +251,7 @@ pub const PLACE_TERMS: &[Term] = &[
             "feature",
         ],
     ),
+    Term::new("zone", &["zonename"]),
     Term::new("name", &["label"]),
     Term::new(
         "well",
@@ -632,6 +640,18 @@ mod tests {
         }
         let table = parse("x (UTM 31N);y;z;w");
         assert_eq!(table.column("x").unwrap(), Some(0));
+    }
+
+    #[test]
+    fn names_of_xtgeo_are_known() {
+        let table = parse("X_UTME;Y_UTMN;Z_TVDSS;ZONE");
+        let terms = table.columns().iter().map(|column| column.term);
+        let expected = ["x", "y", "tvdss", "zone"].map(Some);
+        assert_eq!(terms.collect::<Vec<_>>(), expected);
+        let table = parse("MDEPTH;Q_MDEPTH;Q_INCL;Q_AZI");
+        let terms = table.columns().iter().map(|column| column.term);
+        let expected = ["md", "md", "inclination", "azimuth"].map(Some);
+        assert_eq!(terms.collect::<Vec<_>>(), expected);
     }
 
     #[test]

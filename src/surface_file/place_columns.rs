@@ -112,8 +112,6 @@ pub const PLACE_TERMS: &[Term] = &[
         &[
             "measureddepth",
             "mdepth",
-            "mmdepth",
-            "qmdepth",
             "dept",
             "mdkb",
             "mdrkb",
@@ -128,7 +126,6 @@ pub const PLACE_TERMS: &[Term] = &[
             "inc",
             "incl",
             "qincl",
-            "mincl",
             "inclin",
             "devi",
             "deviation",
@@ -145,7 +142,6 @@ pub const PLACE_TERMS: &[Term] = &[
             "azi",
             "azim",
             "qazi",
-            "mazi",
             "az",
             "azimgn",
             "azimuthgn",
@@ -648,9 +644,9 @@ mod tests {
         let terms = table.columns().iter().map(|column| column.term);
         let expected = ["x", "y", "tvdss", "zone"].map(Some);
         assert_eq!(terms.collect::<Vec<_>>(), expected);
-        let table = parse("MDEPTH;Q_MDEPTH;Q_INCL;Q_AZI");
+        let table = parse("MDEPTH;Q_INCL;Q_AZI;WELLNAME");
         let terms = table.columns().iter().map(|column| column.term);
-        let expected = ["md", "md", "inclination", "azimuth"].map(Some);
+        let expected = ["md", "inclination", "azimuth", "well"].map(Some);
         assert_eq!(terms.collect::<Vec<_>>(), expected);
     }
 

@@ -40,6 +40,7 @@ pub const PLACE_TERMS: &[Term] = &[
             "depthtvdss",
             "tvdssdepth",
             "zss",
+            "ztvdss",
             "tvdssmsl",
         ],
     )
@@ -124,6 +125,7 @@ pub const PLACE_TERMS: &[Term] = &[
         &[
             "inc",
             "incl",
+            "qincl",
             "inclin",
             "devi",
             "deviation",
@@ -139,6 +141,7 @@ pub const PLACE_TERMS: &[Term] = &[
         &[
             "azi",
             "azim",
+            "qazi",
             "az",
             "azimgn",
             "azimuthgn",
@@ -244,6 +247,7 @@ pub const PLACE_TERMS: &[Term] = &[
             "feature",
         ],
     ),
+    Term::new("zone", &["zonename"]),
     Term::new("name", &["label"]),
     Term::new(
         "well",
@@ -649,6 +653,18 @@ mod tests {
         }
         let table = parse("x (UTM 31N);y;z;w");
         assert_eq!(table.column("x").unwrap(), Some(0));
+    }
+
+    #[test]
+    fn names_of_xtgeo_are_known() {
+        let table = parse("X_UTME;Y_UTMN;Z_TVDSS;ZONE");
+        let terms = table.columns().iter().map(|column| column.term);
+        let expected = ["x", "y", "tvdss", "zone"].map(Some);
+        assert_eq!(terms.collect::<Vec<_>>(), expected);
+        let table = parse("MDEPTH;Q_INCL;Q_AZI;WELLNAME");
+        let terms = table.columns().iter().map(|column| column.term);
+        let expected = ["md", "inclination", "azimuth", "well"].map(Some);
+        assert_eq!(terms.collect::<Vec<_>>(), expected);
     }
 
     #[test]

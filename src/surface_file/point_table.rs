@@ -10,7 +10,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::interpretation::{PickedShape, PickedSurface};
-use super::place_columns::{PLACE_TERMS, PlaceReading, has_coordinates, named_readings, term};
+use super::place_columns::{
+    PLACE_TERMS, PlaceReading, has_coordinates, named_readings, number_columns, term,
+};
 use super::sticks::{FaultSticks, Stick};
 use levels::has_several_levels;
 use unnamed::guessed_surfaces;
@@ -314,19 +316,18 @@ struct Groups {
 }
 
 /// Terms of columns of names, the most telling first.
-const NAME_TERMS: [&str; 4] = ["fault", "horizon", "surface", "name"];
+const NAME_TERMS: [&str; 5] = ["fault", "horizon", "surface", "zone", "name"];
 
 impl Groups {
     fn read(table: &Table, readings: &[PlaceReading<3>], stem: &str) -> Result<Self> {
         let mut name_column = None;
         for term in NAME_TERMS {
             if name_column.is_none() {
-                name_column = table.column(term)?.map(|column| (term, column));
+                let column = table.column(term)?;
+                let column = column.filter(|&column| has_surface_names(table, term, column));
+                name_column = column.map(|column| (term, column));
             }
         }
-        // Names of points are no names of surfaces.
-        name_column = name_column
-            .filter(|(term, column)| *term != "name" || has_repeated_names(table, *column));
         let kind = name_column.map(|(term, _)| term);
         let stick = table.column("stick")?;
         let has_segments = table.rows().any(|row| row.segment > 1);
@@ -417,13 +418,19 @@ impl Groups {
     }
 }
 
-/// Returns `true` if the names in a column belong to several rows each, on average at least to three.
-fn has_repeated_names(table: &Table, column: usize) -> bool {
+/// Returns `true` if a column of this term names surfaces: names of points and of single zones do not,
+/// nor do numbers of zones.
+fn has_surface_names(table: &Table, term: &str, column: usize) -> bool {
+    if !matches!(term, "name" | "zone") {
+        return true;
+    }
     let names: BTreeSet<String> = table
         .rows()
         .filter_map(|row| row.text(column).map(String::from))
         .collect();
-    3 * names.len() <= table.rows().count()
+    let are_repeated = 3 * names.len() <= table.rows().count();
+    let are_zones = || names.len() > 1 && !number_columns(table)[column];
+    are_repeated && (term != "zone" || are_zones())
 }
 
 impl Group {
@@ -593,6 +600,14 @@ mod tests {
         let surfaces = read(words);
         assert_eq!((&*surfaces[0].name, surfaces.len()), ("Main", 1));
         assert!(matches!(&surfaces[0].shape, PickedShape::Sticks(sticks) if sticks.len() == 2));
+        let zones = "X_UTME,Y_UTMN,Z_TVDSS,ZONE\n1,2,3,Upper\n4,5,6,Lower\n7,8,9,Upper\n1,2,4,Lower\n4,5,7,Upper\n7,8,10,Lower\n";
+        let names: Vec<String> = read(zones)
+            .into_iter()
+            .map(|surface| surface.name)
+            .collect();
+        assert_eq!(names, ["Upper", "Lower"]);
+        let numbers = zones.replace("Upper", "1").replace("Lower", "2");
+        assert_eq!(read(&numbers).len(), 1);
         // Names of points are not names of surfaces.
         assert_eq!(read("name,x,y,z\np1,1,2,3\np2,4,5,6\np3,7,8,9\n").len(), 1);
         // IRAP's lines are separated by rows of 999.

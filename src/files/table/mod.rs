@@ -92,6 +92,7 @@ pub const X_TERM: Term = Term::new(
         "utmx",
         "utme",
         "xutm",
+        "xutme",
         "xcoord",
         "xcoordinate",
         "coordx",
@@ -133,6 +134,7 @@ pub const Y_TERM: Term = Term::new(
         "utmy",
         "utmn",
         "yutm",
+        "yutmn",
         "ycoord",
         "ycoordinate",
         "coordy",
@@ -177,6 +179,12 @@ pub struct Column {
     /// The text in place of a unit, if it is not understood.
     pub unknown_unit: Option<String>,
 }
+
+/// Largest number of lines that are searched for the header of an ESRI ASCII grid.
+const MAX_GRID_HEADER: usize = 8;
+
+/// First letters of Surfer grids: of text, of numbers in single and in double precision.
+const SURFER_MARKS: [&str; 3] = ["dsaa", "dsbb", "dsrb"];
 
 /// Units of angles other than degrees, in plain form.
 const OTHER_ANGLES: [&str; 11] = [
@@ -342,6 +350,7 @@ impl Table {
     pub fn parse(path: &Path, text: String, terms: &'static [Term]) -> Result<Self> {
         let lines = split_lines(&text);
         let mut table = Self::empty(path, text);
+        table.refuse_grid(&lines)?;
         if table.is_las(&lines) {
             table.parse_las(&lines, terms)?;
         } else {
@@ -349,6 +358,30 @@ impl Table {
         }
         table.check_widths()?;
         Ok(table)
+    }
+
+    /// Refuses grids of heights whose lines of numbers are no rows of points.
+    fn refuse_grid(&self, lines: &[Line]) -> Result<()> {
+        let first_words = lines.iter().take(MAX_GRID_HEADER).map(|line| {
+            let word = line.text(&self.text).split_whitespace().next();
+            word.unwrap_or("").to_lowercase()
+        });
+        let words: Vec<String> = first_words.collect();
+        let has = |word: &str| words.iter().any(|other| other == word);
+        let is_surfer = (words.first())
+            .is_some_and(|first| SURFER_MARKS.iter().any(|mark| first.starts_with(mark)));
+        let format = if has("ncols") && has("nrows") {
+            "an ESRI ASCII grid"
+        } else if is_surfer {
+            "a Surfer grid"
+        } else {
+            return Ok(());
+        };
+        let remedy = format!(
+            "convert it to ZMAP+ or to points x y z, such as with gdal_translate -of ZMap {} grid.zmap",
+            self.path.display()
+        );
+        Err(self.error(format!("is {format}, which atomesh does not read"), remedy))
     }
 
     fn empty(path: &Path, text: String) -> Self {

@@ -308,6 +308,32 @@ fn what_is_not_understood_is_an_error_with_its_line() {
 }
 
 #[test]
+fn grids_of_other_programs_are_refused_with_their_format() {
+    for (text, format) in [
+        (
+            "ncols 3\nnrows 2\nxllcorner -5.0\nyllcorner -5.0\ncellsize 10.0\nNODATA_value -9999\n69.0 67.9 66.9\n68.0 66.7 65.5\n",
+            "t.csv: is an ESRI ASCII grid",
+        ),
+        (
+            "NCOLS 3\r\nNROWS 2\r\nXLLCENTER 0\r\nYLLCENTER 0\r\nCELLSIZE 1\r\n1 2 3\r\n4 5 6\r\n",
+            "t.csv: is an ESRI ASCII grid",
+        ),
+        (
+            "DSAA\n3 2\n0 20\n0 10\n-6 -1\n-1 -2 -3\n-4 -5 -6\n",
+            "t.csv: is a Surfer grid",
+        ),
+    ] {
+        let error = message(text);
+        assert!(error.starts_with(format), "{error}");
+        assert!(
+            error.contains("convert it to ZMAP+ or to points x y z"),
+            "{error}"
+        );
+    }
+    assert!(parse("x,y,z,ncols\n1,2,3,4\n").is_ok());
+}
+
+#[test]
 fn values_are_read_by_surface_and_by_region() {
     const KIND: ValueTable = ValueTable {
         terms: &[

@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 use dialect::{DecimalEvidence, DecimalMark, Separator};
 use dialect::{is_missing, is_number, may_have_thousands, parse_number};
 
-pub use values::{Measure, ValueTable, quantities_by_region, text_rows, values_by_region};
+pub use values::{ValueMeasure, ValueTable, quantities_by_region, text_rows, values_by_region};
 
 use crate::error::{Cause, cause, io_error};
 use crate::{Error, Result, units};

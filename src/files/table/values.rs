@@ -63,7 +63,7 @@ const FRACTION_UNITS: UnitNames = &[
 
 /// A quantity whose unit may stand in the name of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Measure {
+pub enum ValueMeasure {
     /// A length, in metres.
     Length,
     /// A pressure, in bar.
@@ -78,7 +78,7 @@ pub enum Measure {
     Fraction,
 }
 
-impl Measure {
+impl ValueMeasure {
     /// Returns the name of the quantity, and units that are known, for messages.
     fn texts(self) -> [&'static str; 2] {
         match self {
@@ -167,7 +167,7 @@ impl Table {
     ///
     /// # Errors
     /// Returns [`Error::Job`](crate::Error::Job) for a unit that is not known.
-    pub fn unit_factor(&self, column: usize, measure: Measure) -> Result<Option<f64>> {
+    pub fn unit_factor(&self, column: usize, measure: ValueMeasure) -> Result<Option<f64>> {
         let name = self.columns.get(column).map_or("", |column| &*column.name);
         let Some(unit) = self.stated_unit(column) else {
             // A unit may be the last word of the name.
@@ -239,7 +239,7 @@ impl ValueTable {
         let mut columns = Vec::new();
         for column in self.columns(&table)? {
             let factor = match table.columns()[column].term {
-                Some("throw" | "thickness") => table.unit_factor(column, Measure::Length)?,
+                Some("throw" | "thickness") => table.unit_factor(column, ValueMeasure::Length)?,
                 _ => None,
             };
             columns.push((column, factor.unwrap_or(1.0)));
@@ -372,7 +372,7 @@ pub fn values_by_region<T>(
     accept: impl Fn(&[f64]) -> Option<T>,
     remedy: &'static str,
 ) -> Result<Vec<(i32, T)>> {
-    let measure = Some((Measure::Permeability, 1.0));
+    let measure = Some((ValueMeasure::Permeability, 1.0));
     quantities_by_region(path, measure, accept, remedy)
 }
 
@@ -386,11 +386,11 @@ pub fn values_by_region<T>(
 /// occurs twice, and a column whose name or unit is not known.
 pub fn quantities_by_region<T>(
     path: &Path,
-    measure: Option<(Measure, f64)>,
+    measure: Option<(ValueMeasure, f64)>,
     accept: impl Fn(&[f64]) -> Option<T>,
     remedy: &'static str,
 ) -> Result<Vec<(i32, T)>> {
-    let is_permeability = measure.is_some_and(|(measure, _)| measure == Measure::Permeability);
+    let is_permeability = measure.is_some_and(|(measure, _)| measure == ValueMeasure::Permeability);
     let kind = ValueTable {
         terms: if is_permeability {
             PERMEABILITY_TERMS
@@ -445,7 +445,7 @@ pub fn quantities_by_region<T>(
 mod tests {
     use super::*;
 
-    fn read(text: &str, measure: Measure, size: f64) -> std::result::Result<Vec<f64>, String> {
+    fn read(text: &str, measure: ValueMeasure, size: f64) -> std::result::Result<Vec<f64>, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("v.csv");
         std::fs::write(&path, text).unwrap();
@@ -463,14 +463,14 @@ mod tests {
             "region,KZ,KX,KY\n1,10,100,200\n",
             "perm_z;Region;k_x;PERMY\n10;1;100;200\n",
         ] {
-            let values = read(text, Measure::Permeability, 1.0);
+            let values = read(text, ValueMeasure::Permeability, 1.0);
             assert_eq!(values.unwrap(), [100.0, 200.0, 10.0], "{text}");
         }
-        let values = read("region,kv,kh\n1,10,100\n", Measure::Permeability, 1.0);
+        let values = read("region,kv,kh\n1,10,100\n", ValueMeasure::Permeability, 1.0);
         assert_eq!(values.unwrap(), [100.0, 100.0, 10.0]);
         let values = read(
             "region,porosity,permeability\n1,0.2,100\n",
-            Measure::Permeability,
+            ValueMeasure::Permeability,
             1.0,
         );
         assert_eq!(values.unwrap(), [100.0]);
@@ -478,7 +478,7 @@ mod tests {
             ("region,fast,slow,up\n1,1,2,3\n", ":1: 'fast' is not known"),
             ("region,KX,KZ\n1,1,2\n", ":1: has no column ky"),
         ] {
-            let error = read(text, Measure::Permeability, 1.0).unwrap_err();
+            let error = read(text, ValueMeasure::Permeability, 1.0).unwrap_err();
             assert!(error.contains(expected), "{error}");
         }
     }
@@ -494,14 +494,14 @@ mod tests {
             ("permeability [m\u{b2}]", 1e-13, 1e-13 / millidarcy / 100.0),
         ] {
             let text = format!("region,{name}\n1,{value:e}\n");
-            let values = read(&text, Measure::Permeability, millidarcy).unwrap();
+            let values = read(&text, ValueMeasure::Permeability, millidarcy).unwrap();
             assert!((values[0] / (100.0 * factor) - 1.0).abs() < 1e-12, "{name}");
         }
         for name in ["porosity (%)", "porosity [percent]"] {
             let text = format!("region,{name}\n1,25\n");
-            assert_eq!(read(&text, Measure::Fraction, 1.0).unwrap(), [0.25]);
+            assert_eq!(read(&text, ValueMeasure::Fraction, 1.0).unwrap(), [0.25]);
         }
-        let error = read("region,porosity (psi)\n1,25\n", Measure::Fraction, 1.0).unwrap_err();
+        let error = read("region,porosity (psi)\n1,25\n", ValueMeasure::Fraction, 1.0).unwrap_err();
         assert!(
             error.contains("v.csv:1: column 'porosity' has the unit 'psi', which is none of fraction; give one of %"),
             "{error}"

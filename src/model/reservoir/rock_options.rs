@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
-use crate::files::table::{Measure, quantities_by_region};
+use crate::files::table::{ValueMeasure, quantities_by_region};
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
@@ -445,7 +445,7 @@ impl Filling<'_> {
             && is_table(text)
         {
             let lines = "write region,K or region,KX,KY,KZ, positive, or 0 for inactive cells";
-            let measure = Some((Measure::Permeability, unit));
+            let measure = Some((ValueMeasure::Permeability, unit));
             let by_region = quantities_by_region(Path::new(text), measure, tensor, lines)?;
             return Rock::by_region(&prepared.model.graph.region, &by_region, 1.0);
         }
@@ -524,8 +524,8 @@ impl Filling<'_> {
                 _ => None,
             };
             let measure = match option {
-                "porosity" | "net-to-gross" | "clay" => Some((Measure::Fraction, 1.0)),
-                "permeability" => Some((Measure::Permeability, self.permeability_unit)),
+                "porosity" | "net-to-gross" | "clay" => Some((ValueMeasure::Fraction, 1.0)),
+                "permeability" => Some((ValueMeasure::Permeability, self.permeability_unit)),
                 _ => None,
             };
             let path = Path::new(text);

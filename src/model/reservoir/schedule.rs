@@ -6,7 +6,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::{Control, Fluid, Well};
-use crate::files::table::{Measure, Table, TableRow, Term};
+use crate::files::table::{Table, TableRow, Term, ValueMeasure};
 use crate::job::spec::InvalidValue;
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};
@@ -321,9 +321,9 @@ fn column_factors(table: &Table) -> Result<Vec<f64>> {
     let mut factors = Vec::new();
     for (index, column) in table.columns().iter().enumerate() {
         let measure = match column.term {
-            Some("bhp") => Measure::Pressure,
-            Some("gas") => Measure::GasRate,
-            Some("oil" | "water" | "liquid" | "reservoir") => Measure::LiquidRate,
+            Some("bhp") => ValueMeasure::Pressure,
+            Some("gas") => ValueMeasure::GasRate,
+            Some("oil" | "water" | "liquid" | "reservoir") => ValueMeasure::LiquidRate,
             _ => {
                 factors.push(1.0);
                 continue;

@@ -149,11 +149,10 @@ fn known_pairs(line: &str, width: usize, terms: &'static [Term]) -> Vec<String> 
     let mut extra = words.len().saturating_sub(width);
     let mut names: Vec<String> = Vec::new();
     for word in words {
-        let is_open = |last: &str| !last.ends_with([')', ']', '}', '>']);
         match names.last_mut() {
             Some(last)
                 if extra > 0
-                    && is_open(last)
+                    && !last.ends_with([')', ']', '}', '>'])
                     && column(&format!("{last} {word}"), terms).term.is_some() =>
             {
                 *last = format!("{last} {word}");

@@ -77,6 +77,10 @@ fn wells_and_atoms_lie_where_the_names_of_columns_say() {
                 "Well\tMD\tUTM X (m)\tUTM Y (m)\tZ\tRadius",
                 &|[x, y, z, r]| format!("Well A 1\t0\t{x}\t{y}\t{z}\t{r}"),
             ),
+            table(
+                "x (m, UTM 31N);y (m);Z (ftMSL);radius (m)",
+                &|[x, y, z, r]| format!("{x};{y};{};{r}", z / 0.3048),
+            ),
             table("", &|[x, y, z, r]| format!("{x},{y},{z},{r}")),
         ];
     for text in &texts {
@@ -142,6 +146,21 @@ fn tables_that_name_no_place_are_refused() {
             "--surface",
             "x;y;z\n1,5;2,5;1.234,5\n2,5;1,5;1\n3;4;5\n",
             "is not a number; write decimal points and no separators of thousands",
+        ),
+        (
+            "--well",
+            "x,y,z (fathoms),radius\n1,2,3,1\n2,3,4,1\n",
+            "well.csv:1: column z has 'fathoms', which is not known as a unit",
+        ),
+        (
+            "--well",
+            "md,inc (grad),azi\n0,0,0\n9,0,0\n",
+            "well.csv:1: column inc has angles in 'grad'; give angles in degrees",
+        ),
+        (
+            "--surface",
+            "ncols 3\nnrows 2\nxllcorner -5.0\nyllcorner -5.0\ncellsize 10.0\n1 2 3\n4 5 6\n",
+            "well.csv: is an ESRI ASCII grid, which atomesh does not read; convert it to ZMAP+",
         ),
         (
             "--surface",
@@ -214,6 +233,39 @@ fn points_are_read_by_names_or_as_they_fit_the_image() {
     write("commas.csv", "\u{feff}Z;Y;X\r\n", &|_, [x, y], z| {
         format!("{z:.2};{y:.1};{x:.1}\r").replace('.', ",")
     });
+}
+
+#[test]
+fn names_in_a_column_without_a_name_give_surfaces() {
+    let folder = folder();
+    let text = |names: [&str; 2]| {
+        let mut text = String::new();
+        for (name, depth) in names.into_iter().zip([0.0, 45.0]) {
+            for i in 0..24 * 22 {
+                let index = [i % 24, i / 24];
+                let [x, y] = [0, 1].map(|k| ORIGIN[k] + 10.0 * f64::from(index[k]));
+                writeln!(text, "{name}\t{x}\t{y}\t{}", horizon(x, y) - depth).unwrap();
+            }
+        }
+        text
+    };
+    let path = folder.path().join("tops.txt");
+    std::fs::write(&path, text(["\"Top_A\"", "\"Base_B\""])).unwrap();
+    let mesh = format!("{MESH} --distance 5 --surface tops.txt -o m.vtu");
+    run(folder.path(), &mesh);
+    let table = run(folder.path(), "surface m.vtu -o s.obj");
+    assert!(
+        table.contains("Top_A") && table.contains("Base_B"),
+        "{table}"
+    );
+    std::fs::write(&path, text(["1", "2"])).unwrap();
+    let mesh = mesh.replace("tops.txt", "tops.txt,columns=_,x,y,z");
+    let mesh = mesh.replace(" --quiet", "");
+    let message = expect_refusal(folder.path(), &mesh.split(' ').collect::<Vec<_>>());
+    assert!(
+        message.contains("seems to hold several surfaces"),
+        "{message}"
+    );
 }
 
 #[test]

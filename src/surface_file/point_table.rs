@@ -63,7 +63,7 @@ const MIN_SHARE: f64 = 0.5;
 const SEVERAL_LEVELS: &str =
     "has points with clearly different z at many places: the file seems to hold several surfaces";
 
-/// What to do with such points.
+/// The remedy for points of several surfaces in one.
 const SEVERAL_LEVELS_REMEDY: &str =
     "add a column of the names of surfaces, or write a file for each surface";
 

@@ -18,6 +18,9 @@ pub(super) struct Header {
 /// Largest number of lines, besides comments, before the names of columns.
 const MAX_LINES_BEFORE_NAMES: usize = 100;
 
+/// Largest number of words of a unit without brackets, with the level that it is measured from.
+const MAX_UNIT_WORDS: usize = 5;
+
 /// First words of lines that a program writes before its table, together with numbers.
 const PREAMBLES: [&str; 4] = ["version", "ffasci", "fsasci", "ffattr"];
 
@@ -149,11 +152,10 @@ fn known_pairs(line: &str, width: usize, terms: &'static [Term]) -> Vec<String> 
     let mut extra = words.len().saturating_sub(width);
     let mut names: Vec<String> = Vec::new();
     for word in words {
-        let is_open = |last: &str| !last.ends_with([')', ']', '}', '>']);
         match names.last_mut() {
             Some(last)
                 if extra > 0
-                    && is_open(last)
+                    && !last.ends_with([')', ']', '}', '>'])
                     && column(&format!("{last} {word}"), terms).term.is_some() =>
             {
                 *last = format!("{last} {word}");
@@ -186,9 +188,12 @@ pub(super) fn column(name: &str, terms: &'static [Term]) -> Column {
         return Column::named(name, Some(term));
     }
     let is_separator = |c: char| c.is_whitespace() || "_-./,".contains(c);
-    for (at, separator) in name.match_indices(is_separator) {
+    let last = name.rmatch_indices(is_separator).take(MAX_UNIT_WORDS);
+    let last: Vec<(usize, &str)> = last.collect();
+    for (at, separator) in last.into_iter().rev() {
         let (name, text) = (&name[..at], &name[at + separator.len()..]);
-        if let (Some(term), Some(parsed)) = (find_term(name, terms), UnitText::parse(text))
+        if let Some(term) = find_term(name, terms)
+            && let Some(parsed) = UnitText::parse(text)
             && parsed.unit.is_some()
         {
             let mut column = Column::named(name, measured_term(Some(term), &parsed, terms));

@@ -369,7 +369,7 @@ impl Table {
         let words: Vec<String> = first_words.collect();
         let has = |word: &str| words.iter().any(|other| other == word);
         let is_surfer = (words.first())
-            .is_some_and(|first| SURFER_MARKS.iter().any(|mark| first.starts_with(mark)));
+            .is_some_and(|first| SURFER_MARKS.iter().any(|mark| first.starts_with(*mark)));
         let format = if has("ncols") && has("nrows") {
             "an ESRI ASCII grid"
         } else if is_surfer {

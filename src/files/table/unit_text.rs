@@ -105,6 +105,9 @@ const SYSTEMS: [&str; 24] = [
     "state",
 ];
 
+/// Largest length of a text that is looked at.
+const MAX_LENGTH: usize = 100;
+
 /// Words for levels of the sea.
 const SEA_LEVELS: [&str; 8] = ["ss", "msl", "bmsl", "amsl", "subsea", "bsl", "asl", "sea"];
 
@@ -129,7 +132,7 @@ impl UnitText {
                 references: Vec::new(),
             });
         }
-        if text.contains(['\u{b0}', '%']) {
+        if text.len() > MAX_LENGTH || text.contains(['\u{b0}', '%']) {
             return None;
         }
         let mut words = words(text);

@@ -651,6 +651,11 @@ mod tests {
                 "{name}"
             );
         }
+        // A thickness is no depth.
+        let table = parse("x (mE);y (mN);Thickness (m TVDSS);w");
+        let column = &table.columns()[2];
+        assert_eq!((column.term, column.unit.as_deref()), (None, Some("m")));
+        assert_eq!(table.columns()[1].unit.as_deref(), Some("m"));
         let table = parse("x (UTM 31N);y;z;w");
         assert_eq!(table.column("x").unwrap(), Some(0));
     }

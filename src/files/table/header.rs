@@ -238,10 +238,11 @@ fn measured_term(
     terms: &'static [Term],
 ) -> Option<&'static Term> {
     let mut term = own;
-    if own.is_none_or(|own| matches!(own.name, "z" | "depth")) {
+    if own.is_some_and(|own| matches!(own.name, "z" | "depth")) {
         let all = find_term(&text.references.concat(), terms);
         let mut words = text.references.iter();
         let other = all.or_else(|| words.find_map(|word| find_term(word, terms)));
+        let other = other.filter(|other| !matches!(other.name, "x" | "y"));
         term = other.or(own);
     }
     let name = match term?.name {

@@ -13,8 +13,8 @@ pub(super) struct UnitText {
     pub references: Vec<String>,
 }
 
-/// Words for levels and directions of depths and heights, which may follow a unit without a blank.
-const REFERENCES: [&str; 54] = [
+/// Abbreviations of levels, which may follow a unit without a blank.
+const REFERENCES: [&str; 31] = [
     "kb",
     "rkb",
     "bkb",
@@ -45,6 +45,11 @@ const REFERENCES: [&str; 54] = [
     "subsea",
     "bsl",
     "asl",
+    "twt",
+];
+
+/// Other words that say nothing about the unit.
+const FILLERS: [&str; 66] = [
     "sea",
     "level",
     "below",
@@ -59,7 +64,6 @@ const REFERENCES: [&str; 54] = [
     "datum",
     "seabed",
     "mudline",
-    "twt",
     "depth",
     "elevation",
     "height",
@@ -69,10 +73,6 @@ const REFERENCES: [&str; 54] = [
     "up",
     "down",
     "positive",
-];
-
-/// Other words that say nothing about the unit.
-const FILLERS: [&str; 23] = [
     "from",
     "to",
     "the",
@@ -96,6 +96,26 @@ const FILLERS: [&str; 23] = [
     "pixels",
     "voxels",
     "samples",
+    "x",
+    "y",
+    "z",
+    "e",
+    "n",
+    "east",
+    "north",
+    "easting",
+    "northing",
+    "coordinate",
+    "coordinates",
+    "srd",
+    "lat",
+    "ahd",
+    "nap",
+    "kbe",
+    "dfe",
+    "rte",
+    "bml",
+    "bgs",
 ];
 
 /// First letters of words that name a system of coordinates in the plane.
@@ -202,7 +222,10 @@ fn unit_and_reference(word: &str) -> Option<(&str, &str)> {
     }
     let ends = word.char_indices().skip(1);
     ends.map(|(end, _)| word.split_at(end))
-        .find(|(unit, reference)| units::find(unit).is_some() && is_reference(reference))
+        .find(|(unit, reference)| {
+            let is_axis = matches!(*unit, "m" | "ft") && matches!(*reference, "e" | "n");
+            is_axis || units::find(unit).is_some() && is_reference(reference)
+        })
 }
 
 /// Returns the first words that together are a unit: as many as possible.
@@ -259,6 +282,9 @@ mod tests {
             ("ftUS KB", "ftus"),
             ("US ft, MSL", "us ft"),
             ("ms TWT", "ms"),
+            ("mE", "m"),
+            ("m N", "m"),
+            ("m, SRD", "m"),
             ("ED50 / UTM zone 31 S, m", "m"),
         ] {
             let parsed = UnitText::parse(text).and_then(|parsed| parsed.unit);
@@ -269,8 +295,8 @@ mod tests {
             assert_eq!(parsed, Some(None), "{text}");
         }
         for text in [
-            "fathoms", "m/s", "ft2", "m3/d", "1000 ft", "ft x1000", "deg", "\u{b0}", "kft",
-            "ms OWT",
+            "fathoms", "m/s", "stable", "ft2", "m3/d", "1000 ft", "ft x1000", "deg", "\u{b0}",
+            "kft", "ms OWT",
         ] {
             assert_eq!(UnitText::parse(text), None, "{text}");
         }

@@ -49,7 +49,7 @@ pub struct Confidences {
     pub doubtful_share: f64,
     /// Number of surfaces that are left out because their confidence is below
     /// [`min_confidence`](super::DetectionOptions::min_confidence).
-    pub left_out: usize,
+    pub dropped: usize,
 }
 
 /// The mean of an image's amplitudes, and their median distance from it.
@@ -186,10 +186,10 @@ impl Confidences {
         let is_below = |confidence: &Option<f64>, limit: f64| confidence.is_some_and(|c| c < limit);
         let stays = |confidence| min.is_none_or(|min| !is_below(confidence, min));
         let stays: Vec<bool> = confidences.iter().map(stays).collect();
-        let left_out = stays.iter().filter(|stays| !**stays).count();
-        let followed = confidences.iter().zip(&stays).filter(|(_, stays)| **stays);
-        let mut known: Vec<f64> = followed.filter_map(|(confidence, _)| *confidence).collect();
-        if known.is_empty() && left_out == 0 {
+        let dropped = stays.iter().filter(|stays| !**stays).count();
+        let kept = confidences.iter().zip(&stays).filter(|(_, stays)| **stays);
+        let mut known: Vec<f64> = kept.filter_map(|(confidence, _)| *confidence).collect();
+        if known.is_empty() && dropped == 0 {
             return None;
         }
         let median = median(&mut known).unwrap_or_default();
@@ -206,7 +206,7 @@ impl Confidences {
             median,
             doubtful: known.iter().filter(|c| **c < DOUBTFUL_CONFIDENCE).count(),
             doubtful_share: f64::from(doubtful_points as u32) / f64::from(points.max(1) as u32),
-            left_out,
+            dropped,
         };
         Some((summary, stays))
     }
@@ -300,14 +300,14 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_below_the_smallest_confidence_are_dropped_and_the_others_numbered_anew() {
+    fn surfaces_below_the_smallest_confidence_are_dropped_and_the_others_numbered_again() {
         let mut surfaces = planes();
         let all = surfaces.clone();
         let (summary, stays) =
             Confidences::summarise(&all, &[Some(0.9), Some(4.0)], Some(2.0)).unwrap();
         assert_eq!(stays, [false, true]);
         assert_eq!(
-            (summary.surfaces, summary.left_out, summary.doubtful),
+            (summary.surfaces, summary.dropped, summary.doubtful),
             (1, 1, 0)
         );
         assert_eq!((summary.lowest, summary.median), (4.0, 4.0));

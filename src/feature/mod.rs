@@ -581,11 +581,11 @@ fn measure_confidences<const D: usize>(
     let Some((summary, stays)) = Confidences::summarise(&all, &confidences, min) else {
         return Ok(None);
     };
-    if let (Some(min), true) = (min, summary.left_out > 0) {
+    if let (Some(min), true) = (min, summary.dropped > 0) {
         surfaces.keep(&stays, &all);
         notes.push(format!(
             "{} of {} {kind} have a confidence below {min} and are left out",
-            summary.left_out,
+            summary.dropped,
             stays.len()
         ));
     }

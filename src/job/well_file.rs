@@ -395,7 +395,7 @@ struct Survey<'a> {
     head: [f64; 3],
     /// Units of the wellhead in one of measured depth.
     scale: f64,
-    /// What converts offsets later, if the unit of the wellhead is not known here.
+    /// The wellhead whose offsets are converted later, if the unit of the wellhead is not known here.
     offsets: Option<SurveyOffsets>,
     coordinates: StatedCoordinates,
     notes: Vec<String>,

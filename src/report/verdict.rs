@@ -357,7 +357,7 @@ fn confidence_line(kind: &str, confidence: &Confidences) -> Option<String> {
         surfaces,
         lowest,
         median,
-        left_out,
+        dropped,
         ..
     } = confidence;
     let mut line = match surfaces {
@@ -365,9 +365,9 @@ fn confidence_line(kind: &str, confidence: &Confidences) -> Option<String> {
         1 => format!("confidence of the {kind} {median:.1}"),
         _ => format!("confidence of the {kind} {median:.1}, the least {lowest:.1}"),
     };
-    if *left_out > 0 {
+    if *dropped > 0 {
         let separator = if line.is_empty() { "" } else { "; " };
-        let count = group_digits(*left_out);
+        let count = group_digits(*dropped);
         line += &format!("{separator}{count} {kind} left out by --min-confidence");
     }
     (!line.is_empty()).then_some(line)
@@ -728,6 +728,42 @@ mod tests {
         // A mesh that lacks most features is of no use.
         let lacking = self::report(0.3);
         assert_eq!(Verdict::from_report(&lacking).unwrap().grade, Grade::Bad);
+    }
+
+    #[test]
+    fn surfaces_without_contrast_are_counted() {
+        let with = |doubtful_share: f64, dropped: usize| {
+            let mut report = report(0.97);
+            report.outcomes = vec![KindOutcome {
+                kind: FeatureKind::Horizons,
+                points: 900,
+                dropped: DroppedPoints::default(),
+                signal_to_noise: None,
+                gently_dipping: None,
+                below_min_dip: None,
+                confidence: Some(Confidences {
+                    surfaces: 12,
+                    lowest: 0.4,
+                    median: 1.9,
+                    doubtful: 3,
+                    doubtful_share,
+                    dropped,
+                }),
+                chaotic: None,
+            }];
+            Verdict::from_report(&report).unwrap()
+        };
+        let few = with(0.05, 0);
+        assert_eq!(few.grade, Grade::Good, "{few:?}");
+        let expected = "confidence of the horizons 1.9, the least 0.4";
+        assert!(few.features.ends_with(expected), "{}", few.features);
+        let many = with(0.3, 2);
+        assert_eq!(many.grade, Grade::Fair);
+        let issue = "3 of 12 horizons have no more contrast in the amplitudes than noise (confidence below 1)";
+        assert_eq!(many.issue.as_deref(), Some(issue));
+        assert_eq!(many.option.as_deref(), Some("--min-confidence 1"));
+        let expected = "2 horizons left out by --min-confidence";
+        assert!(many.features.ends_with(expected), "{}", many.features);
     }
 
     #[test]

@@ -124,7 +124,7 @@ impl<const D: usize> FeatureSurfaces<D> {
         Ok(gathered)
     }
 
-    /// Keeps the surfaces for which `stays` is `true`, and numbers them anew. `all` has the points of all
+    /// Keeps the surfaces for which `stays` is `true`, and numbers them again. `all` has the points of all
     /// ranks.
     pub fn keep(&mut self, stays: &[bool], all: &Self) {
         let mut count = 0;

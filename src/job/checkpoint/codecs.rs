@@ -25,7 +25,7 @@ codec_fields! {
     Doubt as Doubt { question, assumed, other }
     PointCounts as PointCounts { points, on_horizon }
     KindOutcome as KindOutcome { kind, points, dropped, signal_to_noise, gently_dipping, below_min_dip, confidence, chaotic }
-    Confidences as Confidences { surfaces, lowest, median, doubtful, doubtful_share, left_out }
+    Confidences as Confidences { surfaces, lowest, median, doubtful, doubtful_share, dropped }
     FlatFaults as FlatFaults { min_dip, count, largest_area, dips, assumed_velocity }
     MissingData as MissingData { bridged, without_features }
     DroppedPoints as DroppedPoints { near_another_surface, in_small_pieces, in_narrow_parts, weak }

@@ -666,7 +666,8 @@ def well_survey(case, path):
                  f"# WELL DATUM (KB, Kelly bushing, from MSL): {head[2]:.4f} ({unit})"]
         text = "\n".join(lines) + "\n" + text
     open(path, "w", newline="").write(text)
-    option = suffix(case, case["names"] == "units" or by_comment, False)
+    # Names of columns say nothing about the wellhead of the option.
+    option = suffix(case, by_comment, False)
     return option if by_comment else f"{option},head={head[0]:.4f},{head[1]:.4f},{head[2]:.4f}"
 
 

@@ -35,6 +35,8 @@ struct PlacedPoints<const D: usize> {
     points: Vec<(usize, [f64; D])>,
     /// The factor of lengths along x.
     scale: f64,
+    /// The share of the points, or of the path, in the image.
+    share: f64,
     /// A note, if coordinates changed.
     note: Option<String>,
 }
@@ -68,14 +70,40 @@ impl PointFile {
             .collect()
     }
 
-    /// Returns points of the file in the frame of an image. If `is_path`, lines join them.
+    /// Returns points of the file in the frame of an image. If `is_path`, lines join them. A wellhead that
+    /// the option gives is in the unit of measured depths if the well lies in the image only so.
     fn placed<const D: usize>(
         &self,
         points: &[[f64; D]],
         is_path: bool,
         frame: &Frame<D>,
     ) -> Result<PlacedPoints<D>> {
-        let points = &self.with_converted_offsets(points, frame)[..];
+        let converted = self.with_converted_offsets(points, frame);
+        let placed = self.placed_as(&self.stated, &converted, is_path, frame)?;
+        let unit = self.survey.as_ref().and_then(|survey| survey.unit.clone());
+        let Some(unit) = unit.filter(|_| placed.share == 0.0) else {
+            return Ok(placed);
+        };
+        let stated = StatedCoordinates {
+            units: std::array::from_fn(|_| Some(unit.clone())),
+            ..self.stated.clone()
+        };
+        let all_in_unit = self.placed_as(&stated, points, is_path, frame)?;
+        Ok(if all_in_unit.share > 0.0 {
+            all_in_unit
+        } else {
+            placed
+        })
+    }
+
+    /// Returns points of the file, about which `stated` is said, in the frame of an image.
+    fn placed_as<const D: usize>(
+        &self,
+        stated: &StatedCoordinates,
+        points: &[[f64; D]],
+        is_path: bool,
+        frame: &Frame<D>,
+    ) -> Result<PlacedPoints<D>> {
         let named: Vec<f64> = (self.stated.nulls.iter())
             .chain(self.options.nulls.iter().flatten())
             .copied()
@@ -95,7 +123,7 @@ impl PointFile {
         }
         let file = GivenFile {
             place: &self.place,
-            stated: &self.stated,
+            stated,
             options: &self.options,
         };
         let mut tested: Vec<[f64; D]> = known.iter().map(|&i| points[i]).collect();
@@ -114,6 +142,7 @@ impl PointFile {
                 .map(|&i| (i, placing.apply(points[i])))
                 .collect(),
             scale: placing.length(1.0),
+            share: placing.share,
             note: (!texts.is_empty()).then(|| format!("{}: {}", self.place, texts.join(", "))),
         })
     }

@@ -53,17 +53,25 @@ impl PickedSurface {
     /// Returns `true` if two surfaces are one that was given twice: of the same points, in whatever
     /// order, and with the same statements about them.
     pub fn is_twin(&self, other: &Self) -> bool {
-        let sorted = |surface: &Self| {
-            let mut points: Vec<[f64; 3]> = surface.shape.points().collect();
+        let sorted = |mut points: Vec<[f64; 3]>| {
             points.sort_by(|a, b| {
                 let order = a.iter().zip(b).map(|(a, b)| a.total_cmp(b));
                 order.fold(Ordering::Equal, Ordering::then)
             });
             points
         };
-        let is_same_shape =
-            std::mem::discriminant(&self.shape) == std::mem::discriminant(&other.shape);
-        is_same_shape && self.coordinates == other.coordinates && sorted(self) == sorted(other)
+        let has_same_points = match (&self.shape, &other.shape) {
+            (PickedShape::Readings(own), PickedShape::Readings(others)) => {
+                let mut readings = 0..own.count();
+                own.count() == others.count()
+                    && readings.all(|k| sorted(own.points(k)) == sorted(others.points(k)))
+            }
+            (own, others) => {
+                std::mem::discriminant(own) == std::mem::discriminant(others)
+                    && sorted(own.points().collect()) == sorted(others.points().collect())
+            }
+        };
+        self.coordinates == other.coordinates && has_same_points
     }
 }
 

@@ -77,6 +77,11 @@ const LINE_RATIOS: [f64; 7] = [0.25, 1.0 / 3.0, 0.5, 1.0, 2.0, 3.0, 4.0];
 const LINE_TOLERANCE: f64 = 0.02;
 
 impl TableReadings {
+    /// Returns the number of readings.
+    pub fn count(&self) -> usize {
+        self.readings.len()
+    }
+
     /// Returns the points of a reading.
     pub fn points(&self, reading: usize) -> Vec<[f64; 3]> {
         let reading = &self.readings[reading];
@@ -639,6 +644,7 @@ mod tests {
             let surfaces = read(&text);
             let names: Vec<&str> = surfaces.iter().map(|surface| &*surface.name).collect();
             assert_eq!(names, ["Top_A", "Base_B"], "{row}");
+            assert!(!surfaces[0].is_twin(&surfaces[1]), "{row}");
             for surface in &surfaces {
                 assert_eq!(surface.shape.points().count(), 100, "{row}");
             }

@@ -302,6 +302,7 @@ fn intervals_and_counts_that_disagree_are_reported() {
     assert_eq!(loaded.survey.unwrap().dt_ms, Some(2.0));
     // The vertical axis counts samples if there is no interval at all.
     builder.set_field(0, 117, 2, 0);
+    builder.fields.push((3217, 2, 0));
     let loaded = builder.read().unwrap();
     assert!(has_note(&loaded, "counts samples"));
     assert_eq!(loaded.image.geometry.units[2], "sample");

@@ -323,9 +323,12 @@ impl ExportNames {
         };
         let (wanted, skipped): (Vec<WantedName>, usize) = if self.rules.has_columns {
             let columns = property_columns(model).into_iter();
-            let columns = columns.map(|column| match column.is_fixed {
-                true => WantedName::program(column.name),
-                false => given(&column.name),
+            let columns = columns.map(|column| {
+                if column.is_fixed {
+                    WantedName::program(column.name)
+                } else {
+                    given(&column.name)
+                }
             });
             (columns.collect(), 0)
         } else {

@@ -421,13 +421,8 @@ fn run_detector<const D: usize>(
         (comm, input.cancel),
     )?;
     input.cancel.set_fraction(PROGRESS_GROUPED);
-    let confidence = measure_confidences(
-        input,
-        detector,
-        output.vertical_axis,
-        &mut surfaces,
-        &mut notes,
-    )?;
+    let axis = output.vertical_axis;
+    let confidence = measure_confidences(input, detector, axis, (&mut surfaces, &mut notes))?;
     surfaces.describe(kind, &rules, &mut notes);
     // The spacing of labels needs the points of all ranks.
     let is_partitioned = options.is_distributed && output.labels.is_none();
@@ -455,6 +450,10 @@ fn run_detector<const D: usize>(
     )?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
+    let dips = WorldDip::new(input.source.geometry(), axis);
+    let gentle =
+        || outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm);
+    let gently_dipping = detector.is_fault().then(gentle).transpose()?.flatten();
     let outcome = KindOutcome {
         kind,
         points: surfaces.total_points,
@@ -463,12 +462,7 @@ fn run_detector<const D: usize>(
         chaotic: output.chaotic_share,
         below_min_dip,
         confidence,
-        gently_dipping: if detector.is_fault() {
-            let dips = WorldDip::new(input.source.geometry(), output.vertical_axis);
-            outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm)?
-        } else {
-            None
-        },
+        gently_dipping,
     };
     Ok(Features {
         on_horizon: vec![is_horizon; surfaces.points.len()],
@@ -565,8 +559,7 @@ fn measure_confidences<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     vertical_axis: usize,
-    surfaces: &mut FeatureSurfaces<D>,
-    notes: &mut Vec<String>,
+    (surfaces, notes): (&mut FeatureSurfaces<D>, &mut Vec<String>),
 ) -> Result<Option<Confidences>> {
     let (kind, min) = (detector.kind(), input.options.min_confidence);
     if !(detector.is_fault() || detector.is_horizon()) {

@@ -41,7 +41,7 @@ pub enum TimeToDepth<const D: usize> {
     /// One velocity, in m/s.
     Constant(f64),
     /// A volume of velocities.
-    Model(VelocityModel<D>),
+    Model(Box<VelocityModel<D>>),
 }
 
 /// Part of space in which positions are expected.
@@ -398,31 +398,14 @@ impl<const D: usize> Frame<D> {
     ) -> Result<Vec<(Vertical, String)>> {
         let refuse =
             |problem: String, remedy: String| Err(Error::Job(cause(file.place, problem, remedy)));
-        let domain = file.options.domain.or(match unit {
-            // The unit of the option says the domain better than the file.
-            Some(_) if file.options.unit(2).is_some() => None,
-            _ => file.stated.domain,
-        });
-        let domain_of_unit = unit.map(|unit| match unit.quantity {
-            Quantity::Time => Domain::Time,
-            Quantity::Length => Domain::Depth,
-        });
-        if let (Some(domain), Some(unit), Some(other)) = (domain, unit, domain_of_unit)
-            && domain != other
-        {
-            let problem = format!("has z in {}, which is no unit of {domain}", unit.symbol);
-            return refuse(
-                problem,
-                format!("say the unit: ,unit=U, or omit domain={domain}"),
-            );
-        }
+        let domain = stated_domain(file, unit)?;
         let image = self.unit(2);
         let image_domain = image.map(|unit| match unit.quantity {
             Quantity::Time => Domain::Time,
             Quantity::Length => Domain::Depth,
         });
         let image_name = image.map_or("", |unit| unit.symbol);
-        match (unit, domain.or(domain_of_unit), image_domain) {
+        match (unit, domain, image_domain) {
             (Some(unit), Some(domain), Some(other)) if domain == other => {
                 let factor = unit.size / image.map_or(1.0, |image| image.size);
                 let note = if unit.symbol == image_name {
@@ -602,6 +585,30 @@ pub fn ranges<const D: usize>(points: impl Iterator<Item = [f64; D]>) -> String 
         .map(|(name, [low, high])| format!("{name} {low} to {high}"))
         .collect();
     texts.join(", ")
+}
+
+/// Returns the domain of z that a file, its option or the `unit` of z says.
+///
+/// # Errors
+/// Returns [`Error::Job`] for a unit that is none of the domain.
+fn stated_domain(file: GivenFile<'_>, unit: Option<Unit>) -> Result<Option<Domain>> {
+    let domain = file.options.domain.or(match unit {
+        // The unit of the option says the domain better than the file.
+        Some(_) if file.options.unit(2).is_some() => None,
+        _ => file.stated.domain,
+    });
+    let domain_of_unit = unit.map(|unit| match unit.quantity {
+        Quantity::Time => Domain::Time,
+        Quantity::Length => Domain::Depth,
+    });
+    if let (Some(domain), Some(unit), Some(other)) = (domain, unit, domain_of_unit)
+        && domain != other
+    {
+        let problem = format!("has z in {}, which is no unit of {domain}", unit.symbol);
+        let remedy = format!("say the unit: ,unit=U, or omit domain={domain}");
+        return Err(Error::Job(cause(file.place, problem, remedy)));
+    }
+    Ok(domain.or(domain_of_unit))
 }
 
 /// Returns the unit of a coordinate of a file, if it or the option says it.

@@ -113,7 +113,7 @@ impl<const D: usize> Params<D> {
             Some(NumberOrFile::Constant(velocity)) => Some(TimeToDepth::Constant(velocity)),
             _ => None,
         };
-        let model = self.velocities.clone().map(TimeToDepth::Model);
+        let model = (self.velocities.clone()).map(|model| TimeToDepth::Model(Box::new(model)));
         Frame::new(geometry, dims).with_time_to_depth(model.or(constant), self.time_unit.as_deref())
     }
 

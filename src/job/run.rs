@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::frame::{JobDomain, lattice_extent};
+use super::given_surfaces::SurfacesInImage;
 use super::optimise::optimisation_report;
 use super::padding::PaddingCells;
 use super::placement::{self, PlacedAtoms};
@@ -236,19 +237,11 @@ where
         .with_checkpoint(checkpoint)
         .with_partitioning(is_partitioned);
     stages.begin_unless_stopped(Stage::Features)?;
-    let mut options = params.feature_options(step);
     let given = params.surfaces_in_image(geometry, dims)?;
     let topography = Topography::new(params, geometry, dims, (step, extent))?;
-    options.given = given.as_ref().map(|given| Arc::clone(&given.points));
-    options.is_distributed = is_partitioned
-        && given.is_none()
-        && run_options.checkpoint.is_none()
-        && placement::needs_only_local_potential(params);
-    let mut features = stages.load_or_run("1-features", |stages| {
-        stages.run_or_interrupt(Stage::Features, |cancel| {
-            feature::detect_with_cancel(source, &options, comm, cancel)
-        })
-    })?;
+    let may_distribute = is_partitioned && run_options.checkpoint.is_none();
+    let found = (given.as_ref(), may_distribute);
+    let mut features = find_features(source, params, step, found, &mut stages)?;
     let MadeMesh {
         mesh,
         face_names,
@@ -265,9 +258,7 @@ where
     check_validity(&report)?;
     report.distance_in_use = Some(distance_in_use);
     report.shape_option = shape_option;
-    if let Some(regions) = &mut report.regions {
-        regions.suggest_below(typical_distance(&features, &distance));
-    }
+    suggest_distance(&mut report, &features, &distance);
     report.has_memory_for_finer = has_memory_for_finer(&mesh, params.spec.cell_kind());
     add_optimisation(&mut report, optimize_result.as_ref());
     let live = live::shares_in_job(source, &features, params, (&mesh, step, share.is_some()))?;
@@ -275,10 +266,8 @@ where
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let note_on_distance = placement::distance_note(source, params, &features)?;
-    report.notes.extend(notes_on_points);
-    report
-        .notes
-        .extend(notes_on_given.into_iter().chain(note_on_distance));
+    let notes = notes_on_points.into_iter().chain(notes_on_given);
+    report.notes.extend(notes.chain(note_on_distance));
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
@@ -301,6 +290,38 @@ where
         stop,
         report,
     })
+}
+
+/// Finds the features of the image, and adds the given surfaces. The potential may be distributed over
+/// ranks if `may_distribute`.
+fn find_features<const D: usize>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    step: [f64; D],
+    (given, may_distribute): (Option<&SurfacesInImage<D>>, bool),
+    stages: &mut StageRunner<'_>,
+) -> Result<Features<D>> {
+    let mut options = params.feature_options(step);
+    options.given = given.map(|given| Arc::clone(&given.points));
+    options.is_distributed =
+        may_distribute && given.is_none() && placement::needs_only_local_potential(params);
+    let comm = stages.comm;
+    stages.load_or_run("1-features", |stages| {
+        stages.run_or_interrupt(Stage::Features, |cancel| {
+            feature::detect_with_cancel(source, &options, comm, cancel)
+        })
+    })
+}
+
+/// Makes the report suggest distances below that in use where regions need smaller cells.
+fn suggest_distance<const D: usize>(
+    report: &mut Report,
+    features: &Features<D>,
+    distance: &Distance<D>,
+) {
+    if let Some(regions) = &mut report.regions {
+        regions.suggest_below(typical_distance(features, distance));
+    }
 }
 
 /// Returns the distance between atoms at half of the feature points; `None` if it is not known.

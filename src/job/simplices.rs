@@ -74,11 +74,8 @@ where
         close_given_surfaces(&annotated.mesh, &neighbors, scene, marks, cancel)
     })?;
     let label_indices = scene.features.labels.as_ref().map(|labelled| {
-        let angle = improvement
-            .is_some()
-            .then_some(params.spec.target())
-            .flatten()
-            .map(|target| target.min_dihedral);
+        let target = params.spec.target().filter(|_| improvement.is_some());
+        let angle = target.map(|target| target.min_dihedral);
         stages.run_cancellable(|cancel| {
             let faces = (&*neighbors, &*face_names);
             regions::assign_regions(&mut annotated, faces, scene, labelled, angle, cancel)

@@ -298,11 +298,8 @@ fn compare_faces<const D: usize>(
     let local = LocalMatch {
         faces: queried_sets.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
         max_corner_distances: find_farthest_corners(surface, queried_sets, reference, cancel),
-        gap_counts: reference.next_feature.as_ref().map(|next| {
-            face_distances
-                .each_ref()
-                .map(|distances| GapClass::count_by_gap(next, distances))
-        }),
+        gap_counts: (reference.next_feature.as_ref())
+            .map(|next| (face_distances.each_ref()).map(|d| GapClass::count_by_gap(next, d))),
     };
     let judged_distances = &face_distances[usize::from(has_tags)];
     let surfaces = SurfaceCoverage::count(&reference.surface, judged_distances, comm)?;

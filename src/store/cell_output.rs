@@ -54,7 +54,8 @@ where
     }
     let names = &outcome.face_names;
     let named = (mesh.face_cells.iter().zip(names))
-        .filter_map(|(&[a, b], &name)| (name != NONE).then(|| ([a.min(b), a.max(b)], name)));
+        .filter(|(_, name)| **name != NONE)
+        .map(|(&[a, b], &name)| ([a.min(b), a.max(b)], name));
     let named = NamedSurfaces::new(&feature_names(outcome), named.collect());
     field_data.extend(named.into_fields());
     let horizons = horizon_flags(lattice, &mesh.on_feature, names, &outcome.features);

@@ -46,11 +46,7 @@ where
     let lattice = &annotated.mesh;
     let nodes = lattice.nodes();
     let mesh = to_physical(lattice, outcome.step, geometry);
-    let kinds: Vec<u8> = annotated
-        .node_kinds
-        .iter()
-        .map(|&kind| kind as u8)
-        .collect();
+    let kinds: Vec<u8> = (annotated.node_kinds.iter().map(|&kind| kind as u8)).collect();
     let potential = &outcome.features.potential;
     let feature: Vec<f32> = nodes
         .par_iter()

@@ -63,6 +63,18 @@ fn extend(mut array: DataArray, values: impl Iterator<Item = f64>) -> DataArray 
     array
 }
 
+/// Returns 2 for each cell with an angle out of range, and 0 for the others.
+fn angle_classes<const D: usize, M: Simplices<D>>(mesh: &M) -> Vec<f64> {
+    let is_out_of_range = |c: usize| {
+        let shape = mesh.shape(c);
+        let mut cosines = shape.cosines.as_ref().iter();
+        cosines.any(|cosine| cosine.abs() > MIN_ANGLE.to_radians().cos())
+    };
+    (0..mesh.len())
+        .map(|c| if is_out_of_range(c) { 2.0 } else { 0.0 })
+        .collect()
+}
+
 /// Returns a mesh file with the cells beyond the image. The lattice space of the file becomes that of the
 /// whole box. The image has no value there (NaN), but the cells count as live.
 pub fn with_padding<const D: usize, M: Simplices<D>>(
@@ -88,14 +100,7 @@ pub fn with_padding<const D: usize, M: Simplices<D>>(
     let beyond = M::from_parts(nodes, padding.connectivity.clone());
     let smallest = smallest_angles(&beyond);
     // No feature explains an angle out of range there.
-    let is_out_of_range = |c: usize| {
-        let shape = beyond.shape(c);
-        let mut cosines = shape.cosines.as_ref().iter();
-        cosines.any(|cosine| cosine.abs() > MIN_ANGLE.to_radians().cos())
-    };
-    let angle_classes: Vec<f64> = (0..beyond.len())
-        .map(|c| if is_out_of_range(c) { 2.0 } else { 0.0 })
-        .collect();
+    let angle_classes = angle_classes(&beyond);
     let beyond = to_physical(&beyond, step, geometry);
     let cell_count = beyond.len();
     let added_points = |array: DataArray| match array.name.as_str() {

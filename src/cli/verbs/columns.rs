@@ -118,7 +118,10 @@ fn read_horizon(text: &str, input: &InputOptions, console: &Console) -> Result<G
             return Err(option_error("--horizon", text, "is a 3-D image", remedy));
         };
         loaded.notes.iter().for_each(|note| console.note(note));
-        return Ok(given(HorizonShape::Grid(loaded.image), &option.coordinates));
+        return Ok(given(
+            HorizonShape::Grid(Box::new(loaded.image)),
+            &option.coordinates,
+        ));
     }
     let mut surfaces = read_interpretation_as(path, &option.coordinates.columns)?;
     let names: Vec<String> = surfaces

@@ -134,17 +134,8 @@ impl Extraction<'_> {
             self.progress
                 .note(&mixed_units_note(&geometry.units, &up, is_time));
         }
-        let (mut survey_grid, mut image) = (None, None);
-        if let Some(path) = &spec.survey {
-            let input = ImageInput {
-                image: (self.read_image)(path, &spec.input)?,
-                name: &path.display().to_string(),
-                sha256: None,
-            };
-            survey_grid = SurveyGrid::new(&input.image);
-            image = Some(input.fitting(&stored.space)?);
-        }
-        let image = image.as_ref();
+        let (survey_grid, image) = self.survey(&stored.space)?.unzip();
+        let (survey_grid, image) = (survey_grid.flatten(), image.as_ref());
         let survey = image.map(|image| Survey {
             image,
             min_confidence: spec.min_confidence,
@@ -191,6 +182,23 @@ impl Extraction<'_> {
             survey: survey_grid,
             mesh,
         })
+    }
+
+    /// Reads the image of amplitudes, if the options name one. Returns the grid of its lines, and the image.
+    fn survey<const D: usize>(
+        &mut self,
+        space: &LatticeSpace<D>,
+    ) -> Result<Option<(Option<SurveyGrid>, Image<D>)>> {
+        let Some(path) = &self.spec.survey else {
+            return Ok(None);
+        };
+        let input = ImageInput {
+            image: (self.read_image)(path, &self.spec.input)?,
+            name: &path.display().to_string(),
+            sha256: None,
+        };
+        let grid = SurveyGrid::new(&input.image);
+        Ok(Some((grid, input.fitting(space)?)))
     }
 
     /// Names surfaces by those of an earlier interpretation.

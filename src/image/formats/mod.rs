@@ -307,8 +307,8 @@ pub(crate) fn restricted(
     }
     let image = opened.load(place)?;
     let fit = |mask: AnyImage| match (&options.crop, whole.place(mask)) {
-        (Some(crop), Ok(mask)) => crop.apply(OpenedImage::InMemory(mask))?.load(place),
-        (_, Ok(mask) | Err(mask)) => Ok(mask),
+        (Some(crop), (mask, true)) => crop.apply(OpenedImage::InMemory(mask))?.load(place),
+        (_, (mask, _)) => Ok(mask),
     };
     // A file that has a position must lie where the image does.
     let cropped = OpenedImage::InMemory(image);

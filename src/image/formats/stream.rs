@@ -354,23 +354,23 @@ pub(super) enum AnyHeader {
 }
 
 impl AnyHeader {
-    /// Returns an image with as many samples in the place of this one.
-    ///
-    /// # Errors
-    /// Returns the image as it is if it has other dimensions.
-    pub fn place(&self, image: AnyImage) -> std::result::Result<AnyImage, AnyImage> {
+    /// Returns an image with as many samples in the place of this one, and `true`; an image with other
+    /// dimensions as it is, and `false`.
+    pub fn place(&self, image: AnyImage) -> (AnyImage, bool) {
         match (self, image) {
             (Self::Plane(header), AnyImage::Plane(loaded))
                 if header.dims == loaded.image.dims() =>
             {
-                Ok(AnyImage::Plane(header.clone().with_image(loaded.image)))
+                let placed = header.clone().with_image(loaded.image);
+                (AnyImage::Plane(placed), true)
             }
             (Self::Space(header), AnyImage::Space(loaded))
                 if header.dims == loaded.image.dims() =>
             {
-                Ok(AnyImage::Space(header.clone().with_image(loaded.image)))
+                let placed = header.clone().with_image(loaded.image);
+                (AnyImage::Space(placed), true)
             }
-            (_, image) => Err(image),
+            (_, image) => (image, false),
         }
     }
 }

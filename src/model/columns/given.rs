@@ -36,7 +36,7 @@ pub enum HorizonShape {
     /// A constant z.
     Flat(f64),
     /// An image of z.
-    Grid(Image<2>),
+    Grid(Box<Image<2>>),
     /// Surfaces or points of one name, all of which are one horizon.
     Surfaces(Vec<PickedSurface>),
 }
@@ -170,7 +170,7 @@ impl GivenHorizon {
         };
         match shape {
             HorizonShape::Flat(z) => Ok((Horizon::Flat(z), Vec::new())),
-            HorizonShape::Grid(image) => placed_grid(image, file, frame, map),
+            HorizonShape::Grid(image) => placed_grid(*image, file, frame, map),
             HorizonShape::Surfaces(surfaces) => {
                 check_one_horizon(&surfaces, &place)?;
                 let mut triangles = Vec::new();

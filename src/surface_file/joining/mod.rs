@@ -245,7 +245,7 @@ impl Notes<'_> {
 
     fn single_points(&mut self, lines: &[Line]) {
         let single: Vec<usize> = (lines.iter())
-            .filter(|line| !(line.length > 0.0))
+            .filter(|line| line.length.is_nan() || line.length <= 0.0)
             .map(|line| line.sticks[0])
             .collect();
         if !single.is_empty() {

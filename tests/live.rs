@@ -114,7 +114,7 @@ fn images_of_properties_are_averaged_over_what_exists() {
     let folder = folder.path();
     let value = |[x, y, _]: [usize; 3]| 0.1 + 0.002 * x as f32 + 0.001 * y as f32;
     write_npy(&folder.join("full.npy"), DIMS, value);
-    let scattered = |p: [usize; 3]| (p[0] * 31 + p[1] * 17 + p[2] * 7) % 50 == 0;
+    let scattered = |p: [usize; 3]| (p[0] * 31 + p[1] * 17 + p[2] * 7).is_multiple_of(50);
     write_npy(&folder.join("null.npy"), DIMS, |p| {
         if scattered(p) { -999.25 } else { value(p) }
     });
@@ -366,6 +366,6 @@ fn opm_flow_connects_every_column_through_layers_that_pinch_out() {
         let [columns, connected, pinched] =
             ["columns", "connected", "pinched"].map(|key| numbers(&result[key])[0]);
         assert_eq!(columns, connected, "{kind}: {result}");
-        assert!(pinched > 20.0, "{kind}: {result}");
+        assert!(pinched >= 20.0, "{kind}: {result}");
     }
 }

@@ -404,13 +404,13 @@ fn run_detector<const D: usize>(
     detector: &dyn Detector<D>,
     open_sides: OpenSides<D>,
 ) -> Result<Features<D>> {
-    let (dims, options, kind) = (input.dims(), input.options, detector.kind());
+    let (dims, options, comm) = (input.dims(), input.options, input.comm);
+    let kind = detector.kind();
     detection::ensure_sample_count(dims, detector.max_samples())?;
     let mut notes = Vec::new();
     let output = find_candidates(input, detector, &mut notes)?;
     let rules = surface_rules(input, detector, &output, open_sides);
     let resolved = resolved_options(kind, &output, &rules);
-    let comm = input.comm;
     let below_min_dip = flat_faults(input, detector, &output, &rules)?;
     let mut surfaces = surfaces::extract_surfaces(
         dims,
@@ -450,10 +450,8 @@ fn run_detector<const D: usize>(
     )?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
-    let dips = WorldDip::new(input.source.geometry(), axis);
-    let gentle =
-        || outcome::gently_dipping_share(&surfaces.points, &dips, options.step, points_comm);
-    let gently_dipping = detector.is_fault().then(gentle).transpose()?.flatten();
+    let points = (&*surfaces.points, points_comm);
+    let gently_dipping = gentle_share(input, detector, axis, points)?;
     let outcome = KindOutcome {
         kind,
         points: surfaces.total_points,
@@ -486,6 +484,21 @@ fn run_detector<const D: usize>(
             .map(|samples| sample_field(dims, options, samples)),
         doubt: None,
     })
+}
+
+/// Returns the share of the points of faults that dip gently; `None` for other features. The ranks of the
+/// communicator share the points. Collective.
+fn gentle_share<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    detector: &dyn Detector<D>,
+    vertical_axis: usize,
+    (points, comm): (&[FeaturePoint<D>], &dyn Comm),
+) -> Result<Option<f64>> {
+    if !detector.is_fault() {
+        return Ok(None);
+    }
+    let dips = WorldDip::new(input.source.geometry(), vertical_axis);
+    outcome::gently_dipping_share(points, &dips, input.options.step, comm)
 }
 
 /// Runs a detector, and drops candidates near samples that hold no data.

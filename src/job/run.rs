@@ -227,8 +227,7 @@ where
     let shape_option = shape_option(params, geometry, dims);
     estimate::afford_features(source, params.spec.feature, comm.size())?;
     let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
-    let rank_count = is_partitioned.then(|| comm.size());
-    afford_lattice(params, extent, rank_count)?;
+    afford_lattice(params, extent, is_partitioned.then(|| comm.size()))?;
     let frame = JobDomain::new(dims, geometry, params)?;
 
     let mut stages = StageRunner::new(progress)
@@ -265,9 +264,8 @@ where
     add_findings(&mut report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
-    let note_on_distance = placement::distance_note(source, params, &features)?;
     let notes = notes_on_points.into_iter().chain(notes_on_given);
-    report.notes.extend(notes.chain(note_on_distance));
+    (report.notes).extend(notes.chain(placement::distance_note(source, params, &features)?));
     let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;

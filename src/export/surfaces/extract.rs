@@ -130,12 +130,11 @@ impl Extraction<'_> {
         let geometry = &stored.space.geometry;
         let up = up.with_units(&geometry.units);
         if !up.has_dip {
-            let is_time = geometry.time_coordinate().is_some();
-            self.progress
-                .note(&mixed_units_note(&geometry.units, &up, is_time));
+            let note = mixed_units_note(geometry, &up);
+            self.progress.note(&note);
         }
         let (survey_grid, image) = self.survey(&stored.space)?.unzip();
-        let (survey_grid, image) = (survey_grid.flatten(), image.as_ref());
+        let image = image.as_ref();
         let survey = image.map(|image| Survey {
             image,
             min_confidence: spec.min_confidence,
@@ -179,7 +178,7 @@ impl Extraction<'_> {
                 dropped_area: surfaces.dropped_area,
                 dropped_share: surfaces.dropped_share(stored.lattice.nodes()),
             },
-            survey: survey_grid,
+            survey: survey_grid.flatten(),
             mesh,
         })
     }
@@ -452,7 +451,7 @@ pub(super) fn surface_name(measure: &SurfaceMeasure) -> String {
 }
 
 /// Returns the note that says why dips are missing.
-fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, is_time: bool) -> String {
+fn mixed_units_note<const D: usize>(geometry: &Geometry<D>, up: &MapAxes<D>) -> String {
     let unit_name = |unit: &String| match unit.as_str() {
         "" => "no unit".to_string(),
         unit => unit.to_string(),
@@ -464,8 +463,10 @@ fn mixed_units_note<const D: usize>(units: &[String; D], up: &MapAxes<D>, is_tim
     };
     format!(
         "axes of different units ({}): {missing}; area, off plane and rim mix them{}",
-        units.iter().map(unit_name).collect::<Vec<_>>().join(", "),
-        if is_time {
+        (geometry.units.iter().map(unit_name))
+            .collect::<Vec<_>>()
+            .join(", "),
+        if geometry.time_coordinate().is_some() {
             "; --velocity converts time to depth"
         } else {
             ""

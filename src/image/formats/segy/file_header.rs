@@ -77,13 +77,15 @@ impl SegyFile {
         let is_revision_2 = revision.0 == 2 || fields.has_byte_order_mark();
         let mut notes = Vec::new();
 
-        // Revision 0 has no extended textual headers, and no such field.
-        let declared_headers = match revision.0 {
-            0 => 0,
-            _ => fields.i16(3505),
-        };
+        let to_error = |e| io_error(path, "read", e);
+        let mut declared_headers = fields.i16(3505);
+        if revision.0 == 0
+            && !has_extended_text(&file, length, declared_headers).map_err(to_error)?
+        {
+            declared_headers = 0;
+        }
         let mut start = text_end(&file, length, declared_headers, &mut notes)
-            .map_err(|e| io_error(path, "read", e))?
+            .map_err(to_error)?
             .ok_or_else(|| {
                 let problem = format!(
                     "claims {declared_headers} extended textual headers, which do not fit into its {length} bytes"
@@ -207,6 +209,20 @@ fn first_trace_sample_count(
         Endian::Little => u16::from_le_bytes(bytes),
         Endian::Big => u16::from_be_bytes(bytes),
     }))
+}
+
+/// Returns `true` if extended textual headers, of which a file of revision 0 declares a number, exist: text
+/// follows the binary header, and all of it fits into the file. Revision 0 has no such field, but some
+/// programs write it.
+fn has_extended_text(file: &File, length: u64, declared: i16) -> io::Result<bool> {
+    let (start, block) = (FILE_HEADER_BYTES as u64, TEXT_HEADER_BYTES as u64);
+    let count = u64::from(declared.max(1).unsigned_abs());
+    if declared == 0 || start + count * block > length {
+        return Ok(false);
+    }
+    let mut record = vec![0; TEXT_HEADER_BYTES];
+    read_exact_at(file, &mut record, start)?;
+    Ok(text::is_text(&record))
 }
 
 /// Returns the end of the textual headers. `declared` extended headers follow the binary header; if

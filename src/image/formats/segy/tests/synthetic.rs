@@ -245,8 +245,7 @@ fn cut_off_files() {
     assert!(error_of_first(bytes.len() - 1).contains("left over after 11 traces"));
     // The file claims extended headers that it does not have.
     let mut builder = survey();
-    builder.fields.push((3501, 1, 1));
-    builder.fields.push((3505, 2, 3000));
+    builder.fields.extend([(3501, 1, 1), (3505, 2, 3000)]);
     assert!(
         builder
             .error_message()

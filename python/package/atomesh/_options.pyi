@@ -33,10 +33,11 @@ class MeshOptions(TypedDict, total=False):
     #: The features to follow
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Faults and horizons to follow as they are, beside the features that are found (none with
-    #: --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one, with
-    #: `,fault` or `,horizon` at the end if the file does not say. GOCAD .ts and .pl, .vtp, .obj,
-    #: grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, in the image's physical
-    #: coordinates; may be repeated
+    #: --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one.
+    #: GOCAD .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z,
+    #: which are brought to the image's coordinates. What the file does not say follows it: ,fault
+    #: or ,horizon; ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or
+    #: ,domain=depth; ,null=-999. May be repeated
     surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
@@ -51,6 +52,9 @@ class MeshOptions(TypedDict, total=False):
     #: Smallest size of a fault in samples, whatever the distance between atoms: its area is at
     #: least the square of it, in 2-D its length [default: 20]
     min_fault_size: _Number | None
+    #: Smallest confidence of a fault or horizon in seismic amplitudes: leave out those below.
+    #: Noise has up to 1
+    min_confidence: _Number | None
     #: Seek faults and horizons in chaotic zones (salt, gas chimneys), too
     keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
@@ -86,11 +90,13 @@ class MeshOptions(TypedDict, total=False):
     seeding: Literal["fcc", "grown", "refine", "canny", "guide", "projection"] | None
     #: Largest number of atoms that --seeding guide places [default: as many as fit]
     max_atoms: int | None
-    #: A CSV file of fixed atoms (wells, sources), x,y,z (x,y in 2-D), in the image's physical
-    #: coordinates
-    atoms_from: _Path | None
-    #: A CSV file of a well trajectory, along which atoms are fixed: lines x,y,z,radius (x,y,radius
-    #: in 2-D) in the image's physical coordinates; may be repeated
+    #: A table of fixed atoms (wells, sources) with the columns x, y and z (x and y in 2-D), which
+    #: are brought to the image's coordinates; what it does not say follows it, as for --surface
+    atoms_from: _Value | None
+    #: A table of well trajectories, along which atoms are fixed: columns x, y, z and radius (x, y
+    #: and radius in 2-D), or a deviation survey; they are brought to the image's coordinates.
+    #: FILE:NAME takes one well. What the file does not say follows it, as for --surface, and
+    #: ,head=x,y,z is the wellhead; may be repeated
     well: _Values | None
     #: Distance between atoms at wells, in samples; it increases to --distance away from them
     well_distance: _Number | None
@@ -132,9 +138,9 @@ class MeshOptions(TypedDict, total=False):
     #: out. The cells belong to the regions overburden, underburden and sideburden
     pad: _Value | None
     #: End the cells above the image at this surface, such as the ground or the seafloor: FILE or
-    #: FILE:NAME, a grid of heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, in
-    #: the image's physical coordinates. It must cover the image and the sides of --pad, and
-    #: replaces above=DIST of --pad
+    #: FILE:NAME, a grid of heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z,
+    #: which are brought to the image's coordinates; what it does not say follows it, as for
+    #: --surface. It must cover the image and the sides of --pad, and replaces above=DIST of --pad
     topography: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole image, or a file of interval velocities in m/s on a grid in two-way time. With
@@ -681,8 +687,8 @@ class ExportOptions(TypedDict, total=False):
     #: Another property of the cells, such as a seismic attribute, given like a porosity; may be
     #: repeated
     property: _Values | None
-    #: An image of labels that sets the regions of the cells: each cell has the label that fills the
-    #: largest part of it, or with `:nearest` at the end that at its centre
+    #: An image of labels that sets the regions of the cells: each cell has the label that fills
+    #: the largest part of it, or with `:nearest` at the end that at its centre
     region: _Value | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
@@ -788,7 +794,7 @@ class ExportOptions(TypedDict, total=False):
     #: Fluids in the pores [default: water]
     fluid: Literal["water", "oil-water", "oil-water-gas"] | None
     #: A well that injects water at a rate in m^3/day. It is vertical in the cell at X,Y,Z (the
-    #: mesh's coordinates), or follows the trajectory in a CSV file of lines x,y,z,radius:
+    #: mesh's coordinates), or follows the trajectory in a table of columns x, y, z and radius:
     #: [NAME=]FILE.csv:RATE; may be repeated
     injector: _Values | None
     #: A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a CSV file;
@@ -819,7 +825,7 @@ class ExportOptions(TypedDict, total=False):
     #: productivity (m^3/day/bar); both with compressibility (1/bar), below (depth), datum and
     #: pressure; may be repeated
     aquifer: _Values | None
-    #: Radius (m) of wells that are given by a point [default: 0.1]
+    #: Radius (m) of wells that are given by a point, or whose file has no radius [default: 0.1]
     well_radius: _Number | None
     #: Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
     pressure_at_top: _Number | None
@@ -919,8 +925,9 @@ class SurfaceOptions(TypedDict, total=False):
     #: edges]
     step: _Number | None
     #: Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
-    #: .ts, .obj, grids, sticks or points. All other surfaces get numbers that no earlier name has
-    names_from: _Path | None
+    #: .ts, .obj, grids, sticks or points, and what the file does not say, as for mesh --surface.
+    #: All other surfaces get numbers that no earlier name has
+    names_from: _Value | None
     #: Also write the mesh with the names of these surfaces, which every verb then uses
     mesh_out: _Path | None
     #: Show in the table which surfaces meet (--json always does)

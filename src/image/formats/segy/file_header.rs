@@ -77,21 +77,7 @@ impl SegyFile {
         let is_revision_2 = revision.0 == 2 || fields.has_byte_order_mark();
         let mut notes = Vec::new();
 
-        let to_error = |e| io_error(path, "read", e);
-        let mut declared_headers = fields.i16(3505);
-        if revision.0 == 0
-            && !has_extended_text(&file, length, declared_headers).map_err(to_error)?
-        {
-            declared_headers = 0;
-        }
-        let mut start = text_end(&file, length, declared_headers, &mut notes)
-            .map_err(to_error)?
-            .ok_or_else(|| {
-                let problem = format!(
-                    "claims {declared_headers} extended textual headers, which do not fit into its {length} bytes"
-                );
-                refuse(problem, "it is cut off or damaged: copy or write it again")
-            })?;
+        let mut start = traces_start(path, &file, length, &fields, &mut notes)?;
         let mut end = length;
         if is_revision_2 {
             (start, end) = fields.trace_range(start, length);
@@ -209,6 +195,32 @@ fn first_trace_sample_count(
         Endian::Little => u16::from_le_bytes(bytes),
         Endian::Big => u16::from_be_bytes(bytes),
     }))
+}
+
+/// Returns the end of the textual headers of a file of `length` bytes, where its traces begin.
+///
+/// # Errors
+/// Returns an [`Error::Io`] if the headers do not fit into the file, or if it cannot be read.
+fn traces_start(
+    path: &Path,
+    file: &File,
+    length: u64,
+    fields: &BinaryHeader<'_>,
+    notes: &mut Vec<String>,
+) -> Result<u64> {
+    let to_error = |e| io_error(path, "read", e);
+    let mut declared = fields.i16(3505);
+    if fields.revision().0 == 0 && !has_extended_text(file, length, declared).map_err(to_error)? {
+        declared = 0;
+    }
+    let end = text_end(file, length, declared, notes).map_err(to_error)?;
+    end.ok_or_else(|| {
+        let problem = format!(
+            "claims {declared} extended textual headers, which do not fit into its {length} bytes"
+        );
+        let remedy = "it is cut off or damaged: copy or write it again";
+        Error::Io(cause(path.display(), problem, remedy))
+    })
 }
 
 /// Returns `true` if extended textual headers, of which a file of revision 0 declares a number, exist: text

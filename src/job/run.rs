@@ -49,7 +49,7 @@ where
     /// The features that the mesh follows.
     pub features: Features<D>,
     /// For each face of the mesh the index in [`Features::names`] of the surface that it lies on, or
-    /// [`NONE`]; empty if no surface has a name.
+    /// `NONE`; empty if no surface has a name.
     pub face_names: Vec<u32>,
     /// The share of each cell that holds data; `None` if all cells are full of data.
     pub live: Option<Vec<f64>>,

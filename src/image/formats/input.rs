@@ -6,7 +6,9 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::placement::ImagePlacement;
-use super::{AnyImage, Crop, ImageFormat, OpenedImage, ReadOptions, SegyBytes, detect, restricted};
+use super::{AnyImage, Crop, ImageFormat, ReadOptions, SegyBytes, detect};
+#[cfg(feature = "cli")]
+use super::{OpenedImage, restricted};
 use crate::error::cause;
 use crate::option_text::deserialize_optional;
 use crate::{Error, Result};
@@ -201,6 +203,7 @@ impl InputOptions {
     /// # Errors
     /// Returns the errors of [`read_options`](Self::read_options), and those of the files that the
     /// options name.
+    #[cfg(feature = "cli")]
     pub(crate) fn restrict(&self, image: AnyImage, place: &Path) -> Result<AnyImage> {
         let options = ReadOptions {
             crop: self.crop()?,

@@ -7,11 +7,11 @@
 //! 3. The lines are ordered by the shortest path that visits each of them once. The distance of two
 //!    lines is measured across them, so that it does not depend on where they start and end.
 //! 4. If neighbours on the path are nearly parallel and do not cross, strips of triangles join them
-//!    ([`strip`]). The surface is interrupted where neighbours are more than four times as far
+//!    (`strip`). The surface is interrupted where neighbours are more than four times as far
 //!    apart as usual, and where it would fold. If it folds at several places, it is unclear which
 //!    sticks belong, and that is an error.
 //! 5. Otherwise, as where sticks lie on lines and on slices, the places along all of them are joined
-//!    in the direction that is perpendicular to them ([`scattered`]).
+//!    in the direction that is perpendicular to them (`scattered`).
 //!
 //! All of it is done in metres. Notes say which sticks were left out.
 

@@ -27,7 +27,7 @@ impl<const D: usize> ConformingSites<D> {
         on_surface
     }
 
-    /// Returns for each face the index of the name of the surface on which it lies, or [`NONE`]; empty
+    /// Returns for each face the index of the name of the surface on which it lies, or `NONE`; empty
     /// if no surface has a name. Of surfaces that both pass between two cells, that with the lowest
     /// index counts. So every path from cell to cell that crosses a surface alone passes through a face
     /// with its name. The [`sites`](Self::sites) are those of the cells from `first_site` on.

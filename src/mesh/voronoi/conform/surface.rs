@@ -14,7 +14,7 @@ pub struct FacetSurface<const D: usize> {
     pub nodes: Vec<[f64; D]>,
     /// The nodes of each facet.
     pub facets: Vec<[u32; D]>,
-    /// For each facet the index of the name of its surface, or [`NONE`]; empty if no surface has a
+    /// For each facet the index of the name of its surface, or `NONE`; empty if no surface has a
     /// name. Facets of different surfaces are never joined.
     pub names: Vec<u32>,
 }
@@ -25,7 +25,7 @@ pub(super) type Ridge = [u32; 2];
 impl<const D: usize> FacetSurface<D> {
     /// Creates a surface from the marked faces of a mesh. `marks` has bit k of a cell set if its
     /// face k is marked, on both sides of the face. `neighbors` has the cell beyond for every cell
-    /// and face, in order, and `names` the index of the name of its surface, or [`NONE`]; it is empty
+    /// and face, in order, and `names` the index of the name of its surface, or `NONE`; it is empty
     /// if no surface has a name.
     pub fn from_marked<M: Simplices<D>>(
         mesh: &M,

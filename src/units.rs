@@ -1,7 +1,11 @@
 //! Units of length and time: the names by which files and users call them, and their sizes.
 //!
+//! - `values`: pressures, rates, permeabilities and fractions in tables of values
+//!
 //! This is the only place that knows names of units. A name is compared without regard to case,
 //! spaces, quotes and brackets, so that `ft`, `"FT"`, `[feet]` and `Foot` are one unit.
+
+pub mod values;
 
 /// The quantity that a unit measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

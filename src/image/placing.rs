@@ -308,7 +308,7 @@ impl<const D: usize> Frame<D> {
         placing.share = share(sign);
         placing
             .notes
-            .extend(sign_note(sign, stated, self.direction, is_refuted, file));
+            .extend(sign_note(sign, stated, self, is_refuted, file));
         placing
     }
 
@@ -527,7 +527,12 @@ impl<const D: usize> Frame<D> {
             });
             self.geometry.to_physical(index)
         });
-        ranges(corners)
+        ranges(corners, &self.geometry.units)
+    }
+
+    /// Returns the ranges of the coordinates of points in this frame, for messages.
+    pub fn ranges_of<const N: usize>(&self, points: impl Iterator<Item = [f64; N]>) -> String {
+        ranges(points, &self.geometry.units)
     }
 }
 
@@ -574,15 +579,22 @@ impl<const D: usize> Placing<'_, D> {
     }
 }
 
-/// Returns the ranges of the coordinates of points, for messages.
-pub fn ranges<const D: usize>(points: impl Iterator<Item = [f64; D]>) -> String {
+/// Returns the ranges of the coordinates of points, each with its unit, for messages.
+pub fn ranges<const D: usize>(points: impl Iterator<Item = [f64; D]>, units: &[String]) -> String {
     let unbounded = [[f64::INFINITY, f64::NEG_INFINITY]; D];
     let bounds = points.fold(unbounded, |bounds, p| {
         std::array::from_fn(|k| [bounds[k][0].min(p[k]), bounds[k][1].max(p[k])])
     });
-    let names = ["x", "y", "z"].into_iter().zip(bounds);
+    let rounded = |value: f64| (value * 1e3).round() / 1e3;
+    let names = ["x", "y", "z"].into_iter().zip(bounds).enumerate();
     let texts: Vec<String> = names
-        .map(|(name, [low, high])| format!("{name} {low} to {high}"))
+        .map(|(k, (name, bounds))| {
+            let [low, high] = bounds.map(rounded);
+            let unit = units.get(k).map_or("", String::as_str);
+            format!("{name} {low} to {high} {unit}")
+                .trim_end()
+                .to_string()
+        })
         .collect();
     texts.join(", ")
 }
@@ -634,10 +646,10 @@ fn stated_unit(file: GivenFile<'_>, k: usize, notes: &mut Vec<String>) -> Result
 }
 
 /// Returns a note on the sign of z, if it is not as in the image.
-fn sign_note(
+fn sign_note<const D: usize>(
     sign: f64,
     stated: Option<ZDirection>,
-    image: Option<ZDirection>,
+    frame: &Frame<D>,
     is_refuted: bool,
     file: GivenFile<'_>,
 ) -> Option<String> {
@@ -661,13 +673,19 @@ fn sign_note(
             "with the sign of z kept, though the file says that z grows {}, as it fits the image only so",
             words(stated)
         )),
-        (true, Some(stated)) if image.is_some() => Some(format!(
+        (true, Some(stated)) if frame.direction.is_some() => Some(format!(
             "with the sign of z turned, as it grows {} in the file",
             words(stated)
         )),
-        (true, _) => Some(
-            "with the sign of z turned, as more of it lies in the image so (else add ,z=up or ,z=down)".into(),
-        ),
+        (true, _) => {
+            let reason = match frame.region {
+                Region::Above => "as it lies above the image and nearer to it so",
+                _ => "as more of it lies in the image so",
+            };
+            Some(format!(
+                "with the sign of z turned, {reason} (else add ,z=up or ,z=down)"
+            ))
+        }
         (false, _) => None,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{FixedAtom, Params, Weight};
 use crate::error::cause;
-use crate::image::placing::{Frame, ranges};
+use crate::image::placing::Frame;
 use crate::image::{Geometry, ScalarField};
 use crate::lattice::energy::Beta;
 use crate::lattice::seeding::wells::WellTrajectory;
@@ -110,10 +110,11 @@ pub(crate) fn lattice_well_paths<const D: usize>(
         let clipped = path.clip_to_box(extent);
         if clipped.is_empty() {
             let dims = std::array::from_fn(|k| (extent[k] / step[k]).round() as usize + 1);
+            let frame = Frame::new(geometry, dims);
             let problem = format!(
                 "lies outside the image: it has {}, the image {}",
-                ranges(well.points.iter().copied()),
-                Frame::new(geometry, dims).ranges()
+                frame.ranges_of(well.points.iter().copied()),
+                frame.ranges()
             );
             let turned =
                 (well.points.iter()).any(|&x| is_inside_if_turned(x, geometry, step, extent));

@@ -8,7 +8,7 @@ use crate::error::cause;
 use crate::feature::{GivenPoints, GivenSurface, MIN_FAULT_DIP};
 use crate::geometry::{cross, norm, sub};
 use crate::image::Geometry;
-use crate::image::placing::{Frame, TimeToDepth, ranges};
+use crate::image::placing::{Frame, TimeToDepth};
 use crate::image::stated::CoordinateOptions;
 use crate::image::time::default_metres_per_unit;
 use crate::parallel::prelude::*;
@@ -295,7 +295,7 @@ impl FollowedSurface {
         format!(
             "{} lies outside the image: it has {}{notes}, the image {}",
             self.surface.name,
-            ranges(placed.shape.points()),
+            frame.ranges_of(placed.shape.points()),
             frame.ranges()
         )
     }

@@ -5,7 +5,7 @@
 //! - `obj`, `stl`, `ply`: triangles of other programs
 //! - `sticks`: fault sticks
 //! - `joining`: fault sticks become surfaces
-//! - `place_columns`, `point_table`: points and sticks in tables
+//! - `place_terms`, `place_columns`, `point_table`: points and sticks in tables
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 //! - `placed`: brings such a surface into the frame of an image
 
@@ -13,6 +13,7 @@ pub mod interpretation;
 pub mod joining;
 pub mod obj;
 pub mod place_columns;
+mod place_terms;
 pub mod placed;
 pub mod ply;
 pub mod point_table;

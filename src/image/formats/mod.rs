@@ -20,7 +20,7 @@
 //! - `raw`: samples without a header, described by the user
 //! - `write`: writes images in the format that the ending names
 //! - `stream`: images that may be larger than memory, read in parts
-//! - `same_place`: compares the positions of two images
+//! - `same_place`: compares the positions of two images, and orders the samples of masks
 //! - `samples`: sample types and their conversion to `f32`
 //! - `placement`: geometry that the user gives for files without one
 //! - `input`: options of the user for reading a file
@@ -63,10 +63,9 @@ pub use describe::{Description, describe};
 pub use input::{InputOptions, ReadImage, SampleDomain, read_with_options};
 pub use placement::{AxisSpec, ImagePlacement};
 pub use raw::RawSpec;
-use same_place::{RelativePlace, extent_text, relative_place, reversed};
+use same_place::in_place_of;
 pub use segy::{LineNumbers, SegyBytes, SegyInfo};
 pub use stream::OpenedImage;
-use stream::{AnyHeader, ImageHeader};
 pub use write::write;
 pub(crate) use write::{StreamedImage, can_stream, write_survey};
 
@@ -324,71 +323,6 @@ pub(crate) fn restricted(
         image = inside::any_without_outside(image, outline, &fit)?;
     }
     Ok(OpenedImage::InMemory(image))
-}
-
-/// Largest distance, in samples, between the samples of an image and those of its mask, so that the
-/// nearest samples are those of the same index, and a rounded position is no other one.
-const MAX_MASK_OFFSET: f64 = 0.1;
-
-/// Returns a mask whose samples have the order of those of the image at `place`: that of the first of
-/// `headers` with as many samples. A mask without a position, or in coordinates that cannot be compared,
-/// stays as it is. `file` is the file of the mask, and `option` gives it.
-///
-/// # Errors
-/// Returns [`Error::Image`] for a mask with as many samples that lie elsewhere.
-fn in_place_of(
-    headers: &[&AnyHeader],
-    mask: AnyImage,
-    place: &Path,
-    file: &Path,
-    option: &'static str,
-) -> Result<AnyImage> {
-    fn ordered<const D: usize>(
-        header: &ImageHeader<D>,
-        mut loaded: LoadedImage<D>,
-        refuse: impl Fn([String; 2]) -> Error,
-    ) -> Result<LoadedImage<D>> {
-        let dims = header.dims;
-        let geometry = &loaded.image.geometry;
-        match relative_place(&header.geometry, geometry, dims, MAX_MASK_OFFSET) {
-            RelativePlace::Unknown => {}
-            RelativePlace::Same(is_reversed) => loaded.image = reversed(loaded.image, is_reversed),
-            RelativePlace::Elsewhere => {
-                let extents = [geometry, &header.geometry].map(|g| extent_text(g, dims));
-                return Err(refuse(extents));
-            }
-        }
-        Ok(loaded)
-    }
-    let refuse = |[own, other]: [String; 2]| {
-        let problem = format!("lies at {own}, but {} at {other}", place.display());
-        let remedy = "give one in the place of the image, or without a position, such as .npy, with its samples";
-        Error::Image(cause(file.display(), problem, remedy).with_parameter(option))
-    };
-    match mask {
-        AnyImage::Plane(loaded) => {
-            let dims = loaded.image.dims();
-            let header = headers.iter().find_map(|header| match header {
-                AnyHeader::Plane(header) if header.dims == dims => Some(header),
-                _ => None,
-            });
-            match header {
-                Some(header) => ordered(header, loaded, refuse).map(AnyImage::Plane),
-                None => Ok(AnyImage::Plane(loaded)),
-            }
-        }
-        AnyImage::Space(loaded) => {
-            let dims = loaded.image.dims();
-            let header = headers.iter().find_map(|header| match header {
-                AnyHeader::Space(header) if header.dims == dims => Some(header),
-                _ => None,
-            });
-            match header {
-                Some(header) => ordered(header, loaded, refuse).map(AnyImage::Space),
-                None => Ok(AnyImage::Space(loaded)),
-            }
-        }
-    }
 }
 
 /// Returns the image with NaN where the image at `mask` is not zero, and a note that says how many

@@ -1,6 +1,13 @@
-//! Compares the positions of two images that have as many samples.
+//! Compares the positions of two images that have as many samples, and orders the samples of the one as
+//! those of the other.
 
+use std::path::Path;
+
+use super::stream::{AnyHeader, ImageHeader};
+use super::{AnyImage, LoadedImage};
+use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::{index_at, offset_of};
+use crate::image::placing::ranges;
 use crate::image::{Geometry, Image, Modality};
 use crate::units;
 
@@ -145,31 +152,72 @@ pub(crate) fn reversed<const D: usize>(image: Image<D>, is_reversed: [bool; D]) 
 /// Returns the ranges of the coordinates of an image, for messages.
 pub(crate) fn extent_text<const D: usize>(geometry: &Geometry<D>, dims: [usize; D]) -> String {
     let positions = corners(dims).map(|corner| geometry.to_physical(corner));
-    range_text(positions, &geometry.units)
+    ranges(positions, &geometry.units)
 }
 
-/// Returns the ranges of the coordinates of points, for messages.
-pub(crate) fn range_text<const D: usize>(
-    points: impl Iterator<Item = [f64; D]>,
-    units: &[String; D],
-) -> String {
-    let mut ranges = [[f64::INFINITY, f64::NEG_INFINITY]; D];
-    for point in points {
-        for (range, value) in ranges.iter_mut().zip(point) {
-            *range = [range[0].min(value), range[1].max(value)];
+/// Largest distance, in samples, between the samples of an image and those of its mask, so that the
+/// nearest samples are those of the same index, and a rounded position is no other one.
+const MAX_MASK_OFFSET: f64 = 0.1;
+
+/// Returns a mask whose samples have the order of those of the image at `place`: that of the first of
+/// `headers` with as many samples. A mask without a position, or in coordinates that cannot be compared,
+/// stays as it is. `file` is the file of the mask, and `option` gives it.
+///
+/// # Errors
+/// Returns [`Error::Image`] for a mask with as many samples that lie elsewhere.
+pub(super) fn in_place_of(
+    headers: &[&AnyHeader],
+    mask: AnyImage,
+    place: &Path,
+    file: &Path,
+    option: &'static str,
+) -> Result<AnyImage> {
+    fn ordered<const D: usize>(
+        header: &ImageHeader<D>,
+        mut loaded: LoadedImage<D>,
+        refuse: impl Fn([String; 2]) -> Error,
+    ) -> Result<LoadedImage<D>> {
+        let dims = header.dims;
+        let geometry = &loaded.image.geometry;
+        match relative_place(&header.geometry, geometry, dims, MAX_MASK_OFFSET) {
+            RelativePlace::Unknown => {}
+            RelativePlace::Same(is_reversed) => loaded.image = reversed(loaded.image, is_reversed),
+            RelativePlace::Elsewhere => {
+                let extents = [geometry, &header.geometry].map(|g| extent_text(g, dims));
+                return Err(refuse(extents));
+            }
+        }
+        Ok(loaded)
+    }
+    let refuse = |[own, other]: [String; 2]| {
+        let problem = format!("lies at {own}, but {} at {other}", place.display());
+        let remedy = "give one in the place of the image, or without a position, such as .npy, with its samples";
+        Error::Image(cause(file.display(), problem, remedy).with_parameter(option))
+    };
+    match mask {
+        AnyImage::Plane(loaded) => {
+            let dims = loaded.image.dims();
+            let header = headers.iter().find_map(|header| match header {
+                AnyHeader::Plane(header) if header.dims == dims => Some(header),
+                _ => None,
+            });
+            match header {
+                Some(header) => ordered(header, loaded, refuse).map(AnyImage::Plane),
+                None => Ok(AnyImage::Plane(loaded)),
+            }
+        }
+        AnyImage::Space(loaded) => {
+            let dims = loaded.image.dims();
+            let header = headers.iter().find_map(|header| match header {
+                AnyHeader::Space(header) if header.dims == dims => Some(header),
+                _ => None,
+            });
+            match header {
+                Some(header) => ordered(header, loaded, refuse).map(AnyImage::Space),
+                None => Ok(AnyImage::Space(loaded)),
+            }
         }
     }
-    let rounded = |value: f64| (value * 1e3).round() / 1e3;
-    let texts: Vec<String> = (0..D)
-        .map(|c| {
-            let name = ["x", "y", "z"].get(c).copied().unwrap_or("w");
-            let [low, high] = ranges[c].map(rounded);
-            format!("{name} {low} to {high} {}", units[c])
-                .trim_end()
-                .to_string()
-        })
-        .collect();
-    texts.join(", ")
 }
 
 #[cfg(test)]

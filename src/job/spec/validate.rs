@@ -23,6 +23,14 @@ const MAX_WELD_RATIO: f64 = 0.2;
 /// Largest number of passes on smoother potentials, each of which is twice as smooth as the next.
 const MAX_COARSE_PASSES: usize = 8;
 
+/// Refuses a value of an option that is negative or not finite.
+fn check_not_negative(option: &str, value: Option<f64>, remedy: &str) -> Result<()> {
+    match value.filter(|value| !(value.is_finite() && *value >= 0.0)) {
+        Some(value) => Err(option_error(option, value, "is not 0 or more", remedy)),
+        None => Ok(()),
+    }
+}
+
 /// Returns an error about an option.
 fn option_error(name: &str, value: impl Display, problem: &str, remedy: &str) -> Error {
     Error::Job(cause(format!("{name} {value}"), problem, remedy))
@@ -397,30 +405,13 @@ impl Options<'_> {
             let problem = "is not in 0 .. 90 degrees";
             return Err(option_error("min-dip", spec.min_dip, problem, remedy));
         }
-        if let Some(size) = spec
-            .min_fault_size
-            .filter(|s| !(s.is_finite() && *s >= 0.0))
-        {
-            let remedy = "give samples, such as 20";
-            return Err(option_error(
-                "min-fault-size",
-                size,
-                "is not 0 or more",
-                remedy,
-            ));
-        }
-        if let Some(confidence) = spec
-            .min_confidence
-            .filter(|c| !(c.is_finite() && *c >= 0.0))
-        {
-            let remedy = "noise has up to 1: give a value such as 1.5";
-            return Err(option_error(
-                "min-confidence",
-                confidence,
-                "is not 0 or more",
-                remedy,
-            ));
-        }
+        let confidence_remedy = "noise has up to 1: give a value such as 1.5";
+        check_not_negative(
+            "min-fault-size",
+            spec.min_fault_size,
+            "give samples, such as 20",
+        )?;
+        check_not_negative("min-confidence", spec.min_confidence, confidence_remedy)?;
         Ok(())
     }
 

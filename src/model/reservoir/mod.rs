@@ -61,6 +61,7 @@ use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
 
 pub use crate::model::surface::fault_extension::ExtendedFault;
+pub use crate::units::values::MILLIDARCY;
 pub use aquifer::{Aquifer, AquiferModel, AquiferOption};
 pub use averaging::{CellMeans, MeanKind, SamplePositions};
 pub use case_options::{CaseOptions, FluidChoice};
@@ -78,8 +79,6 @@ pub use space_options::SpaceOptions;
 pub use trajectory::{Trajectory, WellTracer};
 pub use well_options::{ScheduledWell, WellOption, WellPlace};
 
-/// One millidarcy in m^2.
-pub const MILLIDARCY: f64 = 9.869_232_667_160_13e-16;
 /// One bar in Pa.
 pub(crate) const BAR: f64 = 1e5;
 /// One day in seconds.

@@ -5,9 +5,10 @@ use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::sub;
 use crate::image::formats::same_place::{
-    ROUNDING, RelativePlace, extent_text, range_text, relative_place, unit_factors,
+    ROUNDING, RelativePlace, extent_text, relative_place, unit_factors,
 };
 use crate::image::placing::Frame;
+use crate::image::placing::ranges;
 use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image, Modality};
 use crate::mesh::poly::PolyMesh;
@@ -458,7 +459,7 @@ impl PreparedModel {
         let extents = format!(
             "lies at {}, the mesh at {}",
             extent_text(&image.geometry, dims),
-            range_text(points, &self.geometry.units)
+            ranges(points, &self.geometry.units)
         );
         if has_same_dims {
             let problem = format!("does not cover the mesh: it {extents}");

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeckRegions, MILLIDARCY, MeanKind, Model, PreparedModel};
 use crate::error::cause;
-use crate::files::table::{ValueMeasure, quantities_by_region};
+use crate::files::table::quantities_by_region;
 use crate::files::vtk::DataArray;
 use crate::image::Image;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage};
@@ -18,6 +18,7 @@ use crate::model::flow::{Rock, Tensor};
 use crate::names::NameRules;
 use crate::option_text::{deserialize_optional, serde_as_text};
 use crate::progress::Progress;
+use crate::units::values::ValueMeasure;
 use crate::{Error, Result};
 
 /// Options for the rock in the cells.

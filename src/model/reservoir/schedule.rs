@@ -6,9 +6,10 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::{Control, Fluid, Well};
-use crate::files::table::{Table, TableRow, Term, ValueMeasure};
+use crate::files::table::{Table, TableRow, Term};
 use crate::job::spec::InvalidValue;
 use crate::option_text::serde_as_text;
+use crate::units::values::ValueMeasure;
 use crate::{Error, Result};
 
 /// Columns of a schedule.

@@ -213,7 +213,9 @@ fn check_image(folder: &Path, case: &Value) {
     let steps: Vec<Vec<f64>> = axes.iter().map(|axis| numbers(&axis["step"])).collect();
     let units = |units: &Value| -> Vec<String> {
         let units = units.as_array().unwrap().iter();
-        units.map(|unit| unit.as_str().unwrap().to_string()).collect()
+        units
+            .map(|unit| unit.as_str().unwrap().to_string())
+            .collect()
     };
     let (found_units, right_units) = (units(&image["units"]), units(&case["units"]));
     let right = numbers(&case["point"]);

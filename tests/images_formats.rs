@@ -447,3 +447,119 @@ mod real_data {
         }
     }
 }
+
+/// Tests grids of heights that GDAL wrote in the formats of ESRI and Surfer. The nodes are in the
+/// middle of cells of 25 x 10 (25 x 25) whose north-western corner is at (1000, 5000).
+#[test]
+fn grids_that_gdal_wrote_lie_where_gdal_has_them() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/grids");
+    for (name, dy) in [
+        ("gdal_rectangles.asc", 10.0),
+        ("gdal_squares.asc", 25.0),
+        ("gdal_text.grd", 10.0),
+        ("gdal_version_6.grd", 10.0),
+        ("gdal_version_7.grd", 10.0),
+    ] {
+        let image = read(&folder.join(name)).unwrap();
+        assert_eq!(image.dims(), [4, 3, 1], "{name}");
+        for row in 0..3 {
+            for column in 0..4 {
+                // Rows are counted from the north in GDAL.
+                let height = image.as_slice()[(2 - row) * 4 + column];
+                if (row, column) == (1, 2) {
+                    assert!(height.is_nan(), "{name}");
+                } else {
+                    assert_eq!(height, (10 * (4 * row + column)) as f32, "{name}");
+                }
+                let index = [column as f64, (2 - row) as f64, 0.0];
+                let [x, y, _] = image.geometry.to_physical(index);
+                let expected = [
+                    1000.0 + 25.0 * (column as f64 + 0.5),
+                    5000.0 - dy * (row as f64 + 0.5),
+                ];
+                assert!(all_close(&[x, y], &expected, 1e-9), "{name}: {x} {y}");
+            }
+        }
+    }
+}
+
+/// Prints the nodes with heights of each grid, as x, y and z.
+const XTGEO_NODES: &str = "\
+import json, sys
+import numpy as np
+import xtgeo
+grids = []
+for path, kind in zip(sys.argv[1::2], sys.argv[2::2]):
+    surface = xtgeo.surface_from_file(path, fformat=kind)
+    x, y = (np.ma.getdata(values) for values in surface.get_xy_values(asmasked=False))
+    z = np.ma.filled(surface.values.astype(float), np.nan)
+    known = np.isfinite(z)
+    grids.append(np.stack([x[known], y[known], z[known]], axis=1).tolist())
+print(json.dumps(grids))
+";
+
+/// Returns a map of a survey: 60 x 40 bins of 25 x 12.5 m, whose axes are turned by this angle and
+/// multiplied by these signs, and are perpendicular only to 4e-6 degrees.
+fn survey_map(degrees: f64, signs: [f64; 2]) -> Image<2> {
+    let axis = |length: f64, degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        [length * cos, length * sin]
+    };
+    let mut geometry = Geometry::<2>::default();
+    geometry.origin = [450_000.25, 6_780_000.75];
+    geometry.axes = [
+        axis(25.0 * signs[0], degrees),
+        axis(12.5 * signs[1], degrees + 90.000_004),
+    ];
+    let height = |i: usize| match i % 17 {
+        3 => f32::NAN,
+        _ => -2000.0 + 0.25 * i as f32,
+    };
+    Image::new([60, 40], (0..2400).map(height).collect(), geometry)
+}
+
+#[test]
+#[ignore = "needs xtgeo: make test-all"]
+fn xtgeo_finds_the_nodes_of_maps_within_a_centimetre() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut arguments: Vec<String> = vec!["-c".into(), XTGEO_NODES.into()];
+    let mut maps = Vec::new();
+    for (degrees, endings) in [
+        (0.0, &["irap", "zmap"][..]),
+        (35.0, &["irap"]),
+        (130.0, &["irap"]),
+    ] {
+        for signs in [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]] {
+            for ending in endings {
+                let map = survey_map(degrees, signs);
+                let path = folder.path().join(format!("{}.{ending}", maps.len()));
+                formats::write(&path, &map).unwrap();
+                arguments.push(path.to_string_lossy().into_owned());
+                arguments.push(format!("{ending}_ascii"));
+                maps.push(map);
+            }
+        }
+    }
+    let arguments: Vec<&std::ffi::OsStr> = arguments.iter().map(AsRef::as_ref).collect();
+    let stdout = crate::common::run_python("xtgeo", &arguments);
+    let grids: Vec<Vec<[f64; 3]>> = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(grids.len(), maps.len());
+    for (mut nodes, map) in grids.into_iter().zip(maps) {
+        nodes.sort_by(|a, b| a[2].total_cmp(&b[2]));
+        let heights = map.as_slice().iter().enumerate();
+        // Heights grow with the index.
+        let known: Vec<(usize, f64)> = heights
+            .filter(|(_, z)| z.is_finite())
+            .map(|(i, &z)| (i, f64::from(z)))
+            .collect();
+        assert_eq!(nodes.len(), known.len());
+        for ([x, y, z], (i, height)) in nodes.into_iter().zip(known) {
+            let place = map.geometry.to_physical([(i % 60) as f64, (i / 60) as f64]);
+            assert_eq!(z, height);
+            assert!(
+                (x - place[0]).hypot(y - place[1]) < 0.01,
+                "{x} {y} {place:?}"
+            );
+        }
+    }
+}

@@ -158,9 +158,9 @@ fn tables_that_name_no_place_are_refused() {
             "well.csv:1: column inc has angles in 'grad'; give angles in degrees",
         ),
         (
-            "--surface",
+            "--well",
             "ncols 3\nnrows 2\nxllcorner -5.0\nyllcorner -5.0\ncellsize 10.0\n1 2 3\n4 5 6\n",
-            "well.csv: is an ESRI ASCII grid, which atomesh does not read; convert it to ZMAP+",
+            "well.csv: is an ESRI ASCII grid of heights, not a table; give it as a surface",
         ),
         (
             "--surface",

@@ -10,6 +10,7 @@ use super::surfaces::vtp::read_surfaces;
 use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
 use crate::image::Image;
+use crate::image::formats::grids::displacement_note;
 use crate::image::formats::segy::{SegyFloat, write_like};
 use crate::image::formats::stream::ImageStream;
 use crate::image::formats::{
@@ -186,17 +187,18 @@ pub fn convert(
             Ok((Converted::Stream(stream), notes))
         }
         other => match other.load(input)? {
-            AnyImage::Plane(loaded) => spec.image_in_depth(loaded, AnyImage::Plane, open),
-            AnyImage::Space(loaded) => spec.image_in_depth(loaded, AnyImage::Space, open),
+            AnyImage::Plane(loaded) => spec.image_in_depth(loaded, output, AnyImage::Plane, open),
+            AnyImage::Space(loaded) => spec.image_in_depth(loaded, output, AnyImage::Space, open),
         },
     }
 }
 
 impl ConvertSpec {
-    /// Returns the image, in depth if a velocity is given.
+    /// Returns the image, in depth if a velocity is given, with notes.
     fn image_in_depth<const D: usize>(
         &self,
         loaded: LoadedImage<D>,
+        output: &Path,
         any: fn(LoadedImage<D>) -> AnyImage,
         open: OpenImage<'_>,
     ) -> Result<(Converted, Vec<String>)> {
@@ -209,6 +211,9 @@ impl ConvertSpec {
                 .into_iter()
                 .flat_map(|conversion| conversion.notes),
         );
+        if D == 2 {
+            notes.extend(displacement_note(output, image.dims(), &image.geometry));
+        }
         let converted = any(LoadedImage { image, ..loaded });
         Ok((Converted::Image(converted), notes))
     }

@@ -261,6 +261,7 @@ impl<const D: usize> DepthConversion<D> {
             });
         let converted = Image {
             labels: None,
+            label_names: image.label_names.clone(),
             samples,
             geometry: self.depth_geometry.clone(),
             missing: Vec::new(),

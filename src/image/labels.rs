@@ -346,7 +346,9 @@ pub fn without_rounding_errors(samples: &[f32]) -> Cow<'_, [f32]> {
         return Cow::Borrowed(samples);
     }
     let first = samples.iter().find(|s| s.is_finite()).map(whole);
-    let differ = samples.iter().any(|s| s.is_finite() && Some(whole(s)) != first);
+    let differ = samples
+        .iter()
+        .any(|s| s.is_finite() && Some(whole(s)) != first);
     if differ {
         Cow::Owned(samples.par_iter().map(whole).collect())
     } else {

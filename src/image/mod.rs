@@ -84,6 +84,8 @@ pub struct Image<const D: usize> {
     pub dead: Vec<bool>,
     /// Exact labels of the samples, if they are integers that 32-bit floats would round.
     pub labels: Option<Arc<ExactLabels>>,
+    /// Names of labels, as a file gives them.
+    pub label_names: Vec<(LabelValue, String)>,
 }
 
 impl<const D: usize> Image<D> {
@@ -115,6 +117,7 @@ impl<const D: usize> Image<D> {
             missing: Vec::new(),
             dead: Vec::new(),
             labels: None,
+            label_names: Vec::new(),
         })
     }
 
@@ -243,6 +246,7 @@ impl<const D: usize> Image<D> {
         let dims = std::array::from_fn(|k| dims.get(k).copied().unwrap_or(1));
         let mut space = Image::new(dims, self.as_slice().to_vec(), geometry);
         space.labels.clone_from(&self.labels);
+        space.label_names.clone_from(&self.label_names);
         space.missing.clone_from(&self.missing);
         space.dead.clone_from(&self.dead);
         space
@@ -265,6 +269,7 @@ impl Image<3> {
             .labels
             .as_ref()
             .map(|labels| labels.take_first(nx * ny));
+        flat.label_names.clone_from(&self.label_names);
         flat.with_missing(missing)
     }
 }

@@ -223,6 +223,7 @@ impl<const D: usize> Image<D> {
         }
         let mut image = Self::new(self.dims(), samples, self.geometry.clone()).with_dead(flags);
         image.labels.clone_from(&self.labels);
+        image.label_names.clone_from(&self.label_names);
         Ok(Some(MaskedImage { image, notes }))
     }
 

@@ -273,6 +273,7 @@ fn with_axis_first<const D: usize>(image: Image<D>, k: usize) -> Result<Image<D>
     geometry.names.swap(0, k);
     Ok(Image {
         labels: None,
+        label_names: Vec::new(),
         samples: samples.as_standard_layout().into_owned(),
         geometry,
         missing: Vec::new(),

@@ -14,12 +14,13 @@ use super::spec::{
 };
 use super::well_file::WellFile;
 use crate::error::cause;
-use crate::feature;
+use crate::feature::{self, FeatureKind, LabelOptions};
 use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
-use crate::image::{Geometry, Image, Modality, VelocityModel};
+use crate::image::{Geometry, Image, ImageSource, LabelTable, LabelValue, Modality, VelocityModel};
 use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
+use crate::names::append_distinct;
 use crate::{Error, Result};
 
 /// Nominal distance between atoms, in units of [`MeshSpec::metric`] (for Canny's points in
@@ -426,6 +427,56 @@ impl<const D: usize> Params<D> {
             },
             SeedingKind::Projection => Seeding::Projection,
         }
+    }
+
+    /// Returns the same parameters with the names that the image gives to its labels, where the options
+    /// give none. Labels with names are features unless others are chosen.
+    ///
+    /// # Errors
+    /// Returns the errors of loading the image.
+    pub(crate) fn with_label_names(&self, source: ImageSource<'_, D>) -> Result<Cow<'_, Self>> {
+        let kind = self.spec.feature;
+        let ImageSource::InMemory(image) = source else {
+            return Ok(Cow::Borrowed(self));
+        };
+        if image.label_names.is_empty() || !matches!(kind, FeatureKind::Auto | FeatureKind::Labels)
+        {
+            return Ok(Cow::Borrowed(self));
+        }
+        let Some(table) = LabelTable::from_image(image) else {
+            return Ok(Cow::Borrowed(self));
+        };
+        let options_of = |label: LabelValue| self.spec.label.iter().find(|o| o.label == label);
+        let is_unnamed = |label: LabelValue| {
+            options_of(label).is_none_or(|o| o.name.is_none() && o.merge_into.is_none())
+        };
+        let new_names: Vec<(LabelValue, String)> = (image.label_names.iter())
+            .filter(|(label, _)| table.values.contains(label) && is_unnamed(*label))
+            .cloned()
+            .collect();
+        let given = self
+            .spec
+            .label
+            .iter()
+            .filter_map(|options| options.name.clone());
+        let mut names: Vec<String> = given.collect();
+        let given_count = names.len();
+        append_distinct(&mut names, new_names.iter().map(|(_, name)| name.clone()));
+        let mut params = self.clone();
+        for ((label, _), name) in new_names.iter().zip(names.drain(given_count..)) {
+            let known = params.spec.label.iter_mut().find(|o| o.label == *label);
+            match known {
+                Some(options) => options.name = Some(name),
+                None => params.spec.label.push(LabelOptions {
+                    label: *label,
+                    distance: None,
+                    name: Some(name),
+                    merge_into: None,
+                }),
+            }
+        }
+        params.spec = params.spec.resolved();
+        Ok(Cow::Owned(params))
     }
 
     /// Returns the same parameters with distances in units of lattice space, each of which is `unit`

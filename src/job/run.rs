@@ -208,6 +208,7 @@ where
 {
     let comm = run_options.comm;
     params.spec.validate()?;
+    let params = &*params.with_label_names(source)?;
     let is_partitioned = run_options.may_partition
         && comm.size() > 1
         && params.spec.pad.is_none()

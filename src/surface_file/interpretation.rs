@@ -3,7 +3,7 @@
 //! | content of the file | surface |
 //! |---|---|
 //! | GOCAD `TSurf`, polygons of VTK poly data (`.vtp`, `.vtk`), Wavefront OBJ, STL, PLY | its triangles |
-//! | a grid of heights: IRAP classic, ZMAP+, CPS-3 | two triangles for each cell with four known heights |
+//! | a grid of heights: IRAP classic, ZMAP+, CPS-3, Surfer, ESRI ASCII | two triangles for each cell with four known heights |
 //! | fault sticks: a table with a column `stick`, Charisma's sticks, GOCAD `PLine`, or lines of VTK poly data | [`join_sticks`](super::joining::join_sticks) |
 //! | a table of points; GOCAD `VSet` | points, which [`triangulate_points`] joins |
 //!
@@ -322,10 +322,9 @@ fn from_sticks(faults: Vec<FaultSticks>) -> Vec<PickedSurface> {
 
 /// Returns the format of a file if it is a grid of heights.
 fn grid_format(path: &Path) -> Result<Option<ImageFormat>> {
-    use ImageFormat::{Cps3, Irap, Zmap};
     files::open(path, "give a file of surfaces")?;
     let format = formats::detect(path, &ReadOptions::default()).ok();
-    Ok(format.filter(|format| matches!(format, Irap | Zmap | Cps3)))
+    Ok(format.filter(|format| format.is_height_grid()))
 }
 
 fn read_grid(path: &Path, format: ImageFormat, name: String) -> Result<PickedSurface> {

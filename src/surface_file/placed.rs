@@ -210,8 +210,8 @@ mod tests {
     const CORNER: [f64; 2] = [450_000.0, 6_780_000.0];
     /// Velocity of the image, in m/s.
     const VELOCITY: f64 = 2500.0;
-    const FORMATS: [&str; 9] = [
-        "ts", "vtp", "obj", "xyz", "csv", "charisma", "irap", "zmap", "cps3",
+    const FORMATS: [&str; 11] = [
+        "ts", "vtp", "obj", "xyz", "csv", "charisma", "irap", "zmap", "cps3", "grd", "asc",
     ];
 
     /// Returns the depth of the plane in metres.
@@ -401,7 +401,7 @@ mod tests {
         }
 
         fn is_grid(&self) -> bool {
-            ["irap", "zmap", "cps3"].contains(&self.format)
+            ["irap", "zmap", "cps3", "grd", "asc"].contains(&self.format)
         }
     }
 

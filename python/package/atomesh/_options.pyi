@@ -34,10 +34,10 @@ class MeshOptions(TypedDict, total=False):
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Faults and horizons to follow as they are, beside the features that are found (none with
     #: --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one.
-    #: GOCAD .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z,
-    #: which are brought to the image's coordinates. What the file does not say follows it: ,fault
-    #: or ,horizon; ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or
-    #: ,domain=depth; ,null=-999. May be repeated
+    #: GOCAD .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), fault sticks
+    #: and points x,y,z, which are brought to the image's coordinates. What the file does not say
+    #: follows it: ,fault or ,horizon; ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down;
+    #: ,domain=time or ,domain=depth; ,null=-999. May be repeated
     surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
@@ -138,9 +138,10 @@ class MeshOptions(TypedDict, total=False):
     #: out. The cells belong to the regions overburden, underburden and sideburden
     pad: _Value | None
     #: End the cells above the image at this surface, such as the ground or the seafloor: FILE or
-    #: FILE:NAME, a grid of heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z,
-    #: which are brought to the image's coordinates; what it does not say follows it, as for
-    #: --surface. It must cover the image and the sides of --pad, and replaces above=DIST of --pad
+    #: FILE:NAME, a grid of heights (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), GOCAD .ts, .vtp, .obj
+    #: or points x,y,z, which are brought to the image's coordinates; what it does not say follows
+    #: it, as for --surface. It must cover the image and the sides of --pad, and replaces
+    #: above=DIST of --pad
     topography: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole image, or a file of interval velocities in m/s on a grid in two-way time. With
@@ -180,6 +181,9 @@ class MeshOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -275,6 +279,9 @@ class FeatureOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -330,6 +337,9 @@ class InfoOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -394,6 +404,9 @@ class ConvertOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -464,6 +477,9 @@ class ReportOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -569,6 +585,9 @@ class EditOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -635,6 +654,9 @@ class ColumnsOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -722,6 +744,9 @@ class ExportOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -884,6 +909,9 @@ class SliceOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -982,6 +1010,9 @@ class SurfaceOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -1050,6 +1081,9 @@ class PaintOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -1118,6 +1152,9 @@ class SegmentOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
+    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
+    #: read, from 0
+    layer: int | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet

@@ -10,8 +10,8 @@ use crate::image::{Geometry, Image, ScalarField};
 use crate::{Error, Result};
 
 /// File endings of the image formats that can be written.
-pub const IMAGE_EXTENSIONS: [&str; 11] = [
-    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3",
+pub const IMAGE_EXTENSIONS: [&str; 13] = [
+    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3", "grd", "asc",
 ];
 
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.

@@ -34,7 +34,7 @@ pub struct ColumnsArgs {
     #[arg(short, long, value_name = "CELLS.vtu")]
     pub output: PathBuf,
     /// A horizon; give at least two, from the top down. Each is a number z, a 2-D image of z (with
-    /// the dimensions of the meshed image, or with its own position), a grid (IRAP, ZMAP+, CPS-3), or
+    /// the dimensions of the meshed image, or with its own position), a grid (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), or
     /// surfaces FILE[:NAME] (.ts, .vtp, .obj) or points. z is brought to one unit and one direction; what a file does not say
     /// follows it: ,unit=ft ,z=down ,null=-999
     #[arg(long, value_name = "Z", required = true, allow_hyphen_values = true)]

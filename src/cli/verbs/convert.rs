@@ -21,7 +21,7 @@ pub struct ConvertArgs {
     #[arg(value_name = "IN")]
     pub input_file: PathBuf,
     /// The file to write: an image (.vti, .npy, .nrrd, .mha, .nii, .nii.gz, .zarr, in 2-D .png, with
-    /// --like .sgy), a grid (.irap, .zmap, .cps3), or surfaces (.vtp, .obj, .ts, .pl, .csv)
+    /// --like .sgy), a grid (.irap, .zmap, .cps3, .grd, .asc), or surfaces (.vtp, .obj, .ts, .pl, .csv)
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// Options of the conversion.

@@ -9,9 +9,8 @@ use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, file_report, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::surfaces::outcome::{
-    GRID_EXTENSIONS, POINT_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS,
-};
+use crate::export::surfaces::outcome::{POINT_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
+use crate::image::formats::grids::GRID_EXTENSIONS;
 use crate::model::surface::SurfaceSpec;
 use crate::progress::Stage;
 
@@ -22,7 +21,7 @@ pub struct SurfaceArgs {
     #[arg(value_name = "MESH.vtu")]
     pub mesh: PathBuf,
     /// The file to write: surfaces as .vtp, .obj, or GOCAD's .ts; faults as sticks: .csv, .charisma;
-    /// horizons as grids of their heights, .irap, .zmap, .cps3, or as points, .xyz
+    /// horizons as grids of their heights, .irap, .zmap, .cps3, .grd, .asc, or as points, .xyz
     #[arg(short, long, value_name = "S.vtp")]
     pub output: PathBuf,
     /// Options of the surfaces.
@@ -63,6 +62,8 @@ pub fn surface(args: &SurfaceArgs, interrupts: &Interrupts, console: &mut Consol
         text += &format!("\nwrote {}: the mesh with these names", path.display());
         fields["mesh"] = path_text(path).into();
     }
+    let note = outcome.grid_note(output, spec);
+    note.iter().for_each(|note| console.note(note));
     let files = console.write_outcome_surfaces(output, outcome, spec)?;
     if let [only] = &files[..] {
         let what = match spec.number {

@@ -11,6 +11,7 @@ use super::table::{amplitude_table, interface_table, surface_table};
 use super::{AnySurfaces, SurfaceFile, table};
 use crate::error::cause;
 use crate::image::formats;
+use crate::image::formats::grids::{GRID_EXTENSIONS, displacement_note};
 use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
 use crate::names::NameRules;
 use crate::store::AnyMesh;
@@ -23,9 +24,6 @@ pub(crate) const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
 
 /// File endings of fault sticks.
 pub(crate) const STICK_EXTENSIONS: [&str; 2] = ["csv", "charisma"];
-
-/// File endings of grids of heights.
-pub(crate) const GRID_EXTENSIONS: [&str; 3] = ["irap", "zmap", "cps3"];
 
 /// File endings of points on horizons.
 pub(crate) const POINT_EXTENSIONS: [&str; 1] = ["xyz"];
@@ -105,13 +103,13 @@ impl SurfaceSpec {
         if self.number.is_some() && !is_grid && !is_points {
             return refuse(
                 "number",
-                "grids and points of horizons (.irap, .zmap, .cps3, .xyz)",
+                "grids and points of horizons (.irap, .zmap, .cps3, .grd, .asc, .xyz)",
             );
         }
         if self.step.is_some() && !is_grid && !is_sticks {
             return refuse(
                 "step",
-                "sticks (.csv, .charisma) or grids (.irap, .zmap, .cps3)",
+                "sticks (.csv, .charisma) or grids (.irap, .zmap, .cps3, .grd, .asc)",
             );
         }
         Ok(())
@@ -134,7 +132,7 @@ impl SurfaceOutcome {
 
     /// Writes the surfaces in the format of the file's ending: surfaces as `.vtp`, `.obj` or GOCAD's
     /// `.ts`; faults as sticks: `.csv`, `.charisma`; horizons as grids of their heights, `.irap`, `.zmap`,
-    /// `.cps3`, or as points, `.xyz`. The options `number` and `step` of `spec` apply to sticks, grids
+    /// `.cps3`, `.grd`, `.asc`, or as points, `.xyz`. The options `number` and `step` of `spec` apply to sticks, grids
     /// and points. Returns the paths of the files: several horizons have a file each, and its name ends
     /// with that of the horizon.
     ///
@@ -236,6 +234,13 @@ impl SurfaceOutcome {
             written.push(path);
         }
         Ok(written)
+    }
+
+    /// Returns a note if nodes of the grids that [`write`](Self::write) writes do not lie exactly at the
+    /// bins of the survey.
+    pub fn grid_note(&self, path: &Path, spec: &SurfaceSpec) -> Option<String> {
+        let survey = self.survey.as_ref().filter(|_| spec.step.is_none())?;
+        displacement_note(path, survey.dims, &survey.geometry)
     }
 
     /// Returns the measures as a table. `meets` says whether it shows which surfaces meet.

@@ -247,11 +247,9 @@ impl Table {
         } else {
             return Ok(());
         };
-        let remedy = format!(
-            "convert it to ZMAP+ or to points x y z, such as with gdal_translate -of ZMap {} grid.zmap",
-            self.path.display()
-        );
-        Err(self.error(format!("is {format}, which atomesh does not read"), remedy))
+        let problem = format!("is {format} of heights, not a table");
+        let remedy = "give it as a surface, or give the rows as x y z";
+        Err(self.error(problem, remedy))
     }
 
     fn empty(path: &Path, text: String) -> Self {

@@ -326,7 +326,7 @@ fn grids_of_other_programs_are_refused_with_their_format() {
         let error = message(text);
         assert!(error.starts_with(format), "{error}");
         assert!(
-            error.contains("convert it to ZMAP+ or to points x y z"),
+            error.contains("of heights, not a table; give it as a surface"),
             "{error}"
         );
     }

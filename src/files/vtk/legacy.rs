@@ -35,7 +35,9 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
         DataSet::ImageData { .. } => "ImageData",
         DataSet::UnstructuredGrid { .. } => "UnstructuredGrid",
         DataSet::PolyData { .. } => "PolyData",
-        _ => return Err("holds no image, no unstructured grid and no poly data".into()),
+        DataSet::RectilinearGrid { .. } => "RectilinearGrid",
+        DataSet::StructuredGrid { .. } => "StructuredGrid",
+        _ => return Err("holds no grid and no poly data".into()),
     };
     let mut content = XmlContent {
         fields: fields
@@ -45,13 +47,8 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
         ..XmlContent::default()
     };
     match data {
-        DataSet::ImageData {
-            extent: Extent::Dims(dims),
-            pieces,
-            ..
-        } => {
-            let extent = dims.map(|n| format!("0 {}", i64::from(n) - 1)).join(" ");
-            content.attributes.push(("WholeExtent", extent.clone()));
+        DataSet::ImageData { extent, pieces, .. } => {
+            content.take_extent(&extent)?;
             for (word, attribute) in [
                 ("ORIGIN", "Origin"),
                 ("SPACING", "Spacing"),
@@ -62,8 +59,23 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
                     .attributes
                     .extend(value.map(|text| (attribute, text)));
             }
-            content.piece.push(("Extent", extent));
             content.take_attributes(single_piece(pieces)?.data)?;
+        }
+        DataSet::RectilinearGrid { pieces, .. } => {
+            let piece = single_piece(pieces)?;
+            content.take_extent(&piece.extent)?;
+            let coordinates = [piece.coords.x, piece.coords.y, piece.coords.z];
+            for (axis, values) in ["x", "y", "z"].into_iter().zip(coordinates) {
+                let array = DataArray::scalars(axis, to_values(values)?);
+                content.coordinates.push(array);
+            }
+            content.take_attributes(piece.data)?;
+        }
+        DataSet::StructuredGrid { pieces, .. } => {
+            let piece = single_piece(pieces)?;
+            content.take_extent(&piece.extent)?;
+            content.points = Some(to_values(piece.points)?);
+            content.take_attributes(piece.data)?;
         }
         DataSet::UnstructuredGrid { pieces, .. } => {
             let piece = single_piece(pieces)?;
@@ -90,7 +102,7 @@ pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
             }
             content.take_attributes(piece.data)?;
         }
-        _ => {}
+        DataSet::Field { .. } => {}
     }
     content.to_xml(kind).map_err(|error| error.to_string())
 }
@@ -241,11 +253,24 @@ struct XmlContent {
     point_arrays: Vec<DataArray>,
     cell_arrays: Vec<DataArray>,
     points: Option<Values>,
+    /// The coordinates of a rectilinear grid along each axis.
+    coordinates: Vec<DataArray>,
     /// Elements of cells, each with its arrays.
     cells: Vec<(&'static str, Vec<DataArray>)>,
 }
 
 impl XmlContent {
+    /// Sets the extent of a grid, whose points count from 0.
+    fn take_extent(&mut self, extent: &Extent) -> Result<(), String> {
+        let Extent::Dims(dims) = extent else {
+            return Err("has no numbers of points".into());
+        };
+        let extent = dims.map(|n| format!("0 {}", i64::from(n) - 1)).join(" ");
+        self.attributes.push(("WholeExtent", extent.clone()));
+        self.piece.push(("Extent", extent));
+        Ok(())
+    }
+
     fn take_attributes(&mut self, data: Attributes) -> Result<(), String> {
         let is_scalars = |attribute: &&Attribute| {
             matches!(attribute, Attribute::DataArray(array)
@@ -354,6 +379,10 @@ impl XmlContent {
         document.close();
         open_with_arrays(&mut document, "CellData", &[], &self.cell_arrays);
         document.close();
+        if !self.coordinates.is_empty() {
+            open_with_arrays(&mut document, "Coordinates", &[], &self.coordinates);
+            document.close();
+        }
         if let Some(points) = &self.points {
             document.open("Points", &[]);
             document.add_array(points.source("Points", 3));

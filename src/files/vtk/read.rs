@@ -27,6 +27,14 @@ impl VtkFile {
     /// Returns [`Error::Io`] if the file cannot be read, is not a VTK file, or holds another data
     /// set.
     pub fn read(path: &Path, kind: &str) -> Result<Self> {
+        Self::read_one_of(path, &[kind])
+    }
+
+    /// Reads a file that holds one of VTK's data sets `kinds`, as [`read`](Self::read) does.
+    ///
+    /// # Errors
+    /// Returns the errors of [`read`](Self::read).
+    pub fn read_one_of(path: &Path, kinds: &[&str]) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| io_error(path, "read", e))?;
         let file = Self {
             path: path.to_path_buf(),
@@ -36,11 +44,12 @@ impl VtkFile {
             has_u64_headers: false,
             compressor: None,
         };
-        file.parse(kind)
+        file.parse(kinds)
     }
 
-    fn parse(mut self, kind: &str) -> Result<Self> {
-        let remedy = format!("give a VTK XML file of type {kind}");
+    fn parse(mut self, kinds: &[&str]) -> Result<Self> {
+        let kinds_text = kinds.join(" or ");
+        let remedy = format!("give a VTK XML file of type {kinds_text}");
         if self.bytes.is_empty() {
             return Err(self.error("is empty", remedy));
         }
@@ -56,8 +65,9 @@ impl VtkFile {
             self.error(format!("is damaged: {why}"), crate::files::REWRITE_DAMAGED)
         })?;
         let found_kind = root.attribute("type").unwrap_or("nothing");
-        if root.name != "VTKFile" || found_kind != kind || root.child(kind).is_none() {
-            return Err(self.error(format!("holds {found_kind}, not {kind}"), remedy));
+        let is_wanted = kinds.contains(&found_kind) && root.child(found_kind).is_some();
+        if root.name != "VTKFile" || !is_wanted {
+            return Err(self.error(format!("holds {found_kind}, not {kinds_text}"), remedy));
         }
         self.big_endian = root.attribute("byte_order") == Some("BigEndian");
         self.has_u64_headers = match root.attribute("header_type") {

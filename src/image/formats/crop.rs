@@ -433,6 +433,7 @@ fn crop_image<const D: usize>(image: &Image<D>, block: &[Range<usize>; D]) -> Im
     geometry.origin = geometry.to_physical(first.map(|i| i as f64));
     let mut cropped = Image::new(size, samples.collect(), geometry);
     cropped.labels = (image.labels.as_ref()).map(|labels| crop_labels(labels, rows().flatten()));
+    cropped.label_names.clone_from(&image.label_names);
     if image.dead.is_empty() {
         let missing = rows().filter_map(|row| image.missing.get(row.start / dims[0]).copied());
         return cropped.with_missing(missing.collect());
@@ -480,6 +481,7 @@ fn with_thin_axis_last(mut loaded: LoadedImage) -> LoadedImage {
     };
     let mut section = Image::new(order.map(|k| dims[k]), image.as_slice().to_vec(), geometry);
     section.labels.clone_from(&image.labels);
+    section.label_names.clone_from(&image.label_names);
     loaded.image = if image.dead.is_empty() && image.missing.is_empty() {
         section
     } else {

@@ -111,6 +111,10 @@ pub struct InputOptions {
     /// image with as many samples that is 0 outside
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE"))]
     pub inside: Option<PathBuf>,
+    /// A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to read,
+    /// from 0
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    pub layer: Option<usize>,
     /// SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual header
     /// says so]. In depth, sample intervals are in thousandths of a metre or foot, and the first
     /// sample in metres or feet
@@ -189,6 +193,7 @@ impl InputOptions {
             nulls: self.nulls()?,
             mask: self.mask.clone(),
             crop: self.crop()?,
+            layer: self.layer,
             inside: self.inside.clone(),
         })
     }
@@ -290,6 +295,7 @@ impl InputOptions {
             mask: self.mask.clone().or_else(|| fallback.mask.clone()),
             crop: self.crop.clone().or_else(|| fallback.crop.clone()),
             inside: self.inside.clone().or_else(|| fallback.inside.clone()),
+            layer: self.layer.or(fallback.layer),
             domain: self.domain.or(fallback.domain),
             inline_byte: self.inline_byte.or(fallback.inline_byte),
             crossline_byte: self.crossline_byte.or(fallback.crossline_byte),
@@ -323,6 +329,19 @@ impl InputOptions {
     /// if SEG-Y header bytes are given for a file in another format.
     pub fn read_options_for(&self, path: &Path) -> Result<ReadOptions> {
         let options = self.read_options()?;
+        if let Some(layer) = self.layer {
+            let format = detect(path, &options)?;
+            if format != ImageFormat::Nrrd {
+                return Err(Error::Job(cause(
+                    format!("layer {layer}"),
+                    format!(
+                        "applies to segmentations of 3D Slicer (.seg.nrrd), but {} is read as {format}",
+                        path.display()
+                    ),
+                    "omit it",
+                )));
+            }
+        }
         let domain = self.domain.map(|domain| domain.to_string());
         let byte = |byte: Option<usize>| byte.map(|byte| byte.to_string());
         let bytes = [

@@ -3,7 +3,8 @@
 //! Files are recognised by their content, never by their name. The format of a written file is
 //! chosen by the ending of its name.
 //!
-//! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3
+//! - `foreign`: formats of others that are recognised and not read
+//! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3, Surfer, ESRI ASCII
 //! - `crop`: blocks of images
 //! - `inside`: outlines of the part of an image that is kept
 //! - `inrimage`: INRIMAGE-4 volumes
@@ -16,11 +17,13 @@
 //! - `segy`: seismic volumes and lines
 //! - `tiff`: TIFF stacks
 //! - `zarr`: chunked arrays, Zarr and MDIO
+//! - `vtk_axes`: evenly spaced grids of VTK
 //! - `vti`: VTK image data; [`vtk`] is the container that it shares with meshes
 //! - `raw`: samples without a header, described by the user
 //! - `write`: writes images in the format that the ending names
 //! - `stream`: images that may be larger than memory, read in parts
 //! - `same_place`: compares the positions of two images, and orders the samples of masks
+//! - `segments`: names of labels, and layers of segmentations
 //! - `samples`: sample types and their conversion to `f32`
 //! - `placement`: geometry that the user gives for files without one
 //! - `input`: options of the user for reading a file
@@ -28,6 +31,7 @@
 
 pub(crate) mod crop;
 pub(crate) mod describe;
+mod foreign;
 pub(crate) mod grids;
 pub(crate) mod input;
 pub(crate) mod inrimage;
@@ -42,10 +46,12 @@ pub(crate) mod png;
 pub(crate) mod raw;
 pub(crate) mod same_place;
 pub(crate) mod samples;
+mod segments;
 pub mod segy;
 pub(crate) mod stream;
 pub(crate) mod tiff;
 pub mod vti;
+mod vtk_axes;
 mod write;
 pub(crate) mod zarr;
 
@@ -85,6 +91,8 @@ pub struct ReadOptions {
     pub mask: Option<PathBuf>,
     /// The block of the image that is read; if `None`, the whole image.
     pub crop: Option<Crop>,
+    /// The layer of a segmentation with layers that is read.
+    pub layer: Option<usize>,
     /// Polygons in map view, or an image with as many samples; outside them, or where its samples are
     /// zero, those of the image are read as NaN.
     pub inside: Option<PathBuf>,
@@ -108,11 +116,11 @@ pub enum ImageFormat {
     Npy,
     /// SEG-Y.
     Segy,
-    /// VTK image data, `.vti`.
+    /// VTK image data, `.vti`, and evenly spaced grids, `.vtr`, `.vts`.
     Vti,
     /// A picture, `.png`.
     Png,
-    /// NIfTI-1 or NIfTI-2, `.nii`, `.nii.gz`, or `.hdr` with `.img`.
+    /// NIfTI-1 or NIfTI-2, `.nii`, `.nii.gz`, or `.hdr` with `.img`, also Analyze 7.5.
     Nifti,
     /// MetaImage, `.mha` or `.mhd`.
     MetaImage,
@@ -128,10 +136,24 @@ pub enum ImageFormat {
     Zmap,
     /// A grid of heights, CPS-3.
     Cps3,
+    /// A grid of heights of Surfer, as text or binary.
+    Surfer,
+    /// A grid of heights, ESRI ASCII.
+    Esri,
     /// A folder with an array in chunks, Zarr version 3; also MDIO version 1.
     Zarr,
     /// Samples without a header.
     Raw,
+}
+
+impl ImageFormat {
+    /// Returns `true` for grids of heights, which are 2-D.
+    pub(crate) fn is_height_grid(self) -> bool {
+        matches!(
+            self,
+            Self::Irap | Self::Zmap | Self::Cps3 | Self::Surfer | Self::Esri
+        )
+    }
 }
 
 impl fmt::Display for ImageFormat {
@@ -149,6 +171,8 @@ impl fmt::Display for ImageFormat {
             Self::Irap => "IRAP classic",
             Self::Zmap => "ZMAP+",
             Self::Cps3 => "CPS-3",
+            Self::Surfer => "Surfer",
+            Self::Esri => "ESRI ASCII",
             Self::Zarr => "Zarr",
             Self::Raw => "raw samples",
         })
@@ -370,7 +394,11 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
                 .map(AnyImage::Plane)
                 .map(OpenedImage::InMemory);
         }
-        format @ (ImageFormat::Irap | ImageFormat::Zmap | ImageFormat::Cps3) => {
+        format @ (ImageFormat::Irap
+        | ImageFormat::Zmap
+        | ImageFormat::Cps3
+        | ImageFormat::Surfer
+        | ImageFormat::Esri) => {
             let read = grids::read(path, format);
             return read.map(AnyImage::Plane).map(OpenedImage::InMemory);
         }
@@ -383,7 +411,7 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Zarr => return zarr::open(path).map(OpenedImage::Stream),
         ImageFormat::Nifti => nifti::read(path)?,
         ImageFormat::MetaImage => metaimage::read(path)?,
-        ImageFormat::Nrrd => nrrd::read(path)?,
+        ImageFormat::Nrrd => nrrd::read(path, options.layer)?,
         ImageFormat::Tiff => tiff::read(path)?,
         ImageFormat::Inrimage => inrimage::read(path)?,
         ImageFormat::Vti => {
@@ -435,65 +463,6 @@ pub(crate) fn extension(path: &Path) -> String {
         .unwrap_or_default()
 }
 
-/// Formats that are recognised but not read: name, offset of the magic bytes, magic bytes, and
-/// remedy.
-const UNSUPPORTED_FORMATS: &[(&str, usize, &[u8], &str)] = &[
-    (
-        "JPEG",
-        0,
-        b"\xff\xd8\xff",
-        "convert it to .png, e.g. in Python with Pillow",
-    ),
-    (
-        "HDF5 or MINC 2",
-        0,
-        b"\x89HDF",
-        "write the data set to .npy, in Python with h5py and numpy.save (MINC: mnc2nii, or nibabel)",
-    ),
-    (
-        "netCDF or MINC 1",
-        0,
-        b"CDF\x01",
-        "write the variable to .npy, in Python with xarray and numpy.save (MINC: mnc2nii, or nibabel)",
-    ),
-    (
-        "zip or .npz",
-        0,
-        b"PK\x03\x04",
-        "unzip it; of an .npz write an array to .npy, with numpy.load and numpy.save",
-    ),
-    ("bzip2", 0, b"BZh", "decompress it first, with bunzip2"),
-    ("DICOM", 128, b"DICM", DICOM_REMEDY),
-];
-
-/// Remedy for DICOM files.
-const DICOM_REMEDY: &str =
-    "convert the series to .nii.gz, e.g. with dcm2niix FOLDER, or in Python with SimpleITK";
-
-/// Remedy for FreeSurfer volumes.
-const FREESURFER_REMEDY: &str =
-    "convert it to .nii.gz, with mri_convert, or in Python with nibabel";
-
-/// Returns `true` if one of the first files of a folder is a DICOM file.
-fn holds_dicom(folder: &Path) -> bool {
-    const MAX_FILES_CHECKED: usize = 16;
-    let Ok(entries) = std::fs::read_dir(folder) else {
-        return false;
-    };
-    let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-    paths.sort();
-    paths
-        .iter()
-        .filter(|path| path.is_file())
-        .take(MAX_FILES_CHECKED)
-        .any(|path| {
-            let mut head = Vec::new();
-            let file = std::fs::File::open(path);
-            let read = file.and_then(|file| file.take(132).read_to_end(&mut head));
-            read.is_ok() && head.get(128..132) == Some(b"DICM")
-        })
-}
-
 /// Detects the format of a file from its content. The format is raw only if the options describe
 /// raw samples.
 ///
@@ -504,9 +473,12 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     if options.raw.is_none() && zarr::is_node(path)? {
         return Ok(ImageFormat::Zarr);
     }
-    if path.is_dir() && holds_dicom(path) {
-        let problem = "is a folder of DICOM files, which are not read";
-        return Err(Error::Io(cause(path.display(), problem, DICOM_REMEDY)));
+    if let Some(error) = path
+        .is_dir()
+        .then(|| foreign::folder_refusal(path))
+        .flatten()
+    {
+        return Err(error);
     }
     let file = files::open(
         path,
@@ -528,9 +500,11 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     if let Some(format) = recognise(&head) {
         return Ok(format);
     }
-    if matches!(extension(path).as_str(), "mgz" | "mgh") {
-        let problem = "is a volume of FreeSurfer (MGH), which is not read";
-        return Err(Error::Io(cause(path.display(), problem, FREESURFER_REMEDY)));
+    if nifti::header_of(path).is_some() {
+        return Ok(ImageFormat::Nifti);
+    }
+    if let Some(error) = foreign::refusal(path, &head) {
+        return Err(error);
     }
     if head.starts_with(packed::GZIP_MAGIC) {
         let (unpacked, _) = packed::read_head(path, DETECTION_BYTES)?;
@@ -543,17 +517,17 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
             ))),
         };
     }
-    let magic = |(_, offset, magic, _): &&(&str, usize, &[u8], &str)| {
-        head.get(*offset..)
-            .is_some_and(|rest| rest.starts_with(magic))
-    };
-    if let Some((name, _, _, remedy)) = UNSUPPORTED_FORMATS.iter().find(magic) {
-        let problem = format!("is in the format {name}, which is not read");
-        return Err(Error::Io(cause(path.display(), problem, *remedy)));
-    }
     let text = String::from_utf8_lossy(&head[..head.len().min(1024)]);
     if text.contains("<VTKFile") || head.starts_with(vtk::legacy::MAGIC) {
-        if text.contains("ImageData") || text.contains("STRUCTURED_POINTS") {
+        const KINDS: [&str; 6] = [
+            "ImageData",
+            "RectilinearGrid",
+            "StructuredGrid",
+            "STRUCTURED_POINTS",
+            "RECTILINEAR_GRID",
+            "DATASET STRUCTURED_GRID",
+        ];
+        if KINDS.iter().any(|kind| text.contains(kind)) {
             return Ok(ImageFormat::Vti);
         }
         let problem = "is a VTK file, but not of image data";
@@ -568,7 +542,7 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     if has_segy_name || segy::looks_like(&head) {
         return Ok(ImageFormat::Segy);
     }
-    Err(unknown_format(path))
+    Err(foreign::late_refusal(path, &head).unwrap_or_else(|| unknown_format(path)))
 }
 
 /// Number of bytes at the start of a file from which its format is detected.
@@ -583,7 +557,7 @@ fn recognise(head: &[u8]) -> Option<ImageFormat> {
         _ if head.starts_with(inrimage::MAGIC) => ImageFormat::Inrimage,
         _ if metaimage::looks_like(head) => ImageFormat::MetaImage,
         _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => ImageFormat::Tiff,
-        _ if nifti::looks_like(head) => ImageFormat::Nifti,
+        _ if nifti::looks_like(head) || nifti::looks_like_analyze(head) => ImageFormat::Nifti,
         _ => return grids::recognise(head),
     })
 }
@@ -592,7 +566,7 @@ fn unknown_format(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, Zarr)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, Zarr)",
             "say what it holds, e.g. 100x400x208:f32be (fastest axis first), or convert it to .npy",
         )
         .with_parameter("raw"),

@@ -1,5 +1,5 @@
 //! NIfTI-1 and NIfTI-2 (`.nii`, `.nii.gz`, and `.hdr` with `.img`), the image formats of
-//! neuroscience.
+//! neuroscience, and their ancestor Analyze 7.5 (`.hdr` with `.img`).
 //!
 //! Samples are scaled by `scl_slope` and `scl_inter`. Positions come from the sform, else from the
 //! qform, else from the voxel sizes alone. The NIfTI world is right-anterior-superior (RAS). As in
@@ -20,6 +20,7 @@ use super::stream::SlabSource;
 use super::{ImageFormat, LoadedImage};
 use crate::error::Result;
 use crate::files::atomic_write;
+use crate::geometry::{norm, sub};
 use crate::image::Geometry;
 
 /// Bytes of the longer of the two headers, that of NIfTI-2.
@@ -38,11 +39,57 @@ pub fn looks_like(head: &[u8]) -> bool {
     .any(|(at, magic)| has(*at, *magic))
 }
 
+/// Returns `true` if these are the first bytes of a header of Analyze 7.5: a length, a number of axes,
+/// and a type of samples with its size in bits.
+pub fn looks_like_analyze(head: &[u8]) -> bool {
+    if head.len() < 348 || looks_like(head) {
+        return false;
+    }
+    let has_fields = |number: fn([u8; 2]) -> u16| {
+        let field = |at: usize| number([head[at], head[at + 1]]);
+        let (rank, kind, bits) = (field(40), field(70), field(72));
+        let sizes = [
+            (2, 8),
+            (4, 16),
+            (8, 32),
+            (16, 32),
+            (32, 64),
+            (64, 64),
+            (128, 24),
+            (256, 8),
+            (512, 16),
+        ];
+        (1..=7).contains(&rank) && sizes.contains(&(kind, bits))
+    };
+    let length = 348u32;
+    head.starts_with(&length.to_le_bytes()) && has_fields(u16::from_le_bytes)
+        || head.starts_with(&length.to_be_bytes()) && has_fields(u16::from_be_bytes)
+}
+
+/// Returns the header of a file of samples: `a.hdr` of `a.img` or `a.img.gz`, if it is one of NIfTI or
+/// Analyze.
+pub fn header_of(path: &Path) -> Option<PathBuf> {
+    let base = match path.extension()? {
+        e if e.eq_ignore_ascii_case("gz") => path.with_extension(""),
+        _ => path.to_path_buf(),
+    };
+    if !base.extension()?.eq_ignore_ascii_case("img") {
+        return None;
+    }
+    let headers = ["hdr", "HDR", "hdr.gz"].map(|ending| base.with_extension(ending));
+    headers.into_iter().find(|header| {
+        let head = packed::read_head(header, MAX_HEADER_BYTES);
+        head.is_ok_and(|(head, _)| looks_like(&head) || looks_like_analyze(&head))
+    })
+}
+
 /// Access to the fields of either header by their byte offsets.
 struct NiftiHeader<'a> {
     bytes: &'a [u8],
     endian: Endian,
     is_nifti2: bool,
+    /// `true` for Analyze 7.5, which has other fields after the sizes of voxels.
+    is_analyze: bool,
 }
 
 impl NiftiHeader<'_> {
@@ -123,6 +170,8 @@ impl NiftiHeader<'_> {
 /// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read, is truncated or damaged,
 /// or holds a series of volumes, colours or complex numbers.
 pub fn read(path: &Path) -> Result<LoadedImage> {
+    let header = header_of(path);
+    let path = header.as_deref().unwrap_or(path);
     let (mut head, packing) = packed::read_head(path, MAX_HEADER_BYTES)?;
     let is_nifti2 = head.get(4..7).is_some_and(|m| m == b"n+2" || m == b"ni2");
     let length = if is_nifti2 { 540 } else { 348 };
@@ -143,11 +192,13 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             return Err(file_error(path, problem, DAMAGED_REMEDY));
         }
     };
-    let is_detached = head[if is_nifti2 { 5 } else { 345 }] == b'i';
+    let is_analyze = looks_like_analyze(&head);
+    let is_detached = is_analyze || head[if is_nifti2 { 5 } else { 345 }] == b'i';
     let fields = NiftiHeader {
         bytes: &head,
         endian,
         is_nifti2,
+        is_analyze,
     };
     let dims = dims(&fields).map_err(|problem| {
         let remedy = "give one volume, e.g. in Python with nibabel: image.slicer[..., 0]";
@@ -212,45 +263,124 @@ fn dims(fields: &NiftiHeader<'_>) -> std::result::Result<[usize; 3], String> {
 
 /// Returns the geometry in the frame of ITK (LPS).
 fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
-    let pixdim: [f64; 4] = fields.floats(fields.select_by_version(76, 104));
-    let size = [1, 2, 3].map(|k: usize| match pixdim[k].abs() {
-        s if s.is_finite() && s > 0.0 => s,
-        _ => 1.0,
-    });
-    let unit = match fields.integer(
-        fields.select_by_version(123, 500),
-        fields.select_by_version(1, 4),
-    ) & 7
-    {
-        1 => "m",
-        2 => "mm",
-        3 => "um",
-        _ => "",
-    };
-    let with_units = |origin: [f64; 3], axes: [[f64; 3]; 3]| Geometry {
-        origin,
-        axes,
+    let size = fields.voxel_size();
+    let unit = fields.unit();
+    let with_units = |geometry: Geometry<3>| Geometry {
         units: [(); 3].map(|()| unit.to_string()),
-        ..Geometry::default()
+        ..geometry
     };
-    let (qform, sform) = if fields.is_nifti2 {
-        (fields.integer(344, 4), fields.integer(348, 4))
-    } else {
-        (fields.integer(252, 2), fields.integer(254, 2))
+    let (qform, sform) = match () {
+        () if fields.is_analyze => (0, 0),
+        () if fields.is_nifti2 => (fields.integer(344, 4), fields.integer(348, 4)),
+        () => (fields.integer(252, 2), fields.integer(254, 2)),
     };
-    let mut placement = None;
-    if sform > 0 {
-        let rows: [f64; 12] = fields.floats(fields.select_by_version(280, 400));
-        let row = |c: usize, k: usize| rows[4 * c + k];
-        placement = Some(with_units(
-            std::array::from_fn(|c| row(c, 3)),
-            std::array::from_fn(|k| std::array::from_fn(|c| row(c, k))),
-        ))
-        .filter(spans_space);
+    let by_sform = (sform > 0).then(|| fields.sform());
+    let by_qform = (qform > 0).then(|| fields.qform(size)).filter(spans_space);
+    if by_sform.as_ref().is_some_and(|form| !spans_space(form)) {
+        notes.push("the sform of the header spans no space, and is not used".into());
     }
-    if qform > 0 && placement.is_none() {
-        let [b, c, d]: [f64; 3] = fields.floats(fields.select_by_version(256, 352));
-        let origin: [f64; 3] = fields.floats(fields.select_by_version(268, 376));
+    let by_sform = by_sform.filter(spans_space);
+    if let (Some(used), Some(other)) = (&by_sform, &by_qform) {
+        notes.extend(note_on_forms(fields, (used, sform), (other, qform), unit));
+    }
+    match by_sform.or(by_qform) {
+        Some(geometry) => {
+            notes.push(
+                "x points to the patient's left, y to the back, z up (LPS, as in ITK)".into(),
+            );
+            swap_ras_lps(with_units(geometry))
+        }
+        None => {
+            notes.push(if fields.is_analyze {
+                "a header of Analyze 7.5 says neither where the volume lies nor which side is left: its first sample is at 0, and its axes are x, y and z".into()
+            } else {
+                "the header does not say where the volume lies: its first sample is at 0".into()
+            });
+            with_units(Geometry::with_spacing([0.0; 3], size))
+        }
+    }
+}
+
+/// Returns a note if the two forms of a header put the volume at different places. Each form has its
+/// code.
+fn note_on_forms(
+    fields: &NiftiHeader<'_>,
+    (used, sform): (&Geometry<3>, i64),
+    (other, qform): (&Geometry<3>, i64),
+    unit: &str,
+) -> Option<String> {
+    let last = dims(fields).ok()?.map(|n| n.saturating_sub(1) as f64);
+    let corners = (0..8).map(|c| [0, 1, 2].map(|k| if c >> k & 1 == 1 { last[k] } else { 0.0 }));
+    let distance = corners
+        .map(|at| norm(sub(used.to_physical(at), other.to_physical(at))))
+        .fold(0.0, f64::max);
+    let smallest = used.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    if distance <= MAX_FORM_ROUNDING * smallest {
+        return None;
+    }
+    let space = if unit.is_empty() { "" } else { " " };
+    let place = |form: &Geometry<3>| {
+        let [x, y, z] = swap_ras_lps(form.clone()).origin;
+        format!("({x:.3}, {y:.3}, {z:.3})")
+    };
+    Some(format!(
+        "sform (code {sform}) and qform (code {qform}) of the header differ by up to {distance:.3}{space}{unit}: sform is used, with the first sample at {}; qform, which some programs use, has it at {}",
+        place(used),
+        place(other)
+    ))
+}
+
+/// Largest distance between the places by sform and by qform, in voxels, that is rounding.
+const MAX_FORM_ROUNDING: f64 = 0.01;
+
+impl NiftiHeader<'_> {
+    /// Returns the size of a voxel along each axis.
+    fn voxel_size(&self) -> [f64; 3] {
+        let pixdim: [f64; 4] = self.floats(self.select_by_version(76, 104));
+        [1, 2, 3].map(|k: usize| match pixdim[k].abs() {
+            s if s.is_finite() && s > 0.0 => s,
+            _ => 1.0,
+        })
+    }
+
+    /// Returns the unit of positions. In headers of Analyze it is a text.
+    fn unit(&self) -> &'static str {
+        if self.is_analyze {
+            return match self.bytes[56..60].trim_ascii_end() {
+                [b'm', b'm', ..] => "mm",
+                [b'u', b'm', ..] => "um",
+                [b'c', b'm', ..] => "cm",
+                _ => "",
+            };
+        }
+        let (at, size) = (
+            self.select_by_version(123, 500),
+            self.select_by_version(1, 4),
+        );
+        match self.integer(at, size) & 7 {
+            1 => "m",
+            2 => "mm",
+            3 => "um",
+            _ => "",
+        }
+    }
+
+    /// Returns the geometry of the sform, which is an affine matrix.
+    fn sform(&self) -> Geometry<3> {
+        let rows: [f64; 12] = self.floats(self.select_by_version(280, 400));
+        let row = |c: usize, k: usize| rows[4 * c + k];
+        Geometry {
+            origin: std::array::from_fn(|c| row(c, 3)),
+            axes: std::array::from_fn(|k| std::array::from_fn(|c| row(c, k))),
+            ..Geometry::default()
+        }
+    }
+
+    /// Returns the geometry of the qform, which is a rotation by a quaternion and a translation.
+    fn qform(&self, size: [f64; 3]) -> Geometry<3> {
+        let pixdim: [f64; 4] = self.floats(self.select_by_version(76, 104));
+        let [b, c, d]: [f64; 3] = self.floats(self.select_by_version(256, 352));
+        let origin: [f64; 3] = self.floats(self.select_by_version(268, 376));
         let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
         // Columns of the rotation matrix of the quaternion; a negative first pixdim reverses the
         // third.
@@ -273,22 +403,10 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
         ];
         let qfac = if pixdim[0] < 0.0 { -1.0 } else { 1.0 };
         let steps = [size[0], size[1], size[2] * qfac];
-        let axes = std::array::from_fn(|k| columns[k].map(|x| x * steps[k]));
-        placement = Some(with_units(origin, axes)).filter(spans_space);
-    }
-    match placement {
-        Some(geometry) => {
-            notes.push(
-                "x points to the patient's left, y to the back, z up (LPS, as in ITK)".into(),
-            );
-            swap_ras_lps(geometry)
-        }
-        None => {
-            notes.push(
-                "the header does not say where the volume lies: its first sample is at 0".into(),
-            );
-            let straight = Geometry::with_spacing([0.0; 3], size);
-            with_units(straight.origin, straight.axes)
+        Geometry {
+            origin,
+            axes: std::array::from_fn(|k| columns[k].map(|x| x * steps[k])),
+            ..Geometry::default()
         }
     }
 }
@@ -317,7 +435,13 @@ fn sample_file(header: &Path) -> Result<(PathBuf, SamplePacking)> {
     } else {
         header.to_path_buf()
     };
-    let image = base.with_extension("img");
+    let lower = base.with_extension("img");
+    let upper = base.with_extension("IMG");
+    let image = if upper.exists() && !lower.exists() {
+        upper
+    } else {
+        lower
+    };
     let packed = base.with_extension("img.gz");
     match (image.exists(), packed.exists()) {
         (false, true) => Ok((packed, SamplePacking::Deflated)),
@@ -398,4 +522,112 @@ pub fn write<const D: usize>(
         out.write_all(&head)?;
         samples::write_slabs(out, slabs)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{AnyImage, ReadOptions, read_any};
+    use super::*;
+
+    /// Returns a header of 348 bytes of a volume of 3 x 2 x 2 bytes with voxels of 2 x 3 x 4 mm.
+    fn header(fields: &[(usize, &[u8])]) -> Vec<u8> {
+        let mut head = vec![0; 348];
+        let mut set = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+        set(0, &348i32.to_le_bytes());
+        for (k, n) in [3i16, 3, 2, 2, 1].into_iter().enumerate() {
+            set(40 + 2 * k, &n.to_le_bytes());
+        }
+        set(70, &2i16.to_le_bytes());
+        set(72, &8i16.to_le_bytes());
+        for (k, size) in [1f32, 2.0, 3.0, 4.0].into_iter().enumerate() {
+            set(76 + 4 * k, &size.to_le_bytes());
+        }
+        for (at, bytes) in fields {
+            set(*at, bytes);
+        }
+        head
+    }
+
+    /// Returns the fields of an sform of the voxel sizes with this origin, and a qform without rotation
+    /// at (1, 2, 3).
+    fn forms(codes: [i16; 2], origin: [f32; 3]) -> Vec<u8> {
+        let mut rows = [0f32; 12];
+        for c in 0..3 {
+            rows[4 * c + c] = [2.0, 3.0, 4.0][c];
+            rows[4 * c + 3] = origin[c];
+        }
+        let floats = [0f32; 3].into_iter().chain([1.0, 2.0, 3.0]).chain(rows);
+        let codes = codes.map(i16::to_le_bytes).concat();
+        [codes, floats.flat_map(f32::to_le_bytes).collect()].concat()
+    }
+
+    #[test]
+    fn forms_that_differ_are_noted_and_codes_of_zero_are_not_used() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.nii");
+        let differ = "sform (code 2) and qform (code 1) of the header differ by up to 5.000 mm: sform is used, with the \
+                      first sample at (-1.000, -2.000, 8.000); qform, which some programs use, has it at (-1.000, -2.000, 3.000)";
+        for (codes, z, origin, note) in [
+            ([1i16, 2i16], 8.0, [-1.0, -2.0, 8.0], Some(differ)),
+            ([1, 2], 3.0001, [-1.0, -2.0, f64::from(3.0001f32)], None),
+            ([1, 0], 8.0, [-1.0, -2.0, 3.0], None),
+            ([0, 1], 8.0, [-1.0, -2.0, 8.0], None),
+            (
+                [0, 0],
+                8.0,
+                [0.0; 3],
+                Some("does not say where the volume lies"),
+            ),
+        ] {
+            let forms = forms(codes, [1.0, 2.0, z]);
+            let fields: [(usize, &[u8]); 4] = [
+                (108, &352f32.to_le_bytes()),
+                (123, &[2]),
+                (252, &forms),
+                (344, b"n+1\0"),
+            ];
+            let mut bytes = header(&fields);
+            bytes.extend([0; 4 + 12]);
+            std::fs::write(&path, bytes).unwrap();
+            let loaded = read(&path).unwrap();
+            assert_eq!(loaded.image.geometry.origin, origin, "{codes:?}");
+            let text = loaded.notes.join("\n");
+            match note {
+                Some(note) => assert!(text.contains(note), "{codes:?}: {text}"),
+                None => assert!(!text.contains("differ"), "{codes:?}: {text}"),
+            }
+        }
+    }
+
+    #[test]
+    fn the_samples_of_a_pair_are_read_through_their_header() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let samples: Vec<u8> = (0..12).collect();
+        let nifti: [(usize, &[u8]); 2] = [(123, &[2]), (344, b"ni1\0")];
+        let analyze: [(usize, &[u8]); 2] = [(38, b"r"), (56, b"mm\0\0")];
+        for (name, fields, note) in [
+            ("nifti", nifti, "does not say where the volume lies"),
+            ("analyze", analyze, "nor which side is left"),
+        ] {
+            std::fs::write(path(&format!("{name}.hdr")), header(&fields)).unwrap();
+            std::fs::write(path(&format!("{name}.img")), &samples).unwrap();
+            for ending in ["hdr", "img"] {
+                let file = path(&format!("{name}.{ending}"));
+                let AnyImage::Space(loaded) = read_any(&file, &ReadOptions::default()).unwrap()
+                else {
+                    panic!("{name} is no plane");
+                };
+                assert_eq!(loaded.image.dims(), [3, 2, 2]);
+                assert_eq!(loaded.image.as_slice()[11], 11.0);
+                assert_eq!(loaded.image.geometry.spacing(), [2.0, 3.0, 4.0]);
+                assert_eq!(loaded.image.geometry.units, ["mm", "mm", "mm"]);
+                assert!(loaded.notes.join("\n").contains(note), "{:?}", loaded.notes);
+            }
+        }
+        // Samples whose header is of another kind are not guessed.
+        std::fs::write(path("other.hdr"), "ENVI\nsamples = 3\n").unwrap();
+        std::fs::write(path("other.img"), &samples).unwrap();
+        assert!(read_any(&path("other.img"), &ReadOptions::default()).is_err());
+    }
 }

@@ -3,6 +3,7 @@
 //!
 //! Positions in the spaces right-anterior-superior and left-anterior-superior are converted to
 //! left-posterior-superior, as ITK does. Positions in all other spaces are used as they are.
+//! `segments` reads the names of labels and the layers of 3D Slicer's segmentations.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,12 +16,13 @@ use super::packed::{
     self, DAMAGED_REMEDY, PackedSamples, SamplePacking, SampleStart, dims_from_sizes, file_error,
 };
 use super::samples::{self, Encoding, Endian, SampleType};
+use super::segments::{Segment, describe_layers, label_names, segments};
 use super::stream::SlabSource;
 use super::{ImageFormat, LoadedImage};
-use crate::error::Result;
+use crate::error::{Error, Result, cause};
 use crate::files::atomic_write;
 use crate::geometry::{cross, unit};
-use crate::image::Geometry;
+use crate::image::{ExactLabels, Geometry, Image};
 
 /// First bytes of every NRRD file.
 pub const MAGIC: &[u8] = b"NRRD000";
@@ -45,9 +47,11 @@ impl<'a> Header<'a> {
             if line.is_empty() {
                 break;
             }
-            // Lines `key:=value` have a meaning for the author of the file only.
             let field = line.split_once(": ").or_else(|| line.split_once(':'));
-            if let Some((name, value)) = field.filter(|(_, value)| !value.starts_with('=')) {
+            // Lines `key:=value` are no fields.
+            let is_field =
+                |(name, value): &(&str, &str)| !value.starts_with('=') && !name.contains(":=");
+            if let Some((name, value)) = field.filter(is_field) {
                 // Names occur with and without spaces: `byte skip`, `byteskip`.
                 fields.push((name.to_lowercase().replace(' ', ""), value.trim()));
             }
@@ -146,14 +150,16 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Reads a volume. A plane is read as a volume with a single sample along z.
+/// Reads a volume. A plane is read as a volume with a single sample along z. Of an image with an axis
+/// of layers, that with the number `layer` is read.
 ///
 /// # Errors
 /// Returns an [`Error::Io`](crate::Error::Io) if the file, or the file of its samples, cannot be
 /// read, is truncated or damaged, has more than one value per sample, or has an unsupported
 /// encoding.
-pub fn read(path: &Path) -> Result<LoadedImage> {
-    let text = packed::read_head_text(path, MAX_HEADER_BYTES)?;
+pub fn read(path: &Path, layer: Option<usize>) -> Result<LoadedImage> {
+    let (head, _) = packed::read_head(path, MAX_HEADER_BYTES)?;
+    let text = packed::ascii_text(&head);
     let header = Header::parse(path, &text);
     let rank = header.integer("dimension", 0)?;
     let sizes = header.required_value("sizes")?;
@@ -166,7 +172,13 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         return Err(file_error(path, problem, DAMAGED_REMEDY));
     }
     let directions = directions(&header, counts.len())?;
-    let axes = axes(&header, &counts, &directions)?;
+    let mut axes = axes(&header, &counts, &directions);
+    let layer_axis = layer_axis(&header, &counts, &axes, &directions);
+    let segments = segments(&key_value_pairs(&head, header.end), layer_axis.is_some());
+    let layers = Layers::new(&counts, layer_axis);
+    let layer = layers.number(&header, &segments, layer)?;
+    axes.retain(|axis| Some(*axis) != layer_axis);
+    check_components(&header, &counts, &axes, &directions)?;
     let image_sizes: Vec<usize> = axes.iter().map(|&axis| counts[axis]).collect();
     let remedy = "give one value per sample, in two or three dimensions";
     let dims =
@@ -181,9 +193,18 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         packing,
         sample_start: skip,
         encoding,
-        dims,
+        dims: layer_axis.map_or(dims, |_| layers.sizes),
     };
-    let loaded = packed.load(ImageFormat::Nrrd, geometry, None, Vec::new())?;
+    let mut loaded = packed.load(ImageFormat::Nrrd, geometry, None, Vec::new())?;
+    if layer_axis.is_some() {
+        loaded.image = layers.image(&loaded.image, layer, dims);
+        loaded.notes.push(format!(
+            "layer {layer} of {} is read: {}",
+            layers.count(),
+            describe_layers(&segments, layers.count())
+        ));
+    }
+    loaded.image.label_names = label_names(&segments, layer);
     match loaded
         .notes
         .iter()
@@ -251,7 +272,7 @@ fn sample_type(name: &str) -> Option<SampleType> {
 
 /// Returns the direction of each axis, or `None` if the header gives no directions. An axis without
 /// direction has the entry `None`.
-fn directions(header: &Header<'_>, rank: usize) -> Result<Option<Vec<Option<Vec<f64>>>>> {
+fn directions(header: &Header<'_>, rank: usize) -> Result<Directions> {
     let Some(text) = header.value("spacedirections") else {
         return Ok(None);
     };
@@ -282,31 +303,56 @@ fn parse_vector(text: &str) -> Option<Vec<f64>> {
     numbers.filter(|v| (1..=3).contains(&v.len()) && v.iter().all(|x| x.is_finite()))
 }
 
+/// Directions of axes, if the header gives them; `None` for an axis without direction.
+type Directions = Option<Vec<Option<Vec<f64>>>>;
+
+/// Returns the kind of an axis.
+fn kind<'a>(header: &Header<'a>, axis: usize) -> &'a str {
+    let kinds = header.value("kinds").unwrap_or("");
+    kinds.split_whitespace().nth(axis).unwrap_or("domain")
+}
+
+/// Returns `true` for an axis of space.
+fn is_space(header: &Header<'_>, axis: usize, directions: &Directions) -> bool {
+    matches!(
+        kind(header, axis),
+        "domain" | "space" | "???" | "none" | "time" | "list"
+    ) && directions.as_ref().is_none_or(|d| d[axis].is_some())
+}
+
 /// Returns the axes of the image, the fastest first: the axes of space, and all others with more
 /// than one sample.
-///
-/// # Errors
-/// Returns an [`Error::Io`](crate::Error::Io) if an axis with several samples is not an axis of
-/// space.
-fn axes(
+fn axes(header: &Header<'_>, counts: &[usize], directions: &Directions) -> Vec<usize> {
+    let mut axes: Vec<usize> = (0..counts.len()).collect();
+    axes.retain(|&axis| is_space(header, axis, directions) || counts[axis] != 1);
+    axes
+}
+
+/// Returns the axis that counts layers: of the kind `list`, without a direction, beside axes of space.
+fn layer_axis(
     header: &Header<'_>,
     counts: &[usize],
-    directions: &Option<Vec<Option<Vec<f64>>>>,
-) -> Result<Vec<usize>> {
-    let kinds: Vec<&str> = header
-        .value("kinds")
-        .unwrap_or("")
-        .split_whitespace()
-        .collect();
-    let is_space = |axis: usize| {
-        let kind = kinds.get(axis).map_or("domain", |kind| kind);
-        matches!(kind, "domain" | "space" | "???" | "none" | "time" | "list")
-            && directions.as_ref().is_none_or(|d| d[axis].is_some())
-    };
-    let mut axes: Vec<usize> = (0..counts.len()).collect();
-    axes.retain(|&axis| is_space(axis) || counts[axis] != 1);
-    match axes.iter().find(|&&axis| !is_space(axis)) {
-        None => Ok(axes),
+    axes: &[usize],
+    directions: &Directions,
+) -> Option<usize> {
+    let is_layers =
+        |axis: &&usize| kind(header, **axis) == "list" && !is_space(header, **axis, directions);
+    let layers = axes.iter().find(is_layers).copied();
+    layers.filter(|_| counts.len() > 2)
+}
+
+/// Checks that each sample has one value.
+fn check_components(
+    header: &Header<'_>,
+    counts: &[usize],
+    axes: &[usize],
+    directions: &Directions,
+) -> Result<()> {
+    let mut others = axes
+        .iter()
+        .filter(|axis| !is_space(header, **axis, directions));
+    match others.next() {
+        None => Ok(()),
         Some(&axis) => {
             let problem = format!("has {} values per sample (axis {axis})", counts[axis]);
             Err(file_error(header.path, problem, "give one component"))
@@ -314,11 +360,81 @@ fn axes(
     }
 }
 
-fn geometry(
-    header: &Header<'_>,
-    axes: &[usize],
-    directions: &Option<Vec<Option<Vec<f64>>>>,
-) -> Result<Geometry<3>> {
+/// The key/value pairs of a header that ends at byte `end`, in UTF-8.
+fn key_value_pairs(head: &[u8], end: u64) -> Vec<(String, String)> {
+    let head = &head[..head.len().min(end as usize)];
+    let text = String::from_utf8_lossy(head);
+    let pair = |line: &str| {
+        let (key, value) = line.split_once(":=")?;
+        Some((key.trim().to_string(), value.trim().to_string()))
+    };
+    text.lines().filter_map(pair).collect()
+}
+
+/// The layers of an image in the order of its samples.
+struct Layers {
+    /// Number of samples that lie side by side in one layer, number of layers, and number of such
+    /// runs in a layer.
+    sizes: [usize; 3],
+}
+
+impl Layers {
+    fn new(counts: &[usize], axis: Option<usize>) -> Self {
+        let product = |counts: &[usize]| counts.iter().fold(1usize, |n, &c| n.saturating_mul(c));
+        let sizes = match axis {
+            Some(axis) => [
+                product(&counts[..axis]),
+                counts[axis],
+                product(&counts[axis + 1..]),
+            ],
+            None => [product(counts), 1, 1],
+        };
+        Self { sizes }
+    }
+
+    fn count(&self) -> usize {
+        self.sizes[1]
+    }
+
+    /// Returns the number of the layer that is read.
+    ///
+    /// # Errors
+    /// Returns an [`Error::Io`](crate::Error::Io) that lists the layers if none is chosen of several,
+    /// or one that does not exist.
+    fn number(
+        &self,
+        header: &Header<'_>,
+        segments: &[Segment],
+        chosen: Option<usize>,
+    ) -> Result<usize> {
+        let problem = match chosen {
+            None if self.count() == 1 => return Ok(0),
+            Some(layer) if layer < self.count() => return Ok(layer),
+            None => format!("has {} layers", self.count()),
+            Some(layer) => format!("has no layer {layer}"),
+        };
+        let layers = describe_layers(segments, self.count());
+        let remedy = format!("give one of the layers {layers}");
+        let error = cause(header.path.display(), problem, remedy);
+        Err(Error::Io(error.with_parameter("layer")))
+    }
+
+    /// Returns one layer of an image of all layers.
+    fn image(&self, all: &Image<3>, layer: usize, dims: [usize; 3]) -> Image<3> {
+        let [run, count, runs] = self.sizes;
+        let starts = || (0..runs).map(|k| (k * count + layer) * run);
+        let samples = starts().flat_map(|start| &all.as_slice()[start..start + run]);
+        let samples = samples.copied().collect();
+        let mut image = Image::new(dims, samples, all.geometry.clone());
+        image.labels = all.labels.as_ref().map(|labels| {
+            let offsets = starts().flat_map(|start| start..start + run);
+            ExactLabels::from_integers(offsets.map(|i| labels.values[labels.indices[i] as usize]))
+        });
+        image
+    }
+}
+
+fn geometry(header: &Header<'_>, axes: &[usize], directions: &Directions) -> Result<Geometry<3>> {
     let mut geometry = Geometry::default();
     let quoted = |text: &str| -> Vec<String> {
         text.split('"')
@@ -481,6 +597,7 @@ pub fn write<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::LabelValue;
 
     #[test]
     fn axes_begin_where_the_header_says() {
@@ -491,7 +608,7 @@ mod tests {
                 "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 1 2\nencoding: raw\n{fields}\n\n"
             );
             std::fs::write(&path, [header.as_bytes(), &[0; 6]].concat()).unwrap();
-            let geometry = read(&path).unwrap().image.geometry;
+            let geometry = read(&path, None).unwrap().image.geometry;
             let steps: [f64; 3] = std::array::from_fn(|k| geometry.axes[k][k]);
             (geometry.origin, steps)
         };
@@ -508,5 +625,63 @@ mod tests {
             placement_of("axis mins: 10 20 30\naxis maxs: 16 20 32\ncenterings: node ??? cell"),
             ([10.0, 20.0, 30.5], [3.0, 1.0, 1.0])
         );
+    }
+
+    /// Returns a segmentation of two layers, as 3D Slicer writes it.
+    fn layered_segmentation() -> Vec<u8> {
+        let header = "NRRD0004\ntype: unsigned char\ndimension: 4\nspace: left-posterior-superior\n\
+                      sizes: 2 3 2 2\nspace directions: none (2,0,0) (0,2,0) (0,0,3)\n\
+                      kinds: list domain domain domain\nencoding: raw\nspace origin: (10,20,30)\n\
+                      Segment0_LabelValue:=1\nSegment0_Layer:=0\nSegment0_Name:=Kn\u{f6}chel\n\
+                      Segment1_LabelValue:=1\nSegment1_Layer:=1\nSegment1_Name:=Skin: outer\n\
+                      Segment2_LabelValue:=2\nSegment2_Layer:=0\nSegment2_Name:=Muscle\n\
+                      Segmentation_ReferenceImageExtentOffset:=5 6 7\n\n";
+        // The layer is the fastest axis; layer 0 holds 1 and 2, layer 1 holds 0 and 1.
+        let samples = (0..12).flat_map(|i| [1 + u8::from(i % 3 == 2), u8::from(i < 6)]);
+        [header.as_bytes(), &samples.collect::<Vec<u8>>()].concat()
+    }
+
+    #[test]
+    fn a_layer_of_a_segmentation_is_read_with_the_names_of_its_labels() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.seg.nrrd");
+        std::fs::write(&path, layered_segmentation()).unwrap();
+        let name = |label: i128, name: &str| (LabelValue::Whole(label), name.to_string());
+        let names = [
+            vec![name(1, "Kn\u{f6}chel"), name(2, "Muscle")],
+            vec![name(1, "Skin: outer")],
+        ];
+        let samples: [Vec<f32>; 2] = [
+            (0..12)
+                .map(|i| if i % 3 == 2 { 2.0 } else { 1.0 })
+                .collect(),
+            (0..12).map(|i| if i < 6 { 1.0 } else { 0.0 }).collect(),
+        ];
+        for layer in 0..2 {
+            let image = read(&path, Some(layer)).unwrap().image;
+            assert_eq!(image.dims(), [3, 2, 2]);
+            assert_eq!(image.as_slice(), samples[layer]);
+            assert_eq!(image.label_names, names[layer]);
+            // The offset in the image that was segmented does not move the samples.
+            assert_eq!(image.geometry.origin, [10.0, 20.0, 30.0]);
+            assert_eq!(image.geometry.spacing(), [2.0, 2.0, 3.0]);
+        }
+        for layer in [None, Some(2)] {
+            let error = read(&path, layer).unwrap_err().to_string();
+            assert!(
+                error.contains("0 (Kn\u{f6}chel, Muscle), 1 (Skin: outer)"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn colours_are_not_layers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.nrrd");
+        let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 2 2\nkinds: RGB-color domain domain\nencoding: raw\n\n";
+        std::fs::write(&path, [header.as_bytes(), &[0; 12]].concat()).unwrap();
+        let error = read(&path, None).unwrap_err().to_string();
+        assert!(error.contains("has 3 values per sample"), "{error}");
     }
 }

@@ -123,7 +123,9 @@ impl PackedSamples {
         if !is_scaled_integer || step > MAX_LABEL_STEP || !numbers.iter().all(is_near_whole) {
             return None;
         }
-        let largest = numbers.iter().fold(0.0f64, |max, v| max.max(difference(*v)));
+        let largest = numbers
+            .iter()
+            .fold(0.0f64, |max, v| max.max(difference(*v)));
         for number in numbers.iter_mut() {
             *number = number.round() + 0.0;
         }
@@ -443,8 +445,13 @@ pub fn read_head(path: &Path, max_bytes: u64) -> Result<(Vec<u8>, SamplePacking)
 /// Returns an [`Error::Io`] if the file cannot be read.
 pub fn read_head_text(path: &Path, max_bytes: u64) -> Result<String> {
     let (head, _) = read_head(path, max_bytes)?;
+    Ok(ascii_text(&head))
+}
+
+/// Returns a text with one character for each byte, `?` for those that are not ASCII.
+pub fn ascii_text(bytes: &[u8]) -> String {
     let to_char = |&b: &u8| if b.is_ascii() { b as char } else { '?' };
-    Ok(head.iter().map(to_char).collect())
+    bytes.iter().map(to_char).collect()
 }
 
 /// Returns an error about a file.

@@ -513,8 +513,12 @@ mod tests {
         let AnyImage::Space(loaded) = read(&placed, spacing).unwrap() else {
             panic!("not in space")
         };
-        assert_eq!(loaded.image.geometry.to_physical([1.0; 3]), [9.0, 10.0, 11.0]);
-        let note = "--spacing instead of the geometry in the file (spacing 1, 2, 3, origin 7, 8, 9)";
+        assert_eq!(
+            loaded.image.geometry.to_physical([1.0; 3]),
+            [9.0, 10.0, 11.0]
+        );
+        let note =
+            "--spacing instead of the geometry in the file (spacing 1, 2, 3, origin 7, 8, 9)";
         assert!(loaded.notes.contains(&note.into()), "{:?}", loaded.notes);
         let geometry_from = |path: &PathBuf| InputOptions {
             geometry_from: Some(path.clone()),

@@ -609,7 +609,12 @@ mod tests {
                 [0.5, 0.5, 0.5],
                 "angstrom,angstrom,angstrom",
             ),
-            (Some([1, 2]), b"unit=pixel\nspacing=3.0\n", [2.0, 2.0, 3.0], ",,"),
+            (
+                Some([1, 2]),
+                b"unit=pixel\nspacing=3.0\n",
+                [2.0, 2.0, 3.0],
+                ",,",
+            ),
         ] {
             let (found, found_units) = geometry(resolution, fields);
             assert_eq!((found, &*found_units), (steps, units));
@@ -619,7 +624,11 @@ mod tests {
     #[test]
     fn resolution_tags_give_the_spacing_unless_they_are_those_of_printers() {
         for (resolution, unit, expected) in [
-            ([10_000.0, 5_000.0], Some(3), Some(([1e-4, 2e-4, 2e-4], "cm"))),
+            (
+                [10_000.0, 5_000.0],
+                Some(3),
+                Some(([1e-4, 2e-4, 2e-4], "cm")),
+            ),
             ([1016.0, 1016.0], Some(2), Some(([1.0 / 1016.0; 3], "in"))),
             ([300.0, 300.0], Some(2), None),
             ([118.11, 118.11], Some(3), None),

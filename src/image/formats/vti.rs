@@ -1,4 +1,5 @@
 //! VTK image data (`.vti`, legacy `.vtk`): origin, spacing and direction in full double precision.
+//! Rectilinear and structured grids (`.vtr`, `.vts`, legacy `.vtk`) are read if they are evenly spaced.
 //!
 //! VTK maps index (i, j, k) to `Origin + Direction * (Spacing * index)`: column k of `Direction` is
 //! the unit step along axis k. VTK has no place for units and names of axes; they are stored in
@@ -8,7 +9,7 @@ use std::path::Path;
 use std::str::FromStr;
 use std::sync::Arc;
 
-use super::samples;
+use super::{samples, vtk_axes};
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
@@ -24,7 +25,8 @@ use crate::image::{ExactLabels, Geometry, Image};
 /// Returns an [`Error::Io`](crate::Error::Io) if the file is not VTK image data, is damaged, or
 /// holds no 3-D scalars on points or cells.
 pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
-    let file = VtkFile::read(path, "ImageData")?;
+    let kinds = ["ImageData", "RectilinearGrid", "StructuredGrid"];
+    let file = VtkFile::read_one_of(path, &kinds)?;
     let data_set = file.data_set();
     let piece = file.piece()?;
     let whole_extent: [i64; 6] = parse_attribute(&file, data_set, "WholeExtent")?;
@@ -46,7 +48,12 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
         count = count.saturating_mul(dims[k]);
     }
 
-    let mut geometry = image_geometry(&file, extent)?;
+    let mut geometry = match data_set.name.as_str() {
+        "RectilinearGrid" => vtk_axes::rectilinear(&file, piece, dims)?,
+        "StructuredGrid" => vtk_axes::structured(&file, piece, dims)?,
+        _ => image_geometry(&file, extent)?,
+    };
+    take_names(&file, &mut geometry)?;
     let scalars = |data: &str| {
         let data = piece.child(data)?;
         let arrays = || data.children.iter().filter(|c| c.name == "DataArray");
@@ -135,7 +142,12 @@ fn image_geometry(file: &VtkFile, extent: [i64; 6]) -> Result<Geometry<3>> {
     // The first sample has the index of the low end of the extent.
     geometry.origin = origin;
     geometry.origin = geometry.to_physical(std::array::from_fn(|k| extent[2 * k] as f64));
-    if let Some(fields) = data_set.child("FieldData") {
+    Ok(geometry)
+}
+
+/// Takes the names of axes and the units from field data.
+fn take_names(file: &VtkFile, geometry: &mut Geometry<3>) -> Result<()> {
+    if let Some(fields) = file.data_set().child("FieldData") {
         for array in &fields.children {
             let target = match array.attribute("Name") {
                 Some(AXIS_NAMES) => &mut geometry.names,
@@ -148,7 +160,7 @@ fn image_geometry(file: &VtkFile, extent: [i64; 6]) -> Result<Geometry<3>> {
             }
         }
     }
-    Ok(geometry)
+    Ok(())
 }
 
 /// Parses an attribute of exactly `N` numbers.
@@ -218,6 +230,7 @@ fn format_exact(numbers: &[f64]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{AnyImage, ReadOptions, read_any};
     use super::*;
     use crate::files::vtk::fixtures::{VARIANTS, fixture};
 
@@ -351,5 +364,118 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(none.contains("none.vti"));
+    }
+
+    /// Returns a rectilinear grid of 3 x 2 x 2 points in XML, with these coordinates along x, and these
+    /// data.
+    fn rectilinear_grid(kind: &str, x: &str, data: &str) -> String {
+        format!(
+            "<?xml version=\"1.0\"?><VTKFile type=\"RectilinearGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\
+             <RectilinearGrid WholeExtent=\"5 7 0 1 0 1\"><Piece Extent=\"5 7 0 1 0 1\">{data}<Coordinates>\
+             <DataArray type=\"{kind}\" Name=\"x\" format=\"ascii\">{x}</DataArray>\
+             <DataArray type=\"{kind}\" Name=\"y\" format=\"ascii\">20 10</DataArray>\
+             <DataArray type=\"{kind}\" Name=\"z\" format=\"ascii\">-3 1</DataArray>\
+             </Coordinates></Piece></RectilinearGrid></VTKFile>"
+        )
+    }
+
+    fn numbers(element: &str, count: usize) -> String {
+        let words: Vec<String> = (0..count).map(|i| i.to_string()).collect();
+        format!(
+            "<{element}><DataArray type=\"Float32\" Name=\"v\" format=\"ascii\">{}</DataArray></{element}>",
+            words.join(" ")
+        )
+    }
+
+    #[test]
+    fn evenly_spaced_rectilinear_grids_are_images() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtr");
+        let on_points = numbers("PointData", 12);
+        std::fs::write(
+            &path,
+            rectilinear_grid("Float64", "100 102.5 105", &on_points),
+        )
+        .unwrap();
+        let image = read(&path).unwrap().0;
+        assert_eq!(image.dims(), [3, 2, 2]);
+        assert_eq!(image.as_slice()[11], 11.0);
+        let expected = Geometry::with_spacing([100.0, 20.0, -3.0], [2.5, -10.0, 4.0]);
+        assert_eq!(image.geometry, expected);
+        // Samples of cell data lie in the middle of cells.
+        let on_cells = numbers("CellData", 2);
+        std::fs::write(
+            &path,
+            rectilinear_grid("Float64", "100 102.5 105", &on_cells),
+        )
+        .unwrap();
+        let image = read(&path).unwrap().0;
+        assert_eq!(image.dims(), [2, 1, 1]);
+        assert_eq!(image.geometry.origin, [101.25, 15.0, -1.0]);
+        // Coordinates in single precision are rounded.
+        let x = "6780000.5 6780003 6780005.5";
+        std::fs::write(&path, rectilinear_grid("Float32", x, &on_points)).unwrap();
+        assert_eq!(read(&path).unwrap().0.geometry.axes[0][0], 2.5);
+        for (x, expected) in [
+            (
+                "0 1 2.1",
+                "not evenly spaced along x: its steps are from 1 to 1.1",
+            ),
+            ("0 1 1", "not evenly spaced along x"),
+            ("3 3 3", "not evenly spaced along x"),
+            ("0 1", "2 coordinates along x for 3 points"),
+        ] {
+            std::fs::write(&path, rectilinear_grid("Float64", x, &on_points)).unwrap();
+            let error = read(&path).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn legacy_rectilinear_and_structured_grids_are_images_if_they_are_evenly_spaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtk");
+        let data =
+            "POINT_DATA 12\nSCALARS v float 1\nLOOKUP_TABLE default\n0 1 2 3 4 5 6 7 8 9 10 11\n";
+        let rectilinear = format!(
+            "# vtk DataFile Version 3.0\nt\nASCII\nDATASET RECTILINEAR_GRID\nDIMENSIONS 3 2 2\n\
+             X_COORDINATES 3 double\n100 102.5 105\nY_COORDINATES 2 double\n20 10\n\
+             Z_COORDINATES 2 double\n-3 1\n{data}"
+        );
+        let expected = Geometry::with_spacing([100.0, 20.0, -3.0], [2.5, -10.0, 4.0]);
+        // Axes that are neither straight along x nor perpendicular.
+        let mut sheared = expected.clone();
+        sheared.axes = [[2.0, 1.0, 0.0], [0.5, -10.0, 0.25], [0.0, 0.0, 4.0]];
+        let structured = |geometry: &Geometry<3>, bend: f64| {
+            let point = |i: usize| {
+                let [x, y, z] = geometry.to_physical([i % 3, i / 3 % 2, i / 6].map(|k| k as f64));
+                format!("{} {y} {z}\n", if i == 7 { x + bend } else { x })
+            };
+            let points: String = (0..12).map(point).collect();
+            format!(
+                "# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_GRID\nDIMENSIONS 3 2 2\n\
+                 POINTS 12 double\n{points}{data}"
+            )
+        };
+        let straight = structured(&expected, 0.0);
+        let oblique = structured(&sheared, 0.0);
+        for (text, expected) in [
+            (&rectilinear, &expected),
+            (&straight, &expected),
+            (&oblique, &sheared),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let AnyImage::Space(loaded) = read_any(&path, &ReadOptions::default()).unwrap() else {
+                panic!("{text} is no plane");
+            };
+            assert_eq!(loaded.image.as_slice()[11], 11.0);
+            assert_eq!(&loaded.image.geometry, expected, "{text}");
+        }
+        std::fs::write(&path, structured(&sheared, 0.1)).unwrap();
+        let error = read(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("point [1, 0, 1] is not at its place; resample it evenly"),
+            "{error}"
+        );
     }
 }

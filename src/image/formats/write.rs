@@ -4,9 +4,7 @@ use std::path::Path;
 
 use super::samples::SampleType;
 use super::stream::SlabSource;
-use super::{
-    ImageFormat, LineNumbers, extension, grids, metaimage, nifti, npy, nrrd, png, raw, vti, zarr,
-};
+use super::{LineNumbers, extension, grids, metaimage, nifti, npy, nrrd, png, raw, vti, zarr};
 use crate::error::{Error, Result, cause};
 use crate::image::{Geometry, Image};
 
@@ -31,9 +29,6 @@ pub(crate) fn write_survey<const D: usize>(
     match (extension(path).as_str(), D) {
         ("vti", _) => vti::write(path, &image.to_3d(), "samples"),
         ("mha", _) => metaimage::write(path, image),
-        ("irap", 2) => grids::write(path, image, ImageFormat::Irap),
-        ("zmap", 2) => grids::write(path, image, ImageFormat::Zmap),
-        ("cps3", 2) => grids::write(path, image, ImageFormat::Cps3),
         ("png", 2) => png::write(path, &image.to_3d().flatten()),
         (ending, _) if STREAMED_EXTENSIONS.contains(&ending) => {
             let streamed = StreamedImage {
@@ -46,11 +41,16 @@ pub(crate) fn write_survey<const D: usize>(
             };
             streamed.write(path)
         }
+        (ending, 2) if let Some(format) = grids::GridFormat::from_extension(ending) => {
+            grids::write(path, image, format)
+        }
         (other, _) => Err(Error::Io(cause(
             path.display(),
             format!("{D}-D images cannot be written with the ending '.{other}'"),
             match D {
-                2 => "use .png, .npy, .vti, .nrrd, .mha, .nii, .zarr, .raw, .irap, .zmap or .cps3",
+                2 => {
+                    "use .png, .npy, .vti, .nrrd, .mha, .nii, .zarr, .raw, .irap, .zmap, .cps3, .grd or .asc"
+                }
                 _ => "use .npy, .vti, .nrrd, .mha, .nii, .nii.gz, .zarr or .raw",
             },
         ))),

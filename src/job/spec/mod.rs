@@ -78,7 +78,7 @@ pub struct MeshSpec {
     pub feature: FeatureKind,
     /// Faults and horizons to follow as they are, beside the features that are found (none with
     /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one. GOCAD
-    /// .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3), fault sticks and points x,y,z, which are
+    /// .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), fault sticks and points x,y,z, which are
     /// brought to the image's coordinates. What the file does not say follows it: ,fault or ,horizon;
     /// ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or ,domain=depth; ,null=-999.
     /// May be repeated
@@ -327,7 +327,7 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
     pub pad: Option<Padding>,
     /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
-    /// heights (IRAP, ZMAP+, CPS-3), GOCAD .ts, .vtp, .obj or points x,y,z, which are brought to the image's coordinates; what
+    /// heights (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), GOCAD .ts, .vtp, .obj or points x,y,z, which are brought to the image's coordinates; what
     /// it does not say follows it, as for --surface. It must cover the image and the sides of --pad, and replaces
     /// above=DIST of --pad
     #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME][,...]"))]

@@ -88,7 +88,8 @@ impl SegySurvey {
         }
         let lines = || layout.text_lines.iter();
         let is_unstated = bytes.is_depth.is_none() && depth_line.is_none();
-        if is_unstated && !lines().any(|line| says_time(line))
+        if is_unstated
+            && !lines().any(|line| says_time(line))
             && let Some(line) = lines().find(|line| suggests_depth(line))
         {
             notes.push(format!(

@@ -140,12 +140,22 @@ pub fn suggests_depth(line: &str) -> bool {
         return false;
     }
     let has_depth = has("DEPTH") || has("DEPTHS") || has("TVDSS") || has("TVD");
-    let is_range = ["MIN", "MAX", "MINIMUM", "MAXIMUM", "RANGE", "FIRST", "LAST", "START", "END", "STEP"]
-        .iter()
-        .any(|word| has(word));
-    let is_migration = ["MIGRATION", "MIGRATED", "STACK", "SECTION", "VOLUME", "CUBE", "CONVERTED"]
-        .iter()
-        .any(|word| has(word));
+    let is_range = [
+        "MIN", "MAX", "MINIMUM", "MAXIMUM", "RANGE", "FIRST", "LAST", "START", "END", "STEP",
+    ]
+    .iter()
+    .any(|word| has(word));
+    let is_migration = [
+        "MIGRATION",
+        "MIGRATED",
+        "STACK",
+        "SECTION",
+        "VOLUME",
+        "CUBE",
+        "CONVERTED",
+    ]
+    .iter()
+    .any(|word| has(word));
     has("PSDM") || has("PRESDM") || has_depth && (is_range || is_migration)
 }
 
@@ -188,7 +198,9 @@ mod tests {
         }
         assert!(says_time("C 5 Time min: 0 max: 2000 delta: 4"));
         assert!(says_time("C 7 SAMPLE INTERVAL 4 MS, TRACES 12.5 M APART"));
-        assert!(!says_time("C27 Trace start time/depth      : bytes 109-110"));
+        assert!(!says_time(
+            "C27 Trace start time/depth      : bytes 109-110"
+        ));
     }
 
     #[test]

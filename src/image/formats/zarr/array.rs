@@ -176,7 +176,9 @@ impl ArrayMetadata {
                             Some(values) => {
                                 let source = (z - z0) * stride_z + (y - y0) * stride_y;
                                 let row_values = values[source..].iter().step_by(stride_x.max(1));
-                                row.iter_mut().zip(row_values).for_each(|(out, v)| *out = *v);
+                                row.iter_mut()
+                                    .zip(row_values)
+                                    .for_each(|(out, v)| *out = *v);
                             }
                         }
                     }
@@ -284,7 +286,11 @@ impl Shard {
     /// Returns the decoded index of a shard file of `length` bytes. The indices of the shards that
     /// were read last stay in memory.
     fn index(&self, path: &Path, file: &File, length: u64) -> Result<Arc<Vec<u8>>> {
-        let lock = || self.recent_indices.lock().unwrap_or_else(|e| e.into_inner());
+        let lock = || {
+            self.recent_indices
+                .lock()
+                .unwrap_or_else(|e| e.into_inner())
+        };
         if let Some((_, index)) = lock().iter().find(|(of, _)| of == path) {
             return Ok(index.clone());
         }

@@ -255,7 +255,9 @@ impl ByteCodec {
                 let (length, packed) = bytes.split_first_chunk().ok_or("is cut off")?;
                 let length = u32::from_le_bytes(*length) as usize;
                 if length > max_bytes {
-                    return Err(format!("claims {length} bytes where {max_bytes} are needed"));
+                    return Err(format!(
+                        "claims {length} bytes where {max_bytes} are needed"
+                    ));
                 }
                 let unpacked = lz4_flex::block::decompress(packed, length);
                 unpacked.map_err(|e| format!("is damaged: {e}"))

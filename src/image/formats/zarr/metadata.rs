@@ -47,6 +47,9 @@ pub struct ArrayMetadata {
     pub image_axes: Vec<usize>,
     /// Further attributes.
     pub attributes: Map<String, Value>,
+    /// Number of axes whose chunks have numbers in the names of files: all but one that a record has for
+    /// its bytes.
+    pub key_axes: usize,
     /// Naming scheme of chunk files.
     chunk_keys: ChunkKeys,
 }
@@ -214,6 +217,7 @@ impl ArrayMetadata {
                 separator,
             },
             image_axes: default_image_axes(&shape, &names),
+            key_axes: shape.len(),
             shape,
             axis_names: names,
             attributes,
@@ -222,6 +226,7 @@ impl ArrayMetadata {
 
     /// Returns the path of the file of a chunk.
     pub fn chunk_file(&self, chunk: &[usize]) -> PathBuf {
+        let chunk = &chunk[..self.key_axes];
         let numbers: Vec<String> = chunk.iter().map(usize::to_string).collect();
         let ChunkKeys {
             has_prefix,

@@ -113,7 +113,10 @@ pub fn open(path: &Path) -> Result<ImageStream> {
 }
 
 /// Returns the array of a group that is its image, and a note that names it.
-fn image_of_group(group: &Path, attributes: &Map<String, Value>) -> Result<(ArrayMetadata, String)> {
+fn image_of_group(
+    group: &Path,
+    attributes: &Map<String, Value>,
+) -> Result<(ArrayMetadata, String)> {
     if let Some(level) = ome::finest_level(attributes) {
         let folder = group.join(&level.path);
         let array = match ZarrNode::open(&folder)? {
@@ -140,7 +143,10 @@ fn image_of_group(group: &Path, attributes: &Map<String, Value>) -> Result<(Arra
         return Err(file_error(
             group,
             format!("holds several images: {}", names.join(", ")),
-            &format!("give one of them, as in {}", group.join(&names[0]).display()),
+            &format!(
+                "give one of them, as in {}",
+                group.join(&names[0]).display()
+            ),
         ));
     }
     let array = select_array(group, attributes)?;
@@ -176,10 +182,7 @@ fn nodes_in(group: &Path) -> Result<Vec<PathBuf>> {
 
 /// Selects the array of a group that is an image: the default array that the group names, or else
 /// the only one.
-fn select_array(
-    group: &Path,
-    attributes: &Map<String, Value>,
-) -> Result<ArrayMetadata> {
+fn select_array(group: &Path, attributes: &Map<String, Value>) -> Result<ArrayMetadata> {
     let folders = nodes_in(group)?;
     let group_attributes = attributes.get("attributes").unwrap_or(&Value::Null);
     if let Some(name) = group_attributes["defaultVariableName"].as_str()

@@ -119,7 +119,13 @@ impl LevelMetadata {
         Some(Self {
             // Versions before 0.4 give names alone.
             names: (axes.iter())
-                .map(|axis| text(if axis.is_string() { axis } else { &axis["name"] }))
+                .map(|axis| {
+                    text(if axis.is_string() {
+                        axis
+                    } else {
+                        &axis["name"]
+                    })
+                })
                 .collect(),
             kinds: axes.iter().map(|axis| text(&axis["type"])).collect(),
             units: (axes.iter())

@@ -110,11 +110,12 @@ pub fn vertical_sampling(group: &Path, trace: &[usize]) -> Result<Option<Vertica
     let Some((fields, size)) = record_fields(&metadata["data_type"]) else {
         return Ok(None);
     };
-    let Some(array) = as_bytes(&metadata, size)
+    let Some(mut array) = as_bytes(&metadata, size)
         .and_then(|value| ArrayMetadata::parse(&folder, &value, Default::default()).ok())
     else {
         return Ok(None);
     };
+    array.key_axes = trace.len();
     let [plane, row] = match *trace {
         [row] => [0, row],
         [plane, row] => [plane, row],
@@ -139,7 +140,11 @@ pub fn vertical_sampling(group: &Path, trace: &[usize]) -> Result<Option<Vertica
         if endian == Endian::Little {
             bytes.reverse();
         }
-        Some(bytes.iter().fold(0, |sum, &byte| sum << 8 | u64::from(byte)))
+        Some(
+            bytes
+                .iter()
+                .fold(0, |sum, &byte| sum << 8 | u64::from(byte)),
+        )
     };
     let signed = |name: &str| value(&[name]).map_or(0.0, |v| f64::from(v as u16 as i16));
     // Intervals above 32,767 us need the sign's bit.

@@ -3,6 +3,7 @@
 //! Files are recognised by their content, never by their name. The format of a written file is
 //! chosen by the ending of its name.
 //!
+//! - `hdf5`: arrays in HDF5 files, of h5py, MATLAB, ilastik, ITK and VTK
 //! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3
 //! - `crop`: blocks of images
 //! - `inside`: outlines of the part of an image that is kept
@@ -29,6 +30,7 @@
 pub(crate) mod crop;
 pub(crate) mod describe;
 pub(crate) mod grids;
+pub(crate) mod hdf5;
 pub(crate) mod input;
 pub(crate) mod inrimage;
 mod inside;
@@ -130,6 +132,8 @@ pub enum ImageFormat {
     Cps3,
     /// A folder with an array in chunks, Zarr version 3; also MDIO version 1.
     Zarr,
+    /// A data set of an HDF5 file.
+    Hdf5,
     /// Samples without a header.
     Raw,
 }
@@ -150,6 +154,7 @@ impl fmt::Display for ImageFormat {
             Self::Zmap => "ZMAP+",
             Self::Cps3 => "CPS-3",
             Self::Zarr => "Zarr",
+            Self::Hdf5 => "HDF5",
             Self::Raw => "raw samples",
         })
     }
@@ -386,6 +391,7 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Nrrd => nrrd::read(path)?,
         ImageFormat::Tiff => tiff::read(path)?,
         ImageFormat::Inrimage => inrimage::read(path)?,
+        ImageFormat::Hdf5 => hdf5::read(path)?,
         ImageFormat::Vti => {
             let (image, note) = vti::read(path)?;
             LoadedImage {
@@ -445,12 +451,6 @@ const UNSUPPORTED_FORMATS: &[(&str, usize, &[u8], &str)] = &[
         "convert it to .png, e.g. in Python with Pillow",
     ),
     (
-        "HDF5 or MINC 2",
-        0,
-        b"\x89HDF",
-        "write the data set to .npy, in Python with h5py and numpy.save (MINC: mnc2nii, or nibabel)",
-    ),
-    (
         "netCDF or MINC 1",
         0,
         b"CDF\x01",
@@ -507,6 +507,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     if path.is_dir() && holds_dicom(path) {
         let problem = "is a folder of DICOM files, which are not read";
         return Err(Error::Io(cause(path.display(), problem, DICOM_REMEDY)));
+    }
+    if options.raw.is_none() && (hdf5::is_hdf5(path) || hdf5::split_path(path).is_some()) {
+        return Ok(ImageFormat::Hdf5);
     }
     let file = files::open(
         path,
@@ -571,6 +574,11 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     Err(unknown_format(path))
 }
 
+/// Returns the file of a data set that is named `FILE:/PATH`; `None` for other names.
+pub(crate) fn file_of_data_set(path: &Path) -> Option<PathBuf> {
+    Some(hdf5::split_path(path)?.0)
+}
+
 /// Number of bytes at the start of a file from which its format is detected.
 const DETECTION_BYTES: u64 = segy::FILE_HEADER_BYTES as u64;
 
@@ -592,7 +600,7 @@ fn unknown_format(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, Zarr)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, HDF5, Zarr)",
             "say what it holds, e.g. 100x400x208:f32be (fastest axis first), or convert it to .npy",
         )
         .with_parameter("raw"),

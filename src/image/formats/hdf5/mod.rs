@@ -19,10 +19,7 @@ use crate::image::Image;
 use crate::image::labels::LabelCollector;
 use position::{ArrayAxes, Position};
 pub(crate) use source::{Hdf5Source, is_hdf5, split_path};
-use source::{NumberSet, number};
-
-/// Largest number of data sets that an error lists.
-const MAX_LISTED: usize = 12;
+use source::{MAX_LISTED, NumberSet, number};
 
 /// Reads the image that `FILE`, `FILE:/PATH` or `FILE/PATH` names.
 ///
@@ -42,21 +39,34 @@ pub fn read(path: &Path) -> Result<LoadedImage<3>> {
             "convert it to .nii, with mnc2nii, or in Python with nibabel",
         ));
     }
+    let mut note = None;
     let inner = match inner {
         Some(inner) => inner,
-        None => only_image(&source)?,
+        None => only_image(&source, &mut note)?,
     };
     let set = source.dataset(&inner)?;
-    let position = Position::find(&source, &set)?;
+    let mut position = Position::find(&source, &set)?;
+    position.notes.extend(note);
     load(&set, position, file)
 }
 
-/// Returns the path of the only data set that can be an image.
-fn only_image(source: &Hdf5Source) -> Result<String> {
+/// Returns the path of the only data set that can be an image. `note` says which groups are not read.
+fn only_image(source: &Hdf5Source, note: &mut Option<String>) -> Result<String> {
     if let Some(path) = position::known_image(source) {
         return Ok(path);
     }
-    let paths = source.dataset_paths();
+    let contents = source.contents();
+    let paths = contents.datasets;
+    if let Some(group) = contents.unlisted.first() {
+        let problem = "cannot be listed: it is damaged, or has a virtual data set";
+        if paths.is_empty() {
+            let remedy = "copy the file again, or repack it with h5repack";
+            return Err(source.error(group, problem, remedy));
+        }
+        *note = Some(format!(
+            "the group {group} {problem}; its data sets are not looked at"
+        ));
+    }
     let axis_count = |path: &String| {
         let set = source.dataset(path).ok()?;
         set.encoding().ok()?;

@@ -25,6 +25,8 @@ pub const MATLAB_MAGIC: &[u8] = b"MATLAB 7.3 MAT-file";
 const MAX_DEPTH: usize = 32;
 /// Largest number of data sets that are looked at.
 const MAX_DATASETS: usize = 10_000;
+/// Largest number of data sets that an error lists.
+pub const MAX_LISTED: usize = 12;
 /// Size and number of the parts of a file that are kept.
 const BLOCK_BYTES: usize = 1 << 18;
 const BLOCK_COUNT: usize = 64;
@@ -147,15 +149,16 @@ impl Hdf5Source {
         self.file.group(path).ok()
     }
 
-    /// Returns the paths of all data sets, in the order of their names. Groups that cannot be listed,
-    /// and those of MATLAB's own, are left out.
-    pub fn dataset_paths(&self) -> Vec<String> {
-        let mut paths = Vec::new();
-        if let Ok(root) = self.file.root_group() {
-            collect_paths(&root, "", 0, &mut paths);
+    /// Returns the paths of all data sets, in the order of their names, without those of MATLAB's own
+    /// groups.
+    pub fn contents(&self) -> Contents {
+        let mut contents = Contents::default();
+        match self.file.root_group() {
+            Ok(root) => contents.collect(&root, "", 0),
+            Err(_) => contents.unlisted.push("/".into()),
         }
-        paths.sort();
-        paths
+        contents.datasets.sort();
+        contents
     }
 
     /// Opens a data set.
@@ -165,11 +168,14 @@ impl Hdf5Source {
     /// read.
     pub fn dataset(&self, path: &str) -> Result<NumberSet<'_>> {
         let dataset = self.file.dataset(path).map_err(|e| {
-            if self.dataset_paths().iter().any(|known| known == path) {
+            let contents = self.contents();
+            let is_in = |group: &String| path.starts_with(group.as_str());
+            let is_listed = contents.datasets.iter().any(|known| known == path);
+            if is_listed || contents.unlisted.iter().any(is_in) {
                 return self.unreadable(path, &e);
             }
-            let paths = self.dataset_paths();
-            let shown: Vec<&str> = paths.iter().take(12).map(String::as_str).collect();
+            let shown = contents.datasets.iter().take(MAX_LISTED);
+            let shown: Vec<&str> = shown.map(String::as_str).collect();
             let remedy = format!("give one of {}", shown.join(", "));
             self.error(path, "is no data set of this file", remedy)
         })?;
@@ -186,20 +192,35 @@ impl Hdf5Source {
     }
 }
 
-/// Adds the paths of the data sets of a group.
-fn collect_paths(group: &Group, prefix: &str, depth: usize, paths: &mut Vec<String>) {
-    let Ok((groups, datasets)) = group.member_names() else {
-        return;
-    };
-    paths.extend(datasets.iter().map(|name| format!("{prefix}/{name}")));
-    for name in groups {
-        // MATLAB keeps the contents of cells and objects there.
-        let is_internal = ["#refs#", "#subsystem#"].contains(&name.as_str());
-        if is_internal || depth >= MAX_DEPTH || paths.len() >= MAX_DATASETS {
-            continue;
-        }
-        if let Ok(child) = group.group(&name) {
-            collect_paths(&child, &format!("{prefix}/{name}"), depth + 1, paths);
+/// The content of a file.
+#[derive(Default)]
+pub struct Contents {
+    /// Paths of data sets.
+    pub datasets: Vec<String>,
+    /// Paths of groups that cannot be listed, because they are damaged or have a virtual data set.
+    pub unlisted: Vec<String>,
+}
+
+impl Contents {
+    /// Adds the content of a group.
+    fn collect(&mut self, group: &Group, prefix: &str, depth: usize) {
+        let Ok((groups, datasets)) = group.member_names() else {
+            self.unlisted.push(format!("{prefix}/"));
+            return;
+        };
+        let paths = datasets.iter().map(|name| format!("{prefix}/{name}"));
+        self.datasets.extend(paths);
+        for name in groups {
+            // MATLAB keeps the contents of cells and objects there.
+            let is_internal = ["#refs#", "#subsystem#"].contains(&name.as_str());
+            if is_internal || depth >= MAX_DEPTH || self.datasets.len() >= MAX_DATASETS {
+                continue;
+            }
+            let path = format!("{prefix}/{name}");
+            match group.group(&name) {
+                Ok(child) => self.collect(&child, &path, depth + 1),
+                Err(_) => self.unlisted.push(format!("{path}/")),
+            }
         }
     }
 }

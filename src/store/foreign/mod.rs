@@ -117,8 +117,12 @@ impl Hdf5Mesh {
         if vtkhdf::is_grid(&source) {
             return Ok(Some(Self::VtkHdf));
         }
-        let names = source.group("/").and_then(|root| root.member_names().ok());
-        let has = |name: &str| names.iter().any(|names| names.1.iter().any(|n| n == name));
+        let names = source.group("/").map(|root| root.member_names());
+        let Some(Ok((_, names))) = names else {
+            let problem = "cannot be listed: it is damaged, or has a virtual data set";
+            return Err(source.error("/", problem, crate::files::REWRITE_DAMAGED));
+        };
+        let has = |name: &str| names.iter().any(|known| known == name);
         Ok((has("coord") || has("coordx")).then_some(Self::Exodus))
     }
 }

@@ -19,7 +19,7 @@ use crate::image::Image;
 use crate::image::labels::LabelCollector;
 use position::{ArrayAxes, Position};
 pub(crate) use source::{Hdf5Source, is_hdf5, split_path};
-use source::{MAX_LISTED, NumberSet, number};
+use source::{MAX_LISTED, NumberSet};
 
 /// Reads the image that `FILE`, `FILE:/PATH` or `FILE/PATH` names.
 ///
@@ -137,10 +137,10 @@ fn load(set: &NumberSet<'_>, position: Position, file: PathBuf) -> Result<Loaded
     let mut labels = None;
     if scaling.is_identity() {
         notes.extend(encoding.rounding_note(&samples));
-        if encoding.is_wide_integer() {
+        if encoding.may_need_exact_labels(&samples) {
             let mut collector = LabelCollector::default();
-            collector.extend(encoding.integers(&bytes));
-            labels = Some(collector.finish());
+            collector.extend_exact(encoding.exact_samples(&bytes));
+            labels = collector.finish_exact();
         }
     } else {
         scaling.apply(encoding, &bytes, &mut samples);
@@ -184,9 +184,7 @@ impl Scaling {
     }
 
     fn apply(&self, encoding: Encoding, bytes: &[u8], samples: &mut [f32]) {
-        let numbers = bytes.chunks_exact(encoding.size());
-        for (sample, raw) in samples.iter_mut().zip(numbers) {
-            let value = number(encoding, raw);
+        for (sample, value) in samples.iter_mut().zip(encoding.numbers(bytes)) {
             *sample = if Some(value) == self.fill {
                 f32::NAN
             } else {

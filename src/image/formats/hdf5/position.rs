@@ -1,6 +1,6 @@
 //! The order of a data set's axes, and the position of its samples.
 
-use super::source::{Hdf5Source, NumberSet, attribute_numbers, attribute_text, number};
+use super::source::{Hdf5Source, NumberSet, attribute_numbers, attribute_text};
 use crate::Result;
 use crate::image::Geometry;
 use crate::parallel::prelude::*;
@@ -182,9 +182,7 @@ fn itk_geometry(source: &Hdf5Source, set: &NumberSet<'_>) -> Result<Geometry<3>>
     let numbers = |name: &str| -> Result<Vec<f64>> {
         let set = source.dataset(&format!("{ITK_GROUP}/{name}"))?;
         let encoding = set.encoding()?;
-        let bytes = set.read_bytes()?;
-        let values = bytes.chunks_exact(encoding.size());
-        Ok(values.map(|bytes| number(encoding, bytes)).collect())
+        Ok(encoding.numbers(&set.read_bytes()?).collect())
     };
     let (origin, spacing) = (numbers("Origin")?, numbers("Spacing")?);
     let directions = numbers("Directions")?;

@@ -322,29 +322,7 @@ pub fn attribute_text(attribute: &Attribute) -> Option<String> {
 /// Returns the numbers of an attribute; `None` for texts.
 pub fn attribute_numbers(attribute: &Attribute) -> Option<Vec<f64>> {
     let encoding = encoding(&attribute.datatype)?;
-    let size = encoding.size();
-    let numbers = attribute.raw_data.chunks_exact(size);
-    Some(numbers.map(|bytes| number(encoding, bytes)).collect())
-}
-
-/// Returns a number as the nearest 64-bit float.
-pub fn number(encoding: Encoding, bytes: &[u8]) -> f64 {
-    let mut bits = [0; 8];
-    bits[..bytes.len()].copy_from_slice(bytes);
-    if encoding.endian == Endian::Big {
-        bits[..bytes.len()].reverse();
-    }
-    let whole = u64::from_le_bytes(bits);
-    match encoding.sample_type {
-        SampleType::F64 => f64::from_bits(whole),
-        SampleType::F32 => f64::from(f32::from_bits(whole as u32)),
-        SampleType::F16 => f64::from(half::f16::from_bits(whole as u16)),
-        SampleType::I8 => f64::from(whole as i8),
-        SampleType::I16 => f64::from(whole as i16),
-        SampleType::I32 => f64::from(whole as i32),
-        SampleType::I64 => whole as i64 as f64,
-        _ => whole as f64,
-    }
+    Some(encoding.numbers(&attribute.raw_data).collect())
 }
 
 /// Returns the encoding of whole and real numbers; `None` for other types.

@@ -1,7 +1,7 @@
 //! Tests with small meshes of other programs, as text and as bytes.
 
 use super::*;
-use crate::mesh::{Mesh as _, TetMesh};
+use crate::mesh::{Mesh as _, Simplices as _, TetMesh};
 use crate::store::named_sets::NamedSet;
 
 /// Two tetrahedra that share a triangle, which is a surface. Node 9 belongs to no cell.

@@ -4,7 +4,7 @@
 # zarr, ome-zarr, ngff-zarr), of logs (lasio) and a reader of simulation results (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
 set -eu
 
-modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio
+modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio netCDF4
 segyio nibabel nrrd SimpleITK tifffile zarr ome_zarr ngff_zarr lasio"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
 # Systems without a package of the headless shell (Ubuntu) have a package of the whole browser.
@@ -27,7 +27,7 @@ install_modules() {
         { absent "python3 -m venv fails (apt install python3-venv)"; return; }
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK is installed without its dependencies, which are for plots.
-    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio &&
+    { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio netCDF4 &&
         $pip segyio nibabel pynrrd SimpleITK tifffile zarr ome-zarr ngff-zarr lasio; } ||
         absent "pip install fails"
     # Most dependencies of open-DARTS are not needed to solve for pressures.

@@ -32,7 +32,7 @@ use crate::job::{MeshSpace, Meshing, Outcome};
 use crate::model::surface::SurfaceSpec;
 use crate::model::{ImageInput, MeshInput};
 use crate::progress::{Progress, Stage};
-use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh};
+use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh_with_notes};
 use crate::{Error, Result};
 
 /// The console of a verb: a [`Host`] with some convenience methods.
@@ -177,14 +177,18 @@ impl Console {
         })
     }
 
-    /// Reads a mesh that an argument names.
+    /// Reads a mesh that an argument names, and prints notes on what is in the file.
     ///
     /// # Errors
-    /// Returns the errors of [`read_any_mesh`].
+    /// Returns the errors of [`read_any_mesh_with_notes`].
     pub fn read_mesh(&self, path: &Path) -> Result<AnyMesh> {
         match self.host.mesh(path) {
             Some(mesh) => Ok(mesh),
-            None => read_any_mesh(path),
+            None => {
+                let (mesh, notes) = read_any_mesh_with_notes(path)?;
+                notes.iter().for_each(|note| self.note(note));
+                Ok(mesh)
+            }
         }
     }
 

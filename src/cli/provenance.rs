@@ -7,6 +7,7 @@ use sha2::{Digest, Sha256};
 
 use crate::Result;
 use crate::error::io_error;
+use crate::image::formats::file_of_data_set;
 
 /// Returns the SHA-256 of a file, as `sha256sum` prints it. For a folder, it is the hash of the
 /// sorted names of its files, each followed by the content of the file.
@@ -17,6 +18,8 @@ pub fn file_hash(path: &Path) -> Result<String> {
     let mut hasher = Sha256::new();
     if path.is_dir() {
         add_folder(path, path, &mut hasher)?;
+    } else if let Some(file) = file_of_data_set(path) {
+        add_file(&file, &mut hasher)?;
     } else {
         add_file(path, &mut hasher)?;
     }

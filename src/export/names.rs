@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::meshers::groups::{FaceNames, PROGRAM_NAME_COUNT, region_shift, sorted_regions};
+use super::meshers::groups::{
+    FaceNames, PROGRAM_NAME_COUNT, face_nodes, region_shift, sorted_regions,
+};
 use super::values::property_columns;
 use crate::Result;
 use crate::files::Batch;
@@ -13,6 +15,7 @@ use crate::model::surface::SurfaceKind;
 use crate::names::{
     NameEntry, NameRules, NameSource, NameTable, WantedName, assign, is_identifier,
 };
+use crate::store::named_sets::NamedSet;
 
 /// The form in which a file holds regions or named faces.
 #[derive(Debug, Clone, Copy)]
@@ -45,6 +48,12 @@ pub struct FormatNames {
     pub faces: Naming,
     /// `true` if no region may have the name of a face, by the rules of faces.
     pub is_one_namespace: bool,
+    /// `true` if a face may have several names.
+    pub faces_overlap: bool,
+    /// `true` if there are sets of cells besides regions.
+    pub has_cell_sets: bool,
+    /// Text before the name of the nodes of faces, if there are sets of nodes.
+    pub node_set_prefix: Option<&'static str>,
     /// The name of a region that has none.
     pub default_region: fn(i32) -> String,
     /// Other properties of cells than region and rock.
@@ -65,6 +74,9 @@ impl FormatNames {
         regions: Naming::Absent,
         faces: Naming::Absent,
         is_one_namespace: false,
+        faces_overlap: false,
+        has_cell_sets: false,
+        node_set_prefix: None,
         default_region: |region| format!("region{region}"),
         properties: None,
         has_columns: false,
@@ -121,6 +133,13 @@ pub struct SplitNames {
 pub struct ExportNames {
     /// The names of faces.
     pub faces: FaceNames,
+    /// The sets of cells that are written, with their names in the file.
+    pub cell_sets: Vec<NamedSet>,
+    /// The sets of nodes that are written, with their names in the file. Those of faces are not among
+    /// them.
+    pub node_sets: Vec<NamedSet>,
+    /// Names that have fewer faces than in the mesh.
+    pub incomplete: Vec<String>,
     /// The names of the surfaces along which the mesh is split, by the number of the surface.
     pub split: Vec<SplitNames>,
     /// The names of the other properties of cells; if each component has a name of its own, those of
@@ -142,6 +161,9 @@ impl ExportNames {
     pub fn new(model: &Model, rules: &FormatNames) -> Self {
         let mut names = Self {
             faces: FaceNames::new(model),
+            cell_sets: Vec::new(),
+            node_sets: Vec::new(),
+            incomplete: Vec::new(),
             split: Vec::new(),
             properties: Vec::new(),
             wells: Vec::new(),
@@ -151,7 +173,12 @@ impl ExportNames {
             rules: *rules,
             table: NameTable::default(),
         };
+        if !rules.faces_overlap {
+            let surfaces = model.surfaces.kept_count;
+            names.incomplete = names.faces.separate(surfaces);
+        }
         names.name_regions_and_faces(model);
+        names.name_node_sets(model);
         names.name_properties(model);
         names.name_wells(model);
         names.name_multipliers(model);
@@ -160,16 +187,25 @@ impl ExportNames {
 
     fn name_regions_and_faces(&mut self, model: &Model) {
         let regions = sorted_regions(model);
-        let wanted_regions: Vec<WantedName> = (regions.iter())
+        let mut wanted_regions: Vec<WantedName> = (regions.iter())
             .map(|&region| {
                 let default = || (self.rules.default_region)(region);
                 WantedName::given_or(model.region_name(region), default)
             })
             .collect();
+        if self.rules.has_cell_sets {
+            let names = model
+                .sets
+                .cells
+                .iter()
+                .map(|set| WantedName::given(&set.name));
+            wanted_regions.extend(names);
+        }
         let given = PROGRAM_NAME_COUNT + model.surfaces.names.len().min(model.surfaces.kept_count);
+        let first_set = self.faces.first_set_number as usize - 1;
         let face_source = |index: usize| match index {
             _ if index < PROGRAM_NAME_COUNT => NameSource::Program,
-            _ if index < given => NameSource::Given,
+            _ if index < given || index >= first_set => NameSource::Given,
             _ => NameSource::Default,
         };
         let model_names = self.faces.names.clone();
@@ -187,8 +223,21 @@ impl ExportNames {
                 source: NameSource::Default,
             })
         }));
-        let (written_regions, elements, written_faces) =
+        let (mut written_regions, elements, written_faces) =
             self.assign_spaces(&wanted_regions, &wanted_faces, &split);
+        let written_sets = written_regions.split_off(regions.len());
+        for (set, written) in model.sets.cells.iter().zip(written_sets) {
+            self.add_given(
+                "cells",
+                self.cell_sets.len() as i64 + 1,
+                &set.name,
+                &written,
+            );
+            self.cell_sets.push(NamedSet {
+                name: written,
+                members: set.members.clone(),
+            });
+        }
         self.list_regions(model, &regions, &wanted_regions, &written_regions);
         let own_names = model.surfaces.names.iter().take(model.surfaces.kept_count);
         let mut names_in_mesh = model_names.clone();
@@ -295,6 +344,7 @@ impl ExportNames {
         let mut is_used = vec![false; names.len() + 1];
         (self.faces.face_numbers.iter()).for_each(|&number| is_used[number as usize] = true);
         let numbered = (1..).zip(names.iter().zip(written));
+        (self.faces.sets.iter()).for_each(|(number, _)| is_used[*number as usize] = true);
         for (number, (name, written)) in numbered.filter(|(number, _)| is_used[*number]) {
             self.table.entries.push(NameEntry {
                 kind: "face",
@@ -311,12 +361,82 @@ impl ExportNames {
         }
     }
 
+    /// Names the sets of nodes. The nodes of faces have the names of the faces. A set with such a name
+    /// and the same nodes is there already.
+    fn name_node_sets(&mut self, model: &Model) {
+        let (Some(prefix), Naming::Names(rules)) = (self.rules.node_set_prefix, self.rules.faces)
+        else {
+            return;
+        };
+        let groups = self.faces.groups();
+        let is_known = |set: &&NamedSet| {
+            let mut same = groups.iter().filter(|group| group.name == set.name);
+            same.any(|group| face_nodes(model, &group.faces) == set.members)
+        };
+        let sets: Vec<&NamedSet> = model.sets.nodes.iter().filter(|s| !is_known(s)).collect();
+        let of_faces = self
+            .faces
+            .names
+            .iter()
+            .map(|name| format!("{prefix}{name}"));
+        let all_nodes = rules.reserved.iter().map(|name| format!("{prefix}{name}"));
+        // Where regions and faces have one list of names, sets of nodes are in it, too.
+        let sets_of_cells = self.cell_sets.iter().map(|set| set.name.clone());
+        let of_cells = self.regions.values().cloned().chain(sets_of_cells);
+        let of_cells = of_cells.filter(|_| self.rules.is_one_namespace);
+        let mut wanted: Vec<WantedName> = of_faces
+            .chain(all_nodes)
+            .chain(of_cells)
+            .map(WantedName::program)
+            .collect();
+        let first = wanted.len();
+        wanted.extend(sets.iter().map(|set| WantedName::given(&set.name)));
+        let written = assign(&rules, &wanted).split_off(first);
+        for (set, written) in sets.into_iter().zip(written) {
+            self.add_given(
+                "nodes",
+                self.node_sets.len() as i64 + 1,
+                &set.name,
+                &written,
+            );
+            self.node_sets.push(NamedSet {
+                name: written,
+                members: set.members.clone(),
+            });
+        }
+    }
+
+    /// Returns a sentence about the sets of a model that `format` does not hold, if there are any.
+    pub fn note_on_sets(&self, model: &Model, format: &str, has_values: bool) -> Option<String> {
+        let mut missing: Vec<&str> = Vec::new();
+        let mut add = |sets: &'_ [NamedSet], kind: &'static str, is_held: bool| {
+            if !sets.is_empty() && !is_held {
+                missing.push(kind);
+            }
+        };
+        let sets = &model.sets;
+        add(&sets.cells, "cells", self.rules.has_cell_sets || has_values);
+        add(&sets.nodes, "nodes", self.rules.node_set_prefix.is_some());
+        let has_faces = !matches!(self.rules.faces, Naming::Absent);
+        add(&sets.faces, "faces", has_faces);
+        let mut sentences = Vec::new();
+        if !missing.is_empty() {
+            let kinds = missing.join(" and of ");
+            sentences.push(format!(
+                "{format} has no place for the sets of {kinds}: left out"
+            ));
+        }
+        if has_faces && !self.incomplete.is_empty() {
+            let names = self.incomplete.join(", ");
+            sentences.push(format!(
+                "a face has one name in {format}: faces that are in smaller sets, too, are missing in {names}"
+            ));
+        }
+        (!sentences.is_empty()).then(|| sentences.join("; "))
+    }
+
     fn name_properties(&mut self, model: &Model) {
         let fixed = ["region", "porosity", "permeability"];
-        let given = |name: &str| WantedName {
-            name: name.into(),
-            source: NameSource::Given,
-        };
         let Some(rules) = self.rules.properties else {
             self.properties = model.properties.iter().map(|p| p.name.clone()).collect();
             return;
@@ -327,12 +447,12 @@ impl ExportNames {
                 if column.is_fixed {
                     WantedName::program(column.name)
                 } else {
-                    given(&column.name)
+                    WantedName::given(&column.name)
                 }
             });
             (columns.collect(), 0)
         } else {
-            let properties = model.properties.iter().map(|p| given(&p.name));
+            let properties = model.properties.iter().map(|p| WantedName::given(&p.name));
             let wanted = fixed.map(WantedName::program).into_iter();
             (wanted.chain(properties).collect(), fixed.len())
         };
@@ -353,16 +473,15 @@ impl ExportNames {
             self.wells = wells.iter().map(|well| well.name.clone()).collect();
             return;
         };
-        let given = |name: &str| WantedName {
-            name: name.into(),
-            source: NameSource::Given,
-        };
-        let wanted: Vec<WantedName> = wells.iter().map(|well| given(&well.name)).collect();
+        let wanted: Vec<WantedName> = wells
+            .iter()
+            .map(|well| WantedName::given(&well.name))
+            .collect();
         self.wells = assign(&rules, &wanted);
         for (number, (well, written)) in (1..).zip(wells.iter().zip(self.wells.clone())) {
             self.add_given("well", number, &well.name, &written);
         }
-        let wanted: Vec<WantedName> = groups.iter().map(|name| given(name)).collect();
+        let wanted: Vec<WantedName> = groups.iter().map(|name| WantedName::given(*name)).collect();
         let written = assign(&rules, &wanted);
         for (number, (name, written)) in (1..).zip(groups.iter().zip(&written)) {
             self.add_given("group", number, name, written);

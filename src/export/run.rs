@@ -111,6 +111,14 @@ pub fn export<'a>(
         notes.extend(prepared.model.notes_on_wells());
         notes.iter().for_each(|note| progress.note(note));
     }
+    let has_values = format
+        .supported_content
+        .contains(&ExportContent::Properties);
+    if has_values && !format.names.has_cell_sets {
+        let model = &mut prepared.model;
+        let arrays: Vec<_> = model.sets.cell_arrays(model.len()).collect();
+        model.properties.extend(arrays);
+    }
     prepared.model.is_quadratic = spec.quadratic;
     if let Some(selection) = &spec.split {
         prepared.model.split_along(selection.clone())?;
@@ -235,7 +243,15 @@ fn write_model(
     let deck = format.deck_path(path);
     let names = ExportNames::new(model, &format.names);
     format.write_with_names(model, &names, path)?;
-    if let Some(note) = names.note(path, format.is_folder()) {
+    let has_values = format
+        .supported_content
+        .contains(&ExportContent::Properties);
+    let set_note = names.note_on_sets(model, format.name, has_values);
+    for note in names
+        .note(path, format.is_folder())
+        .into_iter()
+        .chain(set_note)
+    {
         progress.note(&note);
     }
     let default_deck = path.with_extension("DATA");

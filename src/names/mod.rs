@@ -187,6 +187,14 @@ impl WantedName {
         }
     }
 
+    /// Creates a name that the user or a file gave.
+    pub fn given(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            source: NameSource::Given,
+        }
+    }
+
     /// Creates a name that was given, or the default name if none was given or it is blank.
     pub fn given_or(name: Option<&str>, default: impl FnOnce() -> String) -> Self {
         match name.filter(|name| !name.trim().is_empty()) {

@@ -1,20 +1,24 @@
 //! Describes the file of an image or of a mesh, as `atomesh info` does.
 
-use std::io::Read;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use super::foreign::read_any_mesh;
-use super::vtu::{AnyMesh, FieldValue, MeshFile, with_mesh};
+use super::foreign::{MeshFormat, read_any_mesh_with_notes, read_start};
+use super::named_sets::{NamedSet, NamedSets};
+use super::named_surfaces::NamedSurfaces;
+use super::vtu::{FieldValue, MeshFile, with_mesh};
+use super::{Storable, read_labels};
 use crate::Result;
 use crate::files::vtk::DataArray;
 use crate::geometry::bounding_box;
 use crate::image::formats::{InputOptions, describe};
-use crate::mesh::Mesh;
 
 /// Largest length of a list that is shown in the text; of a longer one only the length is.
 const MAX_LISTED: usize = 64;
+/// Number of bytes at the start of a file that tell its format.
+const HEAD_BYTES: u64 = 2048;
 
 /// The description of a file, as text for people and as JSON for programs.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,11 +46,11 @@ pub struct FileInfo {
 /// ```
 ///
 /// # Errors
-/// Returns the errors of [`describe`] and of [`read_any_mesh`].
+/// Returns the errors of [`describe`] and of [`read_any_mesh`](super::read_any_mesh).
 pub fn info(path: &Path, input: &InputOptions) -> Result<FileInfo> {
-    if is_unstructured_grid(path) {
-        let mesh: AnyMesh = read_any_mesh(path)?;
-        return Ok(with_mesh!(mesh, file => describe_mesh(path, &file)));
+    if let Some(format) = mesh_format(path) {
+        let (mesh, notes) = read_any_mesh_with_notes(path)?;
+        return Ok(with_mesh!(mesh, file => describe_mesh(path, format, &file, &notes)));
     }
     let description = describe(path, &input.read_options_for(path)?)?;
     Ok(FileInfo {
@@ -55,32 +59,71 @@ pub fn info(path: &Path, input: &InputOptions) -> Result<FileInfo> {
     })
 }
 
-/// Returns `true` if a file looks like a VTK unstructured grid.
-fn is_unstructured_grid(path: &Path) -> bool {
-    let mut head = Vec::new();
-    let Ok(file) = crate::files::open(path, "give a file") else {
-        return false;
-    };
-    let read = file.take(1024).read_to_end(&mut head);
-    read.is_ok() && String::from_utf8_lossy(&head).contains("type=\"UnstructuredGrid\"")
+/// Returns the format of a file if it is a mesh. A folder, or what cannot be read, is none.
+fn mesh_format(path: &Path) -> Option<MeshFormat> {
+    let head = path
+        .is_file()
+        .then(|| read_start(path, HEAD_BYTES).ok())??;
+    MeshFormat::of_mesh(path, &head)
 }
 
-fn describe_mesh<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>) -> FileInfo {
+fn describe_mesh<const D: usize, M: Storable<D>>(
+    path: &Path,
+    format: MeshFormat,
+    file: &MeshFile<M>,
+    notes: &[String],
+) -> FileInfo {
     let [low, high] = bounding_box(file.mesh.nodes());
     let names = |arrays: &[DataArray]| -> Vec<String> {
         arrays.iter().map(|array| array.name.clone()).collect()
     };
     let (points, arrays) = (names(&file.point_data), names(&file.cell_data));
     let (nodes, cells, kind) = (file.mesh.nodes().len(), file.mesh.len(), M::CELLS_NAME);
+    let regions = region_counts(file);
+    let sets = NamedSets::from_file(file);
+    let surfaces = NamedSurfaces::from_file(file).names;
+    let faces = sets.faces.iter().map(|set| (&set.name, set.faces.len()));
+    let of_members = |set: &'_ NamedSet| (set.name.clone(), set.members.len());
+    let groups: [(&str, Vec<(String, usize)>); 4] = [
+        ("regions", regions),
+        ("cell sets", sets.cells.iter().map(of_members).collect()),
+        (
+            "face sets",
+            faces.map(|(name, n)| (name.clone(), n)).collect(),
+        ),
+        ("node sets", sets.nodes.iter().map(of_members).collect()),
+    ];
     let mut lines = vec![
         format!("file        {}", path.display()),
-        "format      VTK unstructured grid".to_string(),
+        format!("format      {}", format.name()),
         format!("mesh        {nodes} nodes, {cells} {kind}"),
         format!("from        {low:?}"),
         format!("to          {high:?}"),
         format!("point data  {}", points.join(", ")),
         format!("cell data   {}", arrays.join(", ")),
     ];
+    let mut json = json!({
+        "file": path.display().to_string(), "format": format.name(), "nodes": nodes,
+        kind: cells, "from": low.to_vec(), "to": high.to_vec(), "point_data": points,
+        "cell_data": arrays, "surfaces": surfaces, "notes": notes,
+    });
+    if !surfaces.is_empty() {
+        lines.push(format!("surfaces    {}", surfaces.join(", ")));
+    }
+    for (title, group) in &groups {
+        let shown = group.iter().take(MAX_LISTED);
+        let mut shown: Vec<String> = shown.map(|(name, n)| format!("{name} ({n})")).collect();
+        if group.len() > MAX_LISTED {
+            shown.push(format!("and {} more", group.len() - MAX_LISTED));
+        }
+        if !shown.is_empty() {
+            lines.push(format!("{title:<11} {}", shown.join(", ")));
+        }
+        let entries = group
+            .iter()
+            .map(|(name, n)| json!({"name": name, "count": n}));
+        json[title.replace(' ', "_")] = entries.collect();
+    }
     let mut fields = Map::new();
     for (name, value) in &file.field_data {
         let value = match value {
@@ -96,12 +139,29 @@ fn describe_mesh<const D: usize, M: Mesh<D>>(path: &Path, file: &MeshFile<M>) ->
         lines.push(format!("{name}: {shown}"));
         fields.insert(name.clone(), value);
     }
+    lines.extend(notes.iter().map(|note| format!("note: {note}")));
+    json["fields"] = fields.into();
     FileInfo {
         text: lines.join("\n"),
-        json: json!({
-            "file": path.display().to_string(), "format": "VTK unstructured grid", "nodes": nodes,
-            kind: cells, "from": low.to_vec(), "to": high.to_vec(), "point_data": points,
-            "cell_data": arrays, "fields": fields,
-        }),
+        json,
     }
+}
+
+/// Returns the name, or the number, and the number of cells of each region; empty if the mesh has no
+/// regions.
+fn region_counts<const D: usize, M: Storable<D>>(file: &MeshFile<M>) -> Vec<(String, usize)> {
+    let labels = read_labels(file);
+    let mut counts: BTreeMap<i32, usize> = BTreeMap::new();
+    for region in file.mesh.regions(&file.cell_data).unwrap_or_default() {
+        *counts.entry(region).or_default() += 1;
+    }
+    let name = |region: i32| {
+        let label = labels.iter().find(|label| label.region == region);
+        let name = label.and_then(|label| label.name.clone());
+        name.unwrap_or_else(|| region.to_string())
+    };
+    counts
+        .into_iter()
+        .map(|(region, n)| (name(region), n))
+        .collect()
 }

@@ -12,6 +12,7 @@
 //! - `cell_output`: converts a job's Voronoi cells to a file
 //! - `foreign`: meshes of other programs
 //! - `info`: descriptions of files
+//! - `named_sets`: sets of cells, faces and nodes that have names in files of other programs
 //! - `named_surfaces`: surfaces that have names in files of other programs
 //! - `labels`: regions that are labels of an image
 //! - `depth`: meshes converted from two-way time to depth
@@ -26,6 +27,7 @@ pub(crate) mod info;
 pub(crate) mod labels;
 pub(crate) mod lines;
 mod mixed_elements;
+pub(crate) mod named_sets;
 pub(crate) mod named_surfaces;
 pub(crate) mod output;
 mod padding;
@@ -37,7 +39,7 @@ pub(crate) mod stored_mesh;
 pub(crate) mod vtu;
 
 pub use depth::{image_geometry_in_depth, to_depth};
-pub use foreign::read_any_mesh;
+pub use foreign::{read_any_mesh, read_any_mesh_with_notes};
 pub use info::{FileInfo, info};
 pub use labels::{LabelledRegion, read_labels};
 pub use lines::{write_feature_lines, write_lines};

@@ -10,6 +10,7 @@ use std::path::Path;
 use crate::geometry::sorted;
 use crate::parallel::prelude::*;
 
+use super::foreign::region_arrays;
 use super::vtu::{
     self, FieldValue, MeshFile, check_lengths, integer_source, read_arrays, read_cell_integers,
     read_cell_values, read_fields, read_nodes,
@@ -195,12 +196,15 @@ impl CellStreams {
 
 /// Reads a mesh of polyhedra or polygons that atomesh, VTK or ParaView wrote. Faces on the boundary
 /// have [`NO_CELL`] beyond them. If the file has no sites, each cell's site is the mean of its
-/// nodes.
+/// nodes. Adds notes for the user.
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if the file is damaged, has cells of other types, or if
 /// three cells share a face.
-pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<PolyMesh<D>>> {
+pub(super) fn read_cells<const D: usize>(
+    file: &VtkFile,
+    notes: &mut Vec<String>,
+) -> Result<MeshFile<PolyMesh<D>>> {
     let piece = file.piece()?;
     let points = vtu::read_count(file, piece, "NumberOfPoints")?;
     let count = vtu::read_count(file, piece, "NumberOfCells")?;
@@ -253,6 +257,8 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         .ok_or_else(|| damaged("a face belongs to three cells"))?;
 
     let mut cell_data = read_arrays(file, piece, "CellData", count)?;
+    let mut field_data = read_fields(file)?;
+    notes.extend(region_arrays::adopt(&mut cell_data, &mut field_data));
     let mut take = |name: &str| {
         let index = cell_data.iter().position(|a| a.name == name)?;
         Some(cell_data.remove(index).values)
@@ -267,7 +273,6 @@ pub(super) fn read_cells<const D: usize>(file: &VtkFile) -> Result<MeshFile<Poly
         }
         _ => mesh.sites = node_means(&mesh, count),
     }
-    let mut field_data = read_fields(file)?;
     if let Some(index) = field_data.iter().position(|f| f.0 == FEATURE_FACES_FIELD)
         && let (_, FieldValue::Ints(pairs)) = field_data.remove(index)
     {
@@ -514,7 +519,8 @@ mod tests {
             ..MeshFile::default()
         };
         write_cells_vtu(&path, &file).unwrap();
-        let read = read_cells::<D>(&VtkFile::read(&path, "UnstructuredGrid").unwrap()).unwrap();
+        let read_file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
+        let read = read_cells::<D>(&read_file, &mut Vec::new()).unwrap();
         let mut mesh = read.mesh;
         assert!(mesh.face_cells[1..].iter().all(|c| c[1] == NO_CELL));
         let mut high = [1.0; D];

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::depth::velocity_file;
 use super::labels::remove_labels;
+use super::named_sets::NamedSets;
 use super::named_surfaces::NamedSurfaces;
 use super::output::{HORIZON_FACES_ARRAY, THROWS_FIELD, UNITS_FIELD, WELD_FIELD};
 use super::padding::read_bent_side;
@@ -66,6 +67,8 @@ pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
     pub weld: f64,
     /// Surfaces that have names in the file.
     pub named_surfaces: NamedSurfaces,
+    /// Sets of cells, faces and nodes that have names in the file.
+    pub named_sets: NamedSets,
     /// The other data of the file.
     pub arrays: MeshFile<()>,
 }
@@ -109,8 +112,9 @@ pub trait Storable<const D: usize>: Mesh<D> {
     /// columns with throws, upright faces that lie in no side get none.
     fn find_sides(&mut self, extent: [f64; D], has_throws: bool);
 
-    /// Returns the region of each cell; `None` if the file does not have regions.
-    fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>>;
+    /// Returns the region of each cell; `None` if the file does not have regions. `cell_data` are
+    /// the arrays of the cells.
+    fn regions(&self, cell_data: &[DataArray]) -> Option<Vec<i32>>;
 
     /// Sets the region of each cell, and removes the labels.
     fn set_regions(file: &mut MeshFile<Self>, regions: Vec<i32>);
@@ -138,8 +142,9 @@ impl<const D: usize, M: Simplices<D>> Storable<D> for M {
 
     fn find_sides(&mut self, _: [f64; D], _: bool) {}
 
-    fn regions(&self, arrays: &MeshFile<()>) -> Option<Vec<i32>> {
-        let regions = arrays.cell_array(REGION_ARRAY)?.values.to_i64();
+    fn regions(&self, cell_data: &[DataArray]) -> Option<Vec<i32>> {
+        let array = cell_data.iter().find(|array| array.name == REGION_ARRAY)?;
+        let regions = array.values.to_i64();
         Some(regions.into_iter().map(|r| r as i32).collect())
     }
 
@@ -196,7 +201,7 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
         }
     }
 
-    fn regions(&self, _: &MeshFile<()>) -> Option<Vec<i32>> {
+    fn regions(&self, _: &[DataArray]) -> Option<Vec<i32>> {
         Some(self.region.clone())
     }
 
@@ -352,6 +357,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
         let feature_faces = M::feature_faces(&file, mirrored);
         let horizons = M::horizons(&file, mirrored);
         let named = NamedSurfaces::from_file(&file);
+        let named_sets = NamedSets::from_file(&file);
         let (mut lattice, arrays) = file.into_parts();
         lattice.swap_positions(&mut positions, mirrored);
         lattice.find_sides(space.extent, has_throws);
@@ -363,6 +369,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
             is_horizon_face: horizons,
             weld: weld.unwrap_or(0.0),
             named_surfaces: named,
+            named_sets,
             arrays,
         })
     }
@@ -397,7 +404,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
 
     /// Returns the region of each cell; `None` if the file does not have regions.
     pub fn regions(&self) -> Option<Vec<i32>> {
-        self.lattice.regions(&self.arrays)
+        self.lattice.regions(&self.arrays.cell_data)
     }
 
     /// Calls `f` with the mesh in the positions of the file, and returns its result. If the world

@@ -18,6 +18,8 @@ FIRST_SIDE, UNKNOWN_SIDE = 2**32 - 7, 2**32 - 1
 
 #: Fields that hold numbers of cells: the length of their rows, and the columns that are cells.
 CELL_FIELDS = {"horizon_faces": (2, [0, 1]), "surface_faces": (3, [1, 2])}
+#: Fields of sets of faces, which are lists of nodes; meshes of some cells have none.
+FACE_SET_FIELDS = ("face_set_names", "face_sets")
 
 
 def cell_numbers(selection: Any, count: int) -> npt.NDArray[np.int64]:
@@ -74,7 +76,11 @@ def select_cells(mesh: _native.Mesh, numbers: npt.NDArray[np.int64]) -> _native.
         selected,
         [(name, values[used]) for name, values in point_data],
         [(name, values[numbers]) for name, values in cell_data],
-        [(name, _renumbered_field(name, value, new_numbers)) for name, value in fields],
+        [
+            (name, _renumbered_field(name, value, new_numbers))
+            for name, value in fields
+            if name not in FACE_SET_FIELDS
+        ],
     )
 
 

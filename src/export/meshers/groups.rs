@@ -6,6 +6,7 @@ use crate::mesh::poly::{FaceNeighbour, Lists};
 use crate::model::reservoir::{Model, reserved_names};
 use crate::model::surface::names::interface_name;
 use crate::names::append_distinct;
+use crate::store::named_sets::NamedSet;
 
 /// Number of the faces on the boundary that are on no side of the box.
 const BOUNDARY_NUMBER: u32 = 7;
@@ -24,6 +25,11 @@ pub struct FaceNames {
     pub names: Vec<String>,
     /// Number of the name of each face; 0 for none.
     pub face_numbers: Vec<u32>,
+    /// Number of the first name of a set of faces in the mesh file. These names come last.
+    pub first_set_number: u32,
+    /// Sets of faces: the number of the name, and the faces. They overlap one another and the faces
+    /// above.
+    pub sets: Vec<(u32, Vec<u32>)>,
 }
 
 /// Faces with the same name.
@@ -80,10 +86,64 @@ impl FaceNames {
                 _ => SCRAPS_NUMBER,
             },
         };
-        Self {
+        let mut face_names = Self {
             face_numbers: (0..mesh.face_cells.len()).map(number).collect(),
+            first_set_number: names.len() as u32 + 1,
             names,
+            sets: Vec::new(),
+        };
+        model
+            .sets
+            .faces
+            .iter()
+            .for_each(|set| face_names.add_set(set));
+        face_names
+    }
+
+    /// Adds a set of faces. Faces with its name are part of it, if it has all of them.
+    fn add_set(&mut self, set: &NamedSet) {
+        let known = self.names.iter().position(|name| *name == set.name);
+        let number = known.map_or(0, |index| index as u32 + 1);
+        let numbered = (0..).zip(&self.face_numbers);
+        let mut faces = numbered.filter(|(_, n)| **n == number).map(|(f, _)| f);
+        let is_part = |face: u32| set.members.binary_search(&face).is_ok();
+        let is_own_set = number >= self.first_set_number;
+        if number > 0 && !is_own_set && faces.all(is_part) {
+            self.sets.push((number, set.members.clone()));
+            return;
         }
+        append_distinct(&mut self.names, std::iter::once(set.name.clone()));
+        self.sets
+            .push((self.names.len() as u32, set.members.clone()));
+    }
+
+    /// Gives each face to one name, for formats in which a face has only one. Sets take faces from the
+    /// sides of the box and from interfaces, and small sets take faces from large ones. Returns the
+    /// names that lose faces.
+    pub fn separate(&mut self, surface_count: usize) -> Vec<String> {
+        let mut sets = std::mem::take(&mut self.sets);
+        sets.sort_by_key(|(number, faces)| (std::cmp::Reverse(faces.len()), *number));
+        let surfaces = SCRAPS_NUMBER + 1..=SCRAPS_NUMBER + surface_count as u32;
+        let mut losers = Vec::new();
+        for (number, faces) in sets {
+            for face in faces {
+                let owner = &mut self.face_numbers[face as usize];
+                if *owner == number {
+                    continue;
+                }
+                let loser = if surfaces.contains(owner) {
+                    number
+                } else {
+                    std::mem::replace(owner, number)
+                };
+                losers.push(loser);
+            }
+        }
+        let losers = sorted_distinct(losers.into_iter().filter(|&number| number > 0));
+        losers
+            .into_iter()
+            .map(|n| self.name(n).to_string())
+            .collect()
     }
 
     /// Returns the number of the name of a surface. Surfaces are numbered as in
@@ -123,6 +183,11 @@ impl FaceNames {
             .filter(|(_, n)| **n > 0)
         {
             faces[number as usize - 1].push(f as u32);
+        }
+        for (number, set) in &self.sets {
+            let faces = &mut faces[*number as usize - 1];
+            faces.extend(set);
+            *faces = sorted_distinct(std::mem::take(faces));
         }
         let numbered = (1..).zip(&self.names).zip(faces);
         numbered

@@ -45,6 +45,9 @@ pub const FORMAT: ExportFormat = ExportFormat {
             reserved: &["ALL"],
             ..SET_NAMES
         }),
+        faces_overlap: true,
+        has_cell_sets: true,
+        node_set_prefix: Some("N"),
         table: TablePlace::Comments("** "),
         ..FormatNames::NONE
     },
@@ -107,6 +110,14 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
             let region_cells: Vec<u32> = (0..mesh.len() as u32).filter(is_in_region).collect();
             writeln!(out, "*ELSET, ELSET={}", names.region(region))?;
             write_set(out, &region_cells)?;
+        }
+        for set in &names.cell_sets {
+            writeln!(out, "*ELSET, ELSET={}", set.name)?;
+            write_set(out, &set.members)?;
+        }
+        for set in &mesh.node_sets {
+            writeln!(out, "*NSET, NSET={}", set.name)?;
+            write_set(out, &set.members)?;
         }
         for group in &mesh.named_sides {
             let name = &group.name;

@@ -1,6 +1,8 @@
 //! Writes Gmsh's mesh format, versions 2.2 and 4.1, in text. Tetrahedra are in a physical volume
 //! for each region, and triangles in a physical surface for each side of the box, each surface, and
-//! each interface of two regions. A 2-D mesh has triangles and edges. Between the two sides of a
+//! each interface of two regions. A 2-D mesh has triangles and edges. Sets of nodes are physical
+//! points. In version 4.1 elements may be in several groups, so sets of cells and of faces are groups,
+//! too. Between the two sides of a
 //! surface along which the mesh is split, prisms without thickness are in a physical volume with
 //! the name of the surface.
 //!
@@ -8,6 +10,7 @@
 //! prisms follow. All physical groups have different numbers, whatever their dimension, since some
 //! readers (DARTS) ignore the dimension.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
 
@@ -21,7 +24,8 @@ use crate::export::containers::text::{TextBuilder, write_items};
 use crate::export::format::ExportFormat;
 use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::files::Batch;
-use crate::geometry::bounding_box;
+use crate::geometry::{bounding_box, sorted};
+use crate::mesh::poly::Lists;
 use crate::model::reservoir::Model;
 use crate::names::NameRules;
 
@@ -35,7 +39,12 @@ pub const FORMAT_V4: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMED_ELEMENTS,
     deck_path: None,
-    names: FormatNames::one_namespace(GROUP_NAMES, TablePlace::Comments("")),
+    names: FormatNames {
+        faces_overlap: true,
+        has_cell_sets: true,
+        node_set_prefix: Some(""),
+        ..FormatNames::one_namespace(GROUP_NAMES, TablePlace::Comments(""))
+    },
     write: write_v4,
 };
 
@@ -49,7 +58,11 @@ pub const FORMAT_V2: ExportFormat = ExportFormat {
     uses_depth: false,
     supported_content: NAMED_ELEMENTS,
     deck_path: None,
-    names: FormatNames::one_namespace(GROUP_NAMES, TablePlace::Comments("")),
+    // Readers take an element in two groups for two elements.
+    names: FormatNames {
+        node_set_prefix: Some(""),
+        ..FormatNames::one_namespace(GROUP_NAMES, TablePlace::Comments(""))
+    },
     write: write_v2,
 };
 
@@ -65,6 +78,8 @@ const GROUP_NAMES: NameRules = NameRules {
 const ELEMENT_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
 /// Gmsh type of prisms.
 const PRISM_TYPE: u8 = 6;
+/// Gmsh type of nodes.
+const POINT_TYPE: u8 = 15;
 
 fn write_header(
     out: FileWriter,
@@ -80,7 +95,8 @@ fn write_header(
         writeln!(out, "$Comments\n{comments}$EndComments")?;
     }
     writeln!(out, "$PhysicalNames")?;
-    let count = mesh.named_sides.len() + mesh.torn_surfaces.len() + regions.len();
+    let sides = mesh.named_sides.len() + mesh.torn_surfaces.len();
+    let count = sides + regions.len() + names.cell_sets.len() + mesh.node_sets.len();
     writeln!(out, "{count}")?;
     for NamedSides { number, name, .. } in &mesh.named_sides {
         writeln!(out, "{} {number} \"{name}\"", dim - 1)?;
@@ -90,6 +106,14 @@ fn write_header(
     }
     for (number, region) in (mesh.next_number()..).zip(regions) {
         writeln!(out, "{dim} {number} \"{}\"", names.region(*region))?;
+    }
+    let first = mesh.next_number() + regions.len();
+    for (number, set) in (first..).zip(&names.cell_sets) {
+        writeln!(out, "{dim} {number} \"{}\"", set.name)?;
+    }
+    let first = first_node_group(mesh, names, regions);
+    for (number, set) in (first..).zip(&mesh.node_sets) {
+        writeln!(out, "0 {number} \"{}\"", set.name)?;
     }
     writeln!(out, "$EndPhysicalNames")
 }
@@ -140,10 +164,20 @@ pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
         write_items(out, mesh.node_count(), |text, i| {
             text.int(i + 1).point(mesh.point(i)).end_line();
         })?;
-        let count = mesh.len() + mesh.named_side_count() + prism_count(mesh);
+        let point_count: usize = mesh.node_sets.iter().map(|set| set.members.len()).sum();
+        let count = mesh.len() + mesh.named_side_count() + prism_count(mesh) + point_count;
         writeln!(out, "$EndNodes\n$Elements\n{count}")?;
         let mut next = mesh.len() + 1;
         let [kind, side_kind] = element_types(mesh);
+        let first_point = first_node_group(mesh, names, &regions);
+        for (number, set) in (first_point..).zip(&mesh.node_sets) {
+            write_items(out, set.members.len(), |text, i| {
+                let text = text.int(next + i).spaced_int(POINT_TYPE).word(" 2");
+                let text = text.spaced_int(number).spaced_int(number);
+                text.spaced_int(set.members[i] + 1).end_line();
+            })?;
+            next += set.members.len();
+        }
         for NamedSides { number, sides, .. } in &mesh.named_sides {
             write_items(out, sides.len(), |text, i| {
                 let text = text.int(next + i).spaced_int(side_kind).word(" 2");
@@ -179,6 +213,113 @@ pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
     })
 }
 
+/// Elements of one dimension that are in the same physical groups.
+struct Entity {
+    dim: usize,
+    /// Number of the entity, which no other entity of the dimension has.
+    tag: usize,
+    /// Numbers of the groups.
+    groups: Vec<usize>,
+    elements: Vec<u32>,
+}
+
+/// Divides `count` elements into entities. `groups` have their number and their elements; `free` is
+/// the first number that no group has.
+fn entities(
+    dim: usize,
+    count: usize,
+    groups: impl Iterator<Item = (usize, Vec<u32>)>,
+    free: usize,
+) -> Vec<Entity> {
+    let mut combinations: Vec<Vec<usize>> = vec![Vec::new()];
+    let mut next = BTreeMap::new();
+    let mut element_combination = vec![0usize; count];
+    for (number, elements) in groups {
+        for element in elements {
+            let combination = &mut element_combination[element as usize];
+            if combinations[*combination].last() == Some(&number) {
+                continue;
+            }
+            *combination = *next.entry((*combination, number)).or_insert_with(|| {
+                let known = combinations[*combination].iter().copied();
+                combinations.push(known.chain([number]).collect());
+                combinations.len() - 1
+            });
+        }
+    }
+    let mut elements: Vec<Vec<u32>> = vec![Vec::new(); combinations.len()];
+    for (element, combination) in (0..).zip(element_combination) {
+        elements[combination].push(element);
+    }
+    let mut used = BTreeSet::new();
+    let mut free = free..;
+    let mut result = Vec::new();
+    for (groups, elements) in combinations.into_iter().zip(elements).skip(1) {
+        let own = groups.first().copied().unwrap_or(0);
+        if !elements.is_empty() {
+            let is_free = used.insert(own);
+            let tag = if is_free {
+                own
+            } else {
+                free.next().unwrap_or(own)
+            };
+            result.push(Entity {
+                dim,
+                tag,
+                groups,
+                elements,
+            });
+        }
+    }
+    result
+}
+
+/// The different sides of a mesh, and the sides of each group.
+fn distinct_sides(mesh: &SimplexMesh, overlap: bool) -> (Lists, Vec<(usize, Vec<u32>)>) {
+    let mut sides = Lists::default();
+    let mut known: BTreeMap<Vec<u32>, u32> = BTreeMap::new();
+    let mut groups = Vec::new();
+    for group in &mesh.named_sides {
+        let mut members = Vec::new();
+        for i in 0..group.sides.len() {
+            let side = group.sides.get(i);
+            let next = sides.len() as u32;
+            let index = if overlap {
+                *known.entry(sorted(side.to_vec())).or_insert(next)
+            } else {
+                next
+            };
+            if index == next {
+                sides.push(side.iter().copied());
+            }
+            members.push(index);
+        }
+        groups.push((group.number, members));
+    }
+    (sides, groups)
+}
+
+/// Returns the cells of each region and of each set of cells, with the number of its group.
+fn cell_groups<'a>(
+    mesh: &'a SimplexMesh,
+    names: &'a ExportNames,
+    regions: &'a [i32],
+) -> impl Iterator<Item = (usize, Vec<u32>)> + 'a {
+    let first = mesh.next_number();
+    let cells_of = move |region: i32| {
+        let is_in_region = move |t: &u32| mesh.region[*t as usize] == region;
+        (0..mesh.len() as u32).filter(is_in_region).collect()
+    };
+    let of_regions = regions.iter().map(move |&region| cells_of(region));
+    let of_sets = names.cell_sets.iter().map(|set| set.members.clone());
+    (first..).zip(of_regions.chain(of_sets))
+}
+
+/// Returns the number of the group of the first set of nodes.
+fn first_node_group(mesh: &SimplexMesh, names: &ExportNames, regions: &[i32]) -> usize {
+    mesh.next_number() + regions.len() + names.cell_sets.len()
+}
+
 /// Writes version 4.1.
 ///
 /// # Errors
@@ -187,60 +328,44 @@ pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
 pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "Gmsh's format")?;
     let regions = sorted_regions(model);
-    let [low, high] = bounding_box(mesh.nodes);
     mesh.write_face_pairs(batch, path, 1)?;
+    let (dim, [kind, side_kind]) = (mesh.corner_count - 1, element_types(mesh));
+    let first_point = first_node_group(mesh, names, &regions);
+    let free = first_point + mesh.node_sets.len();
+    let (sides, side_groups) = distinct_sides(mesh, !names.faces.sets.is_empty());
+    let node_groups = (first_point..).zip(mesh.node_sets.iter().map(|set| set.members.clone()));
+    let points = entities(0, mesh.node_count(), node_groups, free);
+    let side_entities = entities(dim - 1, sides.len(), side_groups.into_iter(), free);
+    let cell_groups = cell_groups(mesh, names, &regions);
+    let cells = entities(dim, mesh.len(), cell_groups, free);
     batch.write(path, |out| {
         write_header(out, "4.1", names, &regions, mesh)?;
-        let (dim, [kind, side_kind]) = (mesh.corner_count - 1, element_types(mesh));
-        let (sides, cells) = (
-            mesh.named_sides.len(),
-            regions.len() + mesh.torn_surfaces.len(),
-        );
-        let first_region = mesh.next_number();
-        match dim {
-            3 => writeln!(out, "$Entities\n0 0 {sides} {cells}")?,
-            _ => writeln!(out, "$Entities\n0 {sides} {cells} 0")?,
-        }
-        let [x, y, z] = low;
-        let [u, v, w] = high;
-        for NamedSides { number, .. } in &mesh.named_sides {
-            writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
-        }
-        let torn = mesh.torn_surfaces.iter().map(|torn| torn.number);
-        for number in torn.chain(first_region..first_region + regions.len()) {
-            writeln!(out, "{number} {x} {y} {z} {u} {v} {w} 1 {number} 0")?;
-        }
-        let nodes = mesh.node_count();
-        writeln!(
-            out,
-            "$EndEntities\n$Nodes\n1 {nodes} 1 {nodes}\n{dim} {first_region} 0 {nodes}"
-        )?;
-        write_items(out, nodes, |text, i| text.int(i + 1).end_line())?;
-        write_items(out, nodes, |text, i| {
-            let [x, y, z] = mesh.point(i);
-            text.real(x).spaced_real(y).spaced_real(z).end_line();
-        })?;
-        let (blocks, count) = (
-            sides + cells,
-            mesh.len() + mesh.named_side_count() + prism_count(mesh),
-        );
-        writeln!(out, "$EndNodes\n$Elements\n{blocks} {count} 1 {count}")?;
+        write_entities(out, mesh, [&points, &side_entities, &cells])?;
+        write_nodes(out, mesh, cells.first().map_or(1, |entity| entity.tag))?;
+        let entity_count = points.len() + side_entities.len() + cells.len();
+        let blocks = entity_count + mesh.torn_surfaces.len();
+        let point_count: usize = points.iter().map(|entity| entity.elements.len()).sum();
+        let count = mesh.len() + sides.len() + prism_count(mesh) + point_count;
+        writeln!(out, "$Elements\n{blocks} {count} 1 {count}")?;
         let mut next = mesh.len() + 1;
-        for NamedSides { number, sides, .. } in &mesh.named_sides {
-            writeln!(out, "{} {number} {side_kind} {}", dim - 1, sides.len())?;
-            write_items(out, sides.len(), |text, i| {
-                text.int(next + i);
-                end_with_nodes(mesh, text, sides.get(i));
+        for entity in &points {
+            write_block(out, entity, POINT_TYPE, |text, i| {
+                text.int(next + i)
+                    .spaced_int(entity.elements[i] + 1)
+                    .end_line();
             })?;
-            next += sides.len();
+            next += entity.elements.len();
         }
-        for TornSurface {
-            number,
-            face_pairs: pairs,
-            ..
-        } in &mesh.torn_surfaces
-        {
-            writeln!(out, "{dim} {number} {PRISM_TYPE} {}", pairs.len())?;
+        for entity in &side_entities {
+            write_block(out, entity, side_kind, |text, i| {
+                text.int(next + i);
+                end_with_nodes(mesh, text, sides.get(entity.elements[i] as usize));
+            })?;
+            next += entity.elements.len();
+        }
+        for torn in &mesh.torn_surfaces {
+            let pairs = &torn.face_pairs;
+            writeln!(out, "{dim} {} {PRISM_TYPE} {}", torn.number, pairs.len())?;
             write_items(out, pairs.len(), |text, i| {
                 text.int(next + i);
                 for &n in pairs[i].as_flattened() {
@@ -250,15 +375,99 @@ pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
             })?;
             next += pairs.len();
         }
-        for (number, &region) in (first_region..).zip(&regions) {
-            let is_in_region = |t: &u32| mesh.region[*t as usize] == region;
-            let region_cells: Vec<u32> = (0..mesh.len() as u32).filter(is_in_region).collect();
-            writeln!(out, "{dim} {number} {kind} {}", region_cells.len())?;
-            write_items(out, region_cells.len(), |text, i| {
-                text.int(region_cells[i] + 1);
-                end_with_nodes(mesh, text, mesh.get(region_cells[i] as usize));
+        for entity in &cells {
+            write_block(out, entity, kind, |text, i| {
+                let cell = entity.elements[i];
+                text.int(cell + 1);
+                end_with_nodes(mesh, text, mesh.get(cell as usize));
             })?;
         }
         writeln!(out, "$EndElements")
     })
+}
+
+/// Writes the elements of an entity.
+fn write_block(
+    out: FileWriter,
+    entity: &Entity,
+    kind: u8,
+    write: impl Fn(&mut TextBuilder, usize) + Sync,
+) -> WriteResult {
+    let Entity {
+        dim, tag, elements, ..
+    } = entity;
+    writeln!(out, "{dim} {tag} {kind} {}", elements.len())?;
+    write_items(out, elements.len(), write)
+}
+
+/// Writes the entities with their groups: points, sides and cells, and the prisms between the sides of
+/// a split mesh.
+fn write_entities(out: FileWriter, mesh: &SimplexMesh, parts: [&[Entity]; 3]) -> WriteResult {
+    let dim = mesh.corner_count - 1;
+    let mut counts = [0; 4];
+    counts[dim] = mesh.torn_surfaces.len();
+    for entity in parts.into_iter().flatten() {
+        counts[entity.dim] += 1;
+    }
+    let [a, b, c, d] = counts;
+    writeln!(out, "$Entities\n{a} {b} {c} {d}")?;
+    let [low, high] = bounding_box(mesh.nodes);
+    let [[x, y, z], [u, v, w]] = [low, high];
+    let [points, sides, cells] = parts;
+    let line = |out: FileWriter, Entity { tag, groups, .. }: &Entity, place: &str, end: &str| {
+        let list: Vec<String> = groups.iter().map(usize::to_string).collect();
+        writeln!(
+            out,
+            "{tag} {place} {} {}{end}",
+            groups.len(),
+            list.join(" ")
+        )
+    };
+    for entity in points {
+        let [x, y, z] = mesh.point(entity.elements[0] as usize);
+        line(out, entity, &format!("{x} {y} {z}"), "")?;
+    }
+    let extent = format!("{x} {y} {z} {u} {v} {w}");
+    for entity in sides {
+        line(out, entity, &extent, " 0")?;
+    }
+    for TornSurface { number, .. } in &mesh.torn_surfaces {
+        writeln!(out, "{number} {extent} 1 {number} 0")?;
+    }
+    for entity in cells {
+        line(out, entity, &extent, " 0")?;
+    }
+    writeln!(out, "$EndEntities")
+}
+
+/// Writes all nodes as those of an entity of cells.
+fn write_nodes(out: FileWriter, mesh: &SimplexMesh, tag: usize) -> WriteResult {
+    let (nodes, dim) = (mesh.node_count(), mesh.corner_count - 1);
+    writeln!(out, "$Nodes\n1 {nodes} 1 {nodes}\n{dim} {tag} 0 {nodes}")?;
+    write_items(out, nodes, |text, i| text.int(i + 1).end_line())?;
+    write_items(out, nodes, |text, i| {
+        let [x, y, z] = mesh.point(i);
+        text.real(x).spaced_real(y).spaced_real(z).end_line();
+    })?;
+    writeln!(out, "$EndNodes")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_in_the_same_groups_are_one_entity() {
+        let groups = [(5, vec![0, 1, 2]), (6, vec![1]), (7, vec![1, 3, 3])];
+        let entities = entities(3, 5, groups.into_iter(), 9);
+        let found = entities
+            .iter()
+            .map(|e| (e.tag, e.groups.clone(), e.elements.clone()));
+        let expected = [
+            (5, vec![5], vec![0, 2]),
+            (9, vec![5, 6, 7], vec![1]),
+            (7, vec![7], vec![3]),
+        ];
+        assert_eq!(found.collect::<Vec<_>>(), expected);
+    }
 }

@@ -11,9 +11,11 @@ use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::names::ExportNames;
 use crate::files::Batch;
+use crate::geometry::sorted_distinct;
 use crate::mesh::FACES;
 use crate::model::reservoir::Model;
 use crate::names::csv_field;
+use crate::store::named_sets::NamedSet;
 
 /// Edges of a tetrahedron that have a node in their middle if it is quadratic, in the order of
 /// Abaqus. For a triangle the first three.
@@ -35,6 +37,8 @@ pub struct SimplexMesh<'a> {
     pub named_sides: Vec<NamedSides>,
     /// Surfaces along which the mesh is split.
     pub torn_surfaces: Vec<TornSurface>,
+    /// Sets of nodes, besides those of sides.
+    pub node_sets: Vec<NamedSet>,
 }
 
 /// Surface along which a mesh is split.
@@ -78,7 +82,10 @@ impl<'a> SimplexMesh<'a> {
             region: &mesh.region,
             named_sides: Vec::new(),
             torn_surfaces: Vec::new(),
+            node_sets: Vec::new(),
         };
+        let sets = names.node_sets.iter();
+        simplices.node_sets = sets.map(|set| simplices.node_set(model, set)).collect();
         let is_upward = model.second_cell_is_upper();
         simplices.find_torn_surfaces(model, names, &is_upward);
         let is_torn =
@@ -125,6 +132,28 @@ impl<'a> SimplexMesh<'a> {
             simplices.find_edges();
         }
         Ok(simplices)
+    }
+
+    /// Returns a set of nodes of a model, with all copies of a node that is split.
+    fn node_set(&self, model: &Model, set: &NamedSet) -> NamedSet {
+        let is_member = |n: u32| set.members.binary_search(&n).is_ok();
+        let members = match (&model.split_mesh, &model.tets) {
+            (Some(split), Some(tets)) => {
+                let corners = tets.tets.as_flattened().iter();
+                let copies = corners.zip(split.mesh.tets.as_flattened());
+                sorted_distinct(copies.filter(|(n, _)| is_member(**n)).map(|(_, &m)| m))
+            }
+            _ => {
+                let members = set.members.iter().copied();
+                members
+                    .filter(|&n| (n as usize) < self.nodes.len())
+                    .collect()
+            }
+        };
+        NamedSet {
+            name: set.name.clone(),
+            members,
+        }
     }
 
     fn find_edges(&mut self) {

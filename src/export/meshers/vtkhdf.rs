@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use super::NAMES_AND_ROCK;
-use super::groups::{FaceNames, face_nodes};
+use super::groups::face_nodes;
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
@@ -35,6 +35,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     names: FormatNames {
         regions: Naming::Numbers,
         faces: Naming::Names(LINK_NAMES),
+        faces_overlap: true,
+        node_set_prefix: Some(""),
         properties: Some(LINK_NAMES),
         ..FormatNames::NONE
     },
@@ -71,7 +73,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     let faces = model.mesh.faces_of_cells();
     let (mut nodes, cells, sets) = match &simplices {
         Some(mesh) => simplex_grid(mesh),
-        None => polyhedron_grid(model, &names.faces, &faces),
+        None => polyhedron_grid(model, names, &faces),
     };
     let cell_array = |array: &DataArray| {
         let mut values = array.values.to_f64();
@@ -185,13 +187,15 @@ fn simplex_grid<'a>(mesh: &'a SimplexMesh) -> (NamedNodes<'a>, usize, NodeSets) 
         types,
     );
     let sets = (mesh.named_sides.iter()).map(|group| (group.name.clone(), mesh.side_nodes(group)));
-    (nodes, cell_count, sets.collect())
+    let others = mesh.node_sets.iter();
+    let others = others.map(|set| (set.name.clone(), set.members.clone()));
+    (nodes, cell_count, sets.chain(others).collect())
 }
 
 /// Returns the grid of polyhedra, its number of cells, and its node sets. Each face is stored once.
 fn polyhedron_grid<'a>(
     model: &'a Model,
-    names: &FaceNames,
+    names: &ExportNames,
     cell_faces: &'a Lists,
 ) -> (NamedNodes<'a>, usize, NodeSets) {
     let mesh = &model.mesh;
@@ -239,7 +243,9 @@ fn polyhedron_grid<'a>(
             array_node(int(&cell_faces.offsets)),
         ),
     ]);
-    let groups = names.groups().into_iter();
+    let groups = names.faces.groups().into_iter();
     let sets = groups.map(|group| (group.name, face_nodes(model, &group.faces)));
-    (nodes, model.len(), sets.collect())
+    let others = names.node_sets.iter();
+    let others = others.map(|set| (set.name.clone(), set.members.clone()));
+    (nodes, model.len(), sets.chain(others).collect())
 }

@@ -35,6 +35,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     names: FormatNames {
         regions: Naming::Numbers,
         faces: Naming::Names(LINK_NAMES),
+        faces_overlap: true,
+        node_set_prefix: Some(""),
         properties: Some(LINK_NAMES),
         ..FormatNames::NONE
     },
@@ -141,20 +143,22 @@ impl<'a> XdmfContent<'a> {
         }
     }
 
-    /// Adds the nodes of each named group of faces.
-    fn add_side_sets(&mut self, mesh: &SimplexMesh<'_>) {
+    /// Adds the nodes of each named group of faces, and the other sets of nodes.
+    fn add_node_sets(&mut self, mesh: &SimplexMesh<'_>) {
         for group in &mesh.named_sides {
-            let nodes = sorted_distinct(mesh.side_nodes(group));
-            let _ = writeln!(
-                self.xml,
-                "<Set Name=\"{}\" SetType=\"Node\">",
-                escape(&group.name)
-            );
-            let count = nodes.len();
-            let numbers = LazyArray::from_fn(count, move |i| nodes[i] as i32);
-            self.add_data(format!("nodes_{}", group.name), &[count], numbers);
-            self.xml.push_str("</Set>\n");
+            self.add_node_set(&group.name, sorted_distinct(mesh.side_nodes(group)));
         }
+        for set in &mesh.node_sets {
+            self.add_node_set(&set.name, set.members.clone());
+        }
+    }
+
+    fn add_node_set(&mut self, name: &str, nodes: Vec<u32>) {
+        let _ = writeln!(self.xml, "<Set Name=\"{}\" SetType=\"Node\">", escape(name));
+        let count = nodes.len();
+        let numbers = LazyArray::from_fn(count, move |i| nodes[i] as i32);
+        self.add_data(format!("nodes_{name}"), &[count], numbers);
+        self.xml.push_str("</Set>\n");
     }
 
     /// Adds each named group of faces as a grid.
@@ -219,7 +223,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     content.xml.push_str("</Geometry>\n");
     content.add_cell_arrays(model, &names.properties, mesh.len());
     let cells_xml = content.xml.clone();
-    content.add_side_sets(mesh);
+    content.add_node_sets(mesh);
     content.xml.push_str("</Grid>\n");
     content.add_side_grids(mesh);
     let root = Hdf5Node::Group(content.nodes);
@@ -227,7 +231,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     let mut write = |path: &Path, xml: &str| {
         batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))
     };
-    if !mesh.named_sides.is_empty() {
+    if !mesh.named_sides.is_empty() || !mesh.node_sets.is_empty() {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let names_path = path.with_file_name(format!("{stem}_names.xdmf"));
         write(&names_path, &(content.xml + TAIL))?;

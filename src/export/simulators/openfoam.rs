@@ -38,6 +38,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     ],
     deck_path: None,
     names: FormatNames {
+        node_set_prefix: Some(""),
         regions: Naming::Names(WORDS),
         faces: Naming::Names(NameRules {
             reserved: &["all", "internalMesh", "none"],
@@ -133,7 +134,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         writeln!(out, ")")
     })?;
     write_zones(model, batch, &folder, names, &faces)?;
-    write_point_zones(model, batch, &folder, face_names)?;
+    write_point_zones(model, batch, &folder, names)?;
     write_fields(model, names, batch, path)?;
     let has_closed = faces.faces.iter().any(|face| face.side == 1);
     write_case(batch, path, has_closed)
@@ -279,20 +280,23 @@ fn write_zones(
     })
 }
 
-/// Writes a point zone for the nodes of each name of faces.
+/// Writes a point zone for the nodes of each name of faces, and for each set of nodes.
 fn write_point_zones(
     model: &Model,
     batch: &mut Batch,
     folder: &Path,
-    names: &FaceNames,
+    names: &ExportNames,
 ) -> Result<()> {
-    let groups = names.groups();
+    let groups = names.faces.groups().into_iter();
+    let groups = groups.map(|group| (group.name, face_nodes(model, &group.faces)));
+    let others = names.node_sets.iter();
+    let others = others.map(|set| (set.name.clone(), set.members.clone()));
+    let zones: Vec<(String, Vec<u32>)> = groups.chain(others).collect();
     batch.write(&folder.join("pointZones"), |out| {
         write_header(out, "regIOobject", "pointZones")?;
-        writeln!(out, "{}\n(", groups.len())?;
-        for group in &groups {
-            let nodes = face_nodes(model, &group.faces);
-            let (name, count) = (&group.name, nodes.len());
+        writeln!(out, "{}\n(", zones.len())?;
+        for (name, nodes) in &zones {
+            let count = nodes.len();
             writeln!(
                 out,
                 "{name}\n{{\n    type pointZone;\n    pointLabels List<label>\n{count}\n("

@@ -1,224 +1,454 @@
-//! Converts legacy VTK files (`.vtk`), which `vtkio` reads, to the XML format that the other
-//! modules here read.
+//! Converts legacy VTK files (`.vtk`) to the XML format that the other modules here read.
 //!
-//! Two things that `vtkio` does not know are replaced before it sees the file: the names of number
-//! types that VTK writes since version 9, and field data in front of a data set. `vtkio` reads
-//! origins and spacings in single precision, so they are taken from the text instead. Layout:
-//! <https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html>.
+//! Every number type and every attribute that VTK writes is read, as text and as binary. Values of
+//! 8-bit arrays, which VTK writes to text files as shares of 255 (`COLOR_SCALARS`), become integers
+//! again. Texts among the field data are kept as the bytes of their UTF-8, one text a line; texts on
+//! points or cells are left out. Layout:
+//! <https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html>, and VTK's class
+//! `vtkDataReader` for what that page leaves out.
 
-use std::io::Cursor;
-
-use vtkio::model::{
-    Attribute, Attributes, CellType, Cells, DataSet, ElementType, Extent, FieldArray, IOBuffer,
-    Piece, VertexNumbers, Vtk,
-};
-
-use super::{ArrayPacking, DataArray, Document, Values};
+use super::xml_content::{CellLists, Owner, XmlContent};
+use super::{DataArray, Values};
 
 /// The first bytes of every legacy file.
 pub const MAGIC: &[u8] = b"# vtk DataFile";
-
-/// Upper bound of the length of a file's head in bytes: three lines, the line of the data set, and
-/// three more for images.
-const MAX_HEADER_BYTES: usize = 2048;
 
 /// Converts a legacy file to the bytes of an XML file with the same content.
 ///
 /// # Errors
 /// Returns a text that says what is wrong with the file.
 pub fn to_xml(bytes: &[u8]) -> Result<Vec<u8>, String> {
-    let bytes = &replace_type_names(bytes);
-    let begin = data_set_line_end(bytes).ok_or("is a VTK file without a data set")?;
-    let (fields, bytes) = split_field_data(bytes, begin)?;
-    let data = parse(&bytes)?;
-    let kind = match &data {
-        DataSet::ImageData { .. } => "ImageData",
-        DataSet::UnstructuredGrid { .. } => "UnstructuredGrid",
-        DataSet::PolyData { .. } => "PolyData",
-        DataSet::RectilinearGrid { .. } => "RectilinearGrid",
-        DataSet::StructuredGrid { .. } => "StructuredGrid",
-        _ => return Err("holds no grid and no poly data".into()),
-    };
-    let mut content = XmlContent {
-        fields: fields
-            .into_iter()
-            .map(field_array)
-            .collect::<Result<_, _>>()?,
-        ..XmlContent::default()
-    };
-    match data {
-        DataSet::ImageData { extent, pieces, .. } => {
-            content.take_extent(&extent)?;
-            for (word, attribute) in [
-                ("ORIGIN", "Origin"),
-                ("SPACING", "Spacing"),
-                ("ASPECT_RATIO", "Spacing"),
-            ] {
-                let value = find_line_value(&bytes[begin..], word);
-                content
-                    .attributes
-                    .extend(value.map(|text| (attribute, text)));
-            }
-            content.take_attributes(single_piece(pieces)?.data)?;
-        }
-        DataSet::RectilinearGrid { pieces, .. } => {
-            let piece = single_piece(pieces)?;
-            content.take_extent(&piece.extent)?;
-            let coordinates = [piece.coords.x, piece.coords.y, piece.coords.z];
-            for (axis, values) in ["x", "y", "z"].into_iter().zip(coordinates) {
-                let array = DataArray::scalars(axis, to_values(values)?);
-                content.coordinates.push(array);
-            }
-            content.take_attributes(piece.data)?;
-        }
-        DataSet::StructuredGrid { pieces, .. } => {
-            let piece = single_piece(pieces)?;
-            content.take_extent(&piece.extent)?;
-            content.points = Some(to_values(piece.points)?);
-            content.take_attributes(piece.data)?;
-        }
-        DataSet::UnstructuredGrid { pieces, .. } => {
-            let piece = single_piece(pieces)?;
-            let points = to_values(piece.points)?;
-            let count = points.len() / 3;
-            content.piece.push(("NumberOfPoints", count.to_string()));
-            content.points = Some(points);
-            content.take_cells(piece.cells)?;
-            content.take_attributes(piece.data)?;
-        }
-        DataSet::PolyData { pieces, .. } => {
-            let piece = single_piece(pieces)?;
-            let points = to_values(piece.points)?;
-            let count = points.len() / 3;
-            content.piece.push(("NumberOfPoints", count.to_string()));
-            content.points = Some(points);
-            for (element, cells) in [
-                ("Verts", piece.verts),
-                ("Lines", piece.lines),
-                ("Strips", piece.strips),
-                ("Polys", piece.polys),
-            ] {
-                content.take_polygons(element, cells)?;
-            }
-            content.take_attributes(piece.data)?;
-        }
-        DataSet::Field { .. } => {}
-    }
+    let (kind, content) = Reader::new(bytes)?.read()?;
     content.to_xml(kind).map_err(|error| error.to_string())
 }
 
-/// Parses the data set. Returns an error if any of the file is not understood.
-fn parse(bytes: &[u8]) -> Result<DataSet, String> {
-    let damaged = "is damaged, cut off, or holds more than numbers";
-    let (rest, Vtk { data, .. }) = vtkio::parser::parse_be(bytes).map_err(|_| damaged)?;
-    if rest.iter().all(u8::is_ascii_whitespace) {
-        Ok(data)
-    } else {
-        Err(damaged.into())
-    }
+/// A position in a legacy file.
+struct Reader<'a> {
+    bytes: &'a [u8],
+    position: usize,
+    is_binary: bool,
 }
 
-/// Returns the only piece: legacy files have exactly one.
-fn single_piece<P>(pieces: Vec<Piece<P>>) -> Result<P, String> {
-    match pieces.into_iter().next() {
-        Some(Piece::Inline(piece)) => Ok(*piece),
-        _ => Err("holds nothing".into()),
-    }
+/// Returns the error for a file that ends too early.
+fn cut_off() -> String {
+    "is damaged or cut off".into()
 }
 
-/// Replaces VTK's new names of number types by the old ones.
-fn replace_type_names(bytes: &[u8]) -> Vec<u8> {
-    let mut converted = Vec::with_capacity(bytes.len());
-    for line in bytes.split_inclusive(|&b| b == b'\n') {
-        let names = [
-            (" vtktypeint64\n", " long\n"),
-            (" vtktypeuint64\n", " unsigned_long\n"),
-        ];
-        let is_cells = line.starts_with(b"OFFSETS") || line.starts_with(b"CONNECTIVITY");
-        let renamed = names.iter().find(|(new, _)| line.ends_with(new.as_bytes()));
-        match renamed {
-            Some((new, old)) if !is_cells => {
-                converted.extend(&line[..line.len() - new.len()]);
-                converted.extend(old.as_bytes());
+impl<'a> Reader<'a> {
+    /// Reads the three lines at the head of a file.
+    fn new(bytes: &'a [u8]) -> Result<Self, String> {
+        let mut reader = Self {
+            bytes,
+            position: 0,
+            is_binary: false,
+        };
+        reader.line();
+        reader.line();
+        let encoding = reader.word()?.to_ascii_uppercase();
+        reader.is_binary = match encoding.as_str() {
+            "ASCII" => false,
+            "BINARY" => true,
+            _ => return Err(format!("is neither ASCII nor BINARY, but '{encoding}'")),
+        };
+        Ok(reader)
+    }
+
+    /// Reads the data set, and returns VTK's name of its kind and its content.
+    fn read(mut self) -> Result<(&'static str, XmlContent), String> {
+        let mut content = XmlContent::default();
+        let mut kind = None;
+        let mut owner = (Owner::Whole, 0);
+        while let Some(keyword) = self.keyword() {
+            match keyword.as_str() {
+                "DATASET" => {
+                    kind = Some(match self.word()?.to_ascii_uppercase().as_str() {
+                        "STRUCTURED_POINTS" => "ImageData",
+                        "UNSTRUCTURED_GRID" => "UnstructuredGrid",
+                        "POLYDATA" => "PolyData",
+                        "RECTILINEAR_GRID" => "RectilinearGrid",
+                        "STRUCTURED_GRID" => "StructuredGrid",
+                        other => {
+                            return Err(format!(
+                                "holds {other}, and no grid or poly data"
+                            ));
+                        }
+                    });
+                }
+                "POINT_DATA" => owner = (Owner::Points, self.count()?),
+                "CELL_DATA" => owner = (Owner::Cells, self.count()?),
+                "METADATA" => self.skip_metadata(),
+                "FIELD" => self.field(&mut content, owner.0)?,
+                _ if owner.0 == Owner::Whole => self.geometry(&keyword, &mut content)?,
+                _ => self.attribute(&keyword, &mut content, owner)?,
             }
-            _ => converted.extend(line),
+        }
+        let kind = kind.ok_or("is a VTK file without a data set")?;
+        let is_complete = match kind {
+            "ImageData" => content.attributes.iter().any(|a| a.0 == "WholeExtent"),
+            "UnstructuredGrid" => content.points.is_some() && !content.cells.is_empty(),
+            _ => content.points.is_some(),
+        };
+        if !is_complete {
+            return Err("is damaged or cut off: it has no points or no cells".into());
+        }
+        Ok((kind, content))
+    }
+
+    /// Reads a part of the geometry of a data set.
+    fn geometry(&mut self, keyword: &str, content: &mut XmlContent) -> Result<(), String> {
+        match keyword {
+            "DIMENSIONS" => {
+                let dims = [self.count()?, self.count()?, self.count()?];
+                let extent = dims.map(|n| format!("0 {}", n as i64 - 1)).join(" ");
+                content.attributes.push(("WholeExtent", extent.clone()));
+                content.piece.push(("Extent", extent));
+            }
+            "ORIGIN" | "SPACING" | "ASPECT_RATIO" => {
+                let name = if keyword == "ORIGIN" {
+                    "Origin"
+                } else {
+                    "Spacing"
+                };
+                let vector = [self.word()?, self.word()?, self.word()?].join(" ");
+                content.attributes.push((name, vector));
+            }
+            "X_COORDINATES" | "Y_COORDINATES" | "Z_COORDINATES" => {
+                let count = self.count()?;
+                let name = keyword[..1].to_ascii_lowercase();
+                let values = self.values_of_type(count, 1)?;
+                content.coordinates.push(DataArray::scalars(name, values));
+            }
+            "POINTS" => {
+                let count = self.count()?;
+                let values = self.values_of_type(count, 3)?;
+                content.piece.push(("NumberOfPoints", count.to_string()));
+                content.points = Some(values);
+            }
+            "CELLS" => content.cell_lists = self.cell_lists()?,
+            "CELL_TYPES" => {
+                let count = self.count()?;
+                self.end_line();
+                let types = self.values("int", count)?.to_i64();
+                content.take_cells(types)?;
+            }
+            "VERTICES" => content.take_polygons("Verts", self.cell_lists()?),
+            "LINES" => content.take_polygons("Lines", self.cell_lists()?),
+            "TRIANGLE_STRIPS" => content.take_polygons("Strips", self.cell_lists()?),
+            "POLYGONS" => content.take_polygons("Polys", self.cell_lists()?),
+            _ => return Err(format!("is damaged: '{keyword}' is no keyword of VTK")),
+        }
+        Ok(())
+    }
+
+    /// Reads the nodes of cells. Files of version 5 have offsets and nodes, older ones the number of
+    /// nodes in front of the nodes of each cell.
+    fn cell_lists(&mut self) -> Result<CellLists, String> {
+        let (count, size) = (self.count()?, self.count()?);
+        let before = self.position;
+        if self.keyword().as_deref() != Some("OFFSETS") {
+            self.position = before;
+            self.end_line();
+            let lists = self.values("int", size)?.to_i64();
+            return split_cells(&lists, count).ok_or_else(|| "has broken cells".into());
+        }
+        let mut ends = self.values_of_type(count, 1)?.to_i64();
+        // These are the start of each cell, and the end of the last.
+        if !ends.is_empty() {
+            ends.remove(0);
+        }
+        if self.keyword().as_deref() != Some("CONNECTIVITY") {
+            return Err("is damaged: its cells have no CONNECTIVITY".into());
+        }
+        let nodes = self.values_of_type(size, 1)?.to_i64();
+        let are_valid = ends.is_sorted()
+            && ends.first().is_none_or(|&end| end >= 0)
+            && ends.last().is_none_or(|&end| end as usize == nodes.len());
+        if !are_valid {
+            return Err("has broken cells".into());
+        }
+        Ok(CellLists { nodes, ends })
+    }
+
+    /// Reads values that belong to points or to cells.
+    fn attribute(
+        &mut self,
+        keyword: &str,
+        content: &mut XmlContent,
+        (owner, count): (Owner, usize),
+    ) -> Result<(), String> {
+        let name = decode_name(&self.word()?);
+        let array = |components, values| DataArray {
+            name: name.clone(),
+            components,
+            values,
+        };
+        let array = match keyword {
+            "SCALARS" => {
+                let kind = self.word()?;
+                let components = match self.line().trim() {
+                    "" => 1,
+                    text => text.parse().map_err(|_| cut_off())?,
+                };
+                let before = self.position;
+                if self.keyword().as_deref() == Some("LOOKUP_TABLE") {
+                    self.line();
+                } else {
+                    self.position = before;
+                }
+                array(components, self.values(&kind, product(count, components)?)?)
+            }
+            "COLOR_SCALARS" => {
+                let components = self.count()?;
+                self.end_line();
+                let values = self.colours(product(count, components)?)?;
+                array(components, values)
+            }
+            "LOOKUP_TABLE" => {
+                let size = self.count()?;
+                self.end_line();
+                self.colours(product(size, 4)?)?;
+                return Ok(());
+            }
+            "TEXTURE_COORDINATES" => {
+                let components = self.count()?;
+                array(components, self.values_of_type(count, components)?)
+            }
+            "VECTORS" | "NORMALS" => array(3, self.values_of_type(count, 3)?),
+            "TENSORS" => array(9, self.values_of_type(count, 9)?),
+            "TENSORS6" => array(6, self.values_of_type(count, 6)?),
+            "GLOBAL_IDS" | "PEDIGREE_IDS" | "EDGE_FLAGS" => {
+                array(1, self.values_of_type(count, 1)?)
+            }
+            _ => return Err(format!("is damaged: '{keyword}' is no keyword of VTK")),
+        };
+        let is_active = ["SCALARS", "COLOR_SCALARS"].contains(&keyword);
+        if is_active && owner == Owner::Points && content.scalars.is_none() {
+            content.scalars = Some(array.name.clone());
+        }
+        content.arrays_of(owner).push(array);
+        Ok(())
+    }
+
+    /// Reads arrays that each state their own size.
+    fn field(&mut self, content: &mut XmlContent, owner: Owner) -> Result<(), String> {
+        self.word()?;
+        let count = self.count()?;
+        let mut read = 0;
+        while read < count {
+            let word = self.word()?;
+            if word == "METADATA" {
+                self.skip_metadata();
+                continue;
+            }
+            read += 1;
+            let name = decode_name(&word);
+            let (components, tuples) = (self.count()?, self.count()?);
+            let kind = self.word()?;
+            let total = product(components, tuples)?;
+            let values = if ["string", "utf8_string"].contains(&kind.as_str()) {
+                let text = self.texts(total)?.join("\n");
+                if owner != Owner::Whole {
+                    continue;
+                }
+                text.into_bytes().into()
+            } else {
+                self.end_line();
+                self.values(&kind, total)?
+            };
+            let components = if values.len() == total { components } else { 1 };
+            content.arrays_of(owner).push(DataArray {
+                name,
+                components: components.max(1),
+                values,
+            });
+        }
+        Ok(())
+    }
+
+    /// Reads the name of a number type, and in the next line as many tuples of that type.
+    fn values_of_type(&mut self, tuples: usize, components: usize) -> Result<Values, String> {
+        let kind = self.word()?;
+        self.end_line();
+        self.values(&kind, product(tuples, components)?)
+    }
+
+    /// Reads numbers of a type, at the beginning of a line.
+    fn values(&mut self, kind: &str, count: usize) -> Result<Values, String> {
+        let kind = kind.to_ascii_lowercase();
+        if kind == "bit" {
+            return self.bits(count);
+        }
+        let (name, size) = match kind.as_str() {
+            "char" | "signed_char" => ("Int8", 1),
+            "unsigned_char" => ("UInt8", 1),
+            "short" => ("Int16", 2),
+            "unsigned_short" => ("UInt16", 2),
+            // VTK converts its own numbers of points and cells to 32 bits.
+            "int" | "vtkidtype" => ("Int32", 4),
+            "unsigned_int" => ("UInt32", 4),
+            "long" | "long_long" | "vtktypeint64" => ("Int64", 8),
+            "unsigned_long" | "unsigned_long_long" | "vtktypeuint64" => ("UInt64", 8),
+            "float" => ("Float32", 4),
+            "double" => ("Float64", 8),
+            _ => {
+                return Err(format!(
+                    "has numbers of the type '{kind}', which is not read"
+                ));
+            }
+        };
+        if self.is_binary {
+            let bytes = self.take(product(count, size)?)?;
+            return Values::from_bytes(name, bytes, true).ok_or_else(cut_off);
+        }
+        let text = self.words(count)?;
+        match Values::from_text(name, text) {
+            Some(Ok(values)) => Ok(values),
+            Some(Err(word)) => Err(format!("holds '{word}', which is not of type {kind}")),
+            None => Err(cut_off()),
         }
     }
-    converted
-}
 
-/// Returns the position after the line that names the data set.
-fn data_set_line_end(bytes: &[u8]) -> Option<usize> {
-    let mut end = 0;
-    for line in bytes[..bytes.len().min(MAX_HEADER_BYTES)].split_inclusive(|&b| b == b'\n') {
-        end += line.len();
-        if line.len() > 7 && line[..7].eq_ignore_ascii_case(b"DATASET") {
-            return Some(end);
+    /// Reads bits, which binary files pack from the highest bit of each byte.
+    fn bits(&mut self, count: usize) -> Result<Values, String> {
+        if !self.is_binary {
+            return self.values("unsigned_char", count);
+        }
+        let bytes = self.take(count.div_ceil(8))?;
+        let bit = |i: usize| bytes[i / 8] >> (7 - i % 8) & 1;
+        Ok((0..count).map(bit).collect::<Vec<u8>>().into())
+    }
+
+    /// Reads 8-bit values, which text files hold as shares of 255.
+    fn colours(&mut self, count: usize) -> Result<Values, String> {
+        if self.is_binary {
+            return self.values("unsigned_char", count);
+        }
+        let shares = self.values("double", count)?.to_f64();
+        if let Some(share) = shares.iter().find(|share| !(0.0..=1.0).contains(*share)) {
+            return Err(format!(
+                "holds {share} in COLOR_SCALARS, which are shares from 0 to 1"
+            ));
+        }
+        let value = |share: &f64| (share * 255.0).round() as u8;
+        Ok(shares.iter().map(value).collect::<Vec<u8>>().into())
+    }
+
+    /// Reads texts: one a line, or in a binary file each behind its length.
+    fn texts(&mut self, count: usize) -> Result<Vec<String>, String> {
+        self.end_line();
+        let mut texts = Vec::new();
+        for _ in 0..count {
+            if !self.is_binary {
+                if self.position >= self.bytes.len() {
+                    return Err(cut_off());
+                }
+                texts.push(decode_name(self.line().trim_end()));
+                continue;
+            }
+            // The two highest bits of the length are the number of its bytes.
+            let first = *self.bytes.get(self.position).ok_or_else(cut_off)?;
+            let width = [8, 4, 2, 1][usize::from(first >> 6)];
+            let length = self
+                .take(width)?
+                .iter()
+                .fold(0u64, |n, &b| n << 8 | u64::from(b));
+            let length = length & (u64::MAX >> (64 - 8 * width as u32 + 2));
+            let bytes = self.take(usize::try_from(length).map_err(|_| cut_off())?)?;
+            texts.push(String::from_utf8_lossy(bytes).into_owned());
+        }
+        Ok(texts)
+    }
+
+    /// Moves behind the next empty line.
+    fn skip_metadata(&mut self) {
+        self.end_line();
+        while self.position < self.bytes.len() && !self.line().trim().is_empty() {}
+    }
+
+    /// Returns the next word in upper case; `None` at the end of the file.
+    fn keyword(&mut self) -> Option<String> {
+        Some(self.word().ok()?.to_ascii_uppercase())
+    }
+
+    fn word(&mut self) -> Result<String, String> {
+        let text = self.words(1)?.trim_ascii();
+        Ok(text.to_string())
+    }
+
+    fn count(&mut self) -> Result<usize, String> {
+        let word = self.word()?;
+        let problem = || format!("is damaged: '{word}' stands where a count should be");
+        word.parse().map_err(|_| problem())
+    }
+
+    /// Returns the text of the next `count` words, and moves behind it.
+    fn words(&mut self, count: usize) -> Result<&'a str, String> {
+        let begin = self.position;
+        let mut end = begin;
+        for _ in 0..count {
+            let rest = self.bytes.get(end..).unwrap_or_default();
+            let blank = rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
+            let word = rest[blank..]
+                .iter()
+                .take_while(|b| !b.is_ascii_whitespace())
+                .count();
+            if word == 0 {
+                return Err(cut_off());
+            }
+            end += blank + word;
+        }
+        self.position = end;
+        std::str::from_utf8(&self.bytes[begin..end])
+            .map_err(|_| "is damaged: it holds bytes where text should be".into())
+    }
+
+    /// Returns the remainder of the line, and moves behind it.
+    fn line(&mut self) -> String {
+        let rest = self.bytes.get(self.position..).unwrap_or_default();
+        let length = rest.iter().take_while(|&&b| b != b'\n').count();
+        self.position += (length + 1).min(rest.len());
+        String::from_utf8_lossy(&rest[..length]).into_owned()
+    }
+
+    /// Moves to the next line if only blanks are left in this one.
+    fn end_line(&mut self) {
+        let rest = self.bytes.get(self.position..).unwrap_or_default();
+        let blanks = rest
+            .iter()
+            .take_while(|b| [b' ', b'\t', b'\r'].contains(b))
+            .count();
+        if rest.get(blanks) == Some(&b'\n') {
+            self.position += blanks + 1;
         }
     }
-    None
-}
 
-/// Separates the field data that stands in front of the data set. Returns the field data and the
-/// file without it.
-fn split_field_data(bytes: &[u8], begin: usize) -> Result<(Vec<FieldArray>, Vec<u8>), String> {
-    let rest = bytes[begin..].trim_ascii_start();
-    if !rest.starts_with(b"FIELD") {
-        return Ok((Vec::new(), bytes.to_vec()));
-    }
-    let header = bytes[..begin].trim_ascii_end();
-    let line_break = header.iter().rposition(|&b| b == b'\n').unwrap_or(0);
-    // For `vtkio` field data is a data set of its own.
-    let field_file = [&bytes[..=line_break], rest].concat();
-    match vtkio::parser::parse_be(&field_file) {
-        Ok((
-            remaining,
-            Vtk {
-                data: DataSet::Field { data_array, .. },
-                ..
-            },
-        )) => Ok((data_array, [&bytes[..begin], remaining].concat())),
-        _ => Err("has field data other than numbers".into()),
+    fn take(&mut self, count: usize) -> Result<&'a [u8], String> {
+        let end = self.position.checked_add(count);
+        let bytes = end.and_then(|end| self.bytes.get(self.position..end));
+        let bytes = bytes.ok_or_else(cut_off)?;
+        self.position += count;
+        Ok(bytes)
     }
 }
 
-/// Returns the words after `keyword` on the first line that begins with it.
-fn find_line_value(bytes: &[u8], keyword: &str) -> Option<String> {
-    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_HEADER_BYTES)]);
-    let mut lines = head.lines();
-    lines.find_map(|line| {
-        let mut words = line.split_ascii_whitespace();
-        let first = words.next()?;
-        let rest: Vec<&str> = words.collect();
-        first.eq_ignore_ascii_case(keyword).then(|| rest.join(" "))
-    })
+fn product(a: usize, b: usize) -> Result<usize, String> {
+    a.checked_mul(b).ok_or_else(cut_off)
 }
 
-fn to_values(buffer: IOBuffer) -> Result<Values, String> {
-    Ok(match buffer {
-        IOBuffer::Bit(_) => return Err("has an array of bits, which is not read".into()),
-        IOBuffer::U8(v) => v.into(),
-        IOBuffer::I8(v) => v.into(),
-        IOBuffer::U16(v) => v.into(),
-        IOBuffer::I16(v) => v.into(),
-        IOBuffer::U32(v) => v.into(),
-        IOBuffer::I32(v) => v.into(),
-        IOBuffer::U64(v) => v.into(),
-        IOBuffer::I64(v) => v.into(),
-        IOBuffer::F32(v) => v.into(),
-        IOBuffer::F64(v) => v.into(),
-    })
+/// Splits a list in which each cell begins with the count of its nodes.
+fn split_cells(lists: &[i64], count: usize) -> Option<CellLists> {
+    let mut cells = CellLists::default();
+    let mut rest = lists;
+    while let [size, after @ ..] = rest {
+        let (nodes, next) = after.split_at_checked(usize::try_from(*size).ok()?)?;
+        cells.nodes.extend(nodes);
+        cells.ends.push(cells.nodes.len() as i64);
+        rest = next;
+    }
+    (cells.ends.len() == count).then_some(cells)
 }
 
-fn field_array(array: FieldArray) -> Result<DataArray, String> {
-    Ok(DataArray {
-        name: decode_name(&array.name),
-        components: array.elem as usize,
-        values: to_values(array.data)?,
-    })
-}
-
-/// Decodes the name of an array: characters such as spaces stand in it as `%20`.
+/// Decodes a text in which characters such as spaces stand as `%20`.
 fn decode_name(name: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = name.as_bytes();
@@ -238,191 +468,6 @@ fn decode_name(name: &str) -> String {
         }
     }
     String::from_utf8_lossy(&bytes).into_owned()
-}
-
-/// The content of the XML file.
-#[derive(Default)]
-struct XmlContent {
-    /// Attributes of the data set.
-    attributes: Vec<(&'static str, String)>,
-    /// Attributes of the only piece.
-    piece: Vec<(&'static str, String)>,
-    fields: Vec<DataArray>,
-    /// The name of the active scalars on points.
-    scalars: Option<String>,
-    point_arrays: Vec<DataArray>,
-    cell_arrays: Vec<DataArray>,
-    points: Option<Values>,
-    /// The coordinates of a rectilinear grid along each axis.
-    coordinates: Vec<DataArray>,
-    /// Elements of cells, each with its arrays.
-    cells: Vec<(&'static str, Vec<DataArray>)>,
-}
-
-impl XmlContent {
-    /// Sets the extent of a grid, whose points count from 0.
-    fn take_extent(&mut self, extent: &Extent) -> Result<(), String> {
-        let Extent::Dims(dims) = extent else {
-            return Err("has no numbers of points".into());
-        };
-        let extent = dims.map(|n| format!("0 {}", i64::from(n) - 1)).join(" ");
-        self.attributes.push(("WholeExtent", extent.clone()));
-        self.piece.push(("Extent", extent));
-        Ok(())
-    }
-
-    fn take_attributes(&mut self, data: Attributes) -> Result<(), String> {
-        let is_scalars = |attribute: &&Attribute| {
-            matches!(attribute, Attribute::DataArray(array)
-                if matches!(array.elem, ElementType::Scalars { .. }))
-        };
-        let active = data.point.iter().find(is_scalars);
-        self.scalars = active.map(|attribute| decode_name(attribute.name()));
-        for (attributes, arrays) in [
-            (data.point, &mut self.point_arrays),
-            (data.cell, &mut self.cell_arrays),
-        ] {
-            for attribute in attributes {
-                match attribute {
-                    Attribute::DataArray(array) if array.elem == ElementType::LookupTable => {}
-                    Attribute::DataArray(array) => arrays.push(DataArray {
-                        name: decode_name(&array.name),
-                        components: array.elem.num_comp() as usize,
-                        values: to_values(array.data)?,
-                    }),
-                    Attribute::Field { data_array, .. } => {
-                        for array in data_array {
-                            arrays.push(field_array(array)?);
-                        }
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn take_cells(&mut self, cells: Cells) -> Result<(), String> {
-        let count = cells.types.len();
-        let (connectivity, ends) = match cells.cell_verts {
-            VertexNumbers::Legacy { vertices, .. } => {
-                split_cells(&vertices).ok_or("has broken cells")?
-            }
-            VertexNumbers::XML {
-                connectivity,
-                offsets,
-            } => {
-                // VTK writes the start of each cell and the end of the last; XML files need the
-                // ends only.
-                let begins = offsets.len() == count + 1;
-                (
-                    connectivity,
-                    offsets
-                        .get(usize::from(begins)..)
-                        .unwrap_or_default()
-                        .to_vec(),
-                )
-            }
-        };
-        let types: Vec<u8> = cells.types.iter().map(|&kind| kind as u8).collect();
-        let polyhedra = cells.types.iter().all(|&kind| kind == CellType::Polyhedron);
-        // The points of a polyhedron are listed by its faces.
-        let names = if polyhedra && count > 0 {
-            ["faces", "faceoffsets"]
-        } else {
-            ["connectivity", "offsets"]
-        };
-        let arrays = vec![
-            DataArray::scalars(names[0], connectivity),
-            DataArray::scalars(names[1], ends),
-            DataArray::scalars("types", types),
-        ];
-        self.cells.push(("Cells", arrays));
-        self.piece.push(("NumberOfCells", count.to_string()));
-        Ok(())
-    }
-
-    /// Adds the polygons, lines or points of poly data.
-    fn take_polygons(
-        &mut self,
-        element: &'static str,
-        cells: Option<VertexNumbers>,
-    ) -> Result<(), String> {
-        let (connectivity, ends) = match cells {
-            None => return Ok(()),
-            Some(VertexNumbers::Legacy { vertices, .. }) => {
-                split_cells(&vertices).ok_or("has broken cells")?
-            }
-            Some(VertexNumbers::XML {
-                connectivity,
-                offsets,
-            }) => {
-                let begins = usize::from(offsets.first() == Some(&0));
-                (connectivity, offsets[begins..].to_vec())
-            }
-        };
-        let arrays = vec![
-            DataArray::scalars("connectivity", connectivity),
-            DataArray::scalars("offsets", ends),
-        ];
-        self.cells.push((element, arrays));
-        Ok(())
-    }
-
-    fn to_xml(&self, kind: &'static str) -> std::io::Result<Vec<u8>> {
-        let mut document = Document::with_packing(kind, &self.attributes, ArrayPacking::None);
-        open_with_arrays(&mut document, "FieldData", &[], &self.fields);
-        document.close();
-        document.open("Piece", &self.piece);
-        let scalars = self.scalars.iter();
-        let active: Vec<_> = scalars.map(|name| ("Scalars", name.clone())).collect();
-        open_with_arrays(&mut document, "PointData", &active, &self.point_arrays);
-        document.close();
-        open_with_arrays(&mut document, "CellData", &[], &self.cell_arrays);
-        document.close();
-        if !self.coordinates.is_empty() {
-            open_with_arrays(&mut document, "Coordinates", &[], &self.coordinates);
-            document.close();
-        }
-        if let Some(points) = &self.points {
-            document.open("Points", &[]);
-            document.add_array(points.source("Points", 3));
-            document.close();
-            for (element, arrays) in &self.cells {
-                open_with_arrays(&mut document, element, &[], arrays);
-                document.close();
-            }
-        }
-        let mut bytes = Cursor::new(Vec::new());
-        document.write(&mut bytes)?;
-        Ok(bytes.into_inner())
-    }
-}
-
-/// Opens an element and adds arrays to it.
-fn open_with_arrays<'a>(
-    document: &mut Document<'a>,
-    element: &'static str,
-    attributes: &[(&str, String)],
-    arrays: &'a [DataArray],
-) {
-    document.open(element, attributes);
-    for array in arrays {
-        document.add_array(array.values.source(&array.name, array.components));
-    }
-}
-
-/// Splits a list in which each cell begins with the count of its nodes. Returns the nodes of all
-/// cells, and the end of each cell in that list.
-fn split_cells(cells: &[u32]) -> Option<(Vec<u64>, Vec<u64>)> {
-    let (mut nodes, mut ends) = (Vec::new(), Vec::new());
-    let mut rest = cells;
-    while let [size, after @ ..] = rest {
-        let (cell_nodes, next) = after.split_at_checked(*size as usize)?;
-        nodes.extend(cell_nodes.iter().map(|&n| u64::from(n)));
-        ends.push(nodes.len() as u64);
-        rest = next;
-    }
-    Some((nodes, ends))
 }
 
 #[cfg(test)]
@@ -450,9 +495,63 @@ mod tests {
         let error_after =
             |old: &str, new: &str| to_xml(text.replace(old, new).as_bytes()).unwrap_err();
         assert!(error_after("CELL_DATA 1", "CELL_DATA 2").contains("damaged"));
-        assert!(error_after("region int", "region string").contains("damaged"));
+        assert!(error_after("region int", "region string").contains("type 'string'"));
         assert!(error_after("4 0 1 2 3", "9 0 1 2 3").contains("broken cells"));
-        assert!(error_after("UNSTRUCTURED_GRID", "NOTHING").contains("damaged"));
-        assert!(error_after("DATASET", "SET").contains("without a data set"));
+        assert!(error_after("UNSTRUCTURED_GRID", "NOTHING").contains("holds NOTHING"));
+        assert!(error_after("DATASET", "SET").contains("no keyword of VTK"));
+        assert!(error_after("ASCII", "EBCDIC").contains("neither ASCII nor BINARY"));
+    }
+
+    #[test]
+    fn arrays_of_all_number_types_are_read_from_text_and_from_binary() {
+        let types: [(&str, &[u8]); 13] = [
+            ("bit", &[0b0100_0000]),
+            ("char", &[0, 10]),
+            ("signed_char", &[0, 10]),
+            ("unsigned_char", &[0, 10]),
+            ("short", &[0, 0, 0, 10]),
+            ("unsigned_short", &[0, 0, 0, 10]),
+            ("int", &[0, 0, 0, 0, 0, 0, 0, 10]),
+            ("unsigned_int", &[0, 0, 0, 0, 0, 0, 0, 10]),
+            ("vtkIdType", &[0, 0, 0, 0, 0, 0, 0, 10]),
+            ("long", &[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10]),
+            (
+                "vtktypeint64",
+                &[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10],
+            ),
+            (
+                "vtktypeuint64",
+                &[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10],
+            ),
+            ("float", &[0, 0, 0, 0, 0x41, 0x20, 0, 0]),
+        ];
+        for (kind, bytes) in types {
+            // A space before the end of the line, as VTK writes it, and the number of components,
+            // as others do.
+            for components in [" ", " 1"] {
+                let head = |encoding: &str| {
+                    format!(
+                        "# vtk DataFile Version 5.1\ntitle\n{encoding}\nDATASET STRUCTURED_POINTS\n                         DIMENSIONS 2 1 1\nSPACING 1 1 1\nORIGIN 0 0 0\nPOINT_DATA 2\n                         SCALARS s {kind}{components}\nLOOKUP_TABLE default\n"
+                    )
+                };
+                let last = if kind == "bit" { 1 } else { 10 };
+                let text = head("ASCII") + &format!("0 {last} \nMETADATA\nINFORMATION 0\n\n");
+                let binary = [head("BINARY").as_bytes(), bytes, b"\nMETADATA\n\n"].concat();
+                for file in [text.as_bytes(), &binary] {
+                    let (_, content) = Reader::new(file).and_then(Reader::read).unwrap();
+                    assert_eq!(content.scalars.as_deref(), Some("s"), "{kind}");
+                    assert_eq!(content.point_arrays[0].values.to_i64(), [0, last], "{kind}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn values_of_eight_bits_are_read_from_shares_of_255() {
+        let file = "# vtk DataFile Version 5.1\n\nASCII\nDATASET STRUCTURED_POINTS\n                    DIMENSIONS 2 1 1\nPOINT_DATA 2\nCOLOR_SCALARS s 1\n0.0392157 0.783";
+        let read = |text: &str| Reader::new(text.as_bytes()).and_then(Reader::read);
+        let (_, content) = read(file).unwrap();
+        assert_eq!(content.point_arrays[0].values, Values::U8(vec![10, 200]));
+        assert!(read(&file.replace("0.783", "7")).is_err_and(|e| e.contains("from 0 to 1")));
     }
 }

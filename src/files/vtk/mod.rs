@@ -12,6 +12,7 @@
 //! - `pieces`: points, integers and whole values that meshes and surfaces share
 //! - `unpack`: decompression of blocks
 //! - `legacy`: conversion of legacy files to XML
+//! - `xml_content`: what a legacy file holds, as XML
 //! - `xml`: the XML as a tree
 
 pub(crate) mod legacy;
@@ -20,6 +21,7 @@ pub(crate) mod read;
 mod unpack;
 pub(crate) mod write;
 pub(crate) mod xml;
+mod xml_content;
 
 pub use read::VtkFile;
 pub use write::{ArrayPacking, ArraySource, Document};

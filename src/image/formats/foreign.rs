@@ -82,7 +82,6 @@ const FORMATS: &[Format] = &[
     ("a MATLAB 7.3 file", At(0, b"MATLAB 7.3 MAT-file"), "write the array to .npy, in Python with h5py and numpy.save"),
     ("a MATLAB file", At(0, b"MATLAB 5.0 MAT-file"), "write the array to .npy, in Python with scipy.io.loadmat and numpy.save"),
     ("a FITS file", At(0, b"SIMPLE  ="), "write the array to .npy, in Python with astropy and numpy.save"),
-    ("an HDF5 file", At(0, HDF5_MAGIC), "write the data set to .npy, in Python with h5py and numpy.save, and give --spacing and --origin"),
     ("an HDF4 file", At(0, b"\x0e\x03\x13\x01"), "write the data set to .npy, in Python with pyhdf and numpy.save"),
     ("an archive of NumPy (.npz)", Within(ZIP_MAGIC, b".npy"), "write one of its arrays to .npy, with numpy.load and numpy.save"),
     // Pictures.

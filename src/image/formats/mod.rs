@@ -5,6 +5,7 @@
 //!
 //! - `foreign`: formats of others that are recognised and not read
 //! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3, Surfer, ESRI ASCII
+//! - `hdf5`: arrays in HDF5 files, of h5py, MATLAB, ilastik, ITK and VTK
 //! - `crop`: blocks of images
 //! - `inside`: outlines of the part of an image that is kept
 //! - `inrimage`: INRIMAGE-4 volumes
@@ -33,6 +34,7 @@ pub(crate) mod crop;
 pub(crate) mod describe;
 mod foreign;
 pub(crate) mod grids;
+pub(crate) mod hdf5;
 pub(crate) mod input;
 pub(crate) mod inrimage;
 mod inside;
@@ -142,6 +144,8 @@ pub enum ImageFormat {
     Esri,
     /// A folder with an array in chunks, Zarr version 3; also MDIO version 1.
     Zarr,
+    /// A data set of an HDF5 file.
+    Hdf5,
     /// Samples without a header.
     Raw,
 }
@@ -174,6 +178,7 @@ impl fmt::Display for ImageFormat {
             Self::Surfer => "Surfer",
             Self::Esri => "ESRI ASCII",
             Self::Zarr => "Zarr",
+            Self::Hdf5 => "HDF5",
             Self::Raw => "raw samples",
         })
     }
@@ -414,6 +419,7 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Nrrd => nrrd::read(path, options.layer)?,
         ImageFormat::Tiff => tiff::read(path)?,
         ImageFormat::Inrimage => inrimage::read(path)?,
+        ImageFormat::Hdf5 => hdf5::read(path)?,
         ImageFormat::Vti => {
             let (image, note) = vti::read(path)?;
             LoadedImage {
@@ -480,6 +486,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     {
         return Err(error);
     }
+    if options.raw.is_none() && hdf5::split_path(path).is_some() {
+        return Ok(ImageFormat::Hdf5);
+    }
     let file = files::open(
         path,
         "give an image file, or a folder with an array of Zarr",
@@ -505,6 +514,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     }
     if let Some(error) = foreign::refusal(path, &head) {
         return Err(error);
+    }
+    if hdf5::is_hdf5(path) {
+        return Ok(ImageFormat::Hdf5);
     }
     if head.starts_with(packed::GZIP_MAGIC) {
         let (unpacked, _) = packed::read_head(path, DETECTION_BYTES)?;
@@ -545,6 +557,11 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     Err(foreign::late_refusal(path, &head).unwrap_or_else(|| unknown_format(path)))
 }
 
+/// Returns the file of a data set that is named `FILE:/PATH`; `None` for other names.
+pub(crate) fn file_of_data_set(path: &Path) -> Option<PathBuf> {
+    Some(hdf5::split_path(path)?.0)
+}
+
 /// Number of bytes at the start of a file from which its format is detected.
 const DETECTION_BYTES: u64 = segy::FILE_HEADER_BYTES as u64;
 
@@ -566,7 +583,7 @@ fn unknown_format(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, Zarr)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, HDF5, Zarr)",
             "say what it holds, e.g. 100x400x208:f32be (fastest axis first), or convert it to .npy",
         )
         .with_parameter("raw"),

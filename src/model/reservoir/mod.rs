@@ -2,6 +2,7 @@
 //! cell, transmissibilities, and wells. The model has all the data that a simulator needs; the
 //! module `export` writes it.
 //!
+//! - `model_sets`: named sets of cells, faces and nodes
 //! - `prepared_model`: models from mesh files
 //! - `region_shares`: regions from an image that the mesh was not made of
 //! - `rock_options`: options for the rock in the cells
@@ -32,6 +33,7 @@ pub(crate) mod equilibrium;
 mod extended_faults;
 pub(crate) mod frame;
 pub(crate) mod gouge;
+mod model_sets;
 pub(crate) mod prepared_model;
 pub(crate) mod region_shares;
 pub(crate) mod rock_options;
@@ -42,6 +44,7 @@ pub(crate) mod surface_sides;
 pub(crate) mod trajectory;
 pub(crate) mod well_options;
 
+pub use model_sets::ModelSets;
 pub use prepared_model::{MeshPlacement, PreparedModel};
 
 use crate::parallel::prelude::*;
@@ -118,6 +121,8 @@ pub struct Model {
     pub named_regions: Vec<NamedRegion>,
     /// The surfaces that the faces on features form.
     pub surfaces: FaceSurfaces,
+    /// Sets of cells, faces and nodes that have names in the file of the mesh.
+    pub sets: ModelSets,
     /// The fault laws of the surfaces.
     pub barriers: Barriers,
     /// `true` for each cell whose porosity or permeability is zero, so that it takes no part. Empty

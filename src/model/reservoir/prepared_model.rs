@@ -17,7 +17,8 @@ use crate::model::columns::{COLUMN, LAYER};
 use crate::model::flow::anisotropy::AxisRatios;
 use crate::model::reservoir::region_shares::RegionShares;
 use crate::model::reservoir::{
-    CellMeans, DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, SamplePositions, averaging,
+    CellMeans, DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, ModelSets, SamplePositions,
+    averaging,
 };
 use crate::model::surface::facet_selection::labels_of_faces;
 use crate::model::surface::stored_surfaces::numbered_surfaces;
@@ -106,6 +107,7 @@ struct ModelParts {
     cell_data: Vec<DataArray>,
     labels: Vec<LabelledRegion>,
     named_regions: Vec<NamedRegion>,
+    sets: ModelSets,
 }
 
 /// Returns the error for a mesh from which no model can be built.
@@ -190,7 +192,8 @@ impl ModelParts {
         with_surfaces: bool,
         to_solid: impl FnOnce(PolyMesh<D>) -> PolyMesh<3>,
     ) -> Result<(Self, Option<M>)> {
-        let stored = StoredMesh::new(file, place)?;
+        let mut stored = StoredMesh::new(file, place)?;
+        let sets = std::mem::take(&mut stored.named_sets);
         stored.check_filled(place)?;
         let space = stored.space.clone();
         let marks = stored.feature_marks();
@@ -213,9 +216,11 @@ impl ModelParts {
         let samples: [f64; D] = std::array::from_fn(|k| space.extent[k] / space.step[k]);
         let volume = samples.iter().product::<f64>() * space.geometry.determinant().abs();
         let dim = |k: usize| samples.get(k).map_or(1.0, |n| n + 1.0);
+        let mesh = to_solid(mesh);
         let parts = Self {
             surfaces,
-            mesh: to_solid(mesh),
+            sets: ModelSets::new(sets, &mesh, D == 2),
+            mesh,
             tets: None,
             triangles: None,
             geometry: space.geometry.to_3d(),
@@ -329,6 +334,7 @@ impl PreparedModel {
         });
         let mut model = Model::new(mesh, tets);
         model.labels = parts.labels;
+        model.sets = parts.sets;
         model.named_regions = parts.named_regions;
         if let Some(surfaces) = parts.surfaces {
             model.surfaces = surfaces;

@@ -1,4 +1,5 @@
-//! Reads Exodus II files: element blocks become regions, side sets become surfaces.
+//! Reads Exodus II files, in NetCDF's classic formats and in NetCDF-4: element blocks become regions,
+//! side sets become surfaces.
 //!
 //! - `polyhedra`: blocks of cells that are lists of faces
 //!
@@ -7,11 +8,14 @@
 
 mod polyhedra;
 
-use std::collections::BTreeMap;
+use std::path::Path;
 
+use super::groups::{Group, GroupNames};
 use super::netcdf::NetcdfReader;
-use super::{FileProblem, ForeignMesh, ReadResult, assign_regions};
-use crate::store::AnyMesh;
+use super::{FileProblem, ForeignMesh, NotedMesh, ReadResult};
+use crate::geometry::sorted_distinct;
+use crate::names;
+use crate::store::named_sets::NamedSet;
 
 /// The corners of each side of a tetrahedron.
 const TET_SIDE_CORNERS: [[usize; 3]; 4] = [[0, 1, 3], [1, 2, 3], [0, 2, 3], [0, 1, 2]];
@@ -22,164 +26,249 @@ enum BlockKind {
     Tet,
     Triangle,
     Edge,
+    Point,
 }
 
-/// Reads a mesh from the bytes of a file.
-pub fn read(bytes: &[u8]) -> ReadResult<AnyMesh> {
-    let file = NetcdfReader::new(bytes)?;
-    let groups = BlockGroups::from_file(&file)?;
-    let has_face_lists = |block: usize| file.shape(&format!("facconn{}", block + 1)).is_some();
-    if (0..groups.block_ids.len().max(1)).any(has_face_lists) {
-        polyhedra::read(&file, groups).map(AnyMesh::Polyhedra)
-    } else {
-        simplices(&file, groups)?.into_mesh()
-    }
-}
-
-/// Names and numbers of the blocks and side sets of a file.
-struct BlockGroups {
-    block_ids: Vec<f64>,
-    /// Region number of a block, where it differs from the block number.
-    region_numbers: BTreeMap<i32, i32>,
-    /// Names of regions.
-    region_names: BTreeMap<i32, String>,
-    /// Names of blocks, and of side sets under negative numbers, so that they differ from block
-    /// numbers.
-    face_names: BTreeMap<i32, String>,
-}
-
-impl BlockGroups {
-    fn from_file(file: &NetcdfReader) -> ReadResult<Self> {
-        let mut groups = Self {
-            block_ids: file.numbers("eb_prop1")?,
-            region_numbers: BTreeMap::new(),
-            region_names: BTreeMap::new(),
-            face_names: BTreeMap::new(),
-        };
-        let names = file.texts("eb_names")?.into_iter().enumerate();
-        let names: BTreeMap<i32, String> = names
-            .map(|(block, name)| (groups.block_number(block), name))
-            .filter(|(_, name)| !name.is_empty())
-            .collect();
-        let sets = (1..).zip(file.texts("ss_names")?);
-        let sets = sets.map(|(set, name): (i32, _)| (-set, name));
-        groups.face_names = names.clone().into_iter().chain(sets).collect();
-        (groups.region_numbers, groups.region_names) = assign_regions(names);
-        Ok(groups)
-    }
-
-    /// Returns the number of a block.
-    fn block_number(&self, block: usize) -> i32 {
-        let id = self.block_ids.get(block);
-        id.map_or(block as i32 + 1, |id| *id as i32)
-    }
-
-    /// Returns the region of a block.
-    fn region(&self, block: usize) -> i32 {
-        let number = self.block_number(block);
-        self.region_numbers.get(&number).copied().unwrap_or(number)
-    }
-}
-
-/// Returns the sides of all side sets, in order: the numbers of the set, the element and its side,
-/// all from 1.
-fn side_set_sides(file: &NetcdfReader) -> ReadResult<Vec<(i32, usize, usize)>> {
-    let mut sides = Vec::new();
-    for set in 1i32.. {
-        let [element_array, side_array] = ["elem", "side"].map(|part| format!("{part}_ss{set}"));
-        if file.shape(&element_array).is_none() {
-            break;
+impl BlockKind {
+    fn dim(self) -> usize {
+        match self {
+            Self::Tet => 3,
+            Self::Triangle => 2,
+            Self::Edge => 1,
+            Self::Point => 0,
         }
-        let pairs = file
-            .numbers(&element_array)?
-            .into_iter()
-            .zip(file.numbers(&side_array)?);
-        sides.extend(pairs.map(|(element, side)| (set, element as usize, side as usize)));
+    }
+}
+
+/// Reads a mesh.
+pub fn read(path: &Path) -> ReadResult<NotedMesh> {
+    let file = &NetcdfReader::open(path)?;
+    let blocks = ObjectList::new(file, "eb", "num_el_blk", "connect")?;
+    let has_face_lists = |block: usize| file.shape(&format!("facconn{}", block + 1)).is_some();
+    let (mesh, mut notes) = if (0..blocks.ids.len()).any(has_face_lists) {
+        polyhedra::read(file, &blocks)?
+    } else {
+        simplices(file, &blocks)?.into_mesh()?
+    };
+    notes.extend(unread_values(file));
+    Ok((mesh, notes))
+}
+
+/// Returns a note on values at times, which are not read.
+fn unread_values(file: &NetcdfReader) -> Option<String> {
+    let mut names = Vec::new();
+    for list in ["name_nod_var", "name_elem_var", "name_glo_var"] {
+        names.extend(file.texts(list).ok()?);
+    }
+    // Our own files have the regions as values.
+    names.retain(|name| name != "region");
+    (!names.is_empty()).then(|| format!("values are not read: {}", names.join(", ")))
+}
+
+/// The objects of one kind (blocks, side sets or node sets) that a file lists.
+struct ObjectList {
+    /// The number that the file gives each object.
+    ids: Vec<i32>,
+    /// The name of each object; empty for none.
+    names: Vec<String>,
+}
+
+impl ObjectList {
+    /// Reads the list of objects whose arrays begin with `prefix`. Their number is the dimension
+    /// `count`; without it, those objects exist for which there is an array `array` with a number.
+    fn new(file: &NetcdfReader, prefix: &str, count: &str, array: &str) -> ReadResult<Self> {
+        let is_there = |number: &usize| file.shape(&format!("{array}{number}")).is_some();
+        let count = file
+            .dimension(count)
+            .unwrap_or_else(|| (1..).take_while(is_there).count());
+        let ids = file.numbers(&format!("{prefix}_prop1"))?;
+        let mut names = file.texts(&format!("{prefix}_names"))?.into_iter();
+        // A file that claims more objects than it can have ends here.
+        let count = count.min(file.variable_count());
+        let mut list = Self {
+            ids: Vec::new(),
+            names: Vec::new(),
+        };
+        for object in 0..count {
+            let id = ids.get(object).map_or(object as i32 + 1, |id| *id as i32);
+            list.ids.push(id);
+            list.names
+                .push(names::from_file(&names.next().unwrap_or_default()));
+        }
+        Ok(list)
+    }
+
+    /// Adds the name of an object to the names of groups, if it has one.
+    fn add_name(&self, object: usize, group: Group, names: &mut GroupNames) {
+        if !self.names[object].is_empty() {
+            names.insert(group, self.names[object].clone());
+        }
+    }
+}
+
+/// A side of an element in a side set.
+struct Side {
+    group: Group,
+    /// Index of the element.
+    element: usize,
+    /// Index of the side.
+    side: usize,
+}
+
+/// Returns the sides of all side sets, and adds the names of the sets.
+fn side_sets(file: &NetcdfReader, names: &mut GroupNames) -> ReadResult<Vec<Side>> {
+    let list = ObjectList::new(file, "ss", "num_side_sets", "elem_ss")?;
+    let mut sides = Vec::new();
+    for (set, &id) in list.ids.iter().enumerate() {
+        let group = Group::Set(id);
+        list.add_name(set, group, names);
+        let numbers = |part: &str| file.numbers(&format!("{part}_ss{}", set + 1));
+        for (element, side) in numbers("elem")?.into_iter().zip(numbers("side")?) {
+            if element < 1.0 || side < 1.0 {
+                return Err(missing_element_error());
+            }
+            sides.push(Side {
+                group,
+                element: element as usize - 1,
+                side: side as usize - 1,
+            });
+        }
     }
     Ok(sides)
 }
 
+/// Reads the sets of nodes of a mesh with `count` nodes.
+fn node_sets(file: &NetcdfReader, count: usize) -> ReadResult<Vec<NamedSet>> {
+    let list = ObjectList::new(file, "ns", "num_node_sets", "node_ns")?;
+    let mut sets = Vec::new();
+    for (set, (id, name)) in list.ids.iter().zip(&list.names).enumerate() {
+        let numbers = file.numbers(&format!("node_ns{}", set + 1))?;
+        if numbers.iter().any(|&n| n < 1.0 || n > count as f64) {
+            return Err(FileProblem::damaged(
+                "has a node set with a node that does not exist",
+            ));
+        }
+        let name = match name.as_str() {
+            "" => format!("nodes_{id}"),
+            name => name.to_string(),
+        };
+        let members = sorted_distinct(numbers.into_iter().map(|n| n as u32 - 1));
+        sets.push(NamedSet { name, members });
+    }
+    Ok(sets)
+}
+
 /// Returns the error for a side set with an element that does not exist.
 fn missing_element_error() -> FileProblem {
-    FileProblem::damaged("has a side set with an element that does not exist")
+    FileProblem::damaged("has a side set with an element or a side that does not exist")
 }
 
 /// Reads a mesh of tetrahedra or triangles.
-fn simplices(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<ForeignMesh> {
+fn simplices(file: &NetcdfReader, blocks: &ObjectList) -> ReadResult<ForeignMesh> {
     let mut foreign = ForeignMesh {
         nodes: nodes(file)?,
         ..ForeignMesh::default()
     };
     // Corners of all elements, in order, which the side sets refer to.
     let mut elements: Vec<(BlockKind, [u32; 4])> = Vec::new();
-    for block in 0.. {
-        let connect = format!("connect{}", block + 1);
-        let Some(shape) = file.shape(&connect) else {
-            break;
+    for (block, &id) in blocks.ids.iter().enumerate() {
+        let group = Group::Physical(id);
+        let combination = foreign.combinations.number(&[group]);
+        let Some((kind, block_elements)) = read_block(file, block, foreign.nodes.len())? else {
+            continue;
         };
-        let &[count, size] = shape else {
-            return Err(FileProblem::damaged(format!(
-                "has a block '{connect}' of {} dimensions",
-                shape.len()
-            )));
-        };
-        let kind = block_kind(
-            file.attribute(&connect, "elem_type").unwrap_or_default(),
-            size,
-        )?;
-        let corners = file.numbers(&connect)?;
-        let region = groups.region(block);
-        for element in corners.chunks(size).take(count) {
-            let corner = |k: usize| match element.get(k) {
-                Some(&n) if n >= 1.0 && n <= foreign.nodes.len() as f64 => Ok(n as u32 - 1),
-                _ => Err(FileProblem::damaged(
-                    "has an element with a node that does not exist",
-                )),
-            };
-            let mut nodes = [0; 4];
-            let count = match kind {
-                BlockKind::Tet => 4,
-                BlockKind::Triangle => 3,
-                BlockKind::Edge => 2,
-            };
-            for (k, slot) in nodes.iter_mut().enumerate().take(count) {
-                *slot = corner(k)?;
-            }
+        blocks.add_name(block, group, &mut foreign.names[kind.dim()]);
+        for nodes in block_elements {
             let [a, b, c, _] = nodes;
             match kind {
-                BlockKind::Tet => foreign.tets.push((nodes, region)),
-                BlockKind::Triangle => foreign.triangles.push(([a, b, c], region)),
-                BlockKind::Edge => foreign.edges.push(([a, b], groups.block_number(block))),
+                BlockKind::Tet => foreign.tets.push((nodes, combination)),
+                BlockKind::Triangle => foreign.triangles.push(([a, b, c], combination)),
+                BlockKind::Edge => foreign.edges.push(([a, b], combination)),
+                BlockKind::Point => foreign.points.push(([a], combination)),
             }
             elements.push((kind, nodes));
         }
     }
-    for (set, element_number, side) in side_set_sides(file)? {
-        let element = element_number.checked_sub(1).and_then(|i| elements.get(i));
-        let (kind, x) = element.ok_or_else(missing_element_error)?;
-        let side = side.wrapping_sub(1);
+    let is_solid = !foreign.tets.is_empty();
+    let face_names = &mut foreign.names[if is_solid { 2 } else { 1 }];
+    for Side {
+        group,
+        element,
+        side,
+    } in side_sets(file, face_names)?
+    {
+        let (kind, x) = elements.get(element).ok_or_else(missing_element_error)?;
+        let combination = foreign.combinations.number(&[group]);
+        // Triangles in space have two faces, and then three edges.
+        let (edge, is_face) = match kind {
+            BlockKind::Triangle if is_solid => (side.wrapping_sub(2), side < 2),
+            _ => (side, false),
+        };
         match kind {
             BlockKind::Tet if side < 4 => {
-                foreign
-                    .triangles
-                    .push((TET_SIDE_CORNERS[side].map(|k| x[k]), -set));
+                let corners = TET_SIDE_CORNERS[side].map(|k| x[k]);
+                foreign.triangles.push((corners, combination));
             }
-            BlockKind::Triangle if side < 3 => {
-                let edge = [x[side], x[(side + 1) % 3]];
-                foreign.edges.push((edge, -set));
+            BlockKind::Triangle if is_face => {
+                foreign.triangles.push(([x[0], x[1], x[2]], combination));
             }
-            _ => {}
+            BlockKind::Triangle if edge < 3 => {
+                let ends = [x[edge], x[(edge + 1) % 3]];
+                foreign.edges.push((ends, combination));
+            }
+            BlockKind::Edge | BlockKind::Point => {}
+            _ => return Err(missing_element_error()),
         }
     }
-    foreign.names = groups.region_names;
-    foreign.face_names = groups.face_names;
+    foreign.node_sets = node_sets(file, foreign.nodes.len())?;
     Ok(foreign)
 }
 
+/// Reads the elements of a block; `None` for an empty block.
+fn read_block(
+    file: &NetcdfReader,
+    block: usize,
+    node_count: usize,
+) -> ReadResult<Option<(BlockKind, Vec<[u32; 4]>)>> {
+    let connect = format!("connect{}", block + 1);
+    let Some(shape) = file.shape(&connect) else {
+        return Ok(None);
+    };
+    let [count, size] = shape[..] else {
+        let problem = format!("has a block '{connect}' of {} dimensions", shape.len());
+        return Err(FileProblem::damaged(problem));
+    };
+    let name = file.attribute(&connect, "elem_type").unwrap_or_default();
+    if count == 0 || size == 0 {
+        return Ok(None);
+    }
+    let kind = block_kind(&name, size)?;
+    let corners = file.numbers(&connect)?;
+    let mut elements = Vec::new();
+    for element in corners.chunks(size).take(count) {
+        let mut nodes = [0; 4];
+        for (k, slot) in nodes.iter_mut().enumerate().take(kind.dim() + 1) {
+            *slot = match element.get(k) {
+                Some(&n) if n >= 1.0 && n <= node_count as f64 => n as u32 - 1,
+                _ => {
+                    return Err(FileProblem::damaged(
+                        "has an element with a node that does not exist",
+                    ));
+                }
+            };
+        }
+        elements.push(nodes);
+    }
+    Ok(Some((kind, elements)))
+}
+
 fn nodes(file: &NetcdfReader) -> ReadResult<Vec<[f64; 3]>> {
-    let axes = match file.shape("coord") {
+    let axes = match file
+        .shape("coord")
+        .map(|shape| <[usize; 2]>::try_from(shape))
+    {
         // Older files have one array for all axes.
-        Some(&[axes @ 1..=3, count]) => {
+        Some(Ok([axes @ 1..=3, count])) => {
             let coordinates = file.numbers("coord")?;
             let axis = |k: usize| {
                 if k < axes {
@@ -215,9 +304,13 @@ fn block_kind(name: &str, nodes: usize) -> ReadResult<BlockKind> {
     let upper = name.to_ascii_uppercase();
     let has_prefix = |prefixes: &[&str]| prefixes.iter().any(|p| upper.starts_with(p));
     match nodes {
-        4 | 10 if has_prefix(&["TET"]) => Ok(BlockKind::Tet),
-        3 | 6 if has_prefix(&["TRI"]) => Ok(BlockKind::Triangle),
-        2 | 3 if has_prefix(&["BAR", "BEAM", "TRUSS", "EDGE", "LINE"]) => Ok(BlockKind::Edge),
+        4 | 8 | 10 | 11 | 14 | 15 if has_prefix(&["TET"]) => Ok(BlockKind::Tet),
+        3 | 4 | 6 | 7 if has_prefix(&["TRI"]) => Ok(BlockKind::Triangle),
+        3 | 6 if has_prefix(&["SHELL"]) => Ok(BlockKind::Triangle),
+        2 | 3 if has_prefix(&["BAR", "BEAM", "TRUSS", "EDGE", "LINE", "ROD"]) => {
+            Ok(BlockKind::Edge)
+        }
+        1 if has_prefix(&["SPHERE", "CIRCLE", "POINT", "NODE"]) => Ok(BlockKind::Point),
         _ => Err(FileProblem {
             problem: format!("has elements '{name}' of {nodes} nodes"),
             remedy: "give a mesh of tetrahedra or triangles, of first or second order",

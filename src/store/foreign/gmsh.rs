@@ -5,7 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use super::{FileProblem, ForeignMesh, ReadResult, assign_regions};
+use super::groups::{Combinations, Group, GroupNames};
+use super::{FileProblem, ForeignMesh, ReadResult};
+use crate::names;
 
 /// Returns the dimension, the number of nodes and the number of corners of one of Gmsh's element
 /// types. Types that are not simplices give an error.
@@ -37,6 +39,14 @@ fn unsupported_elements(description: &str) -> FileProblem {
     }
 }
 
+/// Sections without cells, nodes and groups, which no note mentions.
+const SECTIONS_WITHOUT_DATA: [&str; 4] = [
+    "$Comments",
+    "$InterpolationScheme",
+    "$Parametrizations",
+    "$GhostElements",
+];
+
 /// Reads a mesh from the bytes of a file.
 pub fn read(bytes: &[u8]) -> ReadResult<ForeignMesh> {
     let mut reader = MshReader {
@@ -46,19 +56,37 @@ pub fn read(bytes: &[u8]) -> ReadResult<ForeignMesh> {
         is_byte_swapped: false,
     };
     let mut version = 0.0;
-    let mut groups = BTreeMap::new();
-    let mut entities = BTreeMap::new();
+    let mut foreign = ForeignMesh::default();
+    let mut entities: Option<Entities> = None;
     let mut nodes = NumberedNodes::default();
     let mut elements = Vec::new();
+    let mut unread: Vec<String> = Vec::new();
     while let Some(section) = reader.section() {
         match section.as_str() {
             "$MeshFormat" => version = reader.format()?,
-            "$PhysicalNames" => groups = reader.names()?,
-            "$Entities" if version >= 4.0 => entities = reader.entities()?,
+            "$PhysicalNames" => reader.names(&mut foreign.names)?,
+            "$Entities" if version >= 4.0 => {
+                let known = entities.get_or_insert_default();
+                reader.entities(known, &mut foreign.combinations)?;
+            }
+            "$PartitionedEntities" if version >= 4.0 => {
+                let known = entities.get_or_insert_default();
+                reader.partitioned_entities(known, &mut foreign.combinations)?;
+            }
             "$Nodes" if version < 4.0 => reader.nodes_v2(&mut nodes)?,
             "$Nodes" => reader.nodes_v4(&mut nodes)?,
-            "$Elements" if version < 4.0 => reader.elements_v2(&mut elements)?,
-            "$Elements" => reader.elements_v4(&entities, &mut elements)?,
+            "$Elements" if version < 4.0 => {
+                reader.elements_v2(&mut foreign.combinations, &mut elements)?;
+            }
+            "$Elements" => {
+                let entities = entities.as_ref().ok_or_else(|| FileProblem {
+                    problem: "has no section $Entities, so that no cell has a group".into(),
+                    remedy: "write version 2.2 (in meshio file_format=\"gmsh22\"), or .vtu",
+                })?;
+                reader.elements_v4(entities, &mut foreign.combinations, &mut elements)?;
+            }
+            known if SECTIONS_WITHOUT_DATA.contains(&known) => {}
+            _ if !unread.contains(&section) => unread.push(section.clone()),
             _ => {}
         }
         let end = section.replacen('$', "$End", 1);
@@ -66,17 +94,24 @@ pub fn read(bytes: &[u8]) -> ReadResult<ForeignMesh> {
             return Err(FileProblem::damaged(format!("ends within {section}")));
         }
     }
-    assemble_mesh(nodes, elements, &groups)
+    if !unread.is_empty() {
+        let sections = unread.join(", ");
+        foreign.notes.push(format!("not read: {sections}"));
+    }
+    assemble_mesh(nodes, elements, foreign)
 }
 
-/// A group of elements: its dimension, and the number of the physical group or, without one, of the
-/// entity.
-type GroupKey = (usize, i32);
+/// An element: its dimension, the combination of its groups, and the numbers of its corners.
+type Element = (usize, u32, [u64; 4]);
+
+/// For each entity, by its dimension and its number, the combination of its physical groups. `None`
+/// stands for the boundary of a partition, which is no part of the model.
+type Entities = BTreeMap<(usize, i32), Option<u32>>;
 
 fn assemble_mesh(
     nodes: NumberedNodes,
-    elements: Vec<(GroupKey, [u64; 4])>,
-    groups: &BTreeMap<GroupKey, String>,
+    elements: Vec<Element>,
+    mut foreign: ForeignMesh,
 ) -> ReadResult<ForeignMesh> {
     let by_number: BTreeMap<u64, u32> = if nodes.is_consecutive() {
         BTreeMap::new()
@@ -96,42 +131,17 @@ fn assemble_mesh(
             ))
         })
     };
-    let cell_dim = elements.iter().map(|((dim, _), _)| *dim).max().unwrap_or(0);
-    let cell_groups = groups.iter().filter(|((dim, _), _)| *dim == cell_dim);
-    let cell_groups = cell_groups.map(|((_, number), name)| (*number, name.clone()));
-    let (numbers, names) = assign_regions(cell_groups.collect());
-    let face_groups = groups.iter().filter(|((dim, _), _)| dim + 1 == cell_dim);
-    let mut foreign = ForeignMesh {
-        names,
-        face_names: face_groups
-            .map(|((_, number), name)| (*number, name.clone()))
-            .collect(),
-        ..ForeignMesh::default()
-    };
-    for ((dim, group), corners) in elements {
-        let region = if dim == cell_dim {
-            numbers.get(&group).copied().unwrap_or(group)
-        } else {
-            group
-        };
-        let [a, b, c, d] = corners;
+    for (dim, groups, corners) in elements {
+        let mut indices = [0; 4];
+        for (index, number) in indices.iter_mut().zip(corners).take(dim + 1) {
+            *index = node_index(number)?;
+        }
+        let [a, b, c, _] = indices;
         match dim {
-            3 => {
-                let tet = [
-                    node_index(a)?,
-                    node_index(b)?,
-                    node_index(c)?,
-                    node_index(d)?,
-                ];
-                foreign.tets.push((tet, region));
-            }
-            2 => foreign
-                .triangles
-                .push(([node_index(a)?, node_index(b)?, node_index(c)?], region)),
-            1 => foreign
-                .edges
-                .push(([node_index(a)?, node_index(b)?], group)),
-            _ => {}
+            3 => foreign.tets.push((indices, groups)),
+            2 => foreign.triangles.push(([a, b, c], groups)),
+            1 => foreign.edges.push(([a, b], groups)),
+            _ => foreign.points.push(([a], groups)),
         }
     }
     foreign.nodes = nodes.positions;
@@ -295,40 +305,81 @@ impl MshReader<'_> {
         Ok(version)
     }
 
-    fn names(&mut self) -> ReadResult<BTreeMap<GroupKey, String>> {
+    fn names(&mut self, names: &mut [GroupNames; 4]) -> ReadResult<()> {
         let count: usize = self.parse_word()?;
-        let mut names = BTreeMap::new();
         for _ in 0..count {
-            let group = (self.parse_word()?, self.parse_word()?);
+            let (dim, number): (usize, i32) = (self.parse_word()?, self.parse_word()?);
             let line = self.line().unwrap_or_default();
-            names.insert(group, line.trim_matches('"').to_string());
+            let name = names::from_file(line.trim_matches('"'));
+            if let Some(names) = names.get_mut(dim).filter(|_| !name.is_empty()) {
+                names.insert(Group::Physical(number), name);
+            }
         }
-        Ok(names)
+        Ok(())
     }
 
-    /// Reads the physical group of each entity that has one.
-    fn entities(&mut self) -> ReadResult<BTreeMap<GroupKey, i32>> {
-        let mut groups = BTreeMap::new();
+    /// Reads the physical groups of each entity.
+    fn entities(
+        &mut self,
+        entities: &mut Entities,
+        combinations: &mut Combinations,
+    ) -> ReadResult<()> {
         let counts = [self.size()?, self.size()?, self.size()?, self.size()?];
         for (dim, count) in counts.into_iter().enumerate() {
             for _ in 0..count {
                 let tag = self.tag()?;
-                self.point()?;
-                if dim > 0 {
-                    self.point()?;
-                }
-                for number in 0..self.size()? {
-                    let physical = self.tag()?;
-                    if number == 0 {
-                        groups.insert((dim, tag), physical.abs());
-                    }
-                }
-                for _ in 0..if dim > 0 { self.size()? } else { 0 } {
-                    self.int()?;
-                }
+                let groups = self.entity_groups(dim, tag)?;
+                entities.insert((dim, tag), Some(combinations.number(&groups)));
             }
         }
+        Ok(())
+    }
+
+    /// Reads the extent of an entity, its physical groups and its boundary, and returns the groups.
+    fn entity_groups(&mut self, dim: usize, tag: i32) -> ReadResult<Vec<Group>> {
+        self.point()?;
+        if dim > 0 {
+            self.point()?;
+        }
+        let mut groups = Vec::new();
+        for _ in 0..self.size()? {
+            // The sign is the orientation of the entity in the group.
+            groups.push(Group::Physical(self.tag()?.saturating_abs()));
+        }
+        for _ in 0..if dim > 0 { self.size()? } else { 0 } {
+            self.int()?;
+        }
+        if groups.is_empty() {
+            groups.push(Group::Entity(tag));
+        }
         Ok(groups)
+    }
+
+    /// Reads the physical groups of the entities of a mesh that is divided into partitions.
+    fn partitioned_entities(
+        &mut self,
+        entities: &mut Entities,
+        combinations: &mut Combinations,
+    ) -> ReadResult<()> {
+        self.size()?;
+        for _ in 0..self.size()? {
+            self.tag()?;
+            self.tag()?;
+        }
+        let counts = [self.size()?, self.size()?, self.size()?, self.size()?];
+        for (dim, count) in counts.into_iter().enumerate() {
+            for _ in 0..count {
+                let (tag, parent_dim, parent) = (self.tag()?, self.tag()?, self.tag()?);
+                for _ in 0..self.size()? {
+                    self.tag()?;
+                }
+                let groups = self.entity_groups(dim, parent)?;
+                let is_part = usize::try_from(parent_dim) == Ok(dim);
+                let combination = is_part.then(|| combinations.number(&groups));
+                entities.insert((dim, tag), combination);
+            }
+        }
+        Ok(())
     }
 
     fn nodes_v2(&mut self, nodes: &mut NumberedNodes) -> ReadResult<()> {
@@ -360,7 +411,11 @@ impl MshReader<'_> {
         Ok(())
     }
 
-    fn elements_v2(&mut self, elements: &mut Vec<(GroupKey, [u64; 4])>) -> ReadResult<()> {
+    fn elements_v2(
+        &mut self,
+        combinations: &mut Combinations,
+        elements: &mut Vec<Element>,
+    ) -> ReadResult<()> {
         let count: u64 = self.parse_word()?;
         self.line();
         let mut remaining = count;
@@ -382,14 +437,19 @@ impl MshReader<'_> {
                 if number.is_none() {
                     self.int()?;
                 }
-                let mut group = 0;
+                let (mut physical, mut entity) = (0, 0);
                 for i in 0..tags {
                     let tag = self.tag()?;
-                    // The first tag is the physical group, the second the entity.
-                    if i == 0 || (i == 1 && group == 0) {
-                        group = tag;
+                    match i {
+                        0 => physical = tag.saturating_abs(),
+                        1 => entity = tag,
+                        _ => {}
                     }
                 }
+                let group = match physical {
+                    0 => Group::Entity(entity),
+                    number => Group::Physical(number),
+                };
                 let mut element = [0; 4];
                 for i in 0..nodes {
                     let node = self.int()? as u64;
@@ -397,7 +457,7 @@ impl MshReader<'_> {
                         element[i] = node;
                     }
                 }
-                elements.push(((dim, group), element));
+                elements.push((dim, combinations.number(&[group]), element));
             }
             remaining -= count_in_row;
         }
@@ -406,15 +466,19 @@ impl MshReader<'_> {
 
     fn elements_v4(
         &mut self,
-        entities: &BTreeMap<GroupKey, i32>,
-        elements: &mut Vec<(GroupKey, [u64; 4])>,
+        entities: &Entities,
+        combinations: &mut Combinations,
+        elements: &mut Vec<Element>,
     ) -> ReadResult<()> {
         let [blocks, _, _, _] = [self.size()?, self.size()?, self.size()?, self.size()?];
         for _ in 0..blocks {
             self.int()?;
             let entity = self.tag()?;
             let (dim, nodes, corners) = element_type(self.int()?)?;
-            let group = entities.get(&(dim, entity)).copied().unwrap_or(entity);
+            let groups = match entities.get(&(dim, entity)) {
+                Some(groups) => *groups,
+                None => Some(combinations.number(&[Group::Entity(entity)])),
+            };
             for _ in 0..self.size()? {
                 self.size()?;
                 let mut element = [0; 4];
@@ -424,7 +488,7 @@ impl MshReader<'_> {
                         element[i] = node;
                     }
                 }
-                elements.push(((dim, group), element));
+                elements.extend(groups.map(|groups| (dim, groups, element)));
             }
         }
         Ok(())

@@ -1,8 +1,12 @@
-//! Reads meshes that other programs wrote: Gmsh and Exodus.
+//! Reads meshes that other programs wrote: Gmsh, Exodus and VTK.
 //!
 //! - `gmsh`: `.msh`, versions 2.2 and 4.1, text and binary
-//! - `exodus`: Exodus II in NetCDF's classic formats
-//! - `netcdf`: NetCDF's classic formats
+//! - `exodus`: Exodus II
+//! - `netcdf`: NetCDF's classic formats and NetCDF-4
+//! - `groups`: regions, surfaces and sets from groups of elements
+//! - `region_arrays`: regions from cell arrays of VTK files
+//! - `simplices`: meshes of tetrahedra or triangles with groups
+//! - `vtkhdf`: unstructured grids in VTKHDF
 //!
 //! The result has the form of our own files: polyhedra; or tetrahedra with their regions, where the
 //! faces inside the mesh that belong to surfaces are faces on features, with the names of the
@@ -10,65 +14,171 @@
 
 mod exodus;
 mod gmsh;
+mod groups;
 mod netcdf;
+pub(super) mod region_arrays;
+mod simplices;
+mod vtkhdf;
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+pub(super) use groups::{Combinations, Group, GroupNames, GroupedFaces};
+use simplices::{ForeignMesh, NotedMesh, note_lost, renumber_sets};
+
 use super::labels::{LabelledRegion, regions_field};
+use super::named_sets::NamedSets;
 use super::named_surfaces::NamedSurfaces;
 use super::output::HORIZON_FACES_ARRAY;
-use super::vtu::{read_any_vtu, read_arrays, read_cell_nodes, read_count, read_nodes};
+use super::stored_mesh::REGION_ARRAY;
+use super::vtu::{
+    read_any_vtu_with_notes, read_arrays, read_cell_nodes, read_count, read_fields, read_nodes,
+    read_vtk_file_with_notes,
+};
 use super::{AnyMesh, FieldValue, MeshFile};
 use crate::error::{cause, io_error};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
 use crate::geometry::{sorted, sorted_distinct};
 use crate::image::LabelValue;
-use crate::mesh::complex::NONE;
-use crate::mesh::renumber::{new_numbers, used_items};
-use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::image::formats::hdf5::Hdf5Source;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::renumber::used_items;
 use crate::names;
 use crate::{Error, Result};
+
+/// Format of a mesh file, by its first bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum MeshFormat {
+    Gmsh,
+    NetCdf,
+    Hdf5,
+    /// VTK's formats.
+    Vtk,
+}
+
+impl MeshFormat {
+    /// Returns the format that begins with these bytes; VTK's if it is no other.
+    fn from_start(head: &[u8]) -> Self {
+        match head {
+            _ if head.starts_with(b"$MeshFormat") || head.starts_with(b"$Comments") => Self::Gmsh,
+            _ if head.starts_with(b"CDF") => Self::NetCdf,
+            _ if head.starts_with(b"\x89HDF") => Self::Hdf5,
+            _ => Self::Vtk,
+        }
+    }
+
+    /// Returns the format of a file if it is a mesh. `head` are its first bytes.
+    pub fn of_mesh(path: &Path, head: &[u8]) -> Option<Self> {
+        let format = Self::from_start(head);
+        let text = String::from_utf8_lossy(head).to_ascii_lowercase();
+        let is_grid = |text: &str| {
+            let mut words = text.split_ascii_whitespace();
+            let is_legacy =
+                words.any(|word| word == "dataset") && words.next() == Some("unstructured_grid");
+            is_legacy
+                || text.contains("type=\"unstructuredgrid\"")
+                || text.contains("type=\"punstructuredgrid\"")
+        };
+        match format {
+            Self::Gmsh | Self::NetCdf => Some(format),
+            Self::Vtk if is_grid(&text) => Some(format),
+            Self::Hdf5 => match Hdf5Mesh::of_file(path).ok()?? {
+                Hdf5Mesh::Exodus => Some(Self::NetCdf),
+                Hdf5Mesh::VtkHdf => Some(Self::Hdf5),
+            },
+            Self::Vtk => None,
+        }
+    }
+
+    /// Returns the name of the format.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gmsh => "Gmsh",
+            Self::NetCdf => "Exodus II",
+            Self::Hdf5 => "VTKHDF unstructured grid",
+            Self::Vtk => "VTK unstructured grid",
+        }
+    }
+}
+
+/// Format of the mesh in an HDF5 file.
+enum Hdf5Mesh {
+    /// Exodus II in NetCDF-4.
+    Exodus,
+    VtkHdf,
+}
+
+impl Hdf5Mesh {
+    /// Returns the format of the mesh in a file; `None` if it has none.
+    fn of_file(path: &Path) -> Result<Option<Self>> {
+        let source = Hdf5Source::open(path)?;
+        if vtkhdf::is_grid(&source) {
+            return Ok(Some(Self::VtkHdf));
+        }
+        let names = source.group("/").map(|root| root.member_names());
+        let Some(Ok((_, names))) = names else {
+            let problem = "cannot be listed: it is damaged, or has a virtual data set";
+            return Err(source.error("/", problem, crate::files::REWRITE_DAMAGED));
+        };
+        let has = |name: &str| names.iter().any(|known| known == name);
+        Ok((has("coord") || has("coordx")).then_some(Self::Exodus))
+    }
+}
 
 /// Reads a mesh in our format, VTK's, Gmsh's or Exodus', which is recognised by its first bytes.
 ///
 /// # Errors
-/// Returns the errors of [`read_any_vtu`], and [`Error::Mesh`] for a file that is damaged or has
-/// cells of an unsupported type.
+/// Returns the errors of [`read_any_vtu`](super::read_any_vtu), and [`Error::Mesh`] for a file that
+/// is damaged or has cells of an unsupported type.
 pub fn read_any_mesh(path: &Path) -> Result<AnyMesh> {
+    Ok(read_any_mesh_with_notes(path)?.0)
+}
+
+/// Reads a mesh as [`read_any_mesh`] does. Returns also notes for the user: what was left out, and
+/// what is a guess.
+///
+/// # Errors
+/// Returns the errors of [`read_any_mesh`].
+pub fn read_any_mesh_with_notes(path: &Path) -> Result<(AnyMesh, Vec<String>)> {
+    let read_all = || fs::read(path).map_err(|e| io_error(path, "read", e));
+    let mesh = match MeshFormat::from_start(&read_start(path, 16)?) {
+        MeshFormat::Gmsh => gmsh::read(&read_all()?).and_then(ForeignMesh::into_mesh),
+        MeshFormat::NetCdf => exodus::read(path),
+        MeshFormat::Hdf5 => match Hdf5Mesh::of_file(path)? {
+            Some(Hdf5Mesh::Exodus) => exodus::read(path),
+            Some(Hdf5Mesh::VtkHdf) => {
+                let file = vtkhdf::to_vtk_file(&Hdf5Source::open(path)?, path)?;
+                return read_vtk_file_with_notes(&file, path);
+            }
+            None => Err(FileProblem {
+                problem:
+                    "is an HDF5 file, but neither Exodus II nor an unstructured grid of VTKHDF"
+                        .into(),
+                remedy: "give a mesh, for example as .vtu",
+            }),
+        },
+        MeshFormat::Vtk => return read_any_vtu_with_notes(path),
+    };
+    let (mesh, notes) = mesh.map_err(|fault| fault.at(path))?;
+    let place = path.display();
+    let notes = notes.iter().map(|note| format!("{place}: {note}"));
+    Ok((mesh, notes.collect()))
+}
+
+/// Returns the first bytes of a file.
+pub(super) fn read_start(path: &Path, count: u64) -> Result<Vec<u8>> {
     use std::io::Read;
     let mut head = Vec::new();
     let file = open(path, "give the file of a mesh")?;
-    let bytes_read = file.take(16).read_to_end(&mut head);
+    let bytes_read = file.take(count).read_to_end(&mut head);
     bytes_read.map_err(|e| io_error(path, "read", e))?;
-    let read_all = || fs::read(path).map_err(|e| io_error(path, "read", e));
-    let mesh = if head.starts_with(b"$MeshFormat") || head.starts_with(b"$Comments") {
-        gmsh::read(&read_all()?).and_then(ForeignMesh::into_mesh)
-    } else if head.starts_with(b"CDF") {
-        exodus::read(&read_all()?)
-    } else if head.starts_with(b"\x89HDF") {
-        Err(FileProblem {
-            problem: "is an HDF5 file, perhaps NetCDF-4".into(),
-            remedy: "write NetCDF's classic format (nccopy -k 64-bit-offset), or .vtu",
-        })
-    } else {
-        return read_any_vtu(path);
-    };
-    mesh.map_err(|fault| fault.at(path))
+    Ok(head)
 }
 
 /// VTK's types of vertices, lines, triangles and tetrahedra.
 const SIMPLEX_TYPES: [i64; 4] = [1, 3, 5, 10];
-/// Cell arrays in which programs (ours, Gmsh through meshio, Medit, GEOS) store region numbers.
-pub(super) const REGION_ARRAYS: [&str; 5] = [
-    "region",
-    "gmsh:physical",
-    "medit:ref",
-    "attribute",
-    "CellEntityIds",
-];
 
 /// Name in our exports of faces on features that belong to no surface.
 const SCRAPS_NAME: &str = "scraps";
@@ -80,29 +190,49 @@ pub(super) fn is_mixed(types: &[i64]) -> bool {
         && types.iter().any(|kind| *kind != 10)
 }
 
+/// Returns the group of a flat cell or a line in a VTK file with this number: a number other than 0
+/// is a group.
+pub(super) fn vtk_group(number: Option<i32>) -> Group {
+    match number {
+        Some(number) if number != 0 => Group::Physical(number),
+        _ => Group::Entity(0),
+    }
+}
+
 /// Reads a mesh of tetrahedra together with triangles, lines or vertices. Triangles inside the mesh
 /// are faces on features.
-pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<AnyMesh> {
+pub(super) fn read_mixed(
+    path: &Path,
+    file: &VtkFile,
+    types: &[i64],
+    notes: &mut Vec<String>,
+) -> Result<AnyMesh> {
     let piece = file.piece()?;
     let points = read_count(file, piece, "NumberOfPoints")?;
     let cells = file.child(piece, "Cells")?;
     let corners = read_cell_nodes(file, cells, types.len())?;
     let arrays = read_arrays(file, piece, "CellData", types.len())?;
-    let is_scalar = |name: &&str| arrays.iter().find(|a| a.name == *name && a.components == 1);
-    let regions = REGION_ARRAYS
-        .iter()
-        .find_map(is_scalar)
-        .map(|array| array.values.to_i64());
+    let found = region_arrays::find(&arrays);
     let mut foreign = ForeignMesh {
         nodes: read_nodes(file, file.child(piece, "Points")?, points)?,
         ..ForeignMesh::default()
     };
+    let mut tet_cells = Vec::new();
     for (c, kind) in types.iter().enumerate() {
-        let region = regions.as_ref().map_or(0, |regions| regions[c] as i32);
+        let number = found.as_ref().map(|found| found.regions[c]);
+        let group = match kind {
+            10 => Group::Physical(number.unwrap_or(0)),
+            _ => vtk_group(number),
+        };
+        let combination = foreign.combinations.number(&[group]);
         match (*kind, corners.get(c)) {
-            (1, [_]) | (3, [_, _]) => {}
-            (5, &[i, j, k]) => foreign.triangles.push(([i, j, k], region)),
-            (10, &[i, j, k, l]) => foreign.tets.push(([i, j, k, l], region)),
+            (1, &[i]) => foreign.points.push(([i], combination)),
+            (3, &[i, j]) => foreign.edges.push(([i, j], combination)),
+            (5, &[i, j, k]) => foreign.triangles.push(([i, j, k], combination)),
+            (10, &[i, j, k, l]) => {
+                foreign.tets.push(([i, j, k, l], combination));
+                tet_cells.push(c as u32);
+            }
             _ => {
                 return Err(file.error(
                     "has cells with a wrong number of nodes",
@@ -111,7 +241,81 @@ pub(super) fn read_mixed(path: &Path, file: &VtkFile, types: &[i64]) -> Result<A
             }
         }
     }
-    foreign.into_mesh().map_err(|fault| fault.at(path))
+    let nodes_of_tets = foreign.tets.iter().flat_map(|tet| tet.0);
+    let are_valid = nodes_of_tets.clone().all(|n| (n as usize) < points);
+    let kept = if are_valid {
+        used_items(points, nodes_of_tets)
+    } else {
+        Vec::new()
+    };
+    let (mut mesh, mesh_notes) = foreign.into_mesh().map_err(|fault| fault.at(path))?;
+    notes.extend(mesh_notes);
+    if let AnyMesh::Tetrahedra(mesh) = &mut mesh {
+        let own = [REGION_ARRAY, HORIZON_FACES_ARRAY];
+        let others = arrays
+            .into_iter()
+            .filter(|array| !own.contains(&array.name.as_str()));
+        let others = select_rows(others.collect(), &tet_cells);
+        mesh.cell_data.extend(others);
+        let point_data = read_arrays(file, piece, "PointData", points)?;
+        mesh.point_data.extend(select_rows(point_data, &kept));
+        mesh.field_data.extend(read_fields(file)?);
+        if let Some(found) = found.filter(|found| !found.labels.is_empty()) {
+            mesh.field_data.extend(regions_field(&found.labels));
+        }
+    }
+    Ok(mesh)
+}
+
+/// Returns some rows of arrays.
+pub(super) fn select_rows(arrays: Vec<DataArray>, rows: &[u32]) -> Vec<DataArray> {
+    let select = |array: DataArray| DataArray {
+        values: array.values.select_tuples(rows, array.components),
+        ..array
+    };
+    arrays.into_iter().map(select).collect()
+}
+
+/// Creates the file of a mesh of polyhedra whose faces are in groups. The nodes of these faces have
+/// the numbers of the mesh.
+pub(super) fn poly_file(
+    mut mesh: PolyMesh<3>,
+    mut grouped: GroupedFaces<'_, Vec<u32>>,
+    mut sets: NamedSets,
+    notes: &mut Vec<String>,
+) -> MeshFile<PolyMesh<3>> {
+    let (mut surfaces, mut horizons) = (Vec::new(), Vec::new());
+    let inner_faces = mesh.inner_face_count();
+    for f in 0..mesh.face_cells.len() {
+        let is_inside = f < inner_faces;
+        let found = grouped.find(&sorted(mesh.faces.get(f).to_vec()), is_inside);
+        let Some(face) = found.filter(|_| is_inside) else {
+            continue;
+        };
+        mesh.on_feature[f] = true;
+        let index = grouped.surface_index(face);
+        surfaces.extend(index.map(|index| (mesh.face_cells[f], index)));
+        if grouped.is_on_horizon(face) {
+            horizons.extend(mesh.face_cells[f].map(i64::from));
+        }
+    }
+    let named = NamedSurfaces::new(&grouped.surface_names(), surfaces);
+    let lost;
+    (sets.faces, lost) = grouped.into_sets("surface");
+    note_lost(notes, lost, "faces of groups lie on no cell");
+    let mut field_data = named.into_fields();
+    if !horizons.is_empty() {
+        field_data.push((HORIZON_FACES_ARRAY.into(), FieldValue::Ints(horizons)));
+    }
+    let counts = [mesh.nodes.len(), mesh.sites.len()];
+    let mut file = MeshFile {
+        mesh,
+        point_data: Vec::new(),
+        cell_data: Vec::new(),
+        field_data,
+    };
+    sets.add_to(&mut file, counts[0], counts[1]);
+    file
 }
 
 /// A problem of a file, and its remedy.
@@ -137,194 +341,6 @@ impl FileProblem {
 }
 
 type ReadResult<T> = std::result::Result<T, FileProblem>;
-
-/// A mesh as finite-element formats store it.
-#[derive(Debug, Default)]
-struct ForeignMesh {
-    nodes: Vec<[f64; 3]>,
-    /// Corners of tetrahedra, each with the number of its region.
-    tets: Vec<([u32; 4], i32)>,
-    /// Corners of triangles, with region numbers: the cells of a 2-D mesh, the faces of a 3-D mesh.
-    triangles: Vec<([u32; 3], i32)>,
-    /// Ends of edges, each with the number of its group: the faces of a 2-D mesh.
-    edges: Vec<([u32; 2], i32)>,
-    /// Names of regions.
-    names: BTreeMap<i32, String>,
-    /// Names of groups of faces.
-    face_names: BTreeMap<i32, String>,
-}
-
-impl ForeignMesh {
-    /// Converts to a mesh file of tetrahedra or triangles.
-    fn into_mesh(self) -> ReadResult<AnyMesh> {
-        let count = self.nodes.len();
-        let are_valid = |corners: &[u32]| corners.iter().all(|&n| (n as usize) < count);
-        let is_valid = self.tets.iter().all(|(t, _)| are_valid(t))
-            && self.triangles.iter().all(|(t, _)| are_valid(t))
-            && self.edges.iter().all(|(e, _)| are_valid(e));
-        if !is_valid {
-            return Err(FileProblem::damaged(
-                "has a cell with a node that does not exist",
-            ));
-        }
-        if let Some(node) = self
-            .nodes
-            .iter()
-            .position(|x| x.iter().any(|c| !c.is_finite()))
-        {
-            return Err(FileProblem::damaged(format!("node {node} is not finite")));
-        }
-        if !self.tets.is_empty() {
-            let (faces, names) = (self.triangles, &self.face_names);
-            let file = simplex_mesh_file::<3, TetMesh, 4>(
-                &self.nodes,
-                &self.tets,
-                faces,
-                names,
-                &self.names,
-            )?;
-            return Ok(AnyMesh::Tetrahedra(file));
-        }
-        if self.triangles.is_empty() {
-            return Err(FileProblem {
-                problem: "has neither tetrahedra nor triangles".into(),
-                remedy: "give a mesh of tetrahedra or triangles",
-            });
-        }
-        let is_off_plane = |&n: &u32| self.nodes[n as usize][2] != 0.0;
-        if self
-            .triangles
-            .iter()
-            .any(|(t, _)| t.iter().any(is_off_plane))
-        {
-            return Err(FileProblem {
-                problem: "has triangles off the plane z = 0, but no tetrahedra".into(),
-                remedy: "give the mesh of the volume, or one of that plane",
-            });
-        }
-        let nodes: Vec<[f64; 2]> = self.nodes.iter().map(|x| [x[0], x[1]]).collect();
-        let names = &self.face_names;
-        let file = simplex_mesh_file::<2, TriMesh, 3>(
-            &nodes,
-            &self.triangles,
-            self.edges,
-            names,
-            &self.names,
-        )?;
-        Ok(AnyMesh::Triangles(file))
-    }
-}
-
-/// Creates a mesh of simplices with `N` nodes, with regions, and with marks on the inner faces that
-/// belong to groups. `face_names` are the names of groups of faces, `names` those of regions.
-/// Unused nodes are removed, and cells are oriented positively.
-fn simplex_mesh_file<const D: usize, M: Simplices<D>, const N: usize>(
-    nodes: &[[f64; D]],
-    cells: &[([u32; N], i32)],
-    mut faces: Vec<([u32; D], i32)>,
-    face_names: &BTreeMap<i32, String>,
-    names: &BTreeMap<i32, String>,
-) -> ReadResult<MeshFile<M>> {
-    let corners = cells.iter().flat_map(|(corners, _)| corners);
-    let kept = used_items(nodes.len(), corners.clone().copied());
-    let new_index = new_numbers(nodes.len(), &kept);
-    let corners: Vec<u32> = corners.map(|&n| new_index[n as usize]).collect();
-    let kept = kept.iter().map(|&n| nodes[n as usize]).collect();
-    let mut mesh = M::from_parts(kept, corners);
-    let inverted: Vec<usize> = (0..mesh.len()).filter(|&c| mesh.volume(c) < 0.0).collect();
-    for c in inverted {
-        mesh.parts_mut().1.swap(N * c + N - 2, N * c + N - 1);
-    }
-    let neighbors = mesh.neighbors().map_err(|face| {
-        FileProblem::damaged(format!("more than two cells share the face {face:?}"))
-    })?;
-    for (face, _) in &mut faces {
-        *face = sorted(face.map(|n| new_index[n as usize]));
-    }
-    faces.sort_unstable();
-    // Returns the groups of a face of a cell, if the face is inside the mesh.
-    let groups = |c: usize, k: usize| {
-        let face = sorted(mesh.face(c, k));
-        let is_inner = neighbors[N * c + k] != NONE;
-        let first = faces.partition_point(|(known, _)| *known < face);
-        let matching = faces[first..]
-            .iter()
-            .take_while(move |(known, _)| is_inner && *known == face);
-        matching.map(|(_, group)| *group).collect::<Vec<i32>>()
-    };
-    let named_faces = NamedFaces::new(face_names);
-    let face_bits = |is_set: &dyn Fn(usize, usize) -> bool| -> Vec<u8> {
-        let bits_of_cell = |c: usize| (0..N).map(|k| u8::from(is_set(c, k)) << k).sum::<u8>();
-        (0..mesh.len()).map(bits_of_cell).collect()
-    };
-    let marks = face_bits(&|c, k| !groups(c, k).is_empty());
-    let horizons = face_bits(&|c, k| named_faces.has_horizon(&groups(c, k)));
-    let mut named = Vec::new();
-    for (c, k) in (0..mesh.len()).flat_map(|c| (0..N).map(move |k| (c, k))) {
-        let beyond = neighbors[N * c + k];
-        if beyond as usize > c
-            && let Some(name_index) = named_faces.name_index(&groups(c, k))
-        {
-            named.push(([c as u32, beyond], name_index));
-        }
-    }
-    let regions: Vec<i32> = cells.iter().map(|(_, region)| *region).collect();
-    let mut field_data = named_faces.named_surfaces(named).into_fields();
-    field_data.extend(labels_field(&regions, names));
-    let mut cell_data = vec![
-        DataArray::scalars("region", regions),
-        DataArray::scalars(M::FEATURE_FACES_ARRAY, marks),
-    ];
-    if horizons.iter().any(|&bits| bits > 0) {
-        cell_data.push(DataArray::scalars(HORIZON_FACES_ARRAY, horizons));
-    }
-    Ok(MeshFile {
-        mesh,
-        point_data: Vec::new(),
-        cell_data,
-        field_data,
-    })
-}
-
-/// Names of groups of faces that are surfaces.
-struct NamedFaces {
-    groups: Vec<i32>,
-    names: Vec<String>,
-}
-
-impl NamedFaces {
-    fn new(groups: &BTreeMap<i32, String>) -> Self {
-        let (groups, names) = named_groups(groups.clone())
-            .into_iter()
-            .filter(|(_, name)| name != SCRAPS_NAME)
-            .unzip();
-        Self { groups, names }
-    }
-
-    /// Returns the index of the name of a face in these groups, if one of them has a name.
-    fn name_index(&self, groups: &[i32]) -> Option<u32> {
-        let index = self.groups.iter().position(|known| groups.contains(known));
-        index.map(|i| i as u32)
-    }
-
-    /// Returns `true` if the name of one of these groups marks it as a horizon.
-    fn has_horizon(&self, groups: &[i32]) -> bool {
-        let mut known = self.groups.iter().zip(&self.names);
-        known.any(|(group, name)| {
-            groups.contains(group) && name.to_ascii_lowercase().starts_with("horizon")
-        })
-    }
-
-    /// Returns the named surfaces; `faces` are pairs of cells with the index of a name.
-    fn named_surfaces(&self, faces: Vec<([u32; 2], u32)>) -> NamedSurfaces {
-        NamedSurfaces::new(&self.names, faces)
-    }
-
-    /// Returns the field that lists the faces of polyhedra on horizons, as pairs of cells.
-    fn horizons_field(pairs: Vec<i64>) -> Option<(String, FieldValue)> {
-        (!pairs.is_empty()).then(|| (HORIZON_FACES_ARRAY.into(), FieldValue::Ints(pairs)))
-    }
-}
 
 /// Returns the field with the names of regions, or `None` if no region has a name.
 fn labels_field(regions: &[i32], names: &BTreeMap<i32, String>) -> Option<(String, FieldValue)> {

@@ -1,210 +1,131 @@
-//! Reads NetCDF's classic formats (CDF-1, CDF-2, CDF-5), as far as Exodus files need them.
-//!
-//! Layout: "NetCDF Classic Format Specification" (Unidata): a header of dimensions, attributes and
-//! variables, big-endian, with names padded to 4 bytes; then the numbers of each variable.
+//! Reads NetCDF files, as far as Exodus files need them: the classic formats and NetCDF-4, by the crate
+//! `netcdf-reader`.
+
+use std::path::Path;
+
+use netcdf_reader::{NcFile, NcVariable};
 
 use super::{FileProblem, ReadResult};
+use crate::image::formats::hdf5::source::storage;
+use crate::memory;
 
-/// The fixed-size variables of a file, and the first record of its record variables.
-pub struct NetcdfReader<'a> {
-    bytes: &'a [u8],
-    variables: Vec<Variable>,
+/// Remedy for files that are not read.
+const REMEDY: &str = "copy the file again, or convert it with nccopy -k 64-bit-offset IN OUT";
+
+/// An open NetCDF file.
+pub struct NetcdfReader {
+    file: NcFile,
+    variables: Vec<NcVariable>,
+    dimensions: Vec<(String, usize)>,
 }
 
-struct Variable {
-    name: String,
-    shape: Vec<usize>,
-    attributes: Vec<(String, String)>,
-    number_type: u32,
-    offset: usize,
-}
-
-impl<'a> NetcdfReader<'a> {
-    /// Reads the header.
-    pub fn new(bytes: &'a [u8]) -> ReadResult<Self> {
-        let version = bytes.get(3).copied().unwrap_or(0);
-        if ![1, 2, 5].contains(&version) {
-            return Err(FileProblem::damaged(format!(
-                "has the unknown NetCDF version {version}"
-            )));
-        }
-        let mut header = HeaderReader {
-            bytes,
-            position: 4,
-            has_64_bit_counts: version == 5,
+impl NetcdfReader {
+    /// Opens a file.
+    pub fn open(path: &Path) -> ReadResult<Self> {
+        let storage = storage(path).map_err(|e| FileProblem {
+            problem: e.to_string(),
+            remedy: REMEDY,
+        })?;
+        let fault = |e: netcdf_reader::Error| FileProblem {
+            problem: format!("is damaged or no NetCDF file: {e}"),
+            remedy: REMEDY,
         };
-        header.count()?;
-        let mut dimensions = Vec::new();
-        for _ in 0..header.list_length()? {
-            header.name()?;
-            dimensions.push(header.count()?);
-        }
-        header.attributes()?;
-        let mut variables = Vec::new();
-        for _ in 0..header.list_length()? {
-            let name = header.name()?;
-            let mut shape = Vec::new();
-            for _ in 0..header.count()? {
-                let dimension = dimensions.get(header.count()?);
-                let dimension =
-                    dimension.ok_or_else(|| FileProblem::damaged("lacks a dimension"))?;
-                // Of a record dimension, only the first record is used.
-                shape.push((*dimension).max(1));
-            }
-            let attributes = header.attributes()?;
-            let kind = header.word()?;
-            header.count()?;
-            let begin = match version {
-                1 => header.word()? as usize,
-                _ => header.word_64()?,
-            };
-            variables.push(Variable {
-                name,
-                shape,
-                attributes,
-                number_type: kind,
-                offset: begin,
-            });
-        }
-        Ok(Self { bytes, variables })
+        let file = NcFile::from_storage(storage).map_err(fault)?;
+        let variables = file.variables().map_err(fault)?.to_vec();
+        let dimensions = file.dimensions().map_err(fault)?.iter();
+        let length = |size: u64| usize::try_from(size).unwrap_or(usize::MAX);
+        let dimensions = dimensions.map(|d| (d.name.clone(), length(d.size)));
+        Ok(Self {
+            dimensions: dimensions.collect(),
+            variables,
+            file,
+        })
     }
 
-    fn variable(&self, name: &str) -> Option<&Variable> {
-        self.variables.iter().find(|variable| variable.name == name)
+    /// Returns the number of variables.
+    pub fn variable_count(&self) -> usize {
+        self.variables.len()
+    }
+
+    /// Returns the length of a dimension.
+    pub fn dimension(&self, name: &str) -> Option<usize> {
+        let mut dimensions = self.dimensions.iter();
+        dimensions.find_map(|(known, length)| (known == name).then_some(*length))
+    }
+
+    fn variable(&self, name: &str) -> Option<&NcVariable> {
+        self.variables
+            .iter()
+            .find(|variable| variable.name() == name)
     }
 
     /// Returns the length of a variable along each dimension.
-    pub fn shape(&self, name: &str) -> Option<&[usize]> {
-        Some(&self.variable(name)?.shape)
+    pub fn shape(&self, name: &str) -> Option<Vec<usize>> {
+        let shape = self.variable(name)?.shape().into_iter();
+        Some(
+            shape
+                .map(|n| usize::try_from(n).unwrap_or(usize::MAX))
+                .collect(),
+        )
     }
 
     /// Returns a text attribute of a variable.
-    pub fn attribute(&self, variable: &str, name: &str) -> Option<&str> {
-        let mut attributes = self.variable(variable)?.attributes.iter();
-        attributes.find_map(|(known, text)| (known == name).then_some(text.as_str()))
+    pub fn attribute(&self, variable: &str, name: &str) -> Option<String> {
+        let attribute = self.variable(variable)?.attribute(name)?;
+        Some(text(&attribute.value.as_string()?))
     }
 
     /// Returns the numbers of a variable; empty if there is no such variable.
     pub fn numbers(&self, name: &str) -> ReadResult<Vec<f64>> {
-        let Some(variable) = self.variable(name) else {
+        if !self.check_size(name)? {
             return Ok(Vec::new());
-        };
-        let width = number_size(variable.number_type)?;
-        let bytes = self.variable_bytes(variable, width)?;
-        let number = |b: &[u8]| match variable.number_type {
-            3 => f64::from(i16::from_be_bytes([b[0], b[1]])),
-            4 => f64::from(i32::from_be_bytes([b[0], b[1], b[2], b[3]])),
-            5 => f64::from(f32::from_be_bytes([b[0], b[1], b[2], b[3]])),
-            6 => f64::from_be_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]),
-            10 => i64::from_be_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f64,
-            _ => f64::from(b[0]),
-        };
-        Ok(bytes.chunks_exact(width).map(number).collect())
+        }
+        let numbers = self.file.read_variable_as_f64(name);
+        let numbers = numbers.map_err(|e| unreadable(name, &e))?;
+        Ok(numbers.into_raw_vec_and_offset().0)
     }
 
-    /// Returns the texts of a character variable, one for each row.
+    /// Returns the texts of a variable, one for each row.
     pub fn texts(&self, name: &str) -> ReadResult<Vec<String>> {
-        let Some(variable) = self.variable(name).filter(|v| v.number_type == 2) else {
+        if !self.check_size(name)? {
             return Ok(Vec::new());
-        };
-        let bytes = self.variable_bytes(variable, 1)?;
-        let row = variable.shape.last().copied().unwrap_or(1).max(1);
-        Ok(bytes.chunks(row).map(text).collect())
+        }
+        let texts = self.file.read_variable_as_strings(name);
+        let texts = texts.map_err(|e| unreadable(name, &e))?;
+        Ok(texts.iter().map(|row| text(row)).collect())
     }
 
-    fn variable_bytes(&self, variable: &Variable, width: usize) -> ReadResult<&[u8]> {
-        let count = variable
-            .shape
-            .iter()
-            .try_fold(width, |total, n| total.checked_mul(*n));
-        let end = count.and_then(|count| variable.offset.checked_add(count));
-        let bytes = end.and_then(|end| self.bytes.get(variable.offset..end));
-        bytes.ok_or_else(|| FileProblem::damaged(format!("is cut off in '{}'", variable.name)))
+    /// Returns `true` if there is a variable of this name that has values, after checking that they fit
+    /// into memory.
+    fn check_size(&self, name: &str) -> ReadResult<bool> {
+        let Some(shape) = self.shape(name) else {
+            return Ok(false);
+        };
+        let count: f64 = shape.iter().map(|&n| n as f64).product();
+        let task = format!("the variable '{name}' of {count} numbers");
+        let checked = memory::ensure_available(name, 8.0 * count, task, "give a smaller mesh");
+        match checked {
+            Ok(()) => Ok(count > 0.0),
+            Err(error) => Err(FileProblem {
+                problem: format!("is too large, or damaged: {error}"),
+                remedy: REMEDY,
+            }),
+        }
     }
 }
 
-/// Returns the size in bytes of a number type.
-fn number_size(kind: u32) -> ReadResult<usize> {
-    match kind {
-        1 | 2 | 7 => Ok(1),
-        3 | 8 => Ok(2),
-        4 | 5 | 9 => Ok(4),
-        6 | 10 | 11 => Ok(8),
-        unknown => Err(FileProblem::damaged(format!(
-            "has numbers of NetCDF's type {unknown}"
-        ))),
+fn unreadable(name: &str, error: &netcdf_reader::Error) -> FileProblem {
+    FileProblem {
+        problem: format!("the variable '{name}' cannot be read: {error}"),
+        remedy: REMEDY,
     }
 }
 
 /// Returns the text before the first zero byte, trimmed.
-fn text(bytes: &[u8]) -> String {
-    let end = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).trim().to_string()
-}
-
-struct HeaderReader<'a> {
-    bytes: &'a [u8],
-    position: usize,
-    has_64_bit_counts: bool,
-}
-
-impl<'a> HeaderReader<'a> {
-    fn take(&mut self, count: usize) -> ReadResult<&'a [u8]> {
-        let end = self.position.checked_add(count);
-        let bytes = end.and_then(|end| self.bytes.get(self.position..end));
-        self.position = end.unwrap_or(self.position);
-        bytes.ok_or_else(|| FileProblem::damaged("is cut off in its header"))
-    }
-
-    fn word(&mut self) -> ReadResult<u32> {
-        let b = self.take(4)?;
-        Ok(u32::from_be_bytes([b[0], b[1], b[2], b[3]]))
-    }
-
-    fn word_64(&mut self) -> ReadResult<usize> {
-        let high = u64::from(self.word()?);
-        Ok((high << 32 | u64::from(self.word()?)) as usize)
-    }
-
-    fn count(&mut self) -> ReadResult<usize> {
-        if self.has_64_bit_counts {
-            self.word_64()
-        } else {
-            Ok(self.word()? as usize)
-        }
-    }
-
-    /// Reads the number of items of a list.
-    fn list_length(&mut self) -> ReadResult<usize> {
-        self.word()?;
-        self.count()
-    }
-
-    fn padded_bytes(&mut self, count: usize) -> ReadResult<&'a [u8]> {
-        let bytes = self.take(count)?;
-        self.take(count.wrapping_neg() % 4)?;
-        Ok(bytes)
-    }
-
-    fn name(&mut self) -> ReadResult<String> {
-        let count = self.count()?;
-        Ok(text(self.padded_bytes(count)?))
-    }
-
-    /// Reads a list of attributes, and returns those that are texts.
-    fn attributes(&mut self) -> ReadResult<Vec<(String, String)>> {
-        let mut attributes = Vec::new();
-        for _ in 0..self.list_length()? {
-            let name = self.name()?;
-            let kind = self.word()?;
-            let count = self.count()?;
-            let length = count.checked_mul(number_size(kind)?);
-            let bytes =
-                self.padded_bytes(length.ok_or_else(|| FileProblem::damaged("is cut off"))?)?;
-            if kind == 2 {
-                attributes.push((name, text(bytes)));
-            }
-        }
-        Ok(attributes)
-    }
+fn text(row: &str) -> String {
+    row.split('\0')
+        .next()
+        .unwrap_or_default()
+        .trim()
+        .to_string()
 }

@@ -1,7 +1,8 @@
 //! Tests with small meshes of other programs, as text and as bytes.
 
 use super::*;
-use crate::mesh::Mesh as _;
+use crate::mesh::{Mesh as _, Simplices as _, TetMesh};
+use crate::store::named_sets::NamedSet;
 
 /// Two tetrahedra that share a triangle, which is a surface. Node 9 belongs to no cell.
 const MSH_V2_TEXT: &str = "$MeshFormat
@@ -108,11 +109,23 @@ fn msh_v2_bytes(swap: bool) -> Vec<u8> {
     bytes
 }
 
-fn tets(bytes: &[u8]) -> MeshFile<TetMesh> {
+/// Reads a mesh of tetrahedra, and the notes on it.
+fn noted_tets(bytes: &[u8]) -> (MeshFile<TetMesh>, Vec<String>) {
     match gmsh::read(bytes).and_then(ForeignMesh::into_mesh) {
-        Ok(AnyMesh::Tetrahedra(file)) => file,
+        Ok((AnyMesh::Tetrahedra(file), notes)) => (file, notes),
         other => panic!("{other:?}"),
     }
+}
+
+fn tets(bytes: &[u8]) -> MeshFile<TetMesh> {
+    noted_tets(bytes).0
+}
+
+/// Returns the names of sets with their members.
+fn members(sets: &[NamedSet]) -> Vec<(&str, &[u32])> {
+    sets.iter()
+        .map(|s| (s.name.as_str(), &s.members[..]))
+        .collect()
 }
 
 #[test]
@@ -203,7 +216,8 @@ fn plane_triangles_are_a_mesh_and_others_are_refused() {
     };
     let read =
         |elements: &str| gmsh::read(text(elements).as_bytes()).and_then(ForeignMesh::into_mesh);
-    let Ok(AnyMesh::Triangles(file)) = read("3\n1 1 2 9 1 1 3\n2 2 2 4 1 1 3 2\n3 2 2 6 1 1 3 4\n")
+    let Ok((AnyMesh::Triangles(file), _)) =
+        read("3\n1 1 2 9 1 1 3\n2 2 2 4 1 1 3 2\n3 2 2 6 1 1 3 4\n")
     else {
         panic!("no mesh of the plane");
     };
@@ -235,6 +249,101 @@ fn plane_triangles_are_a_mesh_and_others_are_refused() {
             .unwrap_err()
             .remedy
             .contains("4.1")
+    );
+}
+
+/// Returns the names of the regions of a mesh, by their numbers.
+fn region_names(file: &MeshFile<TetMesh>) -> Vec<(i32, Option<String>)> {
+    let labels = crate::store::read_labels(file).into_iter();
+    labels.map(|label| (label.region, label.name)).collect()
+}
+
+#[test]
+fn cells_in_the_same_groups_are_a_region_and_other_groups_are_sets() {
+    // Both tetrahedra are in "all", which comes first or last, in one entity or in two elements.
+    let v4 = MSH_V4_TEXT
+        .replace("$PhysicalNames\n3\n", "$PhysicalNames\n4\n3 7 \"all\"\n")
+        .replace("1 0 0 0 1 1 1 1 1 1 1\n", "1 0 0 0 1 1 1 2 7 1 1 1\n")
+        .replace("2 0 0 -1 1 1 0 1 2 1 1\n", "2 0 0 -1 1 1 0 2 2 7 1 1\n");
+    let v2 = MSH_V2_TEXT
+        .replace("$PhysicalNames\n3\n", "$PhysicalNames\n4\n3 7 \"all\"\n")
+        .replace(
+            "$Elements\n4\n",
+            "$Elements\n6\n5 4 2 7 1 1 2 3 4\n6 4 2 7 2 1 2 3 5\n",
+        );
+    for text in [v4, v2] {
+        let (file, notes) = noted_tets(text.as_bytes());
+        assert_eq!(file.mesh.len(), 2, "{text}");
+        assert_eq!(
+            region_names(&file),
+            [(1, Some("left lung".into())), (2, Some("rest".into()))]
+        );
+        let sets = NamedSets::from_file(&file);
+        assert_eq!(members(&sets.cells), [("all", &[0, 1][..])]);
+        assert!(
+            notes
+                .iter()
+                .any(|note| note.contains("'all' is a set of cells")),
+            "{notes:?}"
+        );
+    }
+    // A group that shares one of its two cells is a set, and the region of the other cell is named
+    // after it.
+    let partial = MSH_V2_TEXT
+        .replace("\"rest\"", "\"all\"")
+        .replace("$Elements\n4\n", "$Elements\n5\n5 4 2 2 1 1 2 3 4\n");
+    let file = tets(partial.as_bytes());
+    assert_eq!(
+        region_names(&file),
+        [(1, Some("left lung".into())), (2, Some("all_1".into()))]
+    );
+    assert_eq!(
+        members(&NamedSets::from_file(&file).cells),
+        [("all", &[0, 1][..])]
+    );
+}
+
+#[test]
+fn sets_on_the_boundary_and_of_nodes_are_kept() {
+    // A triangle on the boundary, a group of both triangles, an edge and a node.
+    let text = MSH_V2_TEXT
+        .replace(
+            "$PhysicalNames\n3\n",
+            "$PhysicalNames\n7\n2 6 \"outer wall\"\n2 8 \"both\"\n1 3 \"edge\"\n0 4 \"tip\"\n",
+        )
+        .replace(
+            "$Elements\n4\n1 15 2 0 1 9\n",
+            "$Elements\n9\n1 15 2 4 1 5\n5 2 2 6 2 4 2 1\n6 2 2 8 1 1 2 3\n7 2 2 8 2 1 2 4\n\
+             8 1 2 3 1 1 2\n9 2 2 9 3 1 3 5\n",
+        );
+    let file = tets(text.as_bytes());
+    assert_eq!(NamedSurfaces::from_file(&file).names, ["fault"]);
+    let sets = NamedSets::from_file(&file);
+    assert_eq!(members(&sets.nodes), [("tip", &[4][..]), ("edge", &[0, 1])]);
+    let faces: Vec<(&str, usize, &[u32])> = (sets.faces.iter())
+        .map(|set| (set.name.as_str(), set.faces.len(), set.faces.get(0)))
+        .collect();
+    let expected: [(&str, usize, &[u32]); 3] = [
+        ("outer wall", 1, &[0, 1, 3]),
+        ("both", 2, &[0, 1, 2]),
+        ("surface_9", 1, &[0, 2, 4]),
+    ];
+    assert_eq!(faces, expected);
+}
+
+#[test]
+fn sections_that_are_not_read_are_named_and_entities_are_needed() {
+    let text = MSH_V4_TEXT.to_string() + "$NodeData\n1\n$EndNodeData\n$Periodic\n0\n$EndPeriodic\n";
+    let (_, notes) = noted_tets(text.as_bytes());
+    assert_eq!(notes, ["not read: $NodeData, $Periodic"]);
+    let start = MSH_V4_TEXT.find("$Entities").unwrap();
+    let end = MSH_V4_TEXT.find("$Nodes").unwrap();
+    let without = [&MSH_V4_TEXT[..start], &MSH_V4_TEXT[end..]].concat();
+    let fault = gmsh::read(without.as_bytes()).unwrap_err();
+    assert!(
+        fault.problem.contains("no section $Entities"),
+        "{}",
+        fault.problem
     );
 }
 

@@ -3,18 +3,28 @@
 
 use super::{MeshFile, read_arrays, read_cell_nodes, read_count, read_fields, read_nodes};
 use crate::error::Result;
-use crate::files::vtk::{DataArray, VtkFile};
+use crate::files::vtk::VtkFile;
 use crate::geometry::sorted;
+use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
-use crate::store::foreign::REGION_ARRAYS;
+use crate::mesh::renumber::new_numbers;
+use crate::store::foreign::{
+    Combinations, GroupNames, GroupedFaces, poly_file, region_arrays, select_rows, vtk_group,
+};
 use crate::store::mixed_elements::{MixedElement, SolidAssembler, mixed_element};
+use crate::store::named_sets::NamedSets;
 use crate::store::polyhedra::{face_streams, for_each_face};
+use crate::store::stored_mesh::REGION_ARRAY;
 
-/// Reads a mesh; `types` are VTK's cell types.
+/// Reads a mesh; `types` are VTK's cell types. Adds notes for the user.
 ///
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) for a damaged file, or for cells that do not match.
-pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>> {
+pub fn read_cells(
+    file: &VtkFile,
+    types: &[i64],
+    notes: &mut Vec<String>,
+) -> Result<MeshFile<PolyMesh<3>>> {
     let piece = file.piece()?;
     let points = read_count(file, piece, "NumberOfPoints")?;
     let nodes = read_nodes(file, file.child(piece, "Points")?, points)?;
@@ -33,7 +43,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
         Default::default()
     };
     let (mut solids, mut solid_cells) = (SolidAssembler::default(), Vec::new());
-    let mut flat: Vec<Vec<u32>> = Vec::new();
+    let mut flat: Vec<(usize, &[u32])> = Vec::new();
     let mut face_begin = 0;
     for (cell, &kind) in types.iter().enumerate() {
         let cell_corners = corners.get(cell);
@@ -45,7 +55,7 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
         face_begin = face_end.unwrap_or(face_begin);
         match mixed_element(kind, cell_corners).ok_or_else(damaged)? {
             MixedElement::Line => {}
-            MixedElement::Flat(ring) => flat.push(sorted(ring.to_vec())),
+            MixedElement::Flat(ring) => flat.push((cell, ring)),
             MixedElement::Solid(faces) => {
                 solid_cells.push(cell as u32);
                 solids.add(
@@ -67,35 +77,32 @@ pub fn read_cells(file: &VtkFile, types: &[i64]) -> Result<MeshFile<PolyMesh<3>>
     let assembled = solids.into_mesh(&nodes);
     let remedy = "give a mesh whose cells meet face to face";
     let (mut mesh, kept) = assembled.map_err(|problem| file.error(problem, remedy))?;
-    flat.sort_unstable();
-    for f in 0..mesh.inner_face_count() {
-        let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
-        mesh.on_feature[f] = flat.binary_search(&sorted(ring.collect())).is_ok();
+    let arrays = read_arrays(file, piece, "CellData", types.len())?;
+    let numbers = region_arrays::find(&arrays).map(|found| found.regions);
+    let mut combinations = Combinations::default();
+    let new_index = new_numbers(points, &kept);
+    let mut faces = Vec::new();
+    for (cell, ring) in flat {
+        let group = vtk_group(numbers.as_ref().map(|numbers| numbers[cell]));
+        // A node beyond the points is on no cell.
+        let index = |&n: &u32| new_index.get(n as usize).copied().unwrap_or(NONE);
+        let ring: Vec<u32> = sorted(ring.iter().map(index).collect());
+        faces.push((ring, combinations.number(&[group])));
     }
-    let cell_data = select_rows(
-        read_arrays(file, piece, "CellData", types.len())?,
-        &solid_cells,
-    );
-    let is_scalar = |name: &&str| (cell_data.iter()).find(|a| a.name == *name && a.components == 1);
-    if let Some(regions) = REGION_ARRAYS.iter().find_map(is_scalar) {
-        mesh.region = regions.values.to_i64().iter().map(|&r| r as i32).collect();
+    let names = GroupNames::new();
+    let grouped = GroupedFaces::new(faces, &mut combinations, &names);
+    let mut cell_data = select_rows(arrays, &solid_cells);
+    let mut fields = read_fields(file)?;
+    notes.extend(region_arrays::adopt(&mut cell_data, &mut fields));
+    if let Some(index) = cell_data.iter().position(|a| a.name == REGION_ARRAY) {
+        let regions = cell_data.remove(index).values.to_i64();
+        mesh.region = regions.iter().map(|&region| region as i32).collect();
     }
-    Ok(MeshFile {
-        mesh,
-        point_data: select_rows(read_arrays(file, piece, "PointData", points)?, &kept),
-        cell_data: cell_data
-            .into_iter()
-            .filter(|a| a.name != REGION_ARRAYS[0])
-            .collect(),
-        field_data: read_fields(file)?,
-    })
-}
-
-/// Returns some rows of arrays.
-fn select_rows(arrays: Vec<DataArray>, rows: &[u32]) -> Vec<DataArray> {
-    let select = |array: DataArray| DataArray {
-        values: array.values.select_tuples(rows, array.components),
-        ..array
-    };
-    arrays.into_iter().map(select).collect()
+    let mut read = poly_file(mesh, grouped, NamedSets::default(), notes);
+    let point_data = read_arrays(file, piece, "PointData", points)?;
+    read.point_data.extend(select_rows(point_data, &kept));
+    read.cell_data.extend(cell_data);
+    fields.append(&mut read.field_data);
+    read.field_data = fields;
+    Ok(read)
 }

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use crate::parallel::prelude::*;
 
-use super::foreign;
+use super::foreign::{self, region_arrays};
 use super::mixed_elements;
 use super::output::{UNITS_FIELD, array_unit};
 use super::polyhedra::{self, CellStreams, is_polygon};
@@ -357,28 +357,63 @@ pub(crate) use crate::with_mesh;
 /// Returns the errors of [`read_vtu`], and an error for triangles and polygons that are not in the
 /// plane z = 0.
 pub fn read_any_vtu(path: &Path) -> Result<AnyMesh> {
+    Ok(read_any_vtu_with_notes(path)?.0)
+}
+
+/// Reads a mesh as [`read_any_vtu`] does. Returns also notes for the user.
+///
+/// # Errors
+/// Returns the errors of [`read_any_vtu`].
+pub fn read_any_vtu_with_notes(path: &Path) -> Result<(AnyMesh, Vec<String>)> {
     if is_pvtu(path) {
-        return read_pvtu(path);
+        return Ok((read_pvtu(path)?, Vec::new()));
     }
-    let file = VtkFile::read(path, "UnstructuredGrid")?;
-    let types = read_cell_integers(&file, file.child(file.piece()?, "Cells")?, "types")?;
+    read_vtk_file_with_notes(&VtkFile::read(path, "UnstructuredGrid")?, path)
+}
+
+/// Reads a mesh from a VTK file in memory; `path` names it in errors and notes.
+///
+/// # Errors
+/// Returns the errors of [`read_any_vtu`].
+pub(super) fn read_vtk_file_with_notes(
+    file: &VtkFile,
+    path: &Path,
+) -> Result<(AnyMesh, Vec<String>)> {
+    let mut notes = Vec::new();
+    let mesh = read_grid(file, path, &mut notes)?;
+    let place = path.display();
+    notes
+        .iter_mut()
+        .for_each(|note| *note = format!("{place}: {note}"));
+    Ok((mesh, notes))
+}
+
+fn read_grid(file: &VtkFile, path: &Path, notes: &mut Vec<String>) -> Result<AnyMesh> {
+    let types = read_cell_integers(file, file.child(file.piece()?, "Cells")?, "types")?;
     let [triangle, polyhedron] = [TriMesh::VTK_CELL, PolyMesh::<3>::VTK_CELL].map(i64::from);
     Ok(match types.first() {
         Some(_) if types.iter().all(|&kind| kind == triangle) => {
-            AnyMesh::Triangles(read_cells(&file)?)
+            AnyMesh::Triangles(with_regions(read_cells(file)?, notes))
         }
         Some(_) if types.iter().all(|&kind| is_polygon(kind)) => {
-            AnyMesh::Polygons(polyhedra::read_cells(&file)?)
+            AnyMesh::Polygons(polyhedra::read_cells(file, notes)?)
         }
         Some(_) if types.iter().all(|&kind| kind == polyhedron) => {
-            AnyMesh::Polyhedra(polyhedra::read_cells(&file)?)
+            AnyMesh::Polyhedra(polyhedra::read_cells(file, notes)?)
         }
         Some(_) if mixed_elements::are_mixed(&types) => {
-            AnyMesh::Polyhedra(mixed_grid::read_cells(&file, &types)?)
+            AnyMesh::Polyhedra(mixed_grid::read_cells(file, &types, notes)?)
         }
-        Some(_) if foreign::is_mixed(&types) => foreign::read_mixed(path, &file, &types)?,
-        _ => AnyMesh::Tetrahedra(read_cells(&file)?),
+        Some(_) if foreign::is_mixed(&types) => foreign::read_mixed(path, file, &types, notes)?,
+        _ => AnyMesh::Tetrahedra(with_regions(read_cells(file)?, notes)),
     })
+}
+
+/// Returns a mesh with the array of regions, which other programs store under other names.
+fn with_regions<M>(mut file: MeshFile<M>, notes: &mut Vec<String>) -> MeshFile<M> {
+    let note = region_arrays::adopt(&mut file.cell_data, &mut file.field_data);
+    notes.extend(note);
+    file
 }
 
 fn read_cells<const D: usize, M: Simplices<D>>(file: &VtkFile) -> Result<MeshFile<M>> {

@@ -59,6 +59,14 @@ pub fn exodus_mesh(model: &Model, names: &ExportNames) -> ExodusMesh {
         blocks,
         faces: Some(faces),
         sets: names.faces.groups().into_iter().map(side_set).collect(),
+        node_sets: (names.node_sets.iter())
+            .map(|set| {
+                (
+                    set.name.clone(),
+                    set.members.iter().map(one_based).collect(),
+                )
+            })
+            .collect(),
         cell_order: order,
     }
 }

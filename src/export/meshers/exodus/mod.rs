@@ -49,6 +49,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     names: FormatNames {
         properties: Some(ENTITY_NAMES),
         has_columns: true,
+        faces_overlap: true,
+        node_set_prefix: Some(""),
         ..FormatNames::one_namespace(ENTITY_NAMES, TablePlace::Companion)
     },
     write,
@@ -78,6 +80,8 @@ struct ExodusMesh {
     /// Faces of cells of any shape.
     faces: Option<Block>,
     sets: Vec<SideSet>,
+    /// Sets of nodes besides those of sides: the name, and the nodes from 1.
+    node_sets: Vec<(String, Vec<i32>)>,
 }
 
 /// Elements, or faces, of one type.
@@ -198,6 +202,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     }
     add_blocks(&mut file, "eb", "num_el_blk", blocks);
     add_sets(&mut file, &grid.sets);
+    add_node_sets(&mut file, &grid);
     add_values(&mut file, &columns, blocks, order);
     batch.write(path, |out| netcdf::write(out, &file))
 }
@@ -374,22 +379,46 @@ fn add_sets<'a>(file: &mut NetcdfFile<'a>, sets: &'a [SideSet]) {
     }
     let entries = || sets.iter().map(|set| (set.number as i32, set.name.clone()));
     add_list(file, "ss", "num_side_sets", entries().collect());
-    add_list(file, "ns", "num_node_sets", entries().collect());
     for (k, set) in (1..).zip(sets) {
-        let [sides, points] = [format!("num_side_ss{k}"), format!("num_nod_ns{k}")];
+        let sides = format!("num_side_ss{k}");
         file.dimensions.push((sides.clone(), set.elements.len()));
-        file.dimensions.push((points.clone(), set.nodes.len()));
-        for (name, dimension, values) in [
-            (format!("elem_ss{k}"), &sides, &set.elements),
-            (format!("side_ss{k}"), &sides, &set.sides),
-            (format!("node_ns{k}"), &points, &set.nodes),
+        for (name, values) in [
+            (format!("elem_ss{k}"), &set.elements),
+            (format!("side_ss{k}"), &set.sides),
         ] {
-            file.variables.push(NetcdfVariable::new(
-                name,
-                &[dimension],
-                LazyArray::from_slice(values),
-            ));
+            let values = LazyArray::from_slice(values);
+            file.variables
+                .push(NetcdfVariable::new(name, &[&sides], values));
         }
+    }
+}
+
+/// Adds a node set for the nodes of each side set, and then the other node sets.
+fn add_node_sets<'a>(file: &mut NetcdfFile<'a>, grid: &'a ExodusMesh) {
+    let of_sides = grid.sets.iter();
+    let mut sets: Vec<(i32, &str, &[i32])> = of_sides
+        .map(|set| (set.number as i32, set.name.as_str(), set.nodes.as_slice()))
+        .collect();
+    let last = sets.iter().map(|set| set.0).max().unwrap_or(0);
+    for (number, (name, nodes)) in (last + 1..).zip(&grid.node_sets) {
+        sets.push((number, name, nodes));
+    }
+    if sets.is_empty() {
+        return;
+    }
+    let entries = sets
+        .iter()
+        .map(|(number, name, _)| (*number, name.to_string()));
+    add_list(file, "ns", "num_node_sets", entries.collect());
+    for (k, (_, _, nodes)) in (1..).zip(sets) {
+        let points = format!("num_nod_ns{k}");
+        file.dimensions.push((points.clone(), nodes.len()));
+        let values = LazyArray::from_slice(nodes);
+        file.variables.push(NetcdfVariable::new(
+            format!("node_ns{k}"),
+            &[&points],
+            values,
+        ));
     }
 }
 

@@ -74,6 +74,14 @@ pub fn exodus_mesh(model: &Model, names: &ExportNames, mesh: &SimplexMesh) -> Ex
         sets: (mesh.named_sides.iter())
             .map(|group| side_set(mesh, group, &elements, dim))
             .collect(),
+        node_sets: (mesh.node_sets.iter())
+            .map(|set| {
+                (
+                    set.name.clone(),
+                    set.members.iter().map(|&n| n as i32 + 1).collect(),
+                )
+            })
+            .collect(),
     }
 }
 

@@ -1,15 +1,18 @@
 //! Blocks of cells (`NFACED`) that are lists of faces (`NSIDED`).
 
-use super::{BlockGroups, missing_element_error, nodes, side_set_sides};
+use super::{ObjectList, missing_element_error, node_sets, nodes, side_sets};
 use crate::geometry::sorted;
-use crate::mesh::poly::PolyMesh;
-use crate::store::MeshFile;
+use crate::mesh::renumber::new_numbers;
+use crate::store::foreign::groups::{CellGroups, Combinations, Group, GroupNames, GroupedFaces};
 use crate::store::foreign::netcdf::NetcdfReader;
-use crate::store::foreign::{FileProblem, NamedFaces, ReadResult, labels_field};
+use crate::store::foreign::{
+    FileProblem, NotedMesh, ReadResult, labels_field, note_lost, poly_file, renumber_sets,
+};
 use crate::store::mixed_elements::SolidAssembler;
+use crate::store::named_sets::NamedSets;
 
 /// Reads a mesh of polyhedra.
-pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<PolyMesh<3>>> {
+pub fn read(file: &NetcdfReader, blocks: &ObjectList) -> ReadResult<NotedMesh> {
     let mut faces: Vec<Vec<u32>> = Vec::new();
     for block in 1.. {
         let connect = format!("fbconn{block}");
@@ -18,7 +21,10 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         }
         faces.extend(read_lists(file, &connect, &format!("fbepecnt{block}"))?);
     }
-    let (cells, region) = read_blocks(file, &groups)?;
+    let mut combinations = Combinations::default();
+    let mut block_names = GroupNames::new();
+    let (cells, cell_combinations) =
+        read_blocks(file, blocks, &mut combinations, &mut block_names)?;
     let ring = |&face: &u32| faces.get(face as usize).cloned();
     let no_face = || FileProblem::damaged("has a cell with a face that does not exist");
     let mut solids = SolidAssembler::default();
@@ -26,77 +32,66 @@ pub fn read(file: &NetcdfReader, groups: BlockGroups) -> ReadResult<MeshFile<Pol
         let rings: Option<Vec<Vec<u32>>> = cell.iter().map(ring).collect();
         solids.add(rings.ok_or_else(no_face)?);
     }
-    let (mut mesh, kept) = solids
-        .into_mesh(&nodes(file)?)
-        .map_err(FileProblem::damaged)?;
-    mesh.region = region;
-    let mut named = Vec::new();
-    for (set, element, side) in side_set_sides(file)? {
-        let cell = element.checked_sub(1).and_then(|i| cells.get(i));
-        let face = cell
-            .zip(side.checked_sub(1))
-            .and_then(|(cell, i)| cell.get(i));
-        let nodes = face.and_then(ring).ok_or_else(missing_element_error)?;
-        named.push((sorted(nodes), -set));
+    let positions = nodes(file)?;
+    let (mut mesh, kept) = solids.into_mesh(&positions).map_err(FileProblem::damaged)?;
+    let cell_groups = CellGroups::new(&cell_combinations, &combinations, &block_names);
+    mesh.region = cell_groups.regions;
+    let new_index = new_numbers(positions.len(), &kept);
+    let mut set_names = GroupNames::new();
+    let mut grouped = Vec::new();
+    for side in side_sets(file, &mut set_names)? {
+        let cell = cells.get(side.element);
+        let nodes = cell.and_then(|cell| ring(cell.get(side.side)?));
+        let nodes = nodes.ok_or_else(missing_element_error)?;
+        let nodes = nodes.into_iter().map(|n| new_index[n as usize]);
+        let combination = combinations.number(&[side.group]);
+        grouped.push((sorted(nodes.collect::<Vec<u32>>()), combination));
     }
-    named.sort_unstable();
-    let names = NamedFaces::new(&groups.face_names);
-    let mut surfaces = Vec::new();
-    let mut horizons = Vec::new();
-    for f in 0..mesh.inner_face_count() {
-        let ring = mesh.faces.get(f).iter().map(|&n| kept[n as usize]);
-        let ring: Vec<u32> = sorted(ring.collect());
-        let first = named.partition_point(|(nodes, _)| *nodes < ring);
-        let same_face = named[first..]
-            .iter()
-            .take_while(|(nodes, _)| *nodes == ring);
-        let groups_of_face: Vec<i32> = same_face.map(|(_, group)| *group).collect();
-        mesh.on_feature[f] = !groups_of_face.is_empty();
-        surfaces.extend(
-            names
-                .name_index(&groups_of_face)
-                .map(|name_index| (mesh.face_cells[f], name_index)),
-        );
-        if names.has_horizon(&groups_of_face) {
-            horizons.extend(mesh.face_cells[f].map(i64::from));
-        }
-    }
-    let mut field_data = names.named_surfaces(surfaces).into_fields();
-    field_data.extend(NamedFaces::horizons_field(horizons));
-    field_data.extend(labels_field(&mesh.region, &groups.region_names));
-    Ok(MeshFile {
-        mesh,
-        point_data: Vec::new(),
-        cell_data: Vec::new(),
-        field_data,
-    })
+    let mut notes = Vec::new();
+    let mut sets = NamedSets {
+        nodes: node_sets(file, positions.len())?,
+        ..NamedSets::default()
+    };
+    let lost = renumber_sets(&mut sets.nodes, &new_index);
+    note_lost(&mut notes, lost, "nodes of sets belong to no cell");
+    let grouped = GroupedFaces::new(grouped, &mut combinations, &set_names);
+    let mut read = poly_file(mesh, grouped, sets, &mut notes);
+    let labels = labels_field(&read.mesh.region, &cell_groups.names);
+    read.field_data.extend(labels);
+    Ok((crate::store::AnyMesh::Polyhedra(read), notes))
 }
 
-/// Reads the faces of all cells, and the region of each cell.
-fn read_blocks(file: &NetcdfReader, groups: &BlockGroups) -> ReadResult<(Vec<Vec<u32>>, Vec<i32>)> {
-    let (mut cells, mut region): (Vec<Vec<u32>>, Vec<i32>) = (Vec::new(), Vec::new());
-    for block in 0..groups.block_ids.len().max(1) {
+/// Reads the faces of all cells, and the combination of the groups of each cell.
+fn read_blocks(
+    file: &NetcdfReader,
+    blocks: &ObjectList,
+    combinations: &mut Combinations,
+    names: &mut GroupNames,
+) -> ReadResult<(Vec<Vec<u32>>, Vec<u32>)> {
+    let (mut cells, mut groups): (Vec<Vec<u32>>, Vec<u32>) = (Vec::new(), Vec::new());
+    for (block, &id) in blocks.ids.iter().enumerate() {
         let [face_array, node_array] =
             ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
+        let group = Group::Physical(id);
+        blocks.add_name(block, group, names);
         if file.shape(&face_array).is_some() {
             cells.extend(read_lists(
                 file,
                 &face_array,
                 &format!("ebepecnt{}", block + 1),
             )?);
-            region.resize(cells.len(), groups.region(block));
+            groups.resize(cells.len(), combinations.number(&[group]));
         } else if file.shape(&node_array).is_some() {
             let kind = file.attribute(&node_array, "elem_type").unwrap_or_default();
             return Err(FileProblem {
                 problem: format!(
-                    "block {} has elements '{kind}', but other blocks have cells that are lists of faces",
-                    groups.block_number(block)
+                    "block {id} has elements '{kind}', but other blocks have cells that are lists of faces"
                 ),
                 remedy: "write all blocks with cells that are lists of faces (NFACED)",
             });
         }
     }
-    Ok((cells, region))
+    Ok((cells, groups))
 }
 
 /// Reads lists of numbers, which count from 1 in the file. The array `counts` has the length of
@@ -104,7 +99,7 @@ fn read_blocks(file: &NetcdfReader, groups: &BlockGroups) -> ReadResult<(Vec<Vec
 fn read_lists(file: &NetcdfReader, name: &str, counts: &str) -> ReadResult<Vec<Vec<u32>>> {
     let numbers = file.numbers(name)?;
     let counts: Vec<f64> = match (file.shape(counts), file.shape(name)) {
-        (None, Some(&[count, size])) => vec![size as f64; count],
+        (None, Some(shape)) if shape.len() == 2 => vec![shape[1] as f64; shape[0]],
         _ => file.numbers(counts)?,
     };
     let damaged = || FileProblem::damaged(format!("'{name}' is not as long as its lists together"));

@@ -1,11 +1,11 @@
 #!/bin/sh
 # Installs the independent programs with which tests check the files of atomesh. From PyPI into .venv: VTK, Gmsh,
 # toughio, xtgeo, resqpy, open-DARTS, SciPy, meshio, readers of images (segyio, nibabel, pynrrd, SimpleITK, tifffile,
-# zarr), of logs (lasio) and a reader of simulation results (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
+# zarr, ome-zarr, ngff-zarr), of logs (lasio) and a reader of simulation results (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio
-segyio nibabel nrrd SimpleITK tifffile zarr lasio"
+segyio nibabel nrrd SimpleITK tifffile zarr ome_zarr ngff_zarr lasio"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
 # Systems without a package of the headless shell (Ubuntu) have a package of the whole browser.
 browser="chromium-headless-shell chromium"
@@ -28,7 +28,7 @@ install_modules() {
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK is installed without its dependencies, which are for plots.
     { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio &&
-        $pip segyio nibabel pynrrd SimpleITK tifffile zarr lasio; } ||
+        $pip segyio nibabel pynrrd SimpleITK tifffile zarr ome-zarr ngff-zarr lasio; } ||
         absent "pip install fails"
     # Most dependencies of open-DARTS are not needed to solve for pressures.
     $pip --no-deps open-darts || absent "pip install open-darts fails"

@@ -1,8 +1,9 @@
-//! Tests surfaces and wells of other programs, which `data/brought/matrix.py` made: each is meshed, and must lie where
-//! an independent reader found it. The whole matrix needs these programs.
+//! Tests surfaces, wells and images of other programs, which `data/brought/matrix.py` and `images.py` made: each must
+//! lie where an independent reader found it. The whole matrices need these programs.
 
 use crate::PROGRAM;
-use crate::common::{numbers, run_args, run_python, write_npy};
+use crate::common::{copy_folder, numbers, run_args, run_python, write_npy};
+use atomesh::image::formats::{self, ReadOptions};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -165,6 +166,106 @@ fn files_of_other_programs_come_out_where_these_read_them() {
             check_surface(folder.path(), case);
         }
     }
+}
+
+/// Number of metres in a unit of length.
+fn metres(unit: &str) -> f64 {
+    match unit {
+        "mm" => 1e-3,
+        "um" => 1e-6,
+        "nm" => 1e-9,
+        "cm" => 1e-2,
+        "in" => 0.0254,
+        "ft" => 0.3048,
+        "angstrom" => 1e-10,
+        _ => 1.0,
+    }
+}
+
+/// Checks that an image has the labels of a case, and its marked voxel where it was written.
+fn check_image(folder: &Path, case: &Value) {
+    let given = case["given"].as_str().unwrap();
+    let options: Vec<&str> = (case["options"].as_array().unwrap().iter())
+        .map(|word| word.as_str().unwrap())
+        .collect();
+    let info = run_args(
+        folder,
+        &[&["info", given, "--json", "--quiet"], &options[..]].concat(),
+    );
+    let info: Value = serde_json::from_str(&info).unwrap();
+    let image = &info["image"];
+    if !numbers(&case["labels"]).is_empty() {
+        assert_eq!(image["labels"], case["labels"], "{given}");
+    }
+    run_args(
+        folder,
+        &[&["convert", given, "out.npy", "--quiet"], &options[..]].concat(),
+    );
+    let samples = formats::read(&folder.join("out.npy"), &ReadOptions::default());
+    let samples = samples.unwrap().image.samples;
+    let samples = samples.as_slice().unwrap();
+    let mark = case["mark"].as_f64().unwrap() as f32;
+    let axes = image["axes"].as_array().unwrap();
+    let counts: Vec<usize> = (axes.iter())
+        .map(|axis| axis["count"].as_u64().unwrap() as usize)
+        .collect();
+    let origin = numbers(&image["origin"]);
+    let steps: Vec<Vec<f64>> = axes.iter().map(|axis| numbers(&axis["step"])).collect();
+    let units = |units: &Value| -> Vec<String> {
+        let units = units.as_array().unwrap().iter();
+        units.map(|unit| unit.as_str().unwrap().to_string()).collect()
+    };
+    let (found_units, right_units) = (units(&image["units"]), units(&case["units"]));
+    let right = numbers(&case["point"]);
+    let distance = |sample: usize| -> f64 {
+        let index = [
+            sample % counts[0],
+            sample / counts[0] % counts[1],
+            sample / (counts[0] * counts[1]),
+        ];
+        let off = (0..3).map(|c| {
+            let step: f64 = (0..3).map(|k| steps[k][c] * index[k] as f64).sum();
+            let scale = metres(&found_units[c]) / metres(&right_units[c]);
+            (scale * (origin[c] + step) - right[c]).abs()
+        });
+        off.fold(0.0, f64::max)
+    };
+    // Labels beyond 24 bits may be equal as 32-bit floats.
+    let marked = (0..samples.len()).filter(|&sample| samples[sample] == mark);
+    let nearest = marked.map(distance).fold(f64::INFINITY, f64::min);
+    let largest = right.iter().fold(1000.0f64, |max, v| max.max(v.abs()));
+    assert!(nearest <= 1e-7 * largest, "{given}: {nearest} off");
+}
+
+#[test]
+fn images_of_other_programs_have_their_labels_and_lie_where_these_read_them() {
+    let folder = tempfile::tempdir().unwrap();
+    copy_folder(&own_data("images"), folder.path());
+    let cases = std::fs::read(folder.path().join("cases.json")).unwrap();
+    let cases: Vec<Value> = serde_json::from_slice(&cases).unwrap();
+    assert!(cases.len() >= 60, "{}", cases.len());
+    for case in &cases {
+        check_image(folder.path(), case);
+    }
+}
+
+#[test]
+#[ignore = "needs SimpleITK, nibabel, pynrrd, VTK, tifffile, zarr, ome-zarr, ngff-zarr and segyio: make test-all"]
+fn the_matrix_of_image_writers_types_units_and_orientations_has_no_wrong_combination() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = own_data("images.py");
+    let arguments = [
+        script.as_os_str(),
+        PROGRAM.as_ref(),
+        folder.path().as_os_str(),
+    ];
+    // The program fails if a combination is wrong, or too many are refused.
+    let table = run_python("programs that write images", &arguments);
+    let total = table.lines().last().unwrap();
+    assert!(
+        total.trim_start().starts_with("all") && total.contains(" 0 wrong"),
+        "{table}"
+    );
 }
 
 #[test]

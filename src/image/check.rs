@@ -2,6 +2,7 @@
 
 use crate::parallel::prelude::*;
 
+use super::labels::without_rounding_errors;
 use super::{Image, Modality};
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
@@ -106,7 +107,8 @@ impl<const D: usize> Image<D> {
     /// are whole numbers, most neighbours are equal, and the steps between values are not those of
     /// a smooth grey value.
     pub fn label_evidence(&self, modality: Modality) -> Option<LabelEvidence> {
-        let samples = self.as_slice();
+        let samples = without_rounding_errors(self.as_slice());
+        let samples = &*samples;
         if let Some(exact) = &self.labels {
             // Exact labels are integers of more than 24 bits, which no scanner produces. Most
             // neighbours must be equal nevertheless.

@@ -4,6 +4,7 @@
 //! integers therefore has exact labels in addition to its samples ([`ExactLabels`]). In all other
 //! images the samples are exact.
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -26,6 +27,9 @@ const MIN_EQUAL_SHARE_MANY: f64 = 0.3;
 /// Largest difference between a sample and the whole number that it stands for, as a share of that number
 /// (at least of 1): other programs scale and resample labels in floating point.
 const WHOLE_TOLERANCE: f32 = 1e-5;
+
+/// Largest difference between a sample and the whole number that it stands for.
+const MAX_WHOLE_DIFFERENCE: f32 = 0.05;
 
 /// Value of the samples of a label.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,6 +190,33 @@ impl ExactLabels {
     }
 }
 
+/// A sample of a type that holds whole numbers which 32-bit floats round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ExactSample {
+    /// A whole number of at most 64 bits.
+    Whole(i128),
+    /// NaN, infinite, or larger than any integer of 64 bits: no data.
+    Missing,
+    /// A number with a fraction, so that the image does not hold labels.
+    Fraction,
+}
+
+/// Largest difference between a 64-bit float and the whole number that it stands for.
+const EXACT_TOLERANCE: f64 = 1e-5;
+
+impl From<f64> for ExactSample {
+    fn from(number: f64) -> Self {
+        let whole = number.round();
+        if !number.is_finite() || whole.abs() >= i64::MAX as f64 {
+            Self::Missing
+        } else if (number - whole).abs() <= EXACT_TOLERANCE {
+            Self::Whole(whole as i128)
+        } else {
+            Self::Fraction
+        }
+    }
+}
+
 /// Collector of [`ExactLabels`] for samples that arrive in parts.
 #[derive(Debug, Default)]
 pub struct LabelCollector {
@@ -193,9 +224,42 @@ pub struct LabelCollector {
     value_indices: BTreeMap<i128, u32>,
     last_entry: Option<(i128, u32)>,
     indices: Vec<u32>,
+    /// Number of samples without data before the first value.
+    leading_missing: usize,
+    /// `true` if a sample has a fraction.
+    has_fraction: bool,
 }
 
 impl LabelCollector {
+    /// Adds the next samples, in memory order. Those without data get the label of the sample before
+    /// them, or of the first that has one. Returns `false` if a sample has a fraction, so that more
+    /// samples change nothing.
+    pub fn extend_exact(&mut self, samples: impl IntoIterator<Item = ExactSample>) -> bool {
+        for sample in samples {
+            match (sample, self.last_entry) {
+                (ExactSample::Whole(number), None) => {
+                    let leading = std::mem::take(&mut self.leading_missing);
+                    self.extend(std::iter::repeat_n(number, leading + 1));
+                }
+                (ExactSample::Whole(number), _) => self.extend([number]),
+                (ExactSample::Missing, None) => self.leading_missing += 1,
+                (ExactSample::Missing, Some((_, index))) => self.indices.push(index),
+                (ExactSample::Fraction, _) => self.has_fraction = true,
+            }
+            if self.has_fraction {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Returns the labels of all samples that were added, or `None` if a sample has a fraction or
+    /// none has data.
+    pub fn finish_exact(self) -> Option<Arc<ExactLabels>> {
+        let are_labels = !self.has_fraction && self.last_entry.is_some();
+        are_labels.then(|| self.finish())
+    }
+
     /// Adds the next samples, in memory order.
     pub fn extend(&mut self, samples: impl IntoIterator<Item = i128>) {
         for sample in samples {
@@ -245,8 +309,8 @@ impl LabelTable {
                 indices: exact.indices.clone(),
             });
         }
-        let samples = image.as_slice();
-        let mut values = label_values(samples)?;
+        let samples = without_rounding_errors(image.as_slice());
+        let mut values = label_values(&samples)?;
         values
             .iter_mut()
             .for_each(|v| *v = without_rounding_error(*v));
@@ -263,11 +327,50 @@ impl LabelTable {
 /// Returns the whole number that a sample equals up to rounding, or else the sample.
 fn without_rounding_error(sample: f32) -> f32 {
     let whole = sample.round();
-    if (sample - whole).abs() <= WHOLE_TOLERANCE * whole.abs().max(1.0) {
-        whole
+    let tolerance = WHOLE_TOLERANCE * whole.abs().max(1.0);
+    if (sample - whole).abs() <= tolerance.min(MAX_WHOLE_DIFFERENCE) {
+        // The sum turns -0 to 0.
+        whole + 0.0
     } else {
         sample
     }
+}
+
+/// Returns samples that are whole numbers up to rounding as whole numbers, if there are several of
+/// them; other samples as they are.
+pub fn without_rounding_errors(samples: &[f32]) -> Cow<'_, [f32]> {
+    let whole = |s: &f32| without_rounding_error(*s);
+    let is_near_whole = |s: &f32| s.is_nan() || whole(s).trunc() == whole(s);
+    let chunks = samples.par_chunks(1 << 16);
+    if !chunks.all(|chunk| chunk.iter().all(is_near_whole)) || are_exact(samples) {
+        return Cow::Borrowed(samples);
+    }
+    let first = samples.iter().find(|s| s.is_finite()).map(whole);
+    let differ = samples.iter().any(|s| s.is_finite() && Some(whole(s)) != first);
+    if differ {
+        Cow::Owned(samples.par_iter().map(whole).collect())
+    } else {
+        Cow::Borrowed(samples)
+    }
+}
+
+/// Returns `true` if no sample has a fraction.
+fn are_exact(samples: &[f32]) -> bool {
+    let chunks = samples.par_chunks(1 << 16);
+    chunks.all(|chunk| chunk.iter().all(|s| s.is_nan() || s.trunc() == *s))
+}
+
+/// Returns the largest difference of the samples from the whole numbers as which
+/// [`LabelTable::from_image`] takes them, or `None` if it takes them as they are.
+pub fn rounding_of_labels<const D: usize>(image: &Image<D>) -> Option<f32> {
+    if image.labels.is_some() {
+        return None;
+    }
+    let Cow::Owned(whole) = without_rounding_errors(image.as_slice()) else {
+        return None;
+    };
+    let samples = image.as_slice().iter().zip(&whole);
+    Some(samples.fold(0.0f32, |max, (s, w)| max.max((s - w).abs())))
 }
 
 /// Returns the different values of the samples in ascending order. Returns `None` if they are not

@@ -69,8 +69,8 @@ impl ImageLayers<3> for ImageStream {
             samples::allocate(Path::new("the image"), self.header.dims.iter().product())?;
         self.read_planes(0, &mut samples)?;
         let mut image = Image::new(self.header.dims, samples, self.header.geometry.clone());
-        if self.rounding_note().is_some() {
-            image.labels = self.reader.read_integers(self.header.dims)?;
+        if self.encoding.may_need_exact_labels(image.as_slice()) {
+            image.labels = self.reader.read_exact_labels(self.header.dims)?;
         }
         Ok(image.with_missing(self.header.missing.clone()))
     }

@@ -294,6 +294,20 @@ pub fn folder_with_meshes() -> tempfile::TempDir {
     })
 }
 
+/// Copies all files of a folder to another one.
+pub fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let target = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy_folder(&path, &target);
+        } else {
+            std::fs::copy(&path, &target).unwrap();
+        }
+    }
+}
+
 /// Returns the numbers of a JSON array.
 pub fn numbers(value: &serde_json::Value) -> Vec<f64> {
     let items = value.as_array().unwrap().iter();

@@ -26,6 +26,7 @@ use crate::feature::label_map::{
 use crate::feature::volume::Volume;
 use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint};
 use crate::geometry::unit;
+use crate::image::labels::rounding_of_labels;
 use crate::image::{LabelTable, LabelValue};
 use crate::progress::CancelToken;
 
@@ -59,7 +60,13 @@ impl<const D: usize> Detector<D> for Labels {
             // Meshes of earlier versions use this kind for a mask.
             return masks::find_again(input, value, notes);
         }
-        let table = LabelTable::from_image(input.image()?).ok_or_else(too_many_labels_error)?;
+        let image = input.image()?;
+        let table = LabelTable::from_image(image).ok_or_else(too_many_labels_error)?;
+        if let Some(difference) = rounding_of_labels(image) {
+            notes.push(format!(
+                "samples differ from whole numbers by up to {difference:.1e}: they are taken as whole numbers"
+            ));
+        }
         let values = &table.values;
         let absent = |options: &&LabelOptions| {
             options.merge_into.is_none() && !values.contains(&options.label)

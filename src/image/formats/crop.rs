@@ -542,8 +542,8 @@ impl PlaneReader for CroppedReader {
         self.reader.batch_planes()
     }
 
-    fn read_integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
-        let labels = self.reader.read_integers(self.dims)?;
+    fn read_exact_labels(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        let labels = self.reader.read_exact_labels(self.dims)?;
         let first = self.block.each_ref().map(|range| range.start);
         let size = self.block.each_ref().map(Range::len);
         Ok(labels.map(|labels| {

@@ -55,34 +55,37 @@ pub struct InputOptions {
     #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
     #[serde(deserialize_with = "deserialize_optional")]
     pub raw: Option<String>,
-    /// An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    /// the fastest first, or one for all
+    /// Distances between samples along the axes of the array, the fastest first, or one for all: for
+    /// an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     #[cfg_attr(feature = "cli", arg(long, value_name = "A,B,C"))]
     #[serde(deserialize_with = "deserialize_optional")]
     pub spacing: Option<String>,
-    /// An array without geometry: the position of its first sample
+    /// The position of the first sample
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
     )]
     #[serde(deserialize_with = "deserialize_optional")]
     pub origin: Option<String>,
-    /// Units of x, y and z (in this order, whatever the array's axes are), or one for all, where the
-    /// file has none: m, ft, ms, um ...
+    /// Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft, ms, um.
+    /// They replace those of the file; numbers are not converted
     #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
     #[serde(deserialize_with = "deserialize_optional")]
     pub unit: Option<String>,
-    /// An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    /// decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    /// [default: x,y,z]
+    /// The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from sample
+    /// to sample), or time, depth, sample (all downwards), crossline, inline [default: those of the
+    /// file, or x,y,z]
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "A,B,C", allow_hyphen_values = true)
     )]
     #[serde(deserialize_with = "deserialize_optional")]
     pub axes: Option<String>,
-    /// An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    /// .vti ...)
+    /// Distance between samples along the vertical axis (time, depth or z), in its unit, in place of
+    /// that of the file
+    #[cfg_attr(feature = "cli", arg(long, value_name = "STEP"))]
+    pub interval: Option<f64>,
+    /// Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
     pub geometry_from: Option<PathBuf>,
     /// Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
@@ -262,16 +265,17 @@ impl InputOptions {
             origin: parse_list("origin", &self.origin, number)?,
             units: parse_list("unit", &self.unit, |text| Ok(text.to_string()))?,
             axes: parse_list("axes", &self.axes, FromStr::from_str)?,
+            interval: self.interval,
             reference_image: self.geometry_from.clone(),
         };
         let other_options = [&self.spacing, &self.origin, &self.unit, &self.axes];
         if let Some(path) = &placement.reference_image
-            && other_options.iter().any(|other| other.is_some())
+            && (other_options.iter().any(|other| other.is_some()) || self.interval.is_some())
         {
             return Err(Error::Job(cause(
                 format!("geometry-from {}", path.display()),
                 "gives the complete geometry",
-                "omit spacing, origin, unit and axes",
+                "omit spacing, origin, unit, axes and interval",
             )));
         }
         Ok(placement)
@@ -285,6 +289,7 @@ impl InputOptions {
             origin: self.origin.clone().or_else(|| fallback.origin.clone()),
             unit: self.unit.clone().or_else(|| fallback.unit.clone()),
             axes: self.axes.clone().or_else(|| fallback.axes.clone()),
+            interval: self.interval.or(fallback.interval),
             geometry_from: (self.geometry_from.clone()).or_else(|| fallback.geometry_from.clone()),
             null: self.null.clone().or_else(|| fallback.null.clone()),
             mask: self.mask.clone().or_else(|| fallback.mask.clone()),

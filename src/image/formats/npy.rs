@@ -66,14 +66,14 @@ pub fn open(path: &Path) -> Result<OpenedImage> {
         .read(&file, start, &mut samples)
         .map_err(|e| io_error(path, "read", e))?;
     samples = to_c_order(&samples, [nz, ny, nx]);
-    let note = encoding.rounding_note(&samples);
-    let exact = match note {
-        Some(_) => (encoding.read_exact_labels(&file, start, samples.len()))
+    head.notes.extend(encoding.rounding_note(&samples));
+    let exact = if encoding.may_need_exact_labels(&samples) {
+        (encoding.read_exact_labels(&file, start, samples.len()))
             .map_err(|e| io_error(path, "read", e))?
-            .map(|exact| labels_to_c_order(&exact, [nz, ny, nx])),
-        None => None,
+            .map(|exact| labels_to_c_order(&exact, [nz, ny, nx]))
+    } else {
+        None
     };
-    head.notes.extend(note);
     let mut loaded = head.with_samples(samples);
     loaded.image.labels = exact;
     Ok(OpenedImage::InMemory(into_any_image(loaded)))

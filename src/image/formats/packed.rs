@@ -4,13 +4,15 @@
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
-use super::samples::{self, Encoding};
+use super::samples::{self, Encoding, SampleType};
 use super::{ImageFormat, LoadedImage};
 use crate::error::{Error, Result, cause, io_error};
 use crate::files;
+use crate::image::labels::{ExactSample, LabelCollector};
 use crate::image::{ExactLabels, Geometry, Image};
 
 /// First bytes of gzip data.
@@ -70,23 +72,26 @@ impl PackedSamples {
         scale: Option<[f64; 2]>,
         mut notes: Vec<String>,
     ) -> Result<LoadedImage> {
-        let (mut samples, trailing) = self.read_samples::<f32>()?;
+        let (samples, trailing) = match scale {
+            None => self.read_samples::<f32>()?,
+            Some([slope, intercept]) => {
+                let (mut numbers, trailing) = self.read_samples::<f64>()?;
+                for number in &mut numbers {
+                    *number = *number * slope + intercept;
+                }
+                notes.extend(self.without_quantisation(&mut numbers, slope));
+                (numbers.into_iter().map(|v| v as f32).collect(), trailing)
+            }
+        };
         if trailing > 0 {
             notes.push(format!("{trailing} bytes after the samples are ignored"));
         }
-        let note = self.encoding.rounding_note(&samples);
-        let exact = match (&note, self.packing) {
-            (Some(_), SamplePacking::Uncompressed | SamplePacking::Deflated) if scale.is_none() => {
-                Some(ExactLabels::from_integers(self.read_samples::<i128>()?.0))
-            }
-            _ => None,
+        notes.extend(self.encoding.rounding_note(&samples));
+        let exact = if self.encoding.may_need_exact_labels(&samples) {
+            self.exact_labels(scale)?
+        } else {
+            None
         };
-        notes.extend(note);
-        if let Some([slope, intercept]) = scale {
-            for v in &mut samples {
-                *v = (f64::from(*v) * slope + intercept) as f32;
-            }
-        }
         let packed = match self.packing {
             SamplePacking::Uncompressed => "",
             SamplePacking::Deflated => ", compressed",
@@ -102,6 +107,58 @@ impl PackedSamples {
             survey: None,
             line_numbers: None,
         })
+    }
+
+    /// Rounds scaled integers to whole numbers if each differs from one by no more than half a step of
+    /// the scale, which is smaller than 1: programs that store labels in a type with another scale
+    /// round them so. Returns a note if it does.
+    fn without_quantisation(&self, numbers: &mut [f64], slope: f64) -> Option<String> {
+        let step = slope.abs();
+        let is_scaled_integer = !matches!(
+            self.encoding.sample_type,
+            SampleType::F16 | SampleType::F32 | SampleType::F64
+        );
+        let difference = |v: f64| (v - v.round()).abs();
+        let is_near_whole = |v: &f64| difference(*v) <= 0.5 * step * (1.0 + 1e-5);
+        if !is_scaled_integer || step > MAX_LABEL_STEP || !numbers.iter().all(is_near_whole) {
+            return None;
+        }
+        let largest = numbers.iter().fold(0.0f64, |max, v| max.max(difference(*v)));
+        for number in numbers.iter_mut() {
+            *number = number.round() + 0.0;
+        }
+        (largest > 0.0).then(|| {
+            format!(
+                "all samples are whole numbers up to {largest:.1e}, the rounding of the slope {slope}: they are \
+                 taken as whole numbers"
+            )
+        })
+    }
+
+    /// Returns the samples as exact labels, or `None` if some have a fraction.
+    fn exact_labels(&self, scale: Option<[f64; 2]>) -> Result<Option<Arc<ExactLabels>>> {
+        let mut collector = LabelCollector::default();
+        match scale {
+            None => {
+                collector.extend_exact(self.read_samples::<ExactSample>()?.0);
+            }
+            // Of integers, a whole slope and intercept make integers.
+            Some([slope, intercept]) if slope.fract() == 0.0 && intercept.fract() == 0.0 => {
+                let (slope, intercept) = (slope as i128, intercept as i128);
+                let scaled = |sample| match sample {
+                    ExactSample::Whole(number) => ExactSample::Whole(number * slope + intercept),
+                    other => other,
+                };
+                let samples = self.read_samples::<ExactSample>()?.0;
+                collector.extend_exact(samples.into_iter().map(scaled));
+            }
+            Some([slope, intercept]) => {
+                let numbers = self.read_samples::<f64>()?.0;
+                let samples = numbers.into_iter().map(|v| (v * slope + intercept).into());
+                collector.extend_exact(samples);
+            }
+        }
+        Ok(collector.finish_exact())
     }
 
     /// Returns the samples, and the number of bytes after them.
@@ -143,7 +200,7 @@ impl PackedSamples {
                     return too_short(remaining, "are there");
                 }
                 samples::check_memory(&self.path, count)?;
-                let mut samples = vec![T::default(); count];
+                let mut samples = vec![T::ZERO; count];
                 T::read(self.encoding, &file, self.offset + start, &mut samples)
                     .map_err(|e| io_error(&self.path, "read", e))?;
                 Ok((samples, remaining - needed))
@@ -154,8 +211,7 @@ impl PackedSamples {
                     return too_short(available, "of text are there");
                 }
                 samples::check_memory(&self.path, count)?;
-                let words = self.read_text(&mut file, count)?;
-                Ok((words.into_iter().map(T::from_number).collect(), 0))
+                Ok((self.read_text(&mut file, count)?, 0))
             }
             SamplePacking::Deflated => {
                 let max_bytes = available.saturating_mul(MAX_DEFLATE_RATIO);
@@ -187,7 +243,7 @@ impl PackedSamples {
     }
 
     /// Returns the numbers of a text of `count` samples.
-    fn read_text(&self, file: &mut File, count: usize) -> Result<Vec<f32>> {
+    fn read_text<T: Sample>(&self, file: &mut File, count: usize) -> Result<Vec<T>> {
         let mut text = Vec::new();
         file.seek(SeekFrom::Start(self.offset))
             .and_then(|_| file.read_to_end(&mut text))
@@ -204,7 +260,7 @@ impl PackedSamples {
         let mut samples = Vec::new();
         let mut decode = |bytes: &[u8]| {
             let decoded = samples.len();
-            samples.resize(decoded + bytes.len() / size, T::default());
+            samples.resize(decoded + bytes.len() / size, T::ZERO);
             T::decode(self.encoding, bytes, &mut samples[decoded..]);
         };
         match self.sample_start {
@@ -239,19 +295,19 @@ impl PackedSamples {
     }
 
     /// Parses numbers in text, separated by white space or commas.
-    fn parse_text(&self, text: &[u8], count: usize) -> Result<Vec<f32>> {
+    fn parse_text<T: Sample>(&self, text: &[u8], count: usize) -> Result<Vec<T>> {
         let mut samples = Vec::new();
         let words = text
             .split(|b| b.is_ascii_whitespace() || *b == b',')
             .filter(|word| !word.is_empty());
         for word in words {
             let word = String::from_utf8_lossy(word);
-            let value = word.parse::<f64>().map_err(|_| {
+            let value = T::parse(&word).ok_or_else(|| {
                 let shown: String = word.chars().take(20).collect();
                 let problem = format!("sample {} is '{shown}', not a number", samples.len());
                 file_error(&self.path, problem, DAMAGED_REMEDY)
             })?;
-            samples.push(value as f32);
+            samples.push(value);
         }
         if samples.len() == count {
             return Ok(samples);
@@ -261,43 +317,22 @@ impl PackedSamples {
     }
 }
 
-/// Type as which a sample is read: `f32`, or an integer of full width.
-trait Sample: Copy + Default + Send {
-    /// Converts a number from text.
-    fn from_number(number: f32) -> Self;
+/// Largest slope of scaled integers that are recognised as labels. Of other values than labels, some
+/// differ from whole numbers by more than half of it.
+const MAX_LABEL_STEP: f64 = 0.5;
+
+/// Type as which a sample is read.
+trait Sample: Copy + Send {
+    /// Value before the sample is read.
+    const ZERO: Self;
+
+    /// Parses a number in text; returns `None` if it is not one.
+    fn parse(word: &str) -> Option<Self>;
 
     /// Converts bytes to samples.
     fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]);
 
     /// Reads `out.len()` samples that start at byte `offset` of a file.
-    fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()>;
-}
-
-impl Sample for f32 {
-    fn from_number(number: f32) -> Self {
-        number
-    }
-
-    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
-        encoding.decode(bytes, out);
-    }
-
-    fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()> {
-        encoding.read(file, offset, out)
-    }
-}
-
-impl Sample for i128 {
-    fn from_number(number: f32) -> Self {
-        number as Self
-    }
-
-    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
-        for (out, number) in out.iter_mut().zip(encoding.integers(bytes)) {
-            *out = number;
-        }
-    }
-
     fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()> {
         const CHUNK: usize = 1 << 17;
         let mut buffer = Vec::new();
@@ -309,6 +344,51 @@ impl Sample for i128 {
             Self::decode(encoding, &buffer, out);
         }
         Ok(())
+    }
+}
+
+impl Sample for f32 {
+    const ZERO: Self = 0.0;
+
+    fn parse(word: &str) -> Option<Self> {
+        word.parse::<f64>().ok().map(|number| number as Self)
+    }
+
+    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
+        encoding.decode(bytes, out);
+    }
+
+    fn read(encoding: Encoding, file: &File, offset: u64, out: &mut [Self]) -> io::Result<()> {
+        encoding.read(file, offset, out)
+    }
+}
+
+impl Sample for f64 {
+    const ZERO: Self = 0.0;
+
+    fn parse(word: &str) -> Option<Self> {
+        word.parse().ok()
+    }
+
+    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
+        for (out, number) in out.iter_mut().zip(encoding.numbers(bytes)) {
+            *out = number;
+        }
+    }
+}
+
+impl Sample for ExactSample {
+    const ZERO: Self = Self::Whole(0);
+
+    fn parse(word: &str) -> Option<Self> {
+        let integer = word.parse::<i128>().ok().map(Self::Whole);
+        integer.or_else(|| word.parse::<f64>().ok().map(Self::from))
+    }
+
+    fn decode(encoding: Encoding, bytes: &[u8], out: &mut [Self]) {
+        for (out, sample) in out.iter_mut().zip(encoding.exact_samples(bytes)) {
+            *out = sample;
+        }
     }
 }
 

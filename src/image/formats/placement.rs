@@ -1,10 +1,12 @@
-//! Geometry that the user gives for an image whose file has none: arrays, pictures, stacks.
+//! Geometry that the user gives for an image: where the file has none (arrays, pictures, stacks), or in
+//! place of that of the file.
 
 use std::path::PathBuf;
 
 use super::stream::{ImageHeader, OpenedImage};
 use super::{AnyImage, SegyBytes, open};
 use crate::error::{Error, Result, cause};
+use crate::geometry::{dot, unit};
 use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
 use crate::units::{self, Quantity};
@@ -12,8 +14,8 @@ use crate::units::{self, Quantity};
 /// End of the note that a reader writes for a file without geometry.
 pub(crate) const NO_GEOMETRY_NOTE: &str = "does not say where its samples lie: they are taken to be 1 apart, the first at 0 (--axes, --spacing, --unit)";
 
-/// Geometry of an image as the user gives it. It applies to files with unit spacing and origin 0
-/// only, and is refused for others.
+/// Geometry of an image as the user gives it. What is given replaces that part of the file's geometry, and
+/// a note says so if the file has one.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImagePlacement {
     /// Distances between samples along the axes of the array, the fastest first, or one for all
@@ -25,6 +27,8 @@ pub struct ImagePlacement {
     pub units: Option<Vec<String>>,
     /// Meaning of the axes of the array, the fastest first.
     pub axes: Option<Vec<AxisSpec>>,
+    /// Distance between samples along the vertical axis.
+    pub interval: Option<f64>,
     /// An image of the same dimensions whose geometry is used.
     pub reference_image: Option<PathBuf>,
 }
@@ -137,64 +141,19 @@ impl ImagePlacement {
         mut header: ImageHeader<D>,
         reference: Option<Option<ImageHeader<D>>>,
     ) -> Result<ImageHeader<D>> {
-        let name = self.option_name();
         let bare = Geometry::<D>::default();
-        let current = &header.geometry;
-        let says_units_only = Self {
-            units: None,
-            ..self.clone()
-        }
-        .is_empty();
-        if !says_units_only && (current.origin, current.axes) != (bare.origin, bare.axes) {
-            return Err(Error::Job(cause(
-                name,
-                format!(
-                    "is given, but the file ({}) has a geometry of its own",
-                    header.format
-                ),
-                "omit it; to place its samples elsewhere, convert it to .npy first",
-            )));
-        }
-        if !says_units_only {
+        let stored = header.geometry.clone();
+        let has_place = (stored.origin, stored.axes) != (bare.origin, bare.axes);
+        if !self.says_units_only() {
             header.notes.retain(|note| !note.contains(NO_GEOMETRY_NOTE));
         }
         if let Some(candidate) = reference {
-            let dims = header.dims;
-            let path = self
-                .reference_image
-                .as_deref()
-                .unwrap_or(std::path::Path::new(""));
-            let source = candidate.filter(|header| header.dims == dims);
-            let source = source.ok_or_else(|| {
-                Error::Job(cause(
-                    name,
-                    format!("does not have the {dims:?} samples of the image"),
-                    "give the image from which this one was made",
-                ))
-            })?;
-            header.geometry = source.geometry;
-            header.missing = source.missing;
-            header.survey = source.survey;
-            header.line_numbers = source.line_numbers;
-            header
-                .notes
-                .push(format!("geometry taken from {}", path.display()));
-            return Ok(header);
+            return self.place_as_reference(header, candidate, has_place);
         }
-        if self.units.is_some() && current.units.iter().any(|unit| !unit.is_empty()) {
-            return Err(Error::Job(cause(
-                "unit",
-                format!(
-                    "is given, but the file has units already: {}",
-                    current.units.join(", ")
-                ),
-                "omit it",
-            )));
-        }
-        let mut geometry = if says_units_only {
-            current.clone()
+        let mut geometry = if self.says_units_only() {
+            stored.clone()
         } else {
-            self.axis_geometry(current)?
+            self.axis_geometry(&stored, has_place)?
         };
         if let Some(origin) = &self.origin {
             geometry.origin = expand_to_axes("origin", origin, false)?;
@@ -203,7 +162,59 @@ impl ImagePlacement {
             geometry.units = expand_to_axes("unit", units, true)?;
             self.check_unit_of_time(&geometry)?;
         }
+        if let Some(interval) = self.interval {
+            set_interval(&mut geometry, interval, &header)?;
+        }
+        let has_units = stored.units.iter().any(|unit| !unit.is_empty());
+        if geometry != stored && (has_place || has_units && self.units.is_some()) {
+            header.notes.push(format!(
+                "{} instead of the geometry in the file ({})",
+                self.option_names(),
+                describe(&stored)
+            ));
+        }
         header.geometry = geometry;
+        Ok(header)
+    }
+
+    /// Returns `true` if no option but the units is given.
+    fn says_units_only(&self) -> bool {
+        Self {
+            units: None,
+            ..self.clone()
+        }
+        .is_empty()
+    }
+
+    /// Returns a header with the geometry of the reference image.
+    fn place_as_reference<const D: usize>(
+        &self,
+        mut header: ImageHeader<D>,
+        reference: Option<ImageHeader<D>>,
+        has_place: bool,
+    ) -> Result<ImageHeader<D>> {
+        let dims = header.dims;
+        let path = self.reference_image.as_deref();
+        let path = path.unwrap_or(std::path::Path::new(""));
+        let source = reference.filter(|header| header.dims == dims);
+        let source = source.ok_or_else(|| {
+            Error::Job(cause(
+                format!("geometry-from {}", path.display()),
+                format!("does not have the {dims:?} samples of the image"),
+                "give the image from which this one was made",
+            ))
+        })?;
+        let instead = match has_place {
+            true => format!(" instead of the file ({})", describe(&header.geometry)),
+            false => String::new(),
+        };
+        header.geometry = source.geometry;
+        header.missing = source.missing;
+        header.survey = source.survey;
+        header.line_numbers = source.line_numbers;
+        header
+            .notes
+            .push(format!("geometry taken from {}{instead}", path.display()));
         Ok(header)
     }
 
@@ -230,12 +241,17 @@ impl ImagePlacement {
         )))
     }
 
-    /// Returns a geometry with the given axes and spacing.
-    fn axis_geometry<const D: usize>(&self, bare: &Geometry<D>) -> Result<Geometry<D>> {
-        let mut geometry = bare.clone();
+    /// Returns a geometry with the given axes and spacing. Where they are not given, those of `stored`
+    /// remain, if the file has a place (`has_place`).
+    fn axis_geometry<const D: usize>(
+        &self,
+        stored: &Geometry<D>,
+        has_place: bool,
+    ) -> Result<Geometry<D>> {
+        let mut geometry = stored.clone();
         let spacing: [f64; D] = match &self.spacing {
             Some(spacing) => expand_to_axes("spacing", spacing, true)?,
-            None => [1.0; D],
+            None => stored.axes.map(|axis| dot(axis, axis).sqrt()),
         };
         if let Some(s) = spacing.iter().find(|s| **s <= 0.0) {
             return Err(Error::Job(cause(
@@ -246,11 +262,14 @@ impl ImagePlacement {
         }
         let Some(axes) = &self.axes else {
             for k in 0..D {
-                geometry.axes[k][k] = spacing[k];
+                geometry.axes[k] = unit(stored.axes[k]).map(|part| part * spacing[k] + 0.0);
             }
             return Ok(geometry);
         };
         let axes: [AxisSpec; D] = expand_to_axes("axes", axes, false)?;
+        if !has_place {
+            geometry.origin = [0.0; D];
+        }
         let mut used = [false; D];
         for (k, axis) in axes.iter().enumerate() {
             let c = axis.coordinate.unwrap_or(D - 1);
@@ -287,23 +306,65 @@ impl ImagePlacement {
         Ok(geometry)
     }
 
-    /// Returns the name of the first option that is given.
-    fn option_name(&self) -> String {
-        match self {
-            Self {
-                reference_image: Some(path),
-                ..
-            } => format!("geometry-from {}", path.display()),
-            Self {
-                spacing: Some(_), ..
-            } => "spacing".into(),
-            Self {
-                origin: Some(_), ..
-            } => "origin".into(),
-            Self { axes: Some(_), .. } => "axes".into(),
-            _ => "unit".into(),
-        }
+    /// Returns the options that are given, as on the command line.
+    fn option_names(&self) -> String {
+        let given = [
+            ("--spacing", self.spacing.is_some()),
+            ("--origin", self.origin.is_some()),
+            ("--unit", self.units.is_some()),
+            ("--axes", self.axes.is_some()),
+            ("--interval", self.interval.is_some()),
+        ];
+        let names = given.iter().filter(|(_, is_given)| *is_given);
+        let names: Vec<&str> = names.map(|(name, _)| *name).collect();
+        names.join(", ")
     }
+}
+
+/// Sets the distance between samples along the vertical axis, whose direction remains.
+fn set_interval<const D: usize>(
+    geometry: &mut Geometry<D>,
+    interval: f64,
+    header: &ImageHeader<D>,
+) -> Result<()> {
+    if !(interval > 0.0 && interval.is_finite()) {
+        return Err(Error::Job(cause(
+            format!("interval {interval}"),
+            "is not positive",
+            "give the distance between samples in the unit of the vertical axis",
+        )));
+    }
+    let is_named = |name: &String| matches!(&**name, "sample" | "time" | "twt" | "depth" | "z");
+    let steepest = (0..D).max_by(|&a, &b| {
+        let height = |k: usize| unit(geometry.axes[k])[D - 1].abs();
+        height(a).total_cmp(&height(b))
+    });
+    let named = geometry.names.iter().position(is_named);
+    let vertical = named.or(steepest).unwrap_or(D - 1);
+    geometry.axes[vertical] = unit(geometry.axes[vertical]).map(|part| part * interval + 0.0);
+    // A survey whose headers have no interval counts samples, from 0.
+    if let (Some(survey), "sample") = (&header.survey, &*geometry.units[D - 1]) {
+        geometry.units[D - 1] = if survey.is_depth { "m" } else { "ms" }.to_string();
+        geometry.origin[D - 1] = 0.0 - survey.t0_ms;
+    }
+    Ok(())
+}
+
+/// Describes a geometry in a note.
+fn describe<const D: usize>(geometry: &Geometry<D>) -> String {
+    let list = |numbers: [f64; D]| numbers.map(|n| without_noise(n).to_string()).join(", ");
+    let spacing = list(geometry.axes.map(|axis| dot(axis, axis).sqrt()));
+    let units = if geometry.units.iter().all(String::is_empty) {
+        String::new()
+    } else {
+        format!(", units {}", geometry.units.join(", "))
+    };
+    format!("spacing {spacing}, origin {}{units}", list(geometry.origin))
+}
+
+/// Returns a number with at most ten significant digits.
+fn without_noise(number: f64) -> f64 {
+    format!("{number:.9e}").parse().unwrap_or(number)
 }
 
 /// Returns one value for each axis. If `allow_single` is set, a single value stands for all axes.
@@ -449,8 +510,12 @@ mod tests {
             spacing: Some("2".into()),
             ..InputOptions::default()
         };
-        let message = read(&placed, spacing).unwrap_err().to_string();
-        assert!(message.contains("has a geometry of its own"), "{message}");
+        let AnyImage::Space(loaded) = read(&placed, spacing).unwrap() else {
+            panic!("not in space")
+        };
+        assert_eq!(loaded.image.geometry.to_physical([1.0; 3]), [9.0, 10.0, 11.0]);
+        let note = "--spacing instead of the geometry in the file (spacing 1, 2, 3, origin 7, 8, 9)";
+        assert!(loaded.notes.contains(&note.into()), "{:?}", loaded.notes);
         let geometry_from = |path: &PathBuf| InputOptions {
             geometry_from: Some(path.clone()),
             ..InputOptions::default()

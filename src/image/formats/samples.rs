@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::image::ExactLabels;
-use crate::image::labels::LabelCollector;
+use crate::image::labels::{ExactSample, LabelCollector};
 use crate::parallel::prelude::*;
 use half::f16;
 
@@ -105,10 +105,13 @@ impl std::fmt::Display for Encoding {
     }
 }
 
-/// Returns a warning if wide integers were rounded when they were converted to these samples.
-pub fn rounding_note(samples: &[f32]) -> Option<String> {
-    let rounded = samples.iter().any(|v| v.abs() >= 16_777_216.0);
-    rounded.then(|| "integers beyond 16777216 are rounded to 32-bit floats".to_string())
+/// Warning that integers were rounded when they were converted to `f32`.
+pub const ROUNDING_NOTE: &str =
+    "integers beyond 16777216 are rounded to 32-bit floats; as labels they are exact";
+
+/// Returns `true` if a sample may be the rounded value of an integer of more than 24 bits.
+pub fn may_be_rounded(samples: &[f32]) -> bool {
+    samples.iter().any(|v| v.abs() >= 16_777_216.0)
 }
 
 impl Encoding {
@@ -126,15 +129,19 @@ impl Encoding {
     /// Returns a warning if integers were rounded when they were converted to `f32`, which holds 24
     /// bits.
     pub fn rounding_note(self, samples: &[f32]) -> Option<String> {
-        self.is_wide_integer()
-            .then(|| rounding_note(samples))
-            .flatten()
+        (self.is_wide_integer() && may_be_rounded(samples)).then(|| ROUNDING_NOTE.to_string())
     }
 
     /// Returns `true` if the samples are integers of more bits than `f32` holds.
     pub fn is_wide_integer(self) -> bool {
         use SampleType::*;
         matches!(self.sample_type, I32 | U32 | I64 | U64)
+    }
+
+    /// Returns `true` if these samples, converted to `f32`, may be whole numbers that were rounded:
+    /// integers of more than 24 bits, or 64-bit floats.
+    pub fn may_need_exact_labels(self, samples: &[f32]) -> bool {
+        (self.is_wide_integer() || self.sample_type == SampleType::F64) && may_be_rounded(samples)
     }
 
     /// Converts `bytes` (`out.len()` samples) to `f32`, each rounded to the nearest value.
@@ -182,31 +189,45 @@ impl Encoding {
         }
     }
 
-    /// Converts `bytes` to exact integers. The result is empty unless the samples are [wide
-    /// integers](Self::is_wide_integer).
-    pub fn integers(self, bytes: &[u8]) -> impl Iterator<Item = i128> {
-        let is_wide = self.is_wide_integer();
-        let number = move |raw: &[u8]| {
-            // Bytes with the most significant byte first.
-            let mut bits = [0; 8];
-            let tail = &mut bits[8 - raw.len()..];
-            tail.copy_from_slice(raw);
-            if self.endian == Endian::Little {
-                tail.reverse();
+    /// Returns the sample in these bytes as a float, and exactly.
+    fn number(self, raw: &[u8]) -> (f64, ExactSample) {
+        // Bytes with the most significant byte first.
+        let mut bits = [0; 8];
+        let tail = &mut bits[8 - raw.len().min(8)..];
+        tail.copy_from_slice(&raw[..tail.len()]);
+        if self.endian == Endian::Little {
+            tail.reverse();
+        }
+        let bits = u64::from_be_bytes(bits);
+        let whole = |number: i128| (number as f64, ExactSample::Whole(number));
+        let real = |number: f64| (number, number.into());
+        match self.sample_type {
+            SampleType::I32 => whole((bits as u32 as i32).into()),
+            SampleType::I64 => whole((bits as i64).into()),
+            SampleType::U32 | SampleType::U64 => whole(bits.into()),
+            SampleType::F64 => real(f64::from_bits(bits)),
+            _ => {
+                let mut out = [0.0];
+                self.decode(raw, &mut out);
+                real(out[0].into())
             }
-            let bits = u64::from_be_bytes(bits);
-            match self.sample_type {
-                SampleType::I32 => i128::from(bits as u32 as i32),
-                SampleType::I64 => i128::from(bits as i64),
-                _ => i128::from(bits),
-            }
-        };
-        let bytes = if is_wide { bytes } else { &[] };
-        bytes.chunks_exact(self.size()).map(number)
+        }
     }
 
-    /// Reads `count` integers that start at byte `offset` of `file` as exact labels. Returns `None`
-    /// unless the samples are wide integers.
+    /// Converts `bytes` to 64-bit floats.
+    pub fn numbers(self, bytes: &[u8]) -> impl Iterator<Item = f64> {
+        let samples = bytes.chunks_exact(self.size());
+        samples.map(move |raw| self.number(raw).0)
+    }
+
+    /// Converts `bytes` to exact samples.
+    pub fn exact_samples(self, bytes: &[u8]) -> impl Iterator<Item = ExactSample> {
+        let samples = bytes.chunks_exact(self.size());
+        samples.map(move |raw| self.number(raw).1)
+    }
+
+    /// Reads `count` samples that start at byte `offset` of `file` as exact labels. Returns `None`
+    /// if some have a fraction.
     ///
     /// # Errors
     /// Returns the error of the operating system, also if the file is too short.
@@ -216,20 +237,19 @@ impl Encoding {
         offset: u64,
         count: usize,
     ) -> io::Result<Option<Arc<ExactLabels>>> {
-        if !self.is_wide_integer() {
-            return Ok(None);
-        }
         let (mut collector, mut buffer) = (LabelCollector::default(), Vec::new());
         let mut position = offset;
         let mut remaining = count * self.size();
         while remaining > 0 {
             buffer.resize(remaining.min(1 << 20), 0);
             read_exact_at(file, &mut buffer, position)?;
-            collector.extend(self.integers(&buffer));
+            if !collector.extend_exact(self.exact_samples(&buffer)) {
+                return Ok(None);
+            }
             position += buffer.len() as u64;
             remaining -= buffer.len();
         }
-        Ok(Some(collector.finish()))
+        Ok(collector.finish_exact())
     }
 
     /// Reads and converts `out.len()` samples that start at byte `offset` of `file`, in parallel.

@@ -109,12 +109,12 @@ pub trait PlaneReader: Send + Sync {
         1
     }
 
-    /// Reads all samples as integers, in memory order, if they are integers that `f32` may round.
-    /// Returns `None` if they are not, or if the reader does not support it.
+    /// Reads all samples as exact labels, in memory order. Returns `None` if some have a fraction, or
+    /// if the reader does not support it.
     ///
     /// # Errors
     /// Returns the errors of [`PlaneReader::read_rows`].
-    fn read_integers(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+    fn read_exact_labels(&self, _dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         Ok(None)
     }
 }
@@ -252,12 +252,14 @@ impl ImageStream {
         let mut samples = samples::allocate(place, count)?;
         let rows = 0..self.header.dims[1];
         self.reader.read_rows(0, rows, &mut samples)?;
-        let note = self.encoding.rounding_note(&samples);
-        let exact = match note {
-            Some(_) => self.reader.read_integers(self.header.dims)?,
-            None => None,
+        self.header
+            .notes
+            .extend(self.encoding.rounding_note(&samples));
+        let exact = if self.encoding.may_need_exact_labels(&samples) {
+            self.reader.read_exact_labels(self.header.dims)?
+        } else {
+            None
         };
-        self.header.notes.extend(note);
         let mut loaded = self.header.with_samples(samples);
         loaded.image.labels = exact;
         Ok(loaded)
@@ -299,7 +301,7 @@ impl PlaneReader for RawPlanes {
         Ok(())
     }
 
-    fn read_integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+    fn read_exact_labels(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         let count = dims.iter().product();
         let exact = self
             .encoding
@@ -325,8 +327,8 @@ impl PlaneReader for NullFilter {
         self.reader.batch_planes()
     }
 
-    fn read_integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
-        self.reader.read_integers(dims)
+    fn read_exact_labels(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+        self.reader.read_exact_labels(dims)
     }
 }
 

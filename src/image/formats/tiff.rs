@@ -2,7 +2,7 @@
 //!
 //! Grey and colour pages of every sample type are read, compressed or not. Colours become luminance
 //! as in [`png`](mod@super::png). TIFF has no geometry that all writers agree on: the spacing is
-//! that of ImageJ or OME-TIFF metadata, if there are any.
+//! that of ImageJ or OME-TIFF metadata, if there are any, or else that of the resolution tags.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -18,6 +18,7 @@ use tiff::{ColorType, TiffError};
 use super::packed::{DAMAGED_REMEDY, MAX_DEFLATE_RATIO, file_error, open_with_length};
 use super::placement::{NO_GEOMETRY_NOTE, length_unit};
 use super::png::luminance;
+use super::samples::{ROUNDING_NOTE, may_be_rounded};
 use super::{ImageFormat, LoadedImage};
 use crate::error::{Error, Result};
 use crate::image::labels::LabelCollector;
@@ -52,33 +53,35 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             _ => None,
         }
     });
+    let resolution_unit = decoder.find_tag_unsigned::<u16>(Tag::ResolutionUnit);
+    let resolution_unit = resolution_unit.ok().flatten();
     let pages = Pages::read_all(path, &mut decoder)?;
     let (nx, ny, color) = pages.kind;
     let stack = StackInfo::parse(&description, usize::from(color.num_samples()));
     if let Some((problem, remedy)) = stack.and_then(|stack| stack.find_problem(pages.count)) {
         return Err(file_error(path, problem, remedy));
     }
-    let spacing = stack_spacing(&description, resolution);
-    let mut notes = match &spacing {
-        Some((_, source)) => vec![format!("spacing and unit from {source} metadata")],
-        None => vec![format!("a TIFF stack {NO_GEOMETRY_NOTE}")],
+    let (spacing, note) = match stack_spacing(&description, resolution, resolution_unit) {
+        Some((spacing, source)) => (
+            Some(spacing),
+            format!("spacing and unit from {source} metadata"),
+        ),
+        None => tag_spacing(resolution, resolution_unit, pages.count),
     };
+    let mut notes = vec![note];
     if matches!(color, ColorType::RGB(_) | ColorType::RGBA(_)) {
         notes.push("colours are read as brightness (luminance, BT.709)".into());
     }
-    let note = pages
-        .is_wide_integer
-        .then(|| super::samples::rounding_note(&pages.samples));
-    let note = note.flatten();
-    let labels = match (&note, pages.exact) {
-        (Some(_), Some(collector)) => Some(collector.finish()),
-        _ => None,
-    };
-    notes.extend(note);
+    let is_rounded = may_be_rounded(&pages.samples);
+    let labels = pages.exact.filter(|_| is_rounded);
+    let labels = labels.and_then(LabelCollector::finish_exact);
+    if pages.is_wide_integer && is_rounded {
+        notes.push(ROUNDING_NOTE.to_string());
+    }
     let dims = [nx as usize, ny as usize, pages.count];
     let mut image = Image::new(dims, pages.samples, Geometry::default());
     image.labels = labels.filter(|labels| labels.indices.len() == image.samples.len());
-    if let Some((StackSpacing { steps, units }, _)) = spacing {
+    if let Some(StackSpacing { steps, units }) = spacing {
         let geometry = Geometry {
             units,
             ..Geometry::with_spacing([0.0; 3], steps)
@@ -128,7 +131,8 @@ struct Pages {
     /// Width, height and colours, which all pages have in common.
     kind: (u32, u32, ColorType),
     samples: Vec<f32>,
-    /// The samples as integers, if all pages have a channel of wide integers.
+    /// The samples as exact labels, if all pages have one channel of a type of more than 24 bits and no
+    /// sample has a fraction.
     exact: Option<LabelCollector>,
     is_wide_integer: bool,
 }
@@ -204,11 +208,9 @@ impl Pages {
                         | DecodingResult::U64(_)
                         | DecodingResult::I64(_)
                 );
-                match (&mut self.exact, channels) {
-                    (Some(collector), 1) if self.is_wide_integer => {
-                        add_integers(&page, count, collector)
-                    }
-                    _ => self.exact = None,
+                let exact = self.exact.as_mut().filter(|_| channels == 1);
+                if !exact.is_some_and(|collector| add_exact(&page, count, collector)) {
+                    self.exact = None;
                 }
                 add_page(page, channels, count, &mut self.samples);
             }
@@ -234,6 +236,7 @@ struct StackSpacing {
 fn stack_spacing(
     description: &str,
     resolution: [Option<f64>; 2],
+    resolution_unit: Option<u16>,
 ) -> Option<(StackSpacing, &'static str)> {
     let valid = |steps: [f64; 3]| steps.iter().all(|h| h.is_finite() && *h > 0.0);
     if description.starts_with("ImageJ=") {
@@ -242,17 +245,21 @@ fn stack_spacing(
             let value = fields.find(|(field, _)| field.trim() == name);
             value.map(|(_, value)| value.trim().to_string())
         };
-        // ImageJ leaves out what is 1, and units that are those of x.
-        let unit = length_unit(&field("unit")?)?;
-        let axis_unit = |name: &str| match field(name) {
-            Some(unit) => length_unit(&unit),
-            None => Some(unit),
+        // ImageJ leaves out what is 1, units that are those of x, and the unit if the tag gives it.
+        let unit = match (field("unit"), resolution_unit) {
+            (Some(unit), _) => unit_symbol(&unit),
+            (None, Some(2)) => "in".to_string(),
+            (None, Some(3)) => "cm".to_string(),
+            (None, _) => String::new(),
         };
+        let axis_unit = |name: &str| field(name).map_or_else(|| unit.clone(), |u| unit_symbol(&u));
         let [x, y] = resolution.map(|resolution| resolution.unwrap_or(1.0));
         let z = field("spacing").map_or(Some(1.0), |z| z.parse::<f64>().ok())?;
         let steps = [1.0 / x, 1.0 / y, z.abs()];
-        let units = [unit, axis_unit("yunit")?, axis_unit("zunit")?].map(String::from);
-        return valid(steps).then_some((StackSpacing { steps, units }, "ImageJ"));
+        let units = [unit.clone(), axis_unit("yunit"), axis_unit("zunit")];
+        let is_bare = steps == [1.0; 3] && unit.is_empty();
+        let spacing = StackSpacing { steps, units };
+        return (valid(steps) && !is_bare).then_some((spacing, "ImageJ"));
     }
     let mut reader = Reader::from_str(description);
     loop {
@@ -274,26 +281,86 @@ fn stack_spacing(
                 .ok()
         };
         let unit = |axis: &str| match attribute_text(format!("PhysicalSize{axis}Unit")) {
-            Some(unit) => length_unit(&unit).map(String::from),
-            None => Some("um".to_string()),
+            Some(unit) => unit_symbol(&unit),
+            None => "um".to_string(),
         };
         let (x, y) = (step("X")?, step("Y")?);
         // A single plane has no spacing along z.
         let steps = [x, y, step("Z").unwrap_or(x)];
-        let units = [unit("X")?, unit("Y")?, unit("Z")?];
+        let units = [unit("X"), unit("Y"), unit("Z")];
         return valid(steps).then_some((StackSpacing { steps, units }, "OME"));
     }
 }
 
-/// Adds the samples of a page of wide integers.
-fn add_integers(page: &DecodingResult, count: usize, collector: &mut LabelCollector) {
+/// Returns the symbol of a unit as microscopes write it: empty for pixels, and the text itself if the unit
+/// is not known.
+fn unit_symbol(text: &str) -> String {
+    // ImageJ writes letters that are not ASCII by their codes, such as \u00C5.
+    let decoded = text.trim().strip_prefix("\\u").and_then(|code| {
+        let (code, rest) = code.split_at_checked(4)?;
+        let letter = char::from_u32(u32::from_str_radix(code, 16).ok()?)?;
+        Some(format!("{letter}{rest}"))
+    });
+    match decoded.as_deref().unwrap_or(text).trim() {
+        "pixel" | "pixels" | "px" | "reference frame" => String::new(),
+        unit => length_unit(unit).unwrap_or(unit).to_string(),
+    }
+}
+
+/// Resolutions per inch that programs write without regard to the sizes of what the image shows: those
+/// of screens and printers.
+const PRINT_RESOLUTIONS: [f64; 10] = [
+    72.0, 75.0, 90.0, 96.0, 100.0, 150.0, 200.0, 300.0, 600.0, 1200.0,
+];
+
+/// Returns the spacing in the resolution tags, if these give a size, and a note. TIFF has no spacing
+/// between pages: it is taken as that of the rows.
+fn tag_spacing(
+    resolution: [Option<f64>; 2],
+    unit: Option<u16>,
+    pages: usize,
+) -> (Option<StackSpacing>, String) {
+    let none = || format!("a TIFF stack {NO_GEOMETRY_NOTE}");
+    // The unit is an inch unless the tag says otherwise.
+    let (name, per_inch) = match unit {
+        None | Some(2) => ("in", 1.0),
+        Some(3) => ("cm", 2.54),
+        _ => return (None, none()),
+    };
+    let [Some(x), Some(y)] = resolution else {
+        return (None, none());
+    };
+    let steps = [1.0 / x, 1.0 / y, 1.0 / y];
+    let is_valid = steps.iter().all(|h| h.is_finite() && *h > 0.0);
+    let is_print = |value: f64| {
+        let mut common = PRINT_RESOLUTIONS.iter();
+        common.any(|print| (value * per_inch - print).abs() < 0.5)
+    };
+    if !is_valid || (x, y) == (1.0, 1.0) || is_print(x) && is_print(y) {
+        return (None, none());
+    }
+    let mut note = format!("spacing from its resolution tags ({x} x {y} per {name})");
+    if pages > 1 {
+        note += ", which say nothing of the distance of planes: taken as that of rows (--spacing sets it)";
+    }
+    let units = [(); 3].map(|()| name.to_string());
+    (Some(StackSpacing { steps, units }), note)
+}
+
+/// Adds the samples of a page as exact labels. Returns `false` if 32-bit floats hold them exactly, or if
+/// some have a fraction.
+fn add_exact(page: &DecodingResult, count: usize, collector: &mut LabelCollector) -> bool {
     match page {
         DecodingResult::U32(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
         DecodingResult::U64(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
         DecodingResult::I32(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
         DecodingResult::I64(v) => collector.extend(v.iter().take(count).map(|&x| x.into())),
-        _ => (),
+        DecodingResult::F64(v) => {
+            return collector.extend_exact(v.iter().take(count).map(|&x| x.into()));
+        }
+        _ => return false,
     }
+    true
 }
 
 /// Layout of a stack as ImageJ or OME-TIFF describe it in the first page.
@@ -536,9 +603,34 @@ mod tests {
                 [0.1, 0.01, 1.0],
                 "cm,cm,cm",
             ),
+            (
+                Some([2, 1]),
+                b"unit=\\u00C5\nspacing=0.5\n",
+                [0.5, 0.5, 0.5],
+                "angstrom,angstrom,angstrom",
+            ),
+            (Some([1, 2]), b"unit=pixel\nspacing=3.0\n", [2.0, 2.0, 3.0], ",,"),
         ] {
             let (found, found_units) = geometry(resolution, fields);
             assert_eq!((found, &*found_units), (steps, units));
+        }
+    }
+
+    #[test]
+    fn resolution_tags_give_the_spacing_unless_they_are_those_of_printers() {
+        for (resolution, unit, expected) in [
+            ([10_000.0, 5_000.0], Some(3), Some(([1e-4, 2e-4, 2e-4], "cm"))),
+            ([1016.0, 1016.0], Some(2), Some(([1.0 / 1016.0; 3], "in"))),
+            ([300.0, 300.0], Some(2), None),
+            ([118.11, 118.11], Some(3), None),
+            ([72.0, 72.0], None, None),
+            ([1.0, 1.0], Some(2), None),
+            ([400.0, 400.0], Some(1), None),
+        ] {
+            let (spacing, note) = tag_spacing(resolution.map(Some), unit, 4);
+            let found = spacing.as_ref().map(|s| (s.steps, &*s.units[0]));
+            assert_eq!(found, expected);
+            assert_eq!(note.contains("taken as that of rows"), expected.is_some());
         }
     }
 

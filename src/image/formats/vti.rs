@@ -7,12 +7,14 @@
 
 use std::path::Path;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use super::{samples, vtk_axes};
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
-use crate::files::vtk::{ArraySource, Document, VtkFile};
+use crate::files::vtk::{ArraySource, Document, Values, VtkFile};
+use crate::image::labels::LabelCollector;
 use crate::image::{ExactLabels, Geometry, Image};
 
 /// Reads the image of a `.vti` file, and a warning if its integers were rounded. The samples are
@@ -96,17 +98,28 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
             crate::files::REWRITE_DAMAGED,
         ));
     }
-    let is_wide = matches!(
-        array.values.type_name(),
-        "Int32" | "UInt32" | "Int64" | "UInt64"
-    );
     let samples = array.values.to_f32();
-    let note = is_wide.then(|| samples::rounding_note(&samples)).flatten();
+    let is_rounded = samples::may_be_rounded(&samples);
     let mut image = Image::new(dims, samples, geometry);
-    if note.is_some() {
-        image.labels = array.values.to_integers().map(ExactLabels::from_integers);
+    if is_rounded {
+        image.labels = exact_labels(&array.values);
     }
+    let is_wide = array.values.to_integers().is_some();
+    let note = (is_rounded && is_wide).then(|| samples::ROUNDING_NOTE.to_string());
     Ok((image, note))
+}
+
+/// Returns the samples as exact labels, or `None` if some have a fraction.
+fn exact_labels(values: &Values) -> Option<Arc<ExactLabels>> {
+    let mut collector = LabelCollector::default();
+    match (values.to_integers(), values) {
+        (Some(integers), _) => collector.extend(integers),
+        (None, Values::F64(numbers)) => {
+            collector.extend_exact(numbers.iter().map(|&v| v.into()));
+        }
+        _ => return None,
+    }
+    collector.finish_exact()
 }
 
 /// Returns the geometry of an image of this extent.

@@ -9,10 +9,11 @@ use super::grid::{NO_TRACE, TraceGrid};
 use super::infer;
 use super::line::is_line;
 use super::survey_fit::SurveyFit;
-use super::text::says_depth;
+use super::text::{says_depth, says_time, suggests_depth};
 use super::trace_headers::{HeaderField, TraceHeaders};
 use crate::error::{Cause, Result, cause, io_error};
 use crate::image::Geometry;
+use crate::progress::ASSUMED;
 
 /// Bytes of line numbers that are tried if those of the standard are not valid: field record, trace
 /// number, or source point, each with CDP.
@@ -82,6 +83,17 @@ impl SegySurvey {
         if let (None, Some(line)) = (bytes.is_depth, depth_line) {
             notes.push(format!(
                 "the textual header says that samples are in depth ({}); --domain time reads two-way time",
+                line.trim()
+            ));
+        }
+        let lines = || layout.text_lines.iter();
+        let is_unstated = bytes.is_depth.is_none() && depth_line.is_none();
+        if is_unstated && !lines().any(|line| says_time(line))
+            && let Some(line) = lines().find(|line| suggests_depth(line))
+        {
+            notes.push(format!(
+                "{ASSUMED}samples are in two-way time, although the textual header speaks of depth ({}): --domain \
+                 depth or --domain time says it",
                 line.trim()
             ));
         }

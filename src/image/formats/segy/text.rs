@@ -82,38 +82,71 @@ pub fn lines(header: &[u8]) -> Vec<String> {
         .collect()
 }
 
-/// Returns `true` if a line of a textual header says that samples are in depth: it names the domain,
-/// or gives the sample interval in metres or feet. Words on depth migration do not count, because many
-/// such volumes are converted back to time.
-pub fn says_depth(line: &str) -> bool {
+/// Returns the words of a line in upper case.
+fn words(line: &str) -> Vec<String> {
     let upper = line.to_uppercase();
-    let words: Vec<&str> = (upper.split(|c: char| !c.is_ascii_alphanumeric() && c != '.'))
-        .filter(|word| !word.is_empty())
-        .collect();
-    let has = |word: &str| words.contains(&word);
-    if has("TIME") || has("BYTE") || has("BYTES") {
-        return false;
-    }
-    if has("DOMAIN") && has("DEPTH") {
-        return true;
+    let words = upper.split(|c: char| !c.is_ascii_alphanumeric() && c != '.');
+    let words = words.filter(|word| !word.is_empty());
+    words.map(String::from).collect()
+}
+
+/// Returns the quantity of the sample interval that a line gives with a unit.
+fn interval_quantity(words: &[String]) -> Option<Quantity> {
+    if !words.iter().any(|word| word == "SAMPLE") {
+        return None;
     }
     // The first number after the name of the interval, and the unit that follows it.
     let keyword = words
         .iter()
-        .position(|word| matches!(*word, "INTERVAL" | "RATE"));
-    let Some(keyword) = keyword.filter(|_| has("SAMPLE")) else {
-        return false;
-    };
+        .position(|word| matches!(&**word, "INTERVAL" | "RATE"))?;
     let mut rest = words[keyword + 1..].iter();
     let number = rest.find(|word| word.starts_with(|c: char| c.is_ascii_digit()));
     let suffix =
         number.map(|word| word.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.'));
     let unit = match suffix {
-        Some("") => rest.next().copied(),
+        Some("") => rest.next().map(String::as_str),
         suffix => suffix,
     };
-    let unit = unit.and_then(units::find);
-    unit.is_some_and(|unit| unit.quantity == Quantity::Length)
+    unit.and_then(units::find).map(|unit| unit.quantity)
+}
+
+/// Returns `true` if a line of a textual header says that samples are in depth: it names the domain,
+/// or gives the sample interval in metres or feet. Words on depth migration do not count, because many
+/// such volumes are converted back to time.
+pub fn says_depth(line: &str) -> bool {
+    let words = words(line);
+    let has = |word: &str| words.iter().any(|w| w == word);
+    if has("TIME") || has("BYTE") || has("BYTES") {
+        return false;
+    }
+    has("DOMAIN") && has("DEPTH") || interval_quantity(&words) == Some(Quantity::Length)
+}
+
+/// Returns `true` if a line of a textual header says that samples are in time.
+pub fn says_time(line: &str) -> bool {
+    let words = words(line);
+    let has = |word: &str| words.iter().any(|w| w == word);
+    let is_range = ["MIN", "MAX", "RANGE"].iter().any(|word| has(word));
+    has("TIME") && (has("DOMAIN") || is_range) && !has("DEPTH")
+        || interval_quantity(&words) == Some(Quantity::Time)
+}
+
+/// Returns `true` if a line of a textual header suggests that samples are in depth without saying it:
+/// a range of depths, as Petrel writes it, or a depth migration.
+pub fn suggests_depth(line: &str) -> bool {
+    let words = words(line);
+    let has = |word: &str| words.iter().any(|w| w == word);
+    if has("TIME") || has("TWT") || has("BYTE") || has("BYTES") {
+        return false;
+    }
+    let has_depth = has("DEPTH") || has("DEPTHS") || has("TVDSS") || has("TVD");
+    let is_range = ["MIN", "MAX", "MINIMUM", "MAXIMUM", "RANGE", "FIRST", "LAST", "START", "END", "STEP"]
+        .iter()
+        .any(|word| has(word));
+    let is_migration = ["MIGRATION", "MIGRATED", "STACK", "SECTION", "VOLUME", "CUBE", "CONVERTED"]
+        .iter()
+        .any(|word| has(word));
+    has("PSDM") || has("PRESDM") || has_depth && (is_range || is_migration)
 }
 
 #[cfg(test)]
@@ -134,6 +167,28 @@ mod tests {
         assert!(is_text(ebcdic) && is_text(b"C 1 Inline: 189"));
         let numbers: Vec<u8> = (0..400u32).flat_map(|i| (i as f32).to_le_bytes()).collect();
         assert!(!is_text(&numbers) && !is_text(&[0; 100]));
+    }
+
+    #[test]
+    fn ranges_of_depths_and_depth_migrations_suggest_depth() {
+        for line in [
+            "C 5 Depth min: 0.000000 max: -3000.000000 delta: -5.000000",
+            "C 6 Depth range 0 - 3000",
+            "C 3 KIRCHHOFF PSDM STACK",
+            "C 9 PRESTACK DEPTH MIGRATION",
+        ] {
+            assert!(suggests_depth(line) && !says_depth(line), "{line}");
+        }
+        for line in [
+            "C 5 DEPTH MIGRATION, CONVERTED TO TIME DOMAIN",
+            "C 4 DEPTH OF SOURCE 5 M, SAMPLE CODE 1",
+            "C 5 Time min: 0 max: 2000 delta: 4",
+        ] {
+            assert!(!suggests_depth(line), "{line}");
+        }
+        assert!(says_time("C 5 Time min: 0 max: 2000 delta: 4"));
+        assert!(says_time("C 7 SAMPLE INTERVAL 4 MS, TRACES 12.5 M APART"));
+        assert!(!says_time("C27 Trace start time/depth      : bytes 109-110"));
     }
 
     #[test]

@@ -13,9 +13,9 @@ use super::metadata::ArrayMetadata;
 use crate::error::{Error, Result, cause, io_error};
 use crate::files::read_exact_at;
 use crate::image::ExactLabels;
-use crate::image::formats::samples::{self, SampleType};
+use crate::image::formats::samples;
 use crate::image::formats::stream::PlaneReader;
-use crate::image::labels::LabelCollector;
+use crate::image::labels::{ExactSample, LabelCollector};
 use crate::memory;
 
 /// Remedy for a damaged chunk.
@@ -24,17 +24,41 @@ const DAMAGED_REMEDY: &str = "copy or write the array again";
 /// Number of cells per thread that are decoded at once.
 const CELLS_PER_THREAD: usize = 2;
 
+/// Memory for indices of shards, in bytes; one index may take more.
+const MAX_INDEX_BYTES: usize = 1 << 25;
+
 /// Index entry of a cell that is not in the shard.
 const ABSENT: u64 = u64::MAX;
 
 impl ArrayMetadata {
-    /// Returns the number of elements along the last three axes, the slowest first, or `None` if an
-    /// earlier axis has more than one element or there is only one axis.
+    /// Returns the number of elements along the three axes of an image, the slowest first, or `None`
+    /// if another axis has more than one element or there is only one axis.
     pub fn volume_shape(&self) -> Option<[usize; 3]> {
-        let axes = self.shape.len();
-        let leading = axes.saturating_sub(3);
-        (self.shape[..leading].iter().all(|&n| n == 1) && axes >= 2)
-            .then(|| last_three(&self.shape))
+        let others = (0..self.shape.len()).filter(|axis| !self.image_axes.contains(axis));
+        let is_image = (2..=3).contains(&self.image_axes.len())
+            && others.into_iter().all(|axis| self.shape[axis] == 1);
+        is_image.then(|| self.along_image(&self.shape, 1))
+    }
+
+    /// Returns the values that belong to the three axes of an image, the slowest first, with `missing`
+    /// in place of those of missing axes.
+    fn along_image(&self, values: &[usize], missing: usize) -> [usize; 3] {
+        let mut axes = self.image_axes.iter().rev();
+        let mut out = [missing; 3];
+        for value in out.iter_mut().rev() {
+            *value = axes.next().map_or(missing, |&axis| values[axis]);
+        }
+        out
+    }
+
+    /// Returns the index of a cell along all axes from that along the axes of the image.
+    fn cell_index(&self, along_image: [usize; 3]) -> Vec<usize> {
+        let mut cell = vec![0; self.shape.len()];
+        let numbers = along_image.into_iter().rev();
+        for (&axis, number) in self.image_axes.iter().rev().zip(numbers) {
+            cell[axis] = number;
+        }
+        cell
     }
 
     /// Returns the bytes of the elements of a cell, or `None` if no chunk holds it. `cell` is the
@@ -67,7 +91,7 @@ impl ArrayMetadata {
             .iter()
             .zip(&shard.cell_counts)
             .fold(0, |number, (c, n)| number * n + c);
-        let Some((start, count)) = shard_entry(shard, &path, &file, length, index)? else {
+        let Some((start, count)) = shard.entry(&path, &file, length, index)? else {
             return Ok(None);
         };
         let packed = read_range(&path, &file, start, count, length)?;
@@ -92,44 +116,16 @@ impl ArrayMetadata {
             remedy,
         )?;
         let mut out = vec![self.fill_value; count];
-        let size = self.codecs.cell_codecs.encoding.size();
-        let rows = 0..last_three(&self.shape)[1];
+        let encoding = self.codecs.cell_codecs.encoding;
+        let rows = 0..self.along_image(&self.shape, 1)[1];
         self.gather(0, rows, &mut out, self.fill_value, |bytes| {
-            bytes
-                .chunks_exact(size)
-                .map(|raw| self.decode_element(raw))
-                .collect()
+            encoding.numbers(bytes).collect()
         })?;
         Ok(out)
     }
 
-    /// Decodes one element.
-    fn decode_element(&self, raw: &[u8]) -> f64 {
-        use SampleType::*;
-        let encoding = self.codecs.cell_codecs.encoding;
-        // Bytes with the most significant byte first.
-        let mut bits = [0; 8];
-        let bytes = &mut bits[8 - raw.len()..];
-        bytes.copy_from_slice(raw);
-        if encoding.endian == samples::Endian::Little {
-            bytes.reverse();
-        }
-        let bits = u64::from_be_bytes(bits);
-        match encoding.sample_type {
-            F64 => f64::from_bits(bits),
-            I64 => bits as i64 as f64,
-            U64 | U32 => bits as f64,
-            I32 => f64::from(bits as u32 as i32),
-            _ => {
-                let mut out = [0.0];
-                encoding.decode(raw, &mut out);
-                out[0].into()
-            }
-        }
-    }
-
-    /// Fills `out` with a range of rows of consecutive planes along the last two axes, beginning
-    /// with plane `first` of the third last axis.
+    /// Fills `out` with a range of rows of consecutive planes of the image, beginning with plane
+    /// `first`.
     fn gather<T: Copy + Send>(
         &self,
         first: usize,
@@ -138,11 +134,11 @@ impl ArrayMetadata {
         fill: T,
         decode: impl Fn(&[u8]) -> Vec<T> + Sync,
     ) -> Result<()> {
-        let [nz, _, nx] = last_three(&self.shape);
-        let [cz, cy, cx] = last_three(&self.codecs.cell_shape);
+        let [nz, _, nx] = self.along_image(&self.shape, 1);
+        let [cz, cy, cx] = self.along_image(&self.codecs.cell_shape, 1);
+        let [stride_z, stride_y, stride_x] = self.along_image(&strides(&self.codecs.cell_shape), 0);
         let (first_row_cell, row_count) = (row_range.start / cy, row_range.len());
         let end_plane = (first + out.len() / (row_count * nx).max(1)).min(nz);
-        let axes = self.shape.len();
         let cells = [
             end_plane.div_ceil(cz).saturating_sub(first / cz),
             row_range.end.div_ceil(cy).saturating_sub(first_row_cell),
@@ -163,9 +159,7 @@ impl ArrayMetadata {
             let numbers = start..(start + batch).min(count);
             let decoded: Vec<Option<Vec<T>>> = (numbers.clone().into_par_iter())
                 .map(|number| {
-                    // All axes before the last three have one element.
-                    let mut cell = vec![0; axes.saturating_sub(3)];
-                    cell.extend(&cell_at(number)[3 - axes.min(3)..]);
+                    let cell = self.cell_index(cell_at(number));
                     Ok(self.read_cell(&cell)?.map(|bytes| decode(&bytes)))
                 })
                 .collect::<Result<_>>()?;
@@ -180,8 +174,9 @@ impl ArrayMetadata {
                         match &values {
                             None => row.fill(fill),
                             Some(values) => {
-                                let source = ((z - z0) * cy + y - y0) * cx;
-                                row.copy_from_slice(&values[source..source + width]);
+                                let source = (z - z0) * stride_z + (y - y0) * stride_y;
+                                let row_values = values[source..].iter().step_by(stride_x.max(1));
+                                row.iter_mut().zip(row_values).for_each(|(out, v)| *out = *v);
                             }
                         }
                     }
@@ -203,33 +198,36 @@ impl PlaneReader for ArrayMetadata {
     }
 
     fn batch_planes(&self) -> usize {
-        last_three(&self.codecs.cell_shape)[0]
+        self.along_image(&self.codecs.cell_shape, 1)[0]
     }
 
-    fn read_integers(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
+    fn read_exact_labels(&self, dims: [usize; 3]) -> Result<Option<Arc<ExactLabels>>> {
         let encoding = self.codecs.cell_codecs.encoding;
-        if !encoding.is_wide_integer() {
-            return Ok(None);
-        }
         let [nx, ny, nz] = dims;
         let mut collector = LabelCollector::default();
         let batch = self.batch_planes();
+        let fill = ExactSample::from(self.fill_value);
         for first in (0..nz).step_by(batch.max(1)) {
             let planes = batch.min(nz - first);
-            let mut out = vec![0i128; planes * nx * ny];
-            self.gather(first, 0..ny, &mut out, self.fill_value as i128, |bytes| {
-                encoding.integers(bytes).collect()
+            let mut out = vec![fill; planes * nx * ny];
+            self.gather(first, 0..ny, &mut out, fill, |bytes| {
+                encoding.exact_samples(bytes).collect()
             })?;
-            collector.extend(out);
+            if !collector.extend_exact(out) {
+                return Ok(None);
+            }
         }
-        Ok(Some(collector.finish()))
+        Ok(collector.finish_exact())
     }
 }
 
-/// Returns the last three of these numbers, with 1 in place of missing ones at the front.
-fn last_three(counts: &[usize]) -> [usize; 3] {
-    let axes = counts.len();
-    std::array::from_fn(|k| (axes + k).checked_sub(3).map_or(1, |index| counts[index]))
+/// Returns the distance in memory between neighbours along each axis of a cell.
+fn strides(shape: &[usize]) -> Vec<usize> {
+    let mut strides = vec![1; shape.len()];
+    for axis in (1..shape.len()).rev() {
+        strides[axis - 1] = strides[axis] * shape[axis];
+    }
+    strides
 }
 
 /// Opens the file of a chunk and returns it with its length, or `None` if it does not exist.
@@ -261,35 +259,53 @@ fn read_range(path: &Path, file: &File, start: u64, count: u64, length: u64) -> 
     Ok(bytes)
 }
 
-/// Returns the offset and the number of bytes of a cell in a shard file of `length` bytes, or
-/// `None` if the cell is not in the shard.
-fn shard_entry(
-    shard: &Shard,
-    path: &Path,
-    file: &File,
-    length: u64,
-    number: usize,
-) -> Result<Option<(u64, u64)>> {
-    let size = shard.index_bytes() as u64;
-    let offset = if shard.is_index_at_end {
-        length.saturating_sub(size)
-    } else {
-        0
-    };
-    let mut shape = shard.cell_counts.clone();
-    shape.push(2);
-    let index = read_range(path, file, offset, size, length)?;
-    let index = shard.index_codecs.decode_cell(index, &shape);
-    let index = index.map_err(|problem| chunk_error(path, &format!("its index {problem}")))?;
-    let value = |k: usize| {
-        let raw = index[8 * (2 * number + k)..].first_chunk::<8>();
-        raw.map_or(ABSENT, |raw| match shard.index_codecs.encoding.endian {
-            samples::Endian::Little => u64::from_le_bytes(*raw),
-            samples::Endian::Big => u64::from_be_bytes(*raw),
-        })
-    };
-    let (start, count) = (value(0), value(1));
-    Ok(((start, count) != (ABSENT, ABSENT)).then_some((start, count)))
+impl Shard {
+    /// Returns the offset and the number of bytes of a cell in a shard file of `length` bytes, or
+    /// `None` if the cell is not in the shard.
+    fn entry(
+        &self,
+        path: &Path,
+        file: &File,
+        length: u64,
+        cell: usize,
+    ) -> Result<Option<(u64, u64)>> {
+        let index = self.index(path, file, length)?;
+        let value = |k: usize| {
+            let raw = index[8 * (2 * cell + k)..].first_chunk::<8>();
+            raw.map_or(ABSENT, |raw| match self.index_codecs.encoding.endian {
+                samples::Endian::Little => u64::from_le_bytes(*raw),
+                samples::Endian::Big => u64::from_be_bytes(*raw),
+            })
+        };
+        let (start, count) = (value(0), value(1));
+        Ok(((start, count) != (ABSENT, ABSENT)).then_some((start, count)))
+    }
+
+    /// Returns the decoded index of a shard file of `length` bytes. The indices of the shards that
+    /// were read last stay in memory.
+    fn index(&self, path: &Path, file: &File, length: u64) -> Result<Arc<Vec<u8>>> {
+        let lock = || self.recent_indices.lock().unwrap_or_else(|e| e.into_inner());
+        if let Some((_, index)) = lock().iter().find(|(of, _)| of == path) {
+            return Ok(index.clone());
+        }
+        let size = self.index_bytes() as u64;
+        let offset = if self.is_index_at_end {
+            length.saturating_sub(size)
+        } else {
+            0
+        };
+        let mut shape = self.cell_counts.clone();
+        shape.push(2);
+        let packed = read_range(path, file, offset, size, length)?;
+        let index = self.index_codecs.decode_cell(packed, &shape);
+        let index = index.map_err(|problem| chunk_error(path, &format!("its index {problem}")))?;
+        let index = Arc::new(index);
+        let mut recent = lock();
+        let max_count = (MAX_INDEX_BYTES / index.len().max(1)).max(1);
+        recent.truncate(max_count.saturating_sub(1));
+        recent.insert(0, (path.to_path_buf(), index.clone()));
+        Ok(index)
+    }
 }
 
 fn chunk_error(path: &Path, problem: &str) -> Error {

@@ -4,6 +4,8 @@
 //! and compresses the bytes. With sharding a file holds many such chunks and their index.
 
 use std::io::Read;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use serde_json::Value;
@@ -34,6 +36,8 @@ pub struct Shard {
     pub is_index_at_end: bool,
     /// Codecs of the index. They keep its length.
     pub index_codecs: CodecChain,
+    /// Decoded indices of the shard files that were read last, the latest first.
+    pub recent_indices: Mutex<Vec<(PathBuf, Arc<Vec<u8>>)>>,
 }
 
 impl Shard {
@@ -63,6 +67,7 @@ enum ByteCodec {
     Zlib,
     Zstd,
     Blosc,
+    Lz4,
     Crc32c,
 }
 
@@ -124,6 +129,7 @@ impl Codecs {
                 cell_counts: cells,
                 is_index_at_end: configuration["index_location"] != "start",
                 index_codecs: index,
+                recent_indices: Mutex::default(),
             }),
         })
     }
@@ -165,12 +171,13 @@ impl CodecChain {
                 ("zlib" | "numcodecs.zlib", true) => ByteCodec::Zlib,
                 ("zstd" | "numcodecs.zstd", true) => ByteCodec::Zstd,
                 ("blosc" | "numcodecs.blosc", true) => ByteCodec::Blosc,
+                ("numcodecs.lz4", true) => ByteCodec::Lz4,
                 ("crc32c", true) => ByteCodec::Crc32c,
                 ("sharding_indexed", _) => return Err("has shards within shards".into()),
                 (name, _) => {
                     return Err(format!(
                         "has the codec '{name}', which is not read here (bytes, transpose, blosc, zstd, gzip, zlib, \
-                         crc32c and sharding_indexed are)"
+                         lz4, crc32c and sharding_indexed are)"
                     ));
                 }
             };
@@ -192,6 +199,7 @@ impl CodecChain {
             Some(ByteCodec::Gzip) => ", gzip",
             Some(ByteCodec::Zlib) => ", zlib",
             Some(ByteCodec::Zstd) => ", zstd",
+            Some(ByteCodec::Lz4) => ", lz4",
             Some(_) => ", blosc",
         }
     }
@@ -243,6 +251,15 @@ impl ByteCodec {
             Self::Zlib => read(&mut ZlibDecoder::new(bytes)),
             Self::Zstd => decode_zstd(bytes, max_bytes),
             Self::Blosc => blosc::decompress(bytes, max_bytes),
+            Self::Lz4 => {
+                let (length, packed) = bytes.split_first_chunk().ok_or("is cut off")?;
+                let length = u32::from_le_bytes(*length) as usize;
+                if length > max_bytes {
+                    return Err(format!("claims {length} bytes where {max_bytes} are needed"));
+                }
+                let unpacked = lz4_flex::block::decompress(packed, length);
+                unpacked.map_err(|e| format!("is damaged: {e}"))
+            }
             Self::Crc32c => {
                 let (rest, sum) = bytes
                     .split_last_chunk::<CHECKSUM_BYTES>()

@@ -1,10 +1,11 @@
-//! Metadata of a node in `zarr.json`: a group, or an array with its chunks and codecs.
+//! Metadata of a node: a group, or an array with its chunks and codecs.
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
 use super::codecs::Codecs;
+use super::version_2;
 use crate::error::{Result, io_error};
 use crate::image::formats::packed::file_error;
 use crate::image::formats::samples::SampleType;
@@ -42,6 +43,8 @@ pub struct ArrayMetadata {
     pub codecs: Codecs,
     /// Names of the axes; empty where an axis has none.
     pub axis_names: Vec<String>,
+    /// The two or three axes of an image, the slowest first. All others have one element.
+    pub image_axes: Vec<usize>,
     /// Further attributes.
     pub attributes: Map<String, Value>,
     /// Naming scheme of chunk files.
@@ -57,24 +60,20 @@ struct ChunkKeys {
 }
 
 impl ZarrNode {
-    /// Reads the metadata of the node in a folder.
+    /// Reads the metadata of the node in a folder, of version 3 or 2.
     ///
     /// # Errors
     /// Returns a [`crate::Error::Io`] if there are no metadata, or if they are not supported.
     pub fn open(folder: &Path) -> Result<Self> {
         let path = folder.join(NODE_FILE);
-        let length = std::fs::metadata(&path).map_err(|e| io_error(&path, "open", e))?;
-        if length.len() > MAX_METADATA_BYTES {
-            let problem = format!("has {} bytes, too many for metadata", length.len());
-            return Err(file_error(&path, problem, REWRITE_REMEDY));
+        if !path.is_file() && version_2::is_node(folder) {
+            return Self::open_version_2(folder);
         }
-        let text = std::fs::read(&path).map_err(|e| io_error(&path, "read", e))?;
         let to_error = |problem: String| file_error(&path, problem, REWRITE_REMEDY);
-        let value: Value = serde_json::from_slice(&text)
-            .map_err(|e| to_error(format!("is not JSON metadata of Zarr: {e}")).with_source(e))?;
+        let value = read_json(&path)?;
         if value["zarr_format"] != 3 {
-            let problem = format!("is of Zarr version {}, not 3", value["zarr_format"]);
-            return Err(file_error(&path, problem, VERSION_2_REMEDY));
+            let problem = format!("is of Zarr version {}, not 2 or 3", value["zarr_format"]);
+            return Err(to_error(problem));
         }
         let attributes = value["attributes"].as_object().cloned().unwrap_or_default();
         match value["node_type"].as_str() {
@@ -91,17 +90,70 @@ impl ZarrNode {
             ))),
         }
     }
+
+    fn open_version_2(folder: &Path) -> Result<Self> {
+        let attributes_file = folder.join(version_2::ATTRIBUTES_FILE);
+        let attributes = if attributes_file.is_file() {
+            let value = read_json(&attributes_file)?;
+            value.as_object().cloned().unwrap_or_default()
+        } else {
+            Map::new()
+        };
+        let path = folder.join(version_2::ARRAY_FILE);
+        if !path.is_file() {
+            return Ok(Self::Group(attributes));
+        }
+        let value = read_json(&path)?;
+        version_2::array_metadata(&value, &attributes)
+            .and_then(|value| ArrayMetadata::parse(folder, &value, attributes))
+            .map(|array| Self::Array(Box::new(array)))
+            .map_err(|problem| file_error(&path, problem, REWRITE_REMEDY))
+    }
+}
+
+/// Returns `true` if a folder is a node of Zarr version 3 or 2.
+pub fn is_node(folder: &Path) -> bool {
+    folder.join(NODE_FILE).is_file() || version_2::is_node(folder)
+}
+
+/// Reads a metadata file.
+///
+/// # Errors
+/// Returns a [`crate::Error::Io`] if it cannot be read or is no JSON.
+pub fn read_json(path: &Path) -> Result<Value> {
+    let length = std::fs::metadata(path).map_err(|e| io_error(path, "open", e))?;
+    if length.len() > MAX_METADATA_BYTES {
+        let problem = format!("has {} bytes, too many for metadata", length.len());
+        return Err(file_error(path, problem, REWRITE_REMEDY));
+    }
+    let text = std::fs::read(path).map_err(|e| io_error(path, "read", e))?;
+    // Version 2 writes NaN and infinities of attributes as bare words, which JSON has not.
+    let without_words = || -> Option<Value> {
+        let text = String::from_utf8(text.clone()).ok()?;
+        let words = [("-Infinity", "null"), ("Infinity", "null"), ("NaN", "null")];
+        let replaced = words.iter().fold(text, |text, (word, value)| {
+            text.replace(&format!(": {word}"), &format!(": {value}"))
+        });
+        serde_json::from_str(&replaced).ok()
+    };
+    match serde_json::from_slice(&text) {
+        Ok(value) => Ok(value),
+        Err(error) => without_words().ok_or_else(|| {
+            let problem = format!("is not JSON metadata of Zarr: {error}");
+            file_error(path, problem, REWRITE_REMEDY).with_source(error)
+        }),
+    }
 }
 
 /// Remedy for invalid metadata.
 pub const REWRITE_REMEDY: &str = "write the array again, e.g. with zarr-python's defaults";
 
-/// Remedy for a store of version 2.
-pub const VERSION_2_REMEDY: &str = "convert it to version 3, e.g. with zarr-python: zarr.create_array(new, data=zarr.open(old)[:]), \
-or with multidimio of version 1 from the SEG-Y file";
-
 impl ArrayMetadata {
-    fn parse(
+    /// Parses the metadata of an array in the form of version 3.
+    ///
+    /// # Errors
+    /// Returns a message if they are invalid or not supported.
+    pub fn parse(
         folder: &Path,
         value: &Value,
         attributes: Map<String, Value>,
@@ -115,10 +167,13 @@ impl ArrayMetadata {
             .filter(|chunk| chunk.len() == shape.len() && !chunk.contains(&0))
             .ok_or_else(|| format!("has no chunk_shape of {} numbers", shape.len()))?;
         let sample = sample_type(&value["data_type"])?;
-        checked_product(&chunk)
+        let codecs = Codecs::parse(&value["codecs"], &chunk, sample)?;
+        // Of a shard only one of its chunks is in memory at a time.
+        let cell = &codecs.cell_shape;
+        checked_product(cell)
             .and_then(|count| count.checked_mul(sample_bytes(sample)))
             .filter(|&bytes| bytes <= MAX_CHUNK_BYTES)
-            .ok_or_else(|| format!("has chunks of {chunk:?} elements, more than 2 GB"))?;
+            .ok_or_else(|| format!("has chunks of {cell:?} elements, more than 2 GB"))?;
         checked_product(&shape)
             .filter(|&count| count as u64 <= MAX_ELEMENTS)
             .ok_or_else(|| format!("has the shape {shape:?}, more than any survey"))?;
@@ -152,12 +207,13 @@ impl ArrayMetadata {
         };
         Ok(Self {
             folder: folder.to_path_buf(),
-            codecs: Codecs::parse(&value["codecs"], &chunk, sample)?,
+            codecs,
             fill_value: parse_fill_value(&value["fill_value"], sample)?,
             chunk_keys: ChunkKeys {
                 has_prefix,
                 separator,
             },
+            image_axes: default_image_axes(&shape, &names),
             shape,
             axis_names: names,
             attributes,
@@ -180,6 +236,27 @@ impl ArrayMetadata {
         };
         self.folder.join(key)
     }
+}
+
+/// Returns the axes of an image: all but axes of one element, as many as there are more than three.
+/// Axes of channels go first, then the slowest ones.
+fn default_image_axes(shape: &[usize], names: &[String]) -> Vec<usize> {
+    let mut axes: Vec<usize> = (0..shape.len()).collect();
+    let is_channel = |axis: usize| {
+        let name = names[axis].to_lowercase();
+        matches!(&*name, "c" | "channel" | "channels" | "t")
+    };
+    for wants_channel in [true, false] {
+        let mut axis = 0;
+        while axes.len() > 3 && axis < axes.len() {
+            if shape[axes[axis]] == 1 && is_channel(axes[axis]) == wants_channel {
+                axes.remove(axis);
+            } else {
+                axis += 1;
+            }
+        }
+    }
+    axes
 }
 
 /// Returns the product, or `None` if it overflows.

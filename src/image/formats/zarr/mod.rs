@@ -1,77 +1,87 @@
-//! Zarr version 3 in local folders: a chunked array, alone or in a group; and MDIO version 1, which
-//! stores a survey as such a group.
+//! Zarr versions 2 and 3 in local folders: a chunked array, alone or in a group; OME-Zarr, which stores
+//! images of several resolutions as such groups; and MDIO version 1, which stores surveys so.
 //!
-//! An array of shape `(nz, ny, nx)` becomes an image of dimensions `[nx, ny, nz]`. It is read chunk
-//! by chunk on all threads, so that the compressed data are never in memory as a whole.
+//! An array of shape `(nz, ny, nx)` becomes an image of dimensions `[nx, ny, nz]`; axes of one
+//! element, such as channel and time, are left out. It is read chunk by chunk on all threads, so that
+//! the compressed data are never in memory as a whole.
 //!
-//! - `metadata`: the content of `zarr.json`
+//! - `metadata`: the content of `zarr.json`; `version_2`: that of `.zarray` and `.zattrs`
 //! - `codecs`: decodes the bytes of a chunk to elements; `blosc` is one of the codecs
 //! - `array`: the elements of an array
-//! - `placement`: the geometry of an array, from the arrays next to it
+//! - `ome`: the levels of OME-Zarr and their geometry
+//! - `placement`: the geometry of an array, from the arrays next to it; `trace_headers`: those of MDIO
 //! - `write`: writes an image as a group
 
 mod array;
 mod blosc;
 mod codecs;
 mod metadata;
+mod ome;
 mod placement;
+mod trace_headers;
+mod version_2;
 mod write;
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::packed::file_error;
 use super::stream::{ImageHeader, ImageStream, PlaneReader};
 use super::{ImageFormat, samples};
 use crate::error::{Error, Result, io_error};
-use metadata::{ArrayMetadata, NODE_FILE, VERSION_2_REMEDY, ZarrNode};
+use metadata::{ArrayMetadata, NODE_FILE, ZarrNode};
 
 pub use write::write;
 
 /// Returns `true` if the path is a Zarr folder.
 ///
 /// # Errors
-/// Returns an [`Error::Io`] if it is a folder of version 2.
+/// Returns an [`Error::Io`] if it is a survey of MDIO version 0.
 pub fn is_node(path: &Path) -> Result<bool> {
-    if !path.is_dir() {
+    if !path.is_dir() || !metadata::is_node(path) {
         return Ok(false);
     }
-    if path.join(NODE_FILE).is_file() {
-        return Ok(true);
+    let has_group = |name: &str| version_2::is_node(&path.join(name));
+    if !path.join(NODE_FILE).is_file() && has_group("data") && has_group("metadata") {
+        let problem = "is of MDIO version 0, which is not read";
+        let remedy = "import the SEG-Y file again with multidimio 1, or convert it to SEG-Y with multidimio 0";
+        return Err(file_error(path, problem, remedy));
     }
-    let version_2_files = [".zarray", ".zgroup", ".zmetadata"];
-    if version_2_files.iter().any(|name| path.join(name).is_file()) {
-        let problem = "is of Zarr version 2 (or MDIO version 0), which is not read";
-        Err(file_error(path, problem, VERSION_2_REMEDY))
-    } else {
-        Ok(false)
-    }
+    Ok(true)
 }
 
-/// Opens an array, or the only array of a group that can be an image.
+/// Opens an array, or the array of a group that is its image: the finest level of OME-Zarr, or else the
+/// only array that can be an image.
 ///
 /// # Errors
 /// Returns an [`Error::Io`] if the metadata cannot be read, or if there is no such array or more
 /// than one.
 pub fn open(path: &Path) -> Result<ImageStream> {
-    let (array, group) = match ZarrNode::open(path)? {
-        ZarrNode::Group(attributes) => (select_array(path, &attributes)?, Some(path.to_path_buf())),
-        ZarrNode::Array(array) => {
-            let folder = path.canonicalize().map_err(|e| io_error(path, "open", e))?;
-            let parent = folder
-                .parent()
-                .filter(|folder| folder.join(NODE_FILE).is_file());
-            (*array, parent.map(Path::to_path_buf))
+    let (mut array, note) = match ZarrNode::open(path)? {
+        ZarrNode::Group(attributes) => {
+            let (array, note) = image_of_group(path, &attributes)?;
+            (array, Some(note))
         }
+        ZarrNode::Array(array) => (*array, None),
     };
+    let folder = (array.folder.canonicalize()).map_err(|e| io_error(path, "open", e))?;
+    let group = folder.parent().filter(|folder| metadata::is_node(folder));
+    let level = ome::LevelMetadata::find(&array);
+    if let Some(axes) = level.as_ref().map(ome::LevelMetadata::space_axes)
+        && (2..=3).contains(&axes.len())
+    {
+        array.image_axes = axes;
+    }
     let shape_text = format_shape(&array.shape);
     let [nz, ny, nx] = array
         .volume_shape()
         .filter(|dims| !dims.contains(&0))
         .ok_or_else(|| {
-            let problem = format!("holds {shape_text} elements, where 2 or 3 axes are needed");
+            let problem = format!(
+                "holds {shape_text} elements, where 2 or 3 axes are needed (and others have one element)"
+            );
             file_error(
                 &array.folder,
                 problem,
@@ -81,16 +91,10 @@ pub fn open(path: &Path) -> Result<ImageStream> {
     let encoding = array.codecs.cell_codecs.encoding;
     let mut header = ImageHeader {
         encoding: format!("{encoding}{}", array.codecs.cell_codecs.compression_label()),
-        notes: Vec::new(),
+        notes: note.into_iter().collect(),
         ..ImageHeader::without_geometry(ImageFormat::Zarr, [nx, ny, nz], encoding, "Zarr")
     };
-    if group.as_deref() == Some(path) {
-        let name = array.folder.file_name().unwrap_or_default();
-        header
-            .notes
-            .push(format!("the array {}", name.to_string_lossy()));
-    }
-    placement::place(&mut header, &array, group.as_deref())?;
+    placement::place(&mut header, &array, group, level.as_ref())?;
     let reader: Box<dyn PlaneReader> = if header.missing.is_empty() {
         Box::new(array)
     } else {
@@ -108,19 +112,75 @@ pub fn open(path: &Path) -> Result<ImageStream> {
     })
 }
 
-/// Selects the array of a group that is an image: the default array that the group names, or else
-/// the only one.
-fn select_array(
-    group: &Path,
-    attributes: &serde_json::Map<String, Value>,
-) -> Result<ArrayMetadata> {
+/// Returns the array of a group that is its image, and a note that names it.
+fn image_of_group(group: &Path, attributes: &Map<String, Value>) -> Result<(ArrayMetadata, String)> {
+    if let Some(level) = ome::finest_level(attributes) {
+        let folder = group.join(&level.path);
+        let array = match ZarrNode::open(&folder)? {
+            ZarrNode::Array(array) => *array,
+            ZarrNode::Group(attributes) => select_array(&folder, &attributes)?,
+        };
+        let name = level.path.display();
+        let mut note = match level.count {
+            1 => format!("the array {name}"),
+            count => format!("the array {name}, the finest of {count} levels"),
+        };
+        if level.image_count > 1 {
+            note += &format!(" of the first of {} images", level.image_count);
+        }
+        return Ok((array, note));
+    }
+    let mut images = images_below(group)?;
+    if let (Some((name, attributes)), true) = (images.pop(), images.is_empty()) {
+        let (array, note) = image_of_group(&group.join(&name), &attributes)?;
+        return Ok((array, format!("{note} of the group {name}")));
+    } else if !images.is_empty() {
+        let names = images_below(group)?.into_iter().map(|(name, _)| name);
+        let names: Vec<String> = names.collect();
+        return Err(file_error(
+            group,
+            format!("holds several images: {}", names.join(", ")),
+            &format!("give one of them, as in {}", group.join(&names[0]).display()),
+        ));
+    }
+    let array = select_array(group, attributes)?;
+    let name = array.folder.file_name().unwrap_or_default();
+    let note = format!("the array {}", name.to_string_lossy());
+    Ok((array, note))
+}
+
+/// Returns the groups of a group that have images of several resolutions, such as the series that
+/// bioformats2raw writes: their names and attributes.
+fn images_below(group: &Path) -> Result<Vec<(String, Map<String, Value>)>> {
+    let has_levels = |folder: &PathBuf| match ZarrNode::open(folder) {
+        Ok(ZarrNode::Group(attributes)) if ome::finest_level(&attributes).is_some() => {
+            let name = folder.file_name()?.to_string_lossy().into_owned();
+            Some((name, attributes))
+        }
+        _ => None,
+    };
+    Ok(nodes_in(group)?.iter().filter_map(has_levels).collect())
+}
+
+/// Returns the folders in a group that are nodes, in the order of their names.
+fn nodes_in(group: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(group).map_err(|e| io_error(group, "read", e))?;
     let mut folders: Vec<_> = entries
         .flatten()
         .map(|entry| entry.path())
-        .filter(|path| path.join(NODE_FILE).is_file())
+        .filter(|path| metadata::is_node(path))
         .collect();
     folders.sort();
+    Ok(folders)
+}
+
+/// Selects the array of a group that is an image: the default array that the group names, or else
+/// the only one.
+fn select_array(
+    group: &Path,
+    attributes: &Map<String, Value>,
+) -> Result<ArrayMetadata> {
+    let folders = nodes_in(group)?;
     let group_attributes = attributes.get("attributes").unwrap_or(&Value::Null);
     if let Some(name) = group_attributes["defaultVariableName"].as_str()
         && let Some(folder) = folders.iter().find(|path| path.ends_with(name))
@@ -152,7 +212,7 @@ fn select_array(
         let mut candidates: Vec<ArrayMetadata> = Vec::new();
         let (selected, remaining): (Vec<_>, Vec<_>) = arrays.into_iter().partition(|array| {
             array.volume_shape().is_some()
-                && array.shape.len() >= axes
+                && array.image_axes.len() >= axes
                 && !coordinate_names.contains(&name(array))
         });
         arrays = remaining;

@@ -10,12 +10,14 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::metadata::{ArrayMetadata, NODE_FILE, ZarrNode};
+use super::metadata::{self, ArrayMetadata, ZarrNode};
+use super::ome::LevelMetadata;
+use super::trace_headers;
 use crate::error::Result;
 use crate::geometry::sorted_distinct;
 use crate::image::Geometry;
 use crate::image::formats::AxisSpec;
-use crate::image::formats::placement::{NO_GEOMETRY_NOTE, length_unit};
+use crate::image::formats::placement::NO_GEOMETRY_NOTE;
 use crate::image::formats::segy::{LineNumbers, SurveyFit};
 use crate::image::formats::stream::ImageHeader;
 
@@ -63,7 +65,7 @@ impl SiblingArrays<'_> {
         // Names of axes must not be paths.
         let is_plain_name = !name.is_empty() && !name.contains(['/', '\\']) && name != "..";
         let folder = self.group.filter(|_| is_plain_name)?.join(name);
-        if !folder.join(NODE_FILE).is_file() {
+        if !metadata::is_node(&folder) {
             return None;
         }
         match ZarrNode::open(&folder).ok()? {
@@ -72,17 +74,22 @@ impl SiblingArrays<'_> {
         }
     }
 
-    /// Returns the coordinate of an axis, or `None` if there is none or it is not evenly spaced.
+    /// Returns the coordinate of an axis, or `None` if there is none or it is not evenly spaced. `trace`
+    /// is the index of a trace along the axes of a survey if the axis is its vertical one.
     fn even_coordinate(
         &self,
         name: &str,
         count: usize,
+        trace: Option<&[usize]>,
         notes: &mut Vec<String>,
     ) -> Result<Option<EvenCoordinate>> {
         let Some(array) = self.array(name, &[count]) else {
             return Ok(None);
         };
         let values = array.read_all()?;
+        if let Some(even) = self.by_trace_header(name, &values, array_unit(&array), trace, notes)? {
+            return Ok(Some(even));
+        }
         let (first, last) = (values[0], values[count - 1]);
         let step = match count {
             1 => 1.0,
@@ -104,6 +111,36 @@ impl SiblingArrays<'_> {
                  taken as {step} apart from {first} (--interval, --spacing and --origin set others)"
             ));
             return Ok(Some(EvenCoordinate { first, step, unit }));
+        }
+        Ok(Some(EvenCoordinate { first, step, unit }))
+    }
+}
+
+impl SiblingArrays<'_> {
+    /// Returns the coordinate of the vertical axis by the trace headers of MDIO, which give it exactly, or
+    /// `None` if there are none, or if the numbers of the axis are of another interval.
+    fn by_trace_header(
+        &self,
+        name: &str,
+        numbers: &[f64],
+        unit: String,
+        trace: Option<&[usize]>,
+        notes: &mut Vec<String>,
+    ) -> Result<Option<EvenCoordinate>> {
+        let (Some(group), Some(trace)) = (self.group, trace) else {
+            return Ok(None);
+        };
+        let sampling = trace_headers::vertical_sampling(group, trace)?;
+        let Some(sampling) = sampling.filter(|sampling| sampling.fits(numbers)) else {
+            return Ok(None);
+        };
+        let (first, step) = (sampling.first, sampling.step(name));
+        let is_cut_off = numbers.get(1).is_some_and(|number| *number != step);
+        if is_cut_off || first != 0.0 {
+            notes.push(format!(
+                "the coordinate {name} is that of the trace headers, {step} apart from {first}: the axis holds whole \
+                 numbers from 0"
+            ));
         }
         Ok(Some(EvenCoordinate { first, step, unit }))
     }
@@ -148,7 +185,7 @@ fn array_unit(array: &ArrayMetadata) -> String {
     mdio.or_else(xarray_unit).unwrap_or_default()
 }
 
-/// Sets the geometry of an image from the metadata of the array and its group.
+/// Sets the geometry of an image from the metadata of the array, its group, and OME-Zarr (`level`).
 ///
 /// # Errors
 /// Returns a [`crate::Error::Io`] if chunks of the coordinates cannot be read.
@@ -156,10 +193,18 @@ pub fn place(
     header: &mut ImageHeader<3>,
     array: &ArrayMetadata,
     group: Option<&Path>,
+    level: Option<&LevelMetadata>,
 ) -> Result<()> {
     let siblings = SiblingArrays { group };
-    let axes = array.shape.len();
-    for (k, name) in array.axis_names.iter().rev().take(3).enumerate() {
+    let axes = array.image_axes.len();
+    let names = match level {
+        Some(level) => level.axis_names(&array.image_axes),
+        None => {
+            let names = array.image_axes.iter();
+            names.map(|&axis| array.axis_names[axis].clone()).collect()
+        }
+    };
+    for (k, name) in names.iter().rev().enumerate() {
         if !name.is_empty() {
             header.geometry.names[k].clone_from(name);
         }
@@ -177,10 +222,18 @@ pub fn place(
             header.missing = missing;
         }
     }
+    // The first trace that exists.
+    let first_live = header.missing.iter().position(|missing| !missing);
+    let first_live = first_live.unwrap_or(0);
+    let trace = match axes {
+        3 => vec![first_live / header.dims[1], first_live % header.dims[1]],
+        _ => vec![first_live],
+    };
     let mut coordinates: [Option<EvenCoordinate>; 3] = [None, None, None];
     for (k, coordinate) in coordinates.iter_mut().enumerate().take(axes) {
         let (name, count) = (&header.geometry.names[k], header.dims[k]);
-        *coordinate = siblings.even_coordinate(name, count, &mut header.notes)?;
+        let trace = Some(&*trace).filter(|_| k == 0);
+        *coordinate = siblings.even_coordinate(name, count, trace, &mut header.notes)?;
     }
     let is_survey = header.geometry.names[1..] == ["crossline", "inline"];
     if is_survey {
@@ -201,11 +254,19 @@ pub fn place(
             return Ok(());
         }
     }
-    if coordinates.iter().all(Option::is_none) && place_by_ome(header, array, group) {
-        return Ok(());
-    }
     if coordinates.iter().all(Option::is_none) {
-        header.notes.push(format!("the array {NO_GEOMETRY_NOTE}"));
+        match level.and_then(|level| level.geometry(&array.image_axes)) {
+            Some(geometry) => {
+                header.geometry = geometry;
+                let note = "spacing and unit from OME-Zarr metadata";
+                header.notes.push(note.into());
+            }
+            None => {
+                // The names alone say along which coordinates the axes run.
+                place_along_axes(header, &coordinates);
+                header.notes.push(format!("the array {NO_GEOMETRY_NOTE}"));
+            }
+        }
         return Ok(());
     }
     if let (true, Some([inlines, crosslines])) = (is_survey, header.line_numbers) {
@@ -221,62 +282,6 @@ pub fn place(
     }
     place_along_axes(header, &coordinates);
     Ok(())
-}
-
-/// Sets the geometry of an OME-Zarr image (NGFF 0.5) from the scale and translation in the group.
-/// Returns `false` if there are none.
-fn place_by_ome(header: &mut ImageHeader<3>, array: &ArrayMetadata, group: Option<&Path>) -> bool {
-    let read_geometry = || -> Option<Geometry<3>> {
-        let ZarrNode::Group(node) = ZarrNode::open(group?).ok()? else {
-            return None;
-        };
-        let name = array.folder.file_name()?.to_str()?;
-        let ome = node.get("ome")?;
-        let mut images = ome["multiscales"].as_array()?.iter();
-        let (image, dataset) = images.find_map(|image| {
-            let mut datasets = image["datasets"].as_array()?.iter();
-            Some((image, datasets.find(|set| set["path"] == name)?))
-        })?;
-        let numbers = |value: &Value| -> Option<Vec<f64>> {
-            value.as_array()?.iter().map(Value::as_f64).collect()
-        };
-        let axes = image["axes"].as_array()?;
-        let count = axes.len();
-        let (mut scale, mut translation) = (vec![1.0; count], vec![0.0; count]);
-        let lists = [dataset, image].map(|entry| entry["coordinateTransformations"].as_array());
-        for change in lists.into_iter().flatten().flatten() {
-            let factors = numbers(&change["scale"]).unwrap_or_else(|| vec![1.0; count]);
-            let shifts = numbers(&change["translation"]).unwrap_or_else(|| vec![0.0; count]);
-            if factors.len() != count || shifts.len() != count {
-                return None;
-            }
-            for k in 0..count {
-                scale[k] *= factors[k];
-                translation[k] = translation[k] * factors[k] + shifts[k];
-            }
-        }
-        let mut geometry = Geometry::default();
-        for (k, axis) in (0..count).rev().take(3).enumerate() {
-            if !(scale[axis] > 0.0 && scale[axis].is_finite() && translation[axis].is_finite()) {
-                return None;
-            }
-            geometry.axes[k][k] = scale[axis];
-            geometry.origin[k] = translation[axis];
-            let unit = axes[axis]["unit"].as_str().unwrap_or_default();
-            geometry.units[k] = length_unit(unit).unwrap_or(unit).to_string();
-        }
-        Some(geometry.in_one_length_unit())
-    };
-    match read_geometry() {
-        Some(geometry) => {
-            header.geometry = geometry;
-            header
-                .notes
-                .push("spacing and unit from OME-Zarr metadata".into());
-            true
-        }
-        None => false,
-    }
 }
 
 /// Returns the geometry that `convert` has written, or `None` if it is invalid.

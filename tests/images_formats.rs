@@ -505,12 +505,14 @@ fn survey_map(degrees: f64, signs: [f64; 2]) -> Image<2> {
         let (sin, cos) = degrees.to_radians().sin_cos();
         [length * cos, length * sin]
     };
-    let mut geometry = Geometry::<2>::default();
-    geometry.origin = [450_000.25, 6_780_000.75];
-    geometry.axes = [
-        axis(25.0 * signs[0], degrees),
-        axis(12.5 * signs[1], degrees + 90.000_004),
-    ];
+    let geometry = Geometry {
+        origin: [450_000.25, 6_780_000.75],
+        axes: [
+            axis(25.0 * signs[0], degrees),
+            axis(12.5 * signs[1], degrees + 90.000_004),
+        ],
+        ..Geometry::default()
+    };
     let height = |i: usize| match i % 17 {
         3 => f32::NAN,
         _ => -2000.0 + 0.25 * i as f32,

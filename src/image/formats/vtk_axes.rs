@@ -122,7 +122,8 @@ pub(super) fn structured(file: &VtkFile, piece: &Element, dims: [usize; 3]) -> R
     let at = |i: usize| [i % dims[0], i / strides[1] % dims[1], i / strides[2]];
     let is_off = |(i, point): (usize, &[f64; 3])| {
         let place = geometry.to_physical(at(i).map(|index| index as f64));
-        !(norm(sub(*point, place)) <= limit)
+        let distance = norm(sub(*point, place));
+        distance.is_nan() || distance > limit
     };
     if let Some(first) = points.iter().enumerate().position(is_off) {
         let problem = format!(

@@ -505,12 +505,14 @@ fn survey_map(degrees: f64, signs: [f64; 2]) -> Image<2> {
         let (sin, cos) = degrees.to_radians().sin_cos();
         [length * cos, length * sin]
     };
-    let mut geometry = Geometry::<2>::default();
-    geometry.origin = [450_000.25, 6_780_000.75];
-    geometry.axes = [
-        axis(25.0 * signs[0], degrees),
-        axis(12.5 * signs[1], degrees + 90.000_004),
-    ];
+    let geometry = Geometry {
+        origin: [450_000.25, 6_780_000.75],
+        axes: [
+            axis(25.0 * signs[0], degrees),
+            axis(12.5 * signs[1], degrees + 90.000_004),
+        ],
+        ..Geometry::default()
+    };
     let height = |i: usize| match i % 17 {
         3 => f32::NAN,
         _ => -2000.0 + 0.25 * i as f32,
@@ -561,5 +563,57 @@ fn xtgeo_finds_the_nodes_of_maps_within_a_centimetre() {
                 "{x} {y} {place:?}"
             );
         }
+    }
+}
+
+/// A file of another program as `placed.py` describes it: name, layer, dims, position of the first
+/// sample, steps and samples.
+type PlacedFile = (
+    String,
+    Option<usize>,
+    [usize; 3],
+    [f64; 3],
+    [[f64; 3]; 3],
+    Vec<f32>,
+);
+
+#[test]
+#[ignore = "needs VTK, nibabel and pynrrd: make test-all"]
+fn grids_pairs_and_layers_lie_where_their_programs_have_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/placed.py");
+    let arguments = [script.as_os_str(), folder.path().as_os_str()];
+    let stdout = crate::common::run_python("VTK, nibabel and pynrrd", &arguments);
+    let files: Vec<PlacedFile> = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(files.len(), 12);
+    for (name, layer, dims, origin, axes, samples) in files {
+        let options = ReadOptions {
+            layer,
+            ..ReadOptions::default()
+        };
+        let AnyImage::Space(loaded) =
+            formats::read_any(&folder.path().join(&name), &options).unwrap()
+        else {
+            panic!("{name} is no plane");
+        };
+        let image = loaded.image;
+        assert_eq!(image.dims(), dims, "{name}");
+        assert_eq!(image.as_slice(), samples, "{name}");
+        assert!(all_close(&image.geometry.origin, &origin, 1e-9), "{name}");
+        for (axis, expected) in image.geometry.axes.iter().zip(&axes) {
+            assert!(
+                all_close(axis, expected, 1e-6),
+                "{name}: {axis:?} {expected:?}"
+            );
+        }
+        let names: Vec<String> = (image.label_names.iter())
+            .map(|(label, name)| format!("{label} {name}"))
+            .collect();
+        let expected = match layer {
+            Some(0) => vec!["2 Muscle".to_string()],
+            Some(_) => vec!["1 Tumour".to_string()],
+            None => Vec::new(),
+        };
+        assert_eq!(names, expected, "{name}");
     }
 }

@@ -274,7 +274,8 @@ fn unsupported_files_are_refused_with_the_name_of_a_tool_that_reads_them() {
         ("brain.mgz", gzip, "mri_convert"),
         ("data.h5", b"\x89HDF\r\n\x1a\n", "h5py"),
         ("slice.dcm", &dicom, "dcm2niix"),
-        ("all.npz", b"PK\x03\x04", "numpy.load"),
+        ("all.npz", b"PK\x03\x04\x14\0\0\0a.npy", "numpy.load"),
+        ("all.zip", b"PK\x03\x04", "unzip"),
     ];
     for (name, bytes, tool) in files {
         std::fs::write(folder.join(name), bytes).unwrap();

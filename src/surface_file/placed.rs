@@ -454,7 +454,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(count, 9 * 3 * 2 * 3);
+        assert_eq!(count, FORMATS.len() * 3 * 2 * 3);
     }
 
     #[test]

@@ -152,17 +152,25 @@ fn is_dicom(head: &[u8]) -> bool {
     has(head, DICOM_PREAMBLE, b"DICM")
 }
 
+/// Returns the first elements of a DICOM file, which name the class of what it holds.
+fn dicom_meta(head: &[u8]) -> &[u8] {
+    &head[..head.len().min(DICOM_PREAMBLE + 384)]
+}
+
 /// Returns `true` for segmentations, and for those of labels.
 fn is_dicom_segmentation(head: &[u8]) -> bool {
     let classes: [&[u8]; 2] = [
-        b"1.2.840.10008.5.1.4.1.1.66.4\0",
-        b"1.2.840.10008.5.1.4.1.1.66.7\0",
+        b"1.2.840.10008.5.1.4.1.1.66.4",
+        b"1.2.840.10008.5.1.4.1.1.66.7",
     ];
-    is_dicom(head) && classes.iter().any(|class| contains(head, class))
+    is_dicom(head)
+        && classes
+            .iter()
+            .any(|class| contains(dicom_meta(head), class))
 }
 
 fn is_dicom_contours(head: &[u8]) -> bool {
-    is_dicom(head) && contains(head, b"1.2.840.10008.5.1.4.1.1.481.3\0")
+    is_dicom(head) && contains(dicom_meta(head), b"1.2.840.10008.5.1.4.1.1.481.3")
 }
 
 /// Returns `true` for a data set of DICOM that begins with an element of group 2 or 8, in little-endian
@@ -408,7 +416,7 @@ mod tests {
             (b"GOCAD Voxet 1\n".to_vec(), "--raw"),
             (b"GOCAD TSurf 1\n".to_vec(), "not a mesh"),
             (
-                dicom(b"1.2.840.10008.5.1.4.1.1.66.4\0"),
+                dicom(b"1.2.840.10008.5.1.4.1.1.66.4\x02\0"),
                 "segimage2itkimage",
             ),
             (dicom(b"1.2.840.10008.5.1.4.1.1.66.7\0"), "highdicom"),

@@ -16,7 +16,7 @@ use super::packed::{
     self, DAMAGED_REMEDY, PackedSamples, SamplePacking, SampleStart, dims_from_sizes, file_error,
 };
 use super::samples::{self, Encoding, Endian, SampleType};
-use super::segments::{Segment, describe_layers, label_names, segments};
+use super::segments::{Segment, describe_layers, label_names, note_on_names, segments};
 use super::stream::SlabSource;
 use super::{ImageFormat, LoadedImage};
 use crate::error::{Error, Result, cause};
@@ -205,6 +205,7 @@ pub fn read(path: &Path, layer: Option<usize>) -> Result<LoadedImage> {
         ));
     }
     loaded.image.label_names = label_names(&segments, layer);
+    (loaded.notes).extend(note_on_names(&loaded.image.label_names));
     match loaded
         .notes
         .iter()

@@ -65,6 +65,18 @@ pub(super) fn label_names(segments: &[Segment], layer: usize) -> Vec<(LabelValue
     labels
 }
 
+/// Returns a note that lists the names of labels, if there are any.
+pub(super) fn note_on_names(names: &[(LabelValue, String)]) -> Option<String> {
+    const MAX_NAMES: usize = 20;
+    let mut list: Vec<String> = (names.iter().take(MAX_NAMES))
+        .map(|(label, name)| format!("{label} = {name}"))
+        .collect();
+    if names.len() > MAX_NAMES {
+        list.push("...".into());
+    }
+    (!names.is_empty()).then(|| format!("labels have the names of the file: {}", list.join(", ")))
+}
+
 /// Returns a description of the layers, with the names of their segments.
 pub(super) fn describe_layers(segments: &[Segment], count: usize) -> String {
     const MAX_LAYERS: usize = 12;

@@ -39,7 +39,8 @@ pub(super) fn rectilinear(
             }
         };
         let values = array.values.to_f64();
-        if values.len() != dims[k] || !values.iter().all(|x| x.is_finite()) {
+        let is_finite = values.iter().all(|x| x.is_finite());
+        if values.is_empty() || values.len() != dims[k] || !is_finite {
             let problem = format!(
                 "has {} coordinates along {axis} for {} points",
                 values.len(),
@@ -48,11 +49,10 @@ pub(super) fn rectilinear(
             return Err(file.error(problem, crate::files::REWRITE_DAMAGED));
         }
         geometry.origin[k] = values[0];
-        let [.., last] = values[..] else { continue };
         if values.len() == 1 {
             continue;
         }
-        let step = (last - values[0]) / (values.len() - 1) as f64;
+        let step = (values[values.len() - 1] - values[0]) / (values.len() - 1) as f64;
         let place = |i: usize| values[0] + i as f64 * step;
         let unevenness = (0..values.len()).map(|i| (values[i] - place(i)).abs());
         let unevenness = unevenness.fold(0.0, f64::max);
@@ -122,7 +122,8 @@ pub(super) fn structured(file: &VtkFile, piece: &Element, dims: [usize; 3]) -> R
     let at = |i: usize| [i % dims[0], i / strides[1] % dims[1], i / strides[2]];
     let is_off = |(i, point): (usize, &[f64; 3])| {
         let place = geometry.to_physical(at(i).map(|index| index as f64));
-        !(norm(sub(*point, place)) <= limit)
+        let distance = norm(sub(*point, place));
+        distance.is_nan() || distance > limit
     };
     if let Some(first) = points.iter().enumerate().position(is_off) {
         let problem = format!(

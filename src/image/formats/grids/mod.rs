@@ -480,7 +480,7 @@ mod tests {
             let error = formats::write(&path, &image).unwrap_err().to_string();
             assert!(error.contains("not perpendicular"), "{ending}: {error}");
             let note = displacement_note(&path, [100, 100], &skewed(9e-5)).unwrap();
-            assert!(note.contains("its nodes are moved by up to 0.0"), "{note}");
+            assert!(note.contains("nodes are moved by up to 0.0"), "{note}");
             assert_eq!(displacement_note(&path, [100, 100], &skewed(1e-7)), None);
         }
         assert_eq!(

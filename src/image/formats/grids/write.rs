@@ -170,7 +170,7 @@ impl GridLayout {
         {
             let rotation = directions[0][1].atan2(directions[0][0]).to_degrees();
             let problem = format!(
-                "a {} grid cannot be rotated, but this image is rotated by {rotation:.2} degrees",
+                "{} grids cannot be rotated, but this image is rotated by {rotation:.2} degrees",
                 format.name()
             );
             return Err((problem, "write it as .irap, or a horizon as points (.xyz)"));
@@ -236,7 +236,7 @@ pub(crate) fn displacement_note<const D: usize>(
     let step = layout.step[0].min(layout.step[1]);
     (layout.displacement > NOTABLE_MOVE * step).then(|| {
         format!(
-            "{}: the axes are not exactly those of a {} grid: its nodes are moved by up to {:.3}{}{}",
+            "{}: the axes are not exactly perpendicular, or not along x and y as {} needs it: nodes are moved by up to {:.3}{}{}",
             path.display(),
             format.name(),
             layout.displacement,

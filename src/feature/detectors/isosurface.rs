@@ -14,12 +14,14 @@
 //!    the surface passes gets one point.
 //!
 //! All points have the same strength, the value itself, so that all are followed. Noise makes small
-//! surfaces around single samples, which are dropped by their area.
+//! surfaces around single samples, which are dropped by their area. The samples below and above the
+//! value are two regions ([`value_regions`]), so that the surface has no holes and keeps its volume.
 //!
 //! Scale: the image is not smoothed, unless a scale is given. Smoothing over s samples moves a
 //! surface of radius r towards its centre of curvature, by about s^2 (D - 1) / (2 r). Assumption:
 //! the image is continuous. A mask of two values has an isosurface of steps, unless it is smoothed.
 
+use super::value_regions::value_regions;
 use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::candidate::{Candidate, dominant_axes};
@@ -49,10 +51,6 @@ impl<const D: usize> Detector<D> for Isosurface {
 
     fn threshold_meaning(&self) -> ThresholdMeaning {
         ThresholdMeaning::Level
-    }
-
-    fn is_streamable(&self) -> bool {
-        true
     }
 
     /// Returns the area of a ball (in 2-D the circumference of a disc) whose diameter is the
@@ -101,8 +99,17 @@ fn find_in_samples<const D: usize>(
         "isosurface of the value {level} ({origin}){smoothing}"
     ));
     let (mut candidates, mut layers) = (Vec::new(), CoveredLayers::default());
+    let mut values: Vec<f32> = Vec::new();
+    let is_in_memory = input.image().is_ok();
     let mut collect = |window: &LayerWindow<'_, D>| {
         layers.add(&window.interior);
+        if is_in_memory {
+            let volume = window.smoothed.volume;
+            values.extend(window.map_rows(cancel, |first, (): &mut (), row: &mut Vec<f32>| {
+                let start = volume.index(first);
+                row.extend_from_slice(&volume.samples[start..start + volume.dims[0]]);
+            }));
+        }
         candidates.extend(crossings(window, level, cancel));
     };
     samples.for_each_window(
@@ -128,8 +135,11 @@ fn find_in_samples<const D: usize>(
         high: level,
         origin,
     };
+    let is_complete = values.len() == input.dims().iter().product::<usize>();
+    let regions = is_complete.then(|| value_regions(input, &values, level, notes));
     Ok(DetectorOutput {
         layers: Some(layers.0),
+        labels: regions.flatten(),
         ..DetectorOutput::new(candidates, scale, thresholds)
     })
 }

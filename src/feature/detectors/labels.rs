@@ -134,47 +134,14 @@ fn compete<const D: usize>(
     notes: &mut Vec<String>,
 ) -> Result<(LabelMap<D>, LabelSpacing<D>)> {
     let (options, dims) = (input.options, input.dims());
-    let sample_volume: f64 = options.step.iter().product();
     let LabelTable {
         values,
         indices: mut label,
     } = table;
-    let mut components = Components::from_labels(dims, &label);
-    let min_distance =
-        |part: &Component<D>| min_label_distance(options, values[part.label as usize]);
-    let absorbed = components.absorb(&mut label, |part| {
-        let volume = part.sample_count as f64 * sample_volume;
-        // In a part of an image, a component on a side may continue beyond it.
-        let may_continue = input.resolved.is_some() && part.touches_side(dims);
-        may_continue || volume >= MIN_VOLUME_SHARE * min_distance(part).powi(D as i32)
-    });
-    if absorbed[1] > 0 {
-        notes.push(format!(
-            "{} parts of labels ({} samples in all) are too small to become regions and join their neighbours",
-            absorbed[1], absorbed[0]
-        ));
-        components = Components::from_labels(dims, &label);
-    }
+    let components = absorb_small_parts(input, &values, &mut label, notes);
     let (winner, lead) =
         LabelCompetition::run(&components, &label, values.len(), scale, input.cancel).into_lead();
-    let max_distance = options.d_max();
-    let distance = components.components.iter().map(|part| {
-        let min_distance = min_label_distance(options, values[part.label as usize]);
-        let requested =
-            label_distance(options, values[part.label as usize]).unwrap_or(max_distance);
-        let radius = part.radius(sample_volume);
-        // Faces of this length are at most half a sample away from the surface of a ball.
-        let curvature_limit = 2.0 * radius.sqrt();
-        match options.gap_distance_range() {
-            Some(_) => radius.min(curvature_limit).min(requested).max(min_distance) as f32,
-            None => requested as f32,
-        }
-    });
-    let label_spacing = LabelSpacing {
-        distance: distance.collect(),
-        max_distance: max_distance as f32,
-        components,
-    };
+    let label_spacing = label_spacing(input, components, &values);
     let are_regions = are_valid_regions(&values);
     // If regions do not have the values of labels, names must contain these, or they would be lost.
     let name_of = |&label: &LabelValue| match label_name(options, label) {
@@ -193,8 +160,65 @@ fn compete<const D: usize>(
     Ok((label_map, label_spacing))
 }
 
+/// Gives the samples of parts of labels that are too small for the lattice to the labels around them.
+/// Returns the connected parts that are left. `label` has the index of the label of each sample.
+pub fn absorb_small_parts<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    values: &[LabelValue],
+    label: &mut [u32],
+    notes: &mut Vec<String>,
+) -> Components<D> {
+    let (options, dims) = (input.options, input.dims());
+    let sample_volume: f64 = options.step.iter().product();
+    let components = Components::from_labels(dims, label);
+    let min_distance =
+        |part: &Component<D>| min_label_distance(options, values[part.label as usize]);
+    let absorbed = components.absorb(label, |part| {
+        let volume = part.sample_count as f64 * sample_volume;
+        // In a part of an image, a component on a side may continue beyond it.
+        let may_continue = input.resolved.is_some() && part.touches_side(dims);
+        may_continue || volume >= MIN_VOLUME_SHARE * min_distance(part).powi(D as i32)
+    });
+    if absorbed[1] == 0 {
+        return components;
+    }
+    notes.push(format!(
+        "{} parts of labels ({} samples in all) are too small to become regions and join their neighbours",
+        absorbed[1], absorbed[0]
+    ));
+    Components::from_labels(dims, label)
+}
+
+/// Returns the distances between atoms in the connected parts of labels.
+pub fn label_spacing<const D: usize>(
+    input: &DetectorInput<'_, D>,
+    components: Components<D>,
+    values: &[LabelValue],
+) -> LabelSpacing<D> {
+    let options = input.options;
+    let sample_volume: f64 = options.step.iter().product();
+    let max_distance = options.d_max();
+    let distance = components.components.iter().map(|part| {
+        let min_distance = min_label_distance(options, values[part.label as usize]);
+        let requested =
+            label_distance(options, values[part.label as usize]).unwrap_or(max_distance);
+        let radius = part.radius(sample_volume);
+        // Faces of this length are at most half a sample away from the surface of a ball.
+        let curvature_limit = 2.0 * radius.sqrt();
+        match options.gap_distance_range() {
+            Some(_) => radius.min(curvature_limit).min(requested).max(min_distance) as f32,
+            None => requested as f32,
+        }
+    });
+    LabelSpacing {
+        distance: distance.collect(),
+        max_distance: max_distance as f32,
+        components,
+    }
+}
+
 /// Returns the name of a label, if it has one.
-fn label_name<const D: usize>(options: &DetectionOptions<D>, label: LabelValue) -> Option<String> {
+pub fn label_name<const D: usize>(options: &DetectionOptions<D>, label: LabelValue) -> Option<String> {
     let label_options = options.labels.iter().find(|o| o.label == label);
     label_options.and_then(|label_options| label_options.name.clone())
 }

@@ -40,6 +40,7 @@ mod output;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 mod selection;
+mod value_regions;
 
 pub(super) use input::DetectorInput;
 pub(super) use output::{DetectorOutput, Thresholds};

@@ -36,14 +36,14 @@ impl VtkFile {
     /// Returns the errors of [`read`](Self::read).
     pub fn read_one_of(path: &Path, kinds: &[&str]) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| io_error(path, "read", e))?;
-        Self::from_bytes(path, bytes, kind)
+        Self::from_bytes(path, bytes, kinds)
     }
 
-    /// Reads the bytes of a file as [`read`](Self::read) does. `path` names it in errors.
+    /// Reads the bytes of a file as [`read_one_of`](Self::read_one_of) does. `path` names it in errors.
     ///
     /// # Errors
     /// Returns the errors of [`read`](Self::read).
-    pub fn from_bytes(path: &Path, bytes: Vec<u8>, kind: &str) -> Result<Self> {
+    pub fn from_bytes(path: &Path, bytes: Vec<u8>, kinds: &[&str]) -> Result<Self> {
         let file = Self {
             path: path.to_path_buf(),
             bytes,

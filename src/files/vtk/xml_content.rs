@@ -44,6 +44,8 @@ pub struct XmlContent {
     pub point_arrays: Vec<DataArray>,
     pub cell_arrays: Vec<DataArray>,
     pub points: Option<Values>,
+    /// The coordinates of a rectilinear grid along each axis.
+    pub coordinates: Vec<DataArray>,
     /// The nodes of cells whose types follow.
     pub cell_lists: CellLists,
     /// Elements of cells, each with its arrays.
@@ -119,6 +121,10 @@ impl XmlContent {
         document.close();
         open_with_arrays(&mut document, "CellData", &[], &self.cell_arrays);
         document.close();
+        if !self.coordinates.is_empty() {
+            open_with_arrays(&mut document, "Coordinates", &[], &self.coordinates);
+            document.close();
+        }
         if let Some(points) = &self.points {
             document.open("Points", &[]);
             document.add_array(points.source("Points", 3));

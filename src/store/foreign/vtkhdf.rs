@@ -59,7 +59,7 @@ pub fn to_vtk_file(source: &Hdf5Source, path: &Path) -> Result<VtkFile> {
     let mut bytes = Cursor::new(Vec::new());
     let written = document.write(&mut bytes);
     written.map_err(|e| io_error(path, "convert", e))?;
-    VtkFile::from_bytes(path, bytes.into_inner(), "UnstructuredGrid")
+    VtkFile::from_bytes(path, bytes.into_inner(), &["UnstructuredGrid"])
 }
 
 /// The arrays of a grid.

@@ -22,7 +22,7 @@ fn images_in_hdf5_have_the_samples_and_the_place_that_their_writers_gave_them() 
         };
         let image = loaded.image;
         assert_eq!(serde_json::json!(image.dims()), expected["dims"], "{name}");
-        let indexed = (1..).zip(&image.samples);
+        let indexed = (1i32..).zip(&image.samples);
         let sum: f64 = indexed.map(|(i, v)| f64::from(i) * f64::from(*v)).sum();
         let right = expected["sum"].as_f64().unwrap();
         assert!(

@@ -235,8 +235,11 @@ fn write_model(
     let deck = format.deck_path(path);
     let names = ExportNames::new(model, &format.names);
     format.write_with_names(model, &names, path)?;
-    if let Some(note) = names.note(path, format.is_folder()) {
-        progress.note(&note);
+    let notes = names.notes(path, format.is_folder());
+    notes.iter().for_each(|note| progress.note(note));
+    let has_polyhedra = model.tets.is_none() && model.triangles.is_none();
+    if let Some(readers) = format.needed_reader(has_polyhedra) {
+        progress.note(&format!("{} needs {readers}", path.display()));
     }
     let default_deck = path.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
@@ -250,6 +253,32 @@ fn write_model(
     Ok(())
 }
 
+/// Smallest share of off-diagonal terms of a permeability in the diagonal ones that is reported.
+const MIN_NOTED_OFF_DIAGONAL: f64 = 0.01;
+
+/// Notes that a format does not hold the off-diagonal terms of the permeability.
+fn note_permeability(prepared: &PreparedModel, format: &ExportFormat, progress: &mut dyn Progress) {
+    let Some(effect) = format.diagonal_only() else {
+        return;
+    };
+    // A resampled grid has the axes of the image.
+    let (axes, names) = if format.supported_content.contains(&ExportContent::Grid) {
+        (prepared.image_axes(), "the grid's axes")
+    } else {
+        (
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            "x, y and z",
+        )
+    };
+    let share = prepared.model.off_diagonal_share(&axes);
+    if share > MIN_NOTED_OFF_DIAGONAL {
+        progress.note(&format!(
+            "the permeability has off-diagonal terms along {names}, up to {:.0} % of its diagonal: {effect}",
+            100.0 * share
+        ));
+    }
+}
+
 /// Reports what the checks of a model found.
 fn note_checks(
     prepared: &PreparedModel,
@@ -258,6 +287,7 @@ fn note_checks(
     spec: &ExportSpec,
     progress: &mut dyn Progress,
 ) -> Result<()> {
+    note_permeability(prepared, format, progress);
     // A resampled grid has other cells than the mesh.
     let is_resampled = format.supported_content.contains(&ExportContent::Grid);
     if !spec.is_for_flow(format) {

@@ -30,6 +30,8 @@ install_modules() {
     { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio netCDF4 &&
         $pip segyio nibabel pynrrd SimpleITK tifffile zarr ome-zarr ngff-zarr lasio; } ||
         absent "pip install fails"
+    # Further readers of the test of one model in many programs, which runs without them, too.
+    $pip trimesh scikit-fem meshioplusplus pyNastran || absent "pip install of further readers fails"
     # Most dependencies of open-DARTS are not needed to solve for pressures.
     $pip --no-deps open-darts || absent "pip install open-darts fails"
     python_modules || absent "some of the Python modules ($modules) do not load"

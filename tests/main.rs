@@ -21,6 +21,7 @@ mod columns;
 mod compartments;
 mod conforming;
 mod corner_points;
+mod directions;
 mod edit;
 mod effort;
 mod export;

@@ -4,8 +4,8 @@ use std::ffi::OsStr;
 use std::process::Command;
 
 use crate::common::{
-    FAULT_DIMS as DIMS, expect_refusal, folder_with_meshes, is_close, numbers, run, run_simulator,
-    run_validator, run_vtk_program, write_npy, write_npy_2d,
+    FAULT_DIMS as DIMS, expect_refusal, folder_with_meshes, is_close, numbers, run, run_args,
+    run_simulator, run_validator, run_vtk_program, write_npy, write_npy_2d,
 };
 use atomesh::store::{AnyMesh, read_any_vtu, read_vtu};
 
@@ -310,6 +310,123 @@ fn exported_surfaces_of_any_cells_enclose_the_box() {
         let text = std::fs::read_to_string(folder.join(format!("{mesh}.obj"))).unwrap();
         assert_eq!(text.lines().filter(|l| l.starts_with("g ")).count(), 7);
     }
+}
+
+/// Formats of the model that [`consumers_of_all_formats_read_the_same_model`] writes, and its files.
+const CONSUMER_FORMATS: [(&str, &str); 13] = [
+    ("msh", "m4.msh"),
+    ("msh2", "m2.msh"),
+    ("inp", "m.inp"),
+    ("xdmf", "m.xdmf"),
+    ("medit", "m.mesh"),
+    ("vtkhdf", "m.vtkhdf"),
+    ("geos", "m-geos.vtu"),
+    ("exodus", "m.exo"),
+    ("cgns", "m.cgns"),
+    ("openfoam", "foam"),
+    ("nastran", "m.bdf"),
+    ("stl", "m.stl"),
+    ("obj", "m.obj"),
+];
+
+/// Writes a model at UTM coordinates in all formats: a body in a host rock above a basement, with names,
+/// in samples of 10 x 12 x 8 m, and a given fault.
+fn write_consumer_model(folder: &std::path::Path) {
+    write_npy(&folder.join("labels.npy"), [31, 27, 25], |[x, y, z]| {
+        let [u, v, w] = [x, y, z].map(|i| i as f64);
+        let body = (u - 19.0).powi(2) / 49.0 + (v - 11.0).powi(2) / 49.0;
+        match () {
+            () if body + (w - 15.0).powi(2) / 36.0 < 1.0 => 2.0,
+            () if z < 7 => 3.0,
+            () => 1.0,
+        }
+    });
+    let mut fault = String::from("GOCAD TSurf 1\nHEADER {\nname:Main fault\n}\nTFACE\n");
+    let corners = [[0.0, 9.0], [26.0, 9.0], [26.0, 24.0], [0.0, 24.0]];
+    for (i, [v, w]) in (1..).zip(corners) {
+        let (x, y, z) = (50.0 + 2.0 * w, 12.0 * v, 8.0 * w - 2000.0);
+        fault += &format!("VRTX {i} {} {} {z}\n", 450_000.0 + x, 6_780_000.0 + y);
+    }
+    fault += "TRGL 1 2 3\nTRGL 1 3 4\nEND\n";
+    std::fs::write(folder.join("fault.ts"), fault).unwrap();
+    let mut arguments: Vec<&str> =
+        "mesh labels.npy --spacing 10,12,8 --origin 450000,6780000,-2000 --unit m \
+         --feature labels --surface fault.ts --distance 4 -o m.vtu --quiet"
+            .split_whitespace()
+            .collect();
+    for label in ["1:name=Host rock", "2:name=Ore body", "3:name=Basement"] {
+        arguments.extend(["--label", label]);
+    }
+    run_args(folder, &arguments);
+    for (format, file) in CONSUMER_FORMATS {
+        run(
+            folder,
+            &format!("export m.vtu --to {format} -o {file} --quiet"),
+        );
+    }
+}
+
+/// Readers are those of `scripts/validators.sh`, and others whose modules are in the same environment.
+#[test]
+#[ignore = "needs Gmsh, meshio, VTK, toughio, CalculiX and OpenFOAM: make test-all"]
+fn consumers_of_all_formats_read_the_same_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_consumer_model(folder);
+    let results = run_validator("meshio", "consumers.py", &[folder.as_os_str()]);
+    let results = results.as_object().unwrap();
+    let plain = |name: &str| name.to_lowercase().replace(' ', "_");
+    let sizes = |result: &serde_json::Value, key: &str, size: fn(&serde_json::Value) -> f64| {
+        let items = result[key].as_object().into_iter().flatten();
+        let items = items.map(|(name, value)| (plain(name), size(value)));
+        items.collect::<std::collections::BTreeMap<String, f64>>()
+    };
+    let volumes = |result| sizes(result, "regions", |v| v.as_f64().unwrap());
+    let areas = |result| sizes(result, "surfaces", |v| v["area"].as_f64().unwrap());
+    let enclosed = |result| sizes(result, "surfaces", |v| v["volume"].as_f64().unwrap());
+    let expected = &results["Gmsh, msh"];
+    let (regions, faces) = (volumes(expected), areas(expected));
+    assert_eq!(regions.len(), 3, "{expected}");
+    let total = 300.0 * 312.0 * 192.0;
+    assert!(is_close(regions.values().sum(), total, 1e-9), "{expected}");
+    assert!(is_close(faces["xmin"], 312.0 * 192.0, 1e-9), "{expected}");
+    let body = enclosed(expected)["interface_host_rock_ore_body"];
+    assert!(is_close(body, regions["ore_body"], 1e-6), "{expected}");
+    let mut right = Vec::new();
+    for (reader, result) in results {
+        assert!(result["error"].is_null(), "{reader}: {result}");
+        // VTK reads these with single precision, netgen cuts names off at blanks, facets of scikit-fem
+        // have no direction, and an OBJ is one surface for PyMeshLab.
+        let tolerance = if ["VTK, exodus", "VTK, stl"].contains(&reader.as_str()) {
+            1e-3
+        } else {
+            1e-6
+        };
+        if reader.starts_with("Netgen") || reader.starts_with("PyMeshLab") {
+            continue;
+        }
+        let check = |found: std::collections::BTreeMap<String, f64>,
+                     expected: &std::collections::BTreeMap<String, f64>| {
+            for (name, value) in &found {
+                let is_right = expected
+                    .get(name)
+                    .is_some_and(|e| is_close(*e, *value, tolerance));
+                assert!(is_right, "{reader}: {name} {value}: {expected:?}");
+            }
+            assert!(
+                found.is_empty() || found.len() == expected.len(),
+                "{reader}: {found:?}"
+            );
+            found.len()
+        };
+        let mut count = check(volumes(result), &regions) + check(areas(result), &faces);
+        if !reader.starts_with("scikit-fem") {
+            count += check(enclosed(result), &enclosed(expected));
+        }
+        assert!(count > 0, "{reader}: {result}");
+        right.push(reader);
+    }
+    assert!(right.len() >= 12, "{right:?}");
 }
 
 /// Returns the volume of a tetrahedron whose first corner is the origin.

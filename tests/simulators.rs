@@ -267,6 +267,45 @@ fn octave_loads_the_grid_for_mrst() {
 
 #[test]
 #[ignore = "needs open-DARTS: make test-all"]
+fn the_recipe_for_darts_in_the_documentation_runs() {
+    let folder = folder();
+    let folder = folder.path();
+    run(
+        folder,
+        "export cells.vtu --to darts -o blocks.conn --depth-at-top 1000 --porosity 0.2 \
+         --permeability 100 --permeability-unit mD --quiet",
+    );
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(root.join("docs/reference/exports.md")).unwrap();
+    let (_, section) = text.split_once("## DARTS\n").unwrap();
+    let block = |start: &str| {
+        let (_, rest) = section.split_once(start).unwrap();
+        rest.split_once("```").unwrap().0.to_string()
+    };
+    let check = "print(sum(mesh.volume), min(mesh.poro), min(mesh.depth) > 1000)\n";
+    std::fs::write(folder.join("model.py"), block("```python\n") + check).unwrap();
+    let bin = root.join(".venv/bin");
+    let path = std::env::var("PATH").unwrap_or_default();
+    let output = Command::new("sh")
+        .args(["-e", "-c", &block("```sh\n")])
+        .env("PATH", format!("{}:{path}", bin.display()))
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let stdout = String::from_utf8_lossy(&output.stdout).into_owned();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stdout}\n{stderr}");
+    let words: Vec<&str> = stdout.split_whitespace().collect();
+    let &[.., volume, porosity, is_deep] = &words[..] else {
+        panic!("{stdout}")
+    };
+    let volume: f64 = volume.parse().unwrap();
+    assert!(is_close(volume, 39.0 * 35.0 * 31.0, 1e-9), "{stdout}");
+    assert_eq!((porosity, is_deep), ("0.2", "True"), "{stdout}");
+}
+
+#[test]
+#[ignore = "needs open-DARTS: make test-all"]
 fn darts_runs_on_exported_connections_and_on_the_gmsh_mesh() {
     let folder = folder();
     let folder = folder.path();

@@ -140,7 +140,53 @@ const PROGRAMS: [(&str, &str); 5] = [
     ("modflow", "disv"),
 ];
 
+/// Formats that hold only the diagonal of the permeability's tensor, each with what follows from that.
+const DIAGONAL_FORMATS: [(&str, &str); 8] = [
+    (
+        "opm",
+        "PERMX, PERMY and PERMZ, which well indices come from, lack them; the connections hold them",
+    ),
+    (
+        "grdecl",
+        "PERMX, PERMY and PERMZ lack them, and so do the transmissibilities that a simulator computes",
+    ),
+    (
+        "pflotran",
+        "PermeabilityX, PermeabilityY and PermeabilityZ lack them, and so does the flow",
+    ),
+    (
+        "tough2",
+        "PMX is the permeability along x alone, for all directions",
+    ),
+    ("disv", "K, K22 and K33 lack them, and so does the flow"),
+    (
+        "darts",
+        "the columns permx, permy and permz lack them; the connections hold them",
+    ),
+    ("resqml", "the properties I, J and K lack them"),
+    (
+        "geos",
+        "rockPerm_permeability lacks them, and so does the flow",
+    ),
+];
+
 impl ExportFormat {
+    /// Returns what follows from it that the format holds only the diagonal of the permeability's
+    /// tensor, or `None` if it holds all of the tensor or none.
+    pub(super) fn diagonal_only(&self) -> Option<&'static str> {
+        let entry = DIAGONAL_FORMATS.iter().find(|(name, _)| *name == self.name);
+        entry.map(|(_, effect)| *effect)
+    }
+
+    /// Returns which readers the file needs, if not every common version reads it.
+    pub(super) fn needed_reader(&self, has_polyhedra: bool) -> Option<&'static str> {
+        match (self.name, has_polyhedra) {
+            ("vtkhdf", true) => Some(super::meshers::vtkhdf::READERS_OF_POLYHEDRA),
+            ("vtkhdf", false) => Some(super::meshers::vtkhdf::READERS_OF_SIMPLICES),
+            _ => None,
+        }
+    }
+
     /// Returns the programs whose name stands for the format.
     pub fn programs(&self) -> impl Iterator<Item = &'static str> {
         let programs = PROGRAMS.iter().filter(|(_, format)| *format == self.name);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::meshers::groups::{
-    FaceNames, PROGRAM_NAME_COUNT, face_nodes, region_shift, sorted_regions,
+    FaceNames, PROGRAM_NAME_COUNT, face_nodes, region_numbers, sorted_regions,
 };
 use super::values::property_columns;
 use crate::Result;
@@ -17,6 +17,9 @@ use crate::names::{
 };
 use crate::store::named_sets::NamedSet;
 
+/// Largest number of regions in a note.
+const MAX_LISTED_NUMBERS: usize = 4;
+
 /// The form in which a file holds regions or named faces.
 #[derive(Debug, Clone, Copy)]
 pub enum Naming {
@@ -24,8 +27,6 @@ pub enum Naming {
     Names(NameRules),
     /// By their numbers.
     Numbers,
-    /// By their numbers, moved up if the lowest number is below 1.
-    NumbersFromOne,
     /// Not at all.
     Absent,
 }
@@ -54,6 +55,9 @@ pub struct FormatNames {
     pub has_cell_sets: bool,
     /// Text before the name of the nodes of faces, if there are sets of nodes.
     pub node_set_prefix: Option<&'static str>,
+    /// The largest number of a region in formats that number regions from 1. `None` in formats that
+    /// hold region numbers as they are in the mesh, or only names.
+    pub max_region_number: Option<i32>,
     /// The name of a region that has none.
     pub default_region: fn(i32) -> String,
     /// Other properties of cells than region and rock.
@@ -77,6 +81,7 @@ impl FormatNames {
         faces_overlap: false,
         has_cell_sets: false,
         node_set_prefix: None,
+        max_region_number: None,
         default_region: |region| format!("region{region}"),
         properties: None,
         has_columns: false,
@@ -150,6 +155,8 @@ pub struct ExportNames {
     /// The name of the fragments, and those of the surfaces with multipliers.
     pub multipliers: Vec<String>,
     regions: BTreeMap<i32, String>,
+    /// The number of each region in the file, if the format numbers regions from 1.
+    region_numbers: BTreeMap<i32, i32>,
     groups: BTreeMap<String, String>,
     rules: FormatNames,
     /// The table of all names.
@@ -169,6 +176,8 @@ impl ExportNames {
             wells: Vec::new(),
             multipliers: Vec::new(),
             regions: BTreeMap::new(),
+            region_numbers: (rules.max_region_number)
+                .map_or_else(BTreeMap::new, |limit| region_numbers(model, limit)),
             groups: BTreeMap::new(),
             rules: *rules,
             table: NameTable::default(),
@@ -190,7 +199,9 @@ impl ExportNames {
         let mut wanted_regions: Vec<WantedName> = (regions.iter())
             .map(|&region| {
                 let default = || (self.rules.default_region)(region);
-                WantedName::given_or(model.region_name(region), default)
+                let label = || Some(format!("region{}", model.label_beyond_region(region)?));
+                let name = model.region_name(region).map(String::from).or_else(label);
+                WantedName::given_or(name.as_deref(), default)
             })
             .collect();
         if self.rules.has_cell_sets {
@@ -296,7 +307,8 @@ impl ExportNames {
         (names, elements, assign(&face_rules, faces))
     }
 
-    /// Adds the regions to the table. Regions that the file numbers are listed if they have a name.
+    /// Adds the regions to the table. Regions that the file numbers are listed if they have a name or
+    /// another number in the file.
     fn list_regions(
         &mut self,
         model: &Model,
@@ -304,30 +316,36 @@ impl ExportNames {
         wanted: &[WantedName],
         written: &[String],
     ) {
-        let shift = match self.rules.regions {
-            Naming::Absent => return,
-            Naming::NumbersFromOne => region_shift(model),
-            Naming::Names(_) | Naming::Numbers => 0,
-        };
-        let is_numbered = !matches!(self.rules.regions, Naming::Names(_));
-        for ((&region, wanted), written) in regions.iter().zip(wanted).zip(written) {
-            let number = i64::from(region);
-            if is_numbered && wanted.source == NameSource::Default {
-                continue;
-            }
-            self.table.entries.push(NameEntry {
-                kind: "region",
-                number,
-                name: wanted.name.clone(),
-                written: if is_numbered {
-                    (number + shift).to_string()
-                } else {
-                    written.clone()
-                },
-                is_numbered,
-                is_given: wanted.source == NameSource::Given,
-            });
+        if matches!(self.rules.regions, Naming::Absent) {
+            return;
         }
+        let has_names = matches!(self.rules.regions, Naming::Names(_));
+        let mut blocks = Vec::new();
+        for ((&region, wanted), written) in regions.iter().zip(wanted).zip(written) {
+            let is_given = wanted.source == NameSource::Given;
+            let number = self.region_number(region);
+            let entry = |kind, written: String, is_numbered| NameEntry {
+                kind,
+                number: i64::from(region),
+                name: wanted.name.clone(),
+                written,
+                is_numbered,
+                is_given,
+            };
+            if has_names {
+                self.table
+                    .entries
+                    .push(entry("region", written.clone(), false));
+                if number != region {
+                    blocks.push(entry("block", number.to_string(), true));
+                }
+            } else if (is_given || number != region) && !model.has_own_reports() {
+                self.table
+                    .entries
+                    .push(entry("region", number.to_string(), true));
+            }
+        }
+        self.table.entries.extend(blocks);
     }
 
     /// Adds the names that have faces to the table.
@@ -549,6 +567,35 @@ impl ExportNames {
         self.regions.get(&region).map_or("", String::as_str)
     }
 
+    /// Returns the number of a region in the file.
+    pub fn region_number(&self, region: i32) -> i32 {
+        self.region_numbers.get(&region).copied().unwrap_or(region)
+    }
+
+    /// Returns the largest number of a region in a file that numbers regions from 1.
+    pub fn largest_region_number(&self) -> usize {
+        let largest = self.region_numbers.values().max();
+        largest.map_or(1, |&number| number as usize)
+    }
+
+    /// Returns a sentence about regions that have another number in the file than in the mesh.
+    fn number_note(&self, place: &str) -> Option<String> {
+        let changed = self.region_numbers.iter().filter(|(a, b)| a != b);
+        let changed: Vec<String> = changed.map(|(a, b)| format!("{a} is {b}")).collect();
+        let listed = &changed[..changed.len().min(MAX_LISTED_NUMBERS)];
+        let more = if changed.len() > listed.len() {
+            ", ..."
+        } else {
+            ""
+        };
+        (!changed.is_empty()).then(|| {
+            format!(
+                "numbers of regions begin with 1 in this format: {}{more} (all: {place})",
+                listed.join(", ")
+            )
+        })
+    }
+
     /// Returns the name of a group of wells in the file.
     pub fn group<'a>(&'a self, name: &'a str) -> &'a str {
         self.groups.get(name).map_or(name, String::as_str)
@@ -585,12 +632,14 @@ impl ExportNames {
         }
     }
 
-    /// Returns a sentence about the names that changed, if any did.
-    pub fn note(&self, path: &Path, is_folder: bool) -> Option<String> {
+    /// Returns a sentence each about the names and about the numbers of regions that changed, if any
+    /// did.
+    pub fn notes(&self, path: &Path, is_folder: bool) -> Vec<String> {
         let place = match self.table_path(path, is_folder) {
             Some(path) => path.display().to_string(),
             None => format!("comments of {}", path.display()),
         };
-        self.table.note(&place)
+        let notes = [self.table.note(&place), self.number_note(&place)];
+        notes.into_iter().flatten().collect()
     }
 }

@@ -247,12 +247,14 @@ fn write_model(
         .supported_content
         .contains(&ExportContent::Properties);
     let set_note = names.note_on_sets(model, format.name, has_values);
-    for note in names
-        .note(path, format.is_folder())
-        .into_iter()
-        .chain(set_note)
-    {
-        progress.note(&note);
+    let notes = names.notes(path, format.is_folder());
+    notes
+        .iter()
+        .chain(&set_note)
+        .for_each(|note| progress.note(note));
+    let has_polyhedra = model.tets.is_none() && model.triangles.is_none();
+    if let Some(readers) = format.needed_reader(has_polyhedra) {
+        progress.note(&format!("{} needs {readers}", path.display()));
     }
     let default_deck = path.with_extension("DATA");
     let has_deck = model.porosity.is_some() && model.permeability.is_some();
@@ -266,6 +268,32 @@ fn write_model(
     Ok(())
 }
 
+/// Smallest share of off-diagonal terms of a permeability in the diagonal ones that is reported.
+const MIN_NOTED_OFF_DIAGONAL: f64 = 0.01;
+
+/// Notes that a format does not hold the off-diagonal terms of the permeability.
+fn note_permeability(prepared: &PreparedModel, format: &ExportFormat, progress: &mut dyn Progress) {
+    let Some(effect) = format.diagonal_only() else {
+        return;
+    };
+    // A resampled grid has the axes of the image.
+    let (axes, names) = if format.supported_content.contains(&ExportContent::Grid) {
+        (prepared.image_axes(), "the grid's axes")
+    } else {
+        (
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            "x, y and z",
+        )
+    };
+    let share = prepared.model.off_diagonal_share(&axes);
+    if share > MIN_NOTED_OFF_DIAGONAL {
+        progress.note(&format!(
+            "the permeability has off-diagonal terms along {names}, up to {:.0} % of its diagonal: {effect}",
+            100.0 * share
+        ));
+    }
+}
+
 /// Reports what the checks of a model found.
 fn note_checks(
     prepared: &PreparedModel,
@@ -274,6 +302,7 @@ fn note_checks(
     spec: &ExportSpec,
     progress: &mut dyn Progress,
 ) -> Result<()> {
+    note_permeability(prepared, format, progress);
     // A resampled grid has other cells than the mesh.
     let is_resampled = format.supported_content.contains(&ExportContent::Grid);
     if !spec.is_for_flow(format) {

@@ -24,7 +24,6 @@ use crate::export::containers::text::{
     FileWriter, TextBuilder, WriteResult, write_items, write_numbers,
 };
 use crate::export::format::{ExportContent, ExportFormat};
-use crate::export::meshers::groups::region_shift;
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::simulators::deck::{
     self, AquiferConnection, CONNATE_WATER_SATURATION, WellConnection,
@@ -60,7 +59,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     ],
     deck_path: Some(deck_path),
     names: FormatNames {
-        regions: Naming::NumbersFromOne,
+        regions: Naming::Numbers,
+        max_region_number: Some(deck::MAX_REGION_NUMBER),
         wells: Some(deck::NAMES),
         multipliers: Some(deck::NAMES),
         table: TablePlace::Comments("-- "),
@@ -282,9 +282,9 @@ impl FilledGrid<'_> {
         let cells = self.columns.len() * self.grid.layers.count;
         let keywords = self.model.deck_regions.keywords();
         for (kind, (keyword, numbers)) in (1..).zip(keywords) {
-            let (kind, shift) = match (numbers, keyword) {
-                (Some(_), _) => (kind, 0),
-                (None, "FIPNUM") => (0, region_shift(self.model)),
+            let (kind, is_region) = match (numbers, keyword) {
+                (Some(_), _) => (kind, false),
+                (None, "FIPNUM") => (0, true),
                 _ => continue,
             };
             writeln!(out, "{keyword}")?;
@@ -292,7 +292,13 @@ impl FilledGrid<'_> {
                 // The region with the largest part of the cell counts.
                 let regions = self.cell(at).regions[kind].iter();
                 let largest = regions.max_by(|a, b| a.1.total_cmp(&b.1));
-                largest.map_or(1, |(region, _)| i64::from(*region) + shift)
+                largest.map_or(1, |&(number, _)| {
+                    i64::from(if is_region {
+                        self.names.region_number(number)
+                    } else {
+                        number
+                    })
+                })
             })?;
         }
         Ok(())

@@ -1,10 +1,14 @@
 //! Names the faces of a mesh: each side of the box, each surface, and each interface of two
 //! regions.
 
+use std::collections::BTreeMap;
+
 use crate::geometry::sorted_distinct;
 use crate::mesh::poly::{FaceNeighbour, Lists};
 use crate::model::reservoir::{Model, reserved_names};
+use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::interface_name;
+use crate::model::surface::region_interfaces::region_interfaces;
 use crate::names::append_distinct;
 use crate::store::named_sets::NamedSet;
 
@@ -30,6 +34,8 @@ pub struct FaceNames {
     /// Sets of faces: the number of the name, and the faces. They overlap one another and the faces
     /// above.
     pub sets: Vec<(u32, Vec<u32>)>,
+    /// `true` for each face between two cells that is written as the side of its second cell.
+    is_of_second_cell: Vec<bool>,
 }
 
 /// Faces with the same name.
@@ -91,6 +97,7 @@ impl FaceNames {
             first_set_number: names.len() as u32 + 1,
             names,
             sets: Vec::new(),
+            is_of_second_cell: sides_of_second_cells(model, surface_of),
         };
         model
             .sets
@@ -144,6 +151,30 @@ impl FaceNames {
             .into_iter()
             .map(|n| self.name(n).to_string())
             .collect()
+    }
+
+    /// Returns `true` if a face between two cells is written as the side of its second cell, so that
+    /// its nodes are in reverse order.
+    pub fn is_of_second_cell(&self, face: u32) -> bool {
+        let flag = self.is_of_second_cell.get(face as usize);
+        flag.copied().unwrap_or(false)
+    }
+
+    /// Returns a face as the side of one of its cells: the cell, and the nodes, anticlockwise seen
+    /// from outside the cell. All faces of a name are sides of the same side of its surface: of the
+    /// region that an interface encloses, or else of the region with the smaller number; of the cells
+    /// below a fault or a horizon, or inside it if it is closed; and of the cell at the boundary.
+    pub fn side(&self, model: &Model, face: u32) -> (u32, Vec<u32>) {
+        let mesh = &model.mesh;
+        let mut ring = mesh.faces.get(face as usize).to_vec();
+        let is_reversed = self.is_of_second_cell(face);
+        if is_reversed {
+            ring.reverse();
+        }
+        (
+            mesh.face_cells[face as usize][usize::from(is_reversed)],
+            ring,
+        )
     }
 
     /// Returns the number of the name of a surface. Surfaces are numbered as in
@@ -209,7 +240,7 @@ pub struct NamedSides {
     pub number: usize,
     /// Nodes of each side, anticlockwise seen from outside its cell.
     pub sides: Lists,
-    /// Cell of each side. On a surface it is the cell below.
+    /// Cell of each side, as [`FaceNames::side`] chooses it.
     pub cells: Vec<u32>,
 }
 
@@ -226,11 +257,10 @@ impl NamedSides {
 
     /// Returns the named sides of a model, for its cells of any shape.
     pub fn from_model(model: &Model, names: &FaceNames) -> Vec<Self> {
-        let is_upward = model.second_cell_is_upper();
         let to_sides = |group: FaceGroup| {
             let mut result = Self::new(group.name, group.number);
             for f in group.faces {
-                let (cell, ring) = face_from_below(model, &is_upward, f);
+                let (cell, ring) = names.side(model, f);
                 result.sides.push(ring);
                 result.cells.push(cell);
             }
@@ -240,22 +270,42 @@ impl NamedSides {
     }
 }
 
-/// Returns a face as the side of one of its cells: the cell, and the nodes, anticlockwise seen from
-/// outside the cell. On a surface it is the cell below, otherwise the first cell. `is_upward` is
-/// the result of [`Model::second_cell_is_upper`].
-pub fn face_from_below(model: &Model, is_upward: &[bool], face: u32) -> (u32, Vec<u32>) {
+/// Returns for each face between two cells whether it is written as the side of its second cell. An
+/// interface between regions is directed by its regions, as [`region_interfaces`] decides it; any
+/// other surface by its upper side. `surface_of` returns the number of the surface of a face, 0 for
+/// none.
+fn sides_of_second_cells(model: &Model, surface_of: impl Fn(usize) -> u32) -> Vec<bool> {
     let mesh = &model.mesh;
-    let mut ring = mesh.faces.get(face as usize).to_vec();
-    let first_is_upper = is_upward
-        .get(face as usize)
-        .is_some_and(|&is_upward| !is_upward);
-    if first_is_upper {
-        ring.reverse();
+    let regions = |f: usize| mesh.face_cells[f].map(|cell| mesh.region[cell as usize]);
+    let is_interface = |f: usize| {
+        let [first, second] = regions(f);
+        let kind = (surface_of(f) as usize).checked_sub(1);
+        let kind = kind.and_then(|index| model.surfaces.kinds.get(index));
+        first != second && kind.is_none_or(|kind| *kind == SurfaceKind::Interface)
+    };
+    let inner_faces = 0..mesh.inner_face_count();
+    let mut inner_regions = BTreeMap::new();
+    if inner_faces.clone().any(is_interface) {
+        // A mesh with a face of three cells is refused elsewhere.
+        let interfaces = region_interfaces(mesh, &mesh.region, &mesh.nodes, false);
+        for interface in interfaces.unwrap_or_default() {
+            if let Some(outer) = interface.outer_region {
+                let inner = interface.inner_region;
+                inner_regions.insert([inner.min(outer), inner.max(outer)], inner);
+            }
+        }
     }
-    (
-        mesh.face_cells[face as usize][usize::from(first_is_upper)],
-        ring,
-    )
+    let second_is_upper = model.second_cell_is_upper();
+    let is_of_second = |f: usize| {
+        if is_interface(f) {
+            let [first, second] = regions(f);
+            let pair = [first.min(second), first.max(second)];
+            inner_regions.get(&pair) == Some(&second)
+        } else {
+            !second_is_upper.get(f).is_none_or(|is_upper| *is_upper)
+        }
+    };
+    inner_faces.map(is_of_second).collect()
 }
 
 /// Returns the regions of a model, ascending.
@@ -263,11 +313,21 @@ pub fn sorted_regions(model: &Model) -> Vec<i32> {
     sorted_distinct(model.mesh.region.iter().copied())
 }
 
-/// Returns the shift of region numbers in formats where they begin with 1. It is 0 if the regions
-/// already do.
-pub fn region_shift(model: &Model) -> i64 {
-    let min_region = model.mesh.region.iter().min().copied().unwrap_or(1);
-    (1 - i64::from(min_region)).max(0)
+/// Returns the number of each region in formats where numbers begin with 1 and are at most `limit`.
+/// Regions keep their numbers if they can. Otherwise all numbers are moved up so that the lowest is 1,
+/// or, if the largest is then above `limit`, regions are numbered 1, 2, 3 ... in ascending order.
+pub fn region_numbers(model: &Model, limit: i32) -> BTreeMap<i32, i32> {
+    let regions = sorted_regions(model);
+    let [Some(&lowest), Some(&largest)] = [regions.first(), regions.last()] else {
+        return BTreeMap::new();
+    };
+    let shift = (1 - i64::from(lowest)).max(0);
+    let can_be_moved = i64::from(largest) + shift <= i64::from(limit);
+    let number = |(at, region): (i32, i32)| {
+        let moved = (i64::from(region) + shift) as i32;
+        (region, if can_be_moved { moved } else { at })
+    };
+    (1..).zip(regions).map(number).collect()
 }
 
 /// Returns the nodes of faces, ascending, without duplicates.

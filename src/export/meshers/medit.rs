@@ -24,6 +24,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     deck_path: None,
     names: FormatNames {
         regions: Naming::Numbers,
+        max_region_number: Some(i32::MAX),
         faces: Naming::Numbers,
         table: TablePlace::Comments("# "),
         ..FormatNames::NONE
@@ -71,7 +72,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
             for n in mesh.get(t) {
                 text.int(n + 1).word(" ");
             }
-            text.int(mesh.region[t]).end_line();
+            text.int(names.region_number(mesh.region[t])).end_line();
         })?;
         writeln!(out, "End")
     })

@@ -165,8 +165,12 @@ fn check_count(count: usize, items: &str) -> Result<()> {
 
 /// Writes the comments that name a property. `card` is the name of the card that follows.
 fn write_name(out: FileWriter, card: &str, number: usize, name: &str) -> WriteResult {
-    // Readers of HyperMesh's comments (OpenFOAM) expect the number to end in column 32.
-    writeln!(out, "$HMNAME COMP{number:>20}\"{name}\"")?;
+    // Readers of HyperMesh's comments (OpenFOAM) expect the number to end in column 32. The property of
+    // a component follows its name (meshio++).
+    writeln!(
+        out,
+        "$HMNAME COMP{number:>20}\"{name}\" {number} \"{card}\""
+    )?;
     writeln!(out, "$HMNAME PROP{number:>20}\"{name}\"")?;
     writeln!(
         out,
@@ -404,7 +408,7 @@ mod tests {
         let text = box_of_tetrahedra(false);
         for lines in [
             "\n$ Femap Property 1 : xmin\nPSHELL         1\n",
-            "\n$HMNAME COMP                   6\"zmax\"\n$HMNAME PROP                   6\"zmax\"\n\
+            "\n$HMNAME COMP                   6\"zmax\" 6 \"PSHELL\"\n$HMNAME PROP                   6\"zmax\"\n\
              $ANSA_NAME_COMMENT;6;PSHELL;zmax;;NO;NO;NO;NO;\n$ Femap Property 6 : zmax\n",
             "\n$ Femap Property 10 : region-2\nPSOLID        10      10\n\
              MAT1          10     0.0             0.0\n",

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::parallel::prelude::*;
 
-use super::groups::{FaceGroup, NamedSides, face_from_below};
+use super::groups::{FaceGroup, NamedSides};
 use crate::Result;
 use crate::export::containers::text::write_items;
 use crate::export::names::ExportNames;
@@ -86,8 +86,7 @@ impl<'a> SimplexMesh<'a> {
         };
         let sets = names.node_sets.iter();
         simplices.node_sets = sets.map(|set| simplices.node_set(model, set)).collect();
-        let is_upward = model.second_cell_is_upper();
-        simplices.find_torn_surfaces(model, names, &is_upward);
+        simplices.find_torn_surfaces(model, names);
         let is_torn =
             |group: &FaceGroup| (names.split.iter()).any(|s| s.number as usize == group.number);
         for group in names.faces.groups() {
@@ -96,7 +95,7 @@ impl<'a> SimplexMesh<'a> {
             }
             let mut group_sides = NamedSides::new(group.name, group.number);
             for f in group.faces {
-                let (cell, ring) = face_from_below(model, &is_upward, f);
+                let (cell, ring) = names.faces.side(model, f);
                 if let Some(ring) = side(model, &simplices, cell, ring) {
                     group_sides.sides.push(ring);
                     group_sides.cells.push(cell);
@@ -220,7 +219,7 @@ impl<'a> SimplexMesh<'a> {
     }
 
     /// Finds the surfaces along which a model is split.
-    fn find_torn_surfaces(&mut self, model: &Model, names: &ExportNames, is_upward: &[bool]) {
+    fn find_torn_surfaces(&mut self, model: &Model, names: &ExportNames) {
         let Some(split) = &model.split_mesh else {
             return;
         };
@@ -238,7 +237,7 @@ impl<'a> SimplexMesh<'a> {
             };
             for face in surface_faces {
                 let f = face_cells[..model.mesh.inner_face_count()].binary_search(&face.cells);
-                let lower = usize::from(!f.is_ok_and(|f| is_upward[f]));
+                let lower = f.map_or(1, |f| usize::from(names.faces.is_of_second_cell(f as u32)));
                 let mut pair = [face.nodes[lower], face.nodes[1 - lower]];
                 let cell = face.cells[lower];
                 if !self.is_outward(cell as usize, pair[0]) {

@@ -51,7 +51,8 @@ pub const FORMAT_OBJ: ExportFormat = ExportFormat {
     write: write_obj,
 };
 
-/// Returns the named groups of faces, cut into triangles.
+/// Returns the named groups of faces, cut into triangles. All triangles of a group face one way, as
+/// [`FaceNames::side`] says.
 fn named_surfaces(model: &Model, names: &FaceNames) -> SurfaceFile<3> {
     let mesh = &model.mesh;
     let groups = names.groups();
@@ -59,7 +60,7 @@ fn named_surfaces(model: &Model, names: &FaceNames) -> SurfaceFile<3> {
     for group in &groups {
         for &f in &group.faces {
             // Faces are convex, so a fan of triangles fills them.
-            let ring = mesh.faces.get(f as usize);
+            let (_, ring) = names.side(model, f);
             facets.extend((2..ring.len()).map(|i| [ring[0], ring[i - 1], ring[i]]));
         }
         start.push(facets.len());

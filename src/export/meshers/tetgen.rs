@@ -23,6 +23,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     deck_path: None,
     names: FormatNames {
         regions: Naming::Numbers,
+        max_region_number: Some(i32::MAX),
         faces: Naming::Numbers,
         table: TablePlace::Comments("# "),
         ..FormatNames::NONE
@@ -51,7 +52,8 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
             for n in tets[t] {
                 text.spaced_int(n + 1);
             }
-            text.spaced_int(mesh.region[t]).end_line();
+            text.spaced_int(names.region_number(mesh.region[t]))
+                .end_line();
         })
     })?;
     let groups = names.faces.groups();
@@ -65,7 +67,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         for group in &groups {
             write_items(out, group.faces.len(), |text, i| {
                 text.int(next + i);
-                for &n in mesh.faces.get(group.faces[i] as usize) {
+                for n in names.faces.side(model, group.faces[i]).1 {
                     text.spaced_int(n + 1);
                 }
                 text.spaced_int(group.number).end_line();

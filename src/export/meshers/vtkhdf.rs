@@ -1,14 +1,14 @@
-//! Writes VTKHDF (version 2.3 of the format, for VTK 9.4 and later; VTK 9.1 can read simplices,
-//! too): cells of any shape with their values in one HDF5 file. Each name is a node array, which is
-//! 1 for the nodes on the named faces.
+//! Writes VTKHDF: cells of any shape with their values in one HDF5 file. Each name is a node array,
+//! which is 1 for the nodes on the named faces. Tetrahedra and triangles are in version 1.0 of the
+//! format, polyhedra in version 2.5.
 //!
-//! If the mesh is split along surfaces, it has also wedges without thickness, in region 0 and
-//! without values.
+//! If the mesh is split along surfaces, it has also wedges without thickness, without values, and in
+//! a region of their own: 0, or the smallest number above it that no cell has.
 
 use std::path::Path;
 
 use super::NAMES_AND_ROCK;
-use super::groups::face_nodes;
+use super::groups::{face_nodes, sorted_regions};
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
@@ -51,6 +51,11 @@ const LINK_NAMES: NameRules = NameRules {
     is_allowed_first: |c| !c.is_control() && !['/', '.'].contains(&c),
     ..NameRules::TEXT
 };
+/// Programs that read polyhedra of this version of the format.
+pub const READERS_OF_POLYHEDRA: &str =
+    "VTK 9.6 or later, in ParaView 6.1 or PyVista (older versions crash)";
+/// Programs that read tetrahedra and triangles of this version of the format.
+pub const READERS_OF_SIMPLICES: &str = "VTK 9.2 or later, in ParaView 5.11 or PyVista";
 /// VTK cell types of linear and of quadratic simplices, by their number of corners.
 const SIMPLEX_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [0, 0], [5, 22], [10, 24]];
 const WEDGE_TYPE: u8 = 13;
@@ -75,10 +80,13 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         Some(mesh) => simplex_grid(mesh),
         None => polyhedron_grid(model, names, &faces),
     };
+    let regions = sorted_regions(model);
+    let is_free = |number: &i32| regions.binary_search(number).is_err();
+    let wedge_region = (0..).find(is_free).map_or(0.0, f64::from);
     let cell_array = |array: &DataArray| {
         let mut values = array.values.to_f64();
         let fill_value = if array.name == "region" {
-            0.0
+            wedge_region
         } else {
             f64::NAN
         };
@@ -111,8 +119,14 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     let sets = sets.into_iter().map(set).collect();
     nodes.push(("PointData".into(), Hdf5Node::Group(sets)));
     let kind = "UnstructuredGrid";
+    // Older readers warn of a version above their own.
+    let version = if simplices.is_some() {
+        vec![1, 0]
+    } else {
+        vec![2, 5]
+    };
     let attributes = vec![
-        ("Version".into(), Hdf5Attribute::Ints(vec![2, 3])),
+        ("Version".into(), Hdf5Attribute::Ints(version)),
         ("Type".into(), Hdf5Attribute::Text(kind.into(), kind.len())),
     ];
     let root = Hdf5Node::Group(vec![(

@@ -1,14 +1,21 @@
 //! Writes XDMF 2, with its numbers in an HDF5 file beside it: cells with their values, and node
 //! sets of named faces. ParaView, VisIt and meshio read it.
 //!
-//! The named faces are in a second file, `NAME_names.xdmf`, as node sets of the same cells and as
-//! grids of faces. Some readers (meshio) accept only a file with one grid and no sets, and few
-//! readers of XDMF support face sets.
+//! Some readers (meshio) accept only a file with one grid and no sets, DOLFINx reads a grid by its
+//! name, which is `mesh` by default, and only from the HDF5 file with the name of the XDMF file. So
+//! the named faces are in two more files:
+//!
+//! - `NAME_facets.xdmf` with `NAME_facets.h5` has one grid, `facets`: all named faces, each with the
+//!   number of its name
+//! - `NAME_names.xdmf` has a node set of the cells, and a grid of faces, for each name
+//!
+//! The names of regions and faces are in `Information` elements, in the form that meshio reads.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use super::NAMES_AND_ROCK;
+use super::groups::sorted_regions;
 use super::simplices::SimplexMesh;
 use crate::Result;
 use crate::export::containers::binary::LazyArray;
@@ -56,11 +63,11 @@ const TOPOLOGY_NAMES: [[&str; 2]; 5] = [
     ["", ""],
     ["", ""],
     ["Polyline", "Edge_3"],
-    ["Triangle", "Tri_6"],
-    ["Tetrahedron", "Tet_10"],
+    ["Triangle", "Triangle_6"],
+    ["Tetrahedron", "Tetrahedron_10"],
 ];
 
-/// Contents of the XDMF file and of the HDF5 file.
+/// Contents of an XDMF file and of its HDF5 file.
 struct XdmfContent<'a> {
     /// Name of the HDF5 file.
     file: String,
@@ -69,6 +76,68 @@ struct XdmfContent<'a> {
 }
 
 impl<'a> XdmfContent<'a> {
+    /// Creates the content of the XDMF file at `path`, whose HDF5 file has the same name.
+    fn new(path: &Path) -> Self {
+        let file = path.with_extension("h5");
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        Self {
+            file: name.into_owned(),
+            xml: HEAD.into(),
+            nodes: Vec::new(),
+        }
+    }
+
+    /// Adds the positions of all nodes.
+    fn add_points(&mut self, mesh: &'a SimplexMesh<'a>) {
+        let points = mesh.node_count();
+        self.xml.push_str(GEOMETRY);
+        let positions = LazyArray::from_fn(3 * points, |i| mesh.point(i / 3)[i % 3]);
+        self.add_data("points".into(), &[points, 3], positions);
+        self.xml.push_str("</Geometry>\n");
+    }
+
+    /// Adds the numbers of names, as meshio reads them; `dim` is the dimension of what has the names.
+    fn add_names<'n>(&mut self, dim: usize, names: impl Iterator<Item = (&'n str, i64)>) {
+        let maps = names.map(|(name, number)| {
+            let name = escape(name);
+            format!("<map key=\"{name}\" dim=\"{dim}\">{number}</map>")
+        });
+        let maps: Vec<String> = maps.collect();
+        if !maps.is_empty() {
+            let _ = writeln!(
+                self.xml,
+                "<Information Name=\"names\" Value=\"{}\"><![CDATA[<main>{}</main>]]></Information>",
+                maps.len(),
+                maps.concat()
+            );
+        }
+    }
+
+    /// Adds all named faces as one grid, with the number of the name of each.
+    fn add_facets(&mut self, mesh: &'a SimplexMesh<'a>) {
+        let (mut nodes, mut numbers) = (Vec::new(), Vec::new());
+        for group in &mesh.named_sides {
+            nodes.extend(mesh.side_nodes(group));
+            numbers.resize(numbers.len() + group.cells.len(), group.number as i32);
+        }
+        self.xml
+            .push_str("<Grid Name=\"facets\" GridType=\"Uniform\">\n");
+        let size = nodes.len() / numbers.len().max(1);
+        let kind = TOPOLOGY_NAMES[mesh.corner_count - 1][usize::from(mesh.is_quadratic())];
+        self.add_topology("facets".into(), kind, size, nodes);
+        self.add_points(mesh);
+        self.xml
+            .push_str("<Attribute Name=\"facet\" AttributeType=\"Scalar\" Center=\"Cell\">");
+        let count = numbers.len();
+        let numbers = LazyArray::from_fn(count, move |i| numbers[i]);
+        self.add_data("facet".into(), &[count], numbers);
+        self.xml.push_str("</Attribute>\n");
+        let names = mesh.named_sides.iter();
+        let names = names.map(|group| (group.name.as_str(), group.number as i64));
+        self.add_names(mesh.corner_count - 2, names);
+        self.xml.push_str("</Grid>\n");
+    }
+
     /// Adds a dataset to the HDF5 file, and a reference to it to the XDMF file.
     fn add_data(&mut self, name: String, dims: &[usize], numbers: LazyArray<'a>) {
         let lengths: Vec<String> = dims.iter().map(usize::to_string).collect();
@@ -196,15 +265,8 @@ const GEOMETRY: &str = "<Geometry GeometryType=\"XYZ\">\n";
 /// triangles.
 pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
     let mesh = &SimplexMesh::new(model, names, "XDMF")?;
-    let companion = path.with_extension("h5");
-    let name = companion.file_name().unwrap_or_default().to_string_lossy();
-    let mut content = XdmfContent {
-        file: name.into_owned(),
-        xml: HEAD.into(),
-        nodes: Vec::new(),
-    };
+    let mut content = XdmfContent::new(path);
     let order = usize::from(mesh.is_quadratic());
-    let points = mesh.node_count();
     content
         .xml
         .push_str("<Grid Name=\"cells\" GridType=\"Uniform\">\n");
@@ -217,24 +279,32 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         size,
         corners,
     );
-    content.xml.push_str(GEOMETRY);
-    let positions = LazyArray::from_fn(3 * points, |i| mesh.point(i / 3)[i % 3]);
-    content.add_data("points".into(), &[points, 3], positions);
-    content.xml.push_str("</Geometry>\n");
+    content.add_points(mesh);
     content.add_cell_arrays(model, &names.properties, mesh.len());
-    let cells_xml = content.xml.clone();
+    let regions = sorted_regions(model);
+    let named = regions.iter().map(|&r| (names.region(r), i64::from(r)));
+    content.add_names(mesh.corner_count - 1, named);
+    let cells_xml = content
+        .xml
+        .replacen("Grid Name=\"cells\"", "Grid Name=\"mesh\"", 1);
     content.add_node_sets(mesh);
     content.xml.push_str("</Grid>\n");
     content.add_side_grids(mesh);
-    let root = Hdf5Node::Group(content.nodes);
-    batch.write(&companion, |out| hdf5::write(out, &root))?;
-    let mut write = |path: &Path, xml: &str| {
-        batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))
+    let mut write = |path: &Path, xml: &str, nodes: Vec<(String, Hdf5Node)>| {
+        batch.write(path, |out| std::io::Write::write_all(out, xml.as_bytes()))?;
+        if nodes.is_empty() {
+            return Ok(());
+        }
+        let root = Hdf5Node::Group(nodes);
+        batch.write(&path.with_extension("h5"), |out| hdf5::write(out, &root))
     };
     if !mesh.named_sides.is_empty() || !mesh.node_sets.is_empty() {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        let names_path = path.with_file_name(format!("{stem}_names.xdmf"));
-        write(&names_path, &(content.xml + TAIL))?;
+        let companion = |ending: &str| path.with_file_name(format!("{stem}_{ending}.xdmf"));
+        write(&companion("names"), &(content.xml + TAIL), Vec::new())?;
+        let mut facets = XdmfContent::new(&companion("facets"));
+        facets.add_facets(mesh);
+        write(&companion("facets"), &(facets.xml + TAIL), facets.nodes)?;
     }
-    write(path, &(cells_xml + "</Grid>\n" + TAIL))
+    write(path, &(cells_xml + "</Grid>\n" + TAIL), content.nodes)
 }

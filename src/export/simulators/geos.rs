@@ -17,7 +17,7 @@ use std::path::Path;
 
 use crate::Result;
 use crate::export::format::{ExportContent, ExportFormat};
-use crate::export::meshers::groups::{NamedSides, region_shift};
+use crate::export::meshers::groups::NamedSides;
 use crate::export::meshers::simplices::{SimplexMesh, TornSurface};
 use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
@@ -49,7 +49,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     ],
     deck_path: None,
     names: FormatNames {
-        regions: Naming::NumbersFromOne,
+        regions: Naming::Numbers,
+        max_region_number: Some(i32::MAX),
         // Fractures are files.
         faces: Naming::Names(NameRules::FILE),
         properties: Some(NameRules {
@@ -79,9 +80,8 @@ const ERROR_PLACE: &str = "a mesh for GEOS";
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
 pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path) -> Result<()> {
-    let shift = region_shift(model);
     let regions = model.mesh.region.iter();
-    let attribute: Vec<i32> = regions.map(|&r| (i64::from(r) + shift) as i32).collect();
+    let attribute: Vec<i32> = regions.map(|&r| names.region_number(r)).collect();
     let mut arrays = vec![DataArray::scalars("attribute", attribute)];
     if let Some(porosity) = &model.porosity {
         arrays.push(DataArray::scalars(ROCK_ARRAY_NAMES[0], porosity.clone()));

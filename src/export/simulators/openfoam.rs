@@ -218,7 +218,7 @@ fn write_list(
 }
 
 /// Writes a cell zone for each region if there are several, and a face zone for each name of inner
-/// faces. On a surface, all faces of the zone have the same orientation.
+/// faces. All faces of a zone have the same orientation, as [`FaceNames::side`] says.
 fn write_zones(
     model: &Model,
     batch: &mut Batch,
@@ -258,7 +258,6 @@ fn write_zones(
     if zones.is_empty() {
         return Ok(());
     }
-    let is_upward = model.second_cell_is_upper();
     batch.write(&folder.join("faceZones"), |out| {
         write_header(out, "regIOobject", "faceZones")?;
         writeln!(out, "{}\n(", zones.len())?;
@@ -271,8 +270,8 @@ fn write_zones(
             write_items(out, count, |text, i| text.int(zone_faces[i]).end_line())?;
             writeln!(out, ");\n    flipMap List<bool>\n{count}\n(")?;
             write_items(out, count, |text, i| {
-                let face = faces.faces[zone_faces[i] as usize].face as usize;
-                text.int(u8::from(!is_upward[face])).end_line();
+                let face = faces.faces[zone_faces[i] as usize].face;
+                text.int(u8::from(names.is_of_second_cell(face))).end_line();
             })?;
             writeln!(out, ");\n}}")?;
         }

@@ -17,7 +17,6 @@ use crate::error::cause;
 use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::corner_point::grdecl::is_corner_point_deck;
 use crate::export::format::{ExportContent, ExportFormat};
-use crate::export::meshers::groups::region_shift;
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
 use crate::mesh::graph::Graph;
@@ -51,7 +50,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     ],
     deck_path: None,
     names: FormatNames {
-        regions: Naming::NumbersFromOne,
+        regions: Naming::Numbers,
+        max_region_number: Some(super::deck::MAX_REGION_NUMBER),
         wells: Some(super::deck::NAMES),
         table: TablePlace::Comments("-- "),
         ..FormatNames::NONE
@@ -111,7 +111,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         })?;
         writeln!(out, "TRANX\n {cells}*0 /\n")?;
         write_props(out, model)?;
-        write_regions(out, model)?;
+        write_regions(out, model, names)?;
         writeln!(out, "SOLUTION\n")?;
         if !write_equilibrium(out, case)? {
             write_array(out, "PRESSURE", cells, pressure)?;
@@ -190,16 +190,15 @@ fn write_grid(
 }
 
 /// Writes REGIONS: the numbers of the regions of each cell.
-fn write_regions(out: FileWriter, model: &Model) -> WriteResult {
+fn write_regions(out: FileWriter, model: &Model, names: &ExportNames) -> WriteResult {
     writeln!(out, "REGIONS\n")?;
-    let shift = region_shift(model);
     for (keyword, numbers) in model.deck_regions.keywords() {
         if numbers.is_none() && keyword != "FIPNUM" {
             continue;
         }
         writeln!(out, "{keyword}")?;
         write_items(out, model.len(), |text, c| {
-            let region = || i64::from(model.graph.region[c]) + shift;
+            let region = || i64::from(names.region_number(model.graph.region[c]));
             let number = numbers.map_or_else(region, |numbers| i64::from(numbers[c]));
             text.spaced_int(number).end_line();
         })?;

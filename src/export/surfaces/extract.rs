@@ -25,7 +25,7 @@ use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
 use crate::model::surface::stored_surfaces::{
-    group_facets, horizon_facets, named_faces, tagged_facets,
+    group_facets, horizon_facets, named_faces, region_label, tagged_facets,
 };
 use crate::model::surface::{
     GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
@@ -370,6 +370,7 @@ fn measured_groups<const D: usize, M: Storable<D>>(
         split_horizons(&mut surfaces, &kinds, &samples, image, geometry, up.up);
     }
     surfaces.orient(nodes, up.up);
+    orient_interfaces(stored, &mut surfaces);
     if let Some((Survey { image, .. }, min)) = survey.and_then(|s| s.min_confidence.map(|c| (s, c)))
     {
         let kinds = surface_kinds(&surfaces, nodes, &horizons);
@@ -388,6 +389,37 @@ fn measured_groups<const D: usize, M: Storable<D>>(
         measures,
         file: file.with_space(geometry, z_up),
         doubtful,
+    }
+}
+
+/// Directs the interfaces between two labels as [`region_interfaces`] does: outwards from the region
+/// that they enclose, or else from the region with the smaller number.
+fn orient_interfaces<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+    surfaces: &mut Surfaces<D>,
+) {
+    let Some(regions) = stored.regions().filter(|_| !surfaces.interfaces.is_empty()) else {
+        return;
+    };
+    let (nodes, is_mirrored) = (stored.world.nodes.as_slice(), stored.space.is_mirrored());
+    // A mesh with a face of three cells is refused elsewhere.
+    let interfaces = region_interfaces(&stored.lattice, &regions, nodes, is_mirrored);
+    let sorted = |mut facet: [u32; D]| {
+        facet.sort_unstable();
+        facet
+    };
+    let facets = interfaces.unwrap_or_default().into_iter();
+    let mut directed: Vec<([u32; D], [u32; D])> = (facets.flat_map(|between| between.facets))
+        .map(|facet| (sorted(facet), facet))
+        .collect();
+    directed.sort_unstable();
+    for s in surfaces.interfaces.clone() {
+        for facet in &mut surfaces.facets[surfaces.start[s]..surfaces.start[s + 1]] {
+            let key = sorted(*facet);
+            if let Ok(index) = directed.binary_search_by(|entry| entry.0.cmp(&key)) {
+                *facet = directed[index].1;
+            }
+        }
     }
 }
 
@@ -557,18 +589,9 @@ fn extract_interfaces<const D: usize, M: Storable<D>>(
         )));
     }
     let nodes = stored.world.nodes.as_slice();
-    let mut interfaces = region_interfaces(&stored.lattice, &regions, nodes)?;
-    if stored.space.is_mirrored() {
-        let facets = interfaces
-            .iter_mut()
-            .flat_map(|between| &mut between.facets);
-        facets.for_each(|facet| facet.swap(0, 1));
-    }
-    let named = |region: i32| {
-        let label = labels.iter().find(|label| label.region == region);
-        let name = label.and_then(|label| label.name.clone());
-        (region, name.unwrap_or_else(|| region.to_string()))
-    };
+    let is_mirrored = stored.space.is_mirrored();
+    let interfaces = region_interfaces(&stored.lattice, &regions, nodes, is_mirrored)?;
+    let named = |region: i32| (region, region_label(labels, region));
     let measures: Vec<InterfaceMeasure> = interfaces
         .iter()
         .map(|between| InterfaceMeasure {

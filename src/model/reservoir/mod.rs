@@ -52,6 +52,7 @@ use crate::parallel::prelude::*;
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::{dot, sorted_distinct, sub};
+use crate::image::LabelValue;
 use crate::mesh::TetMesh;
 use crate::mesh::graph::{Connection, Graph};
 use crate::mesh::poly::{PolyMesh, SIDE_NAMES};
@@ -59,6 +60,7 @@ use crate::model::flow::driver::FaultLaws;
 use crate::model::flow::{Barriers, CellFlow, Rock, SplitMesh, Tensor};
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::names::{SurfaceNames, interface_name};
+use crate::model::surface::stored_surfaces::region_label;
 use crate::names::append_distinct;
 use crate::store::{LabelledRegion, NamedRegion};
 use crate::{Error, Result};
@@ -405,10 +407,22 @@ impl Model {
             .or_else(|| Some(&*named()?.name))
     }
 
+    /// Returns the value of a region's label, if it is not the number of the region, as with labels
+    /// beyond 32 bits or with a fraction.
+    pub fn label_beyond_region(&self, region: i32) -> Option<LabelValue> {
+        let label = self.labels.iter().find(|label| label.region == region)?;
+        (label.label.as_i32() != Some(region)).then_some(label.label)
+    }
+
     /// Returns the name of a region, or its number.
     pub fn region_label(&self, region: i32) -> String {
         self.region_name(region)
-            .map_or_else(|| region.to_string(), String::from)
+            .map_or_else(|| region_label(&self.labels, region), String::from)
+    }
+
+    /// Returns `true` if a deck reports by other numbers than those of the regions.
+    pub fn has_own_reports(&self) -> bool {
+        self.deck_regions.fluid_in_place.is_some()
     }
 
     /// Returns the number of cells.
@@ -659,6 +673,30 @@ impl Model {
             Some(ratio) if ratio > 0.0 => [x / ratio, y / ratio, z],
             _ => [x, y, z],
         }
+    }
+
+    /// Returns the largest off-diagonal term of the permeability along three directions, over the
+    /// geometric mean of the diagonal terms beside it; 0 without permeability. The directions are
+    /// unit vectors.
+    pub fn off_diagonal_share(&self, axes: &[[f64; 3]; 3]) -> f64 {
+        let Some(permeability) = &self.permeability else {
+            return 0.0;
+        };
+        let share = |tensor: &Tensor| {
+            let flux = axes.map(|axis| tensor.times(axis));
+            let term = |i: usize, j: usize| dot(axes[i], flux[j]);
+            let shares = [[0, 1], [1, 2], [0, 2]].map(|[i, j]| {
+                let mean = (term(i, i) * term(j, j)).sqrt();
+                if mean > 0.0 {
+                    term(i, j).abs() / mean
+                } else {
+                    0.0
+                }
+            });
+            shares.into_iter().fold(0.0, f64::max)
+        };
+        let tensors = permeability.rock.mobilities.iter();
+        tensors.map(share).fold(0.0, f64::max)
     }
 
     /// Returns the pore volume of a cell in m^3, if the porosity is known.

@@ -3,7 +3,7 @@
 
 use crate::error::cause;
 use crate::files::vtk::DataArray;
-use crate::geometry::sub;
+use crate::geometry::{sub, unit};
 use crate::image::formats::same_place::{
     ROUNDING, RelativePlace, extent_text, relative_place, unit_factors,
 };
@@ -381,13 +381,19 @@ impl PreparedModel {
         let Some(permeability) = model.permeability.as_ref().filter(|_| is_voronoi) else {
             return Ok(None);
         };
-        let origin = self.frame.to_model([0.0; 3]);
-        let axes = self.geometry.axes.map(|axis| {
-            let end = self.frame.to_model(axis);
-            sub(end, origin)
-        });
-        let cancel = CancelToken::never();
+        let (axes, cancel) = (self.axis_vectors(), CancelToken::never());
         AxisRatios::new(&model.graph, &permeability.rock, &axes, self.step, &cancel).map(Some)
+    }
+
+    /// Returns the vectors from sample to sample along the image's axes, in the model's metres.
+    fn axis_vectors(&self) -> [[f64; 3]; 3] {
+        let origin = self.frame.to_model([0.0; 3]);
+        (self.geometry.axes).map(|axis| sub(self.frame.to_model(axis), origin))
+    }
+
+    /// Returns the directions of the image's axes in the model, as unit vectors.
+    pub(crate) fn image_axes(&self) -> [[f64; 3]; 3] {
+        self.axis_vectors().map(unit)
     }
 
     /// Returns a value for each cell from an image. The image must have a position such that it covers

@@ -337,8 +337,8 @@ impl<const D: usize> Surfaces<D> {
     }
 
     /// Orients facets so that all facets of a surface have the same side up, as far as the surface
-    /// has two sides. On average, normals point along `up`. `nodes` may be in another space than
-    /// those of [`find`](Self::find).
+    /// has two sides. On average, normals point along `up`; those of a closed surface point outwards.
+    /// `nodes` may be in another space than those of [`find`](Self::find).
     pub fn orient(&mut self, nodes: &[[f64; D]], up: [f64; D]) {
         for s in 0..self.len() {
             let range = self.start[s]..self.start[s + 1];
@@ -349,7 +349,8 @@ impl<const D: usize> Surfaces<D> {
 }
 
 /// Returns the facets of one surface with consistent orientation within each connected component.
-/// The mean normal of each component agrees with that of the surface, which points up.
+/// A closed component faces outwards. The mean normal of any other component agrees with that of
+/// the surface, which points up.
 fn oriented_facets<const D: usize>(
     nodes: &[[f64; D]],
     facets: Vec<[u32; D]>,
@@ -388,7 +389,19 @@ fn oriented_facets<const D: usize>(
                 }
             }
         }
-        if crate::geometry::dot(sum, normal) < 0.0 {
+        let is_closed = piece.iter().all(|&f| {
+            let ridges = facets.ridges[f].iter();
+            ridges
+                .clone()
+                .all(|&ridge| facets.sides(ridge as usize).len() == 2)
+        });
+        let is_reversed = if is_closed {
+            let oriented: Vec<[u32; D]> = piece.iter().map(|&f| result[f]).collect();
+            region_interfaces::is_turned_inwards(nodes, &oriented)
+        } else {
+            crate::geometry::dot(sum, normal) < 0.0
+        };
+        if is_reversed {
             piece.iter().for_each(|&f| result[f].swap(0, 1));
         }
     }

@@ -338,11 +338,12 @@ pub fn find_interfaces<const D: usize, M: Storable<D>>(
     Interfaces { names, facets }
 }
 
-/// Returns the name of a region: that of its label, or its number.
+/// Returns the name of a region: the name or else the value of its label, or its number.
 pub fn region_label(labels: &[LabelledRegion], region: i32) -> String {
-    let label = labels.iter().find(|label| label.region == region);
-    let name = label.and_then(|label| label.name.clone());
-    name.unwrap_or_else(|| region.to_string())
+    match labels.iter().find(|label| label.region == region) {
+        Some(label) => (label.name.clone()).unwrap_or_else(|| label.label.to_string()),
+        None => region.to_string(),
+    }
 }
 
 /// Returns the facets of surfaces with names (nodes ascending, sorted), each with the number of its

@@ -5,7 +5,7 @@ use super::{
     Block, ExodusMesh, NFACED, NSIDED, PartCounts, RegionCells, SideSet, element_numbers,
     order_by_region,
 };
-use crate::export::meshers::groups::{FaceGroup, face_from_below};
+use crate::export::meshers::groups::FaceGroup;
 use crate::export::names::ExportNames;
 use crate::model::reservoir::Model;
 
@@ -42,11 +42,11 @@ pub fn exodus_mesh(model: &Model, names: &ExportNames) -> ExodusMesh {
         part_counts: PartCounts::PerElement(sizes.collect()),
         has_cell_values: false,
     };
-    let (elements, is_upward) = (element_numbers(&order), model.second_cell_is_upper());
+    let elements = element_numbers(&order);
     let side_set = |group: FaceGroup| {
         let mut sides = SideSet::new(&group.name, group.number);
         for f in group.faces {
-            let (cell, ring) = face_from_below(model, &is_upward, f);
+            let (cell, ring) = names.faces.side(model, f);
             let index = lists.get(cell as usize).iter().position(|&face| face == f);
             let side = index.unwrap_or(0) as i32 + 1;
             sides.add(elements[cell as usize], side, ring.iter().map(one_based));

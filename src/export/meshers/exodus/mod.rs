@@ -8,7 +8,7 @@
 //!
 //! Elements are numbered block by block. `elem_num_map` has the cell numbers of the mesh, from 1.
 //! Sets have the numbers of Gmsh's physical groups. The block of a region has the number of the
-//! region, from 1.
+//! region, if all regions have numbers above 0.
 //!
 //! Source: "EXODUS: A Finite Element Data Model" (Sandia National Laboratories), chapter 5 and
 //! appendix A; for cells of any shape "Polyhedral Element Support" in the documentation of the
@@ -21,7 +21,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::NAMES_AND_ROCK;
-use super::groups::{region_shift, sorted_regions};
+use super::groups::sorted_regions;
 use super::simplices::SimplexMesh;
 use crate::error::cause;
 use crate::export::containers::binary::LazyArray;
@@ -51,11 +51,14 @@ pub const FORMAT: ExportFormat = ExportFormat {
         has_columns: true,
         faces_overlap: true,
         node_set_prefix: Some(""),
+        max_region_number: Some(MAX_REGION_NUMBER),
         ..FormatNames::one_namespace(ENTITY_NAMES, TablePlace::Companion)
     },
     write,
 };
 
+/// Largest number of the block of a region. The blocks between the sides of split surfaces follow.
+const MAX_REGION_NUMBER: i32 = i32::MAX - (1 << 20);
 /// Rules of Exodus for the names of blocks, sets and variables. Readers that keep the library's
 /// default length see the first 32 bytes.
 const ENTITY_NAMES: NameRules = NameRules {
@@ -219,13 +222,12 @@ fn order_by_region(model: &Model, names: &ExportNames) -> (Vec<u32>, Vec<RegionC
     let region = &model.mesh.region;
     let mut order: Vec<u32> = (0..region.len() as u32).collect();
     order.sort_by_key(|&cell| region[cell as usize]);
-    let shift = region_shift(model);
     let regions = sorted_regions(model).into_iter().map(|value| {
         let start = order.partition_point(|&c| region[c as usize] < value);
         let end = order.partition_point(|&c| region[c as usize] <= value);
         RegionCells {
             name: names.region(value).to_string(),
-            number: (i64::from(value) + shift) as i32,
+            number: names.region_number(value),
             cells: start..end,
         }
     });

@@ -48,6 +48,9 @@ impl WellConnection {
     }
 }
 
+/// Largest region number in a deck. Simulators allocate tables for all numbers up to the largest.
+pub(crate) const MAX_REGION_NUMBER: i32 = 9999;
+
 /// Rules of decks for the names of wells, groups and faults.
 pub(crate) const NAMES: NameRules = NameRules {
     max_bytes: 8,
@@ -144,8 +147,11 @@ pub(crate) fn write_runspec(
         case.title,
         case.start.deck_text()
     )?;
-    let [saturation, pressure_volume, equilibration, reports] = model.deck_regions.counts();
-    if model.deck_regions == DeckRegions::default() {
+    let [saturation, pressure_volume, equilibration, mut reports] = model.deck_regions.counts();
+    if !model.has_own_reports() {
+        reports = names.largest_region_number();
+    }
+    if model.deck_regions == DeckRegions::default() && reports == 1 {
         writeln!(out, "TABDIMS\n/")?;
     } else {
         writeln!(

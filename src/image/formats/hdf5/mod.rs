@@ -109,9 +109,10 @@ fn listed(paths: &[&String]) -> String {
     if paths.len() > MAX_LISTED {
         shown.push(format!("and {} more", paths.len() - MAX_LISTED));
     }
-    match shown.is_empty() {
-        true => "none".into(),
-        false => shown.join(", "),
+    if shown.is_empty() {
+        "none".into()
+    } else {
+        shown.join(", ")
     }
 }
 

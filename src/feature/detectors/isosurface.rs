@@ -105,10 +105,12 @@ fn find_in_samples<const D: usize>(
         layers.add(&window.interior);
         if is_in_memory {
             let volume = window.smoothed.volume;
-            values.extend(window.map_rows(cancel, |first, (): &mut (), row: &mut Vec<f32>| {
-                let start = volume.index(first);
-                row.extend_from_slice(&volume.samples[start..start + volume.dims[0]]);
-            }));
+            values.extend(
+                window.map_rows(cancel, |first, (): &mut (), row: &mut Vec<f32>| {
+                    let start = volume.index(first);
+                    row.extend_from_slice(&volume.samples[start..start + volume.dims[0]]);
+                }),
+            );
         }
         candidates.extend(crossings(window, level, cancel));
     };

@@ -218,7 +218,10 @@ pub fn label_spacing<const D: usize>(
 }
 
 /// Returns the name of a label, if it has one.
-pub fn label_name<const D: usize>(options: &DetectionOptions<D>, label: LabelValue) -> Option<String> {
+pub fn label_name<const D: usize>(
+    options: &DetectionOptions<D>,
+    label: LabelValue,
+) -> Option<String> {
     let label_options = options.labels.iter().find(|o| o.label == label);
     label_options.and_then(|label_options| label_options.name.clone())
 }

@@ -73,9 +73,8 @@ fn volumes<const D: usize>(
         0 => -f64::from(lead[i]),
         _ => f64::from(lead[i]),
     };
-    let corner_offset = |corner: usize| -> usize {
-        (0..D).map(|k| (corner >> k & 1) * strides[k]).sum()
-    };
+    let corner_offset =
+        |corner: usize| -> usize { (0..D).map(|k| (corner >> k & 1) * strides[k]).sum() };
     let mut above = 0.0;
     for_each_sample(dims, |i, at| {
         if (0..D).any(|k| at[k] + 1 >= dims[k]) {

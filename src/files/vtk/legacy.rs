@@ -68,9 +68,7 @@ impl<'a> Reader<'a> {
                         "RECTILINEAR_GRID" => "RectilinearGrid",
                         "STRUCTURED_GRID" => "StructuredGrid",
                         other => {
-                            return Err(format!(
-                                "holds {other}, and no grid or poly data"
-                            ));
+                            return Err(format!("holds {other}, and no grid or poly data"));
                         }
                     });
                 }

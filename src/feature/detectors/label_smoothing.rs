@@ -2,9 +2,9 @@
 //!
 //! The indicator of each label is smoothed, and the label with the largest value wins. This shrinks
 //! components that are thin or small. Components that would lose many samples are therefore
-//! restored: the smoothed indicator of the component is multiplied by a factor, such that as many
-//! samples are above a half as the component has. So balls and membranes as thin as one sample keep
-//! their volume.
+//! restored: the smoothed indicator of the component is multiplied by a factor, such that the volume
+//! in which its multilinear interpolation wins is that of the component's samples. So balls, boxes and
+//! membranes as thin as one sample keep their volume.
 
 use crate::feature::components::{Component, Components};
 use crate::feature::gaussian::smooth;
@@ -114,7 +114,9 @@ impl LabelCompetition {
                 sigma,
                 cancel,
             );
-            let Some(factor) = restoring_factor(&part_indicator, part.sample_count) else {
+            let is_part = |i: usize| components.component_of_sample[i] == number as u32;
+            let volume = sample_box.volume_inside(is_part);
+            let Some(factor) = restoring_factor(&sample_box, &part_indicator, volume) else {
                 continue;
             };
             let label_indicator =
@@ -132,18 +134,30 @@ impl LabelCompetition {
     }
 }
 
-/// Returns the factor for a smoothed indicator such that it wins at `count` samples against the sum
-/// of the others; `None` if it needs no factor.
-fn restoring_factor(indicator: &[f32], count: usize) -> Option<f32> {
-    let mut sorted: Vec<f32> = indicator.to_vec();
-    let last = count
-        .checked_sub(1)
-        .filter(|last| last + 1 < sorted.len())?;
-    let descending = |a: &f32, b: &f32| b.total_cmp(a);
-    let (_, &mut inside, outside) = sorted.select_nth_unstable_by(last, descending);
-    let outside = outside.iter().copied().fold(0.0, f32::max);
-    let level = 0.5 * (inside + outside);
-    (level > 0.0 && level < 0.5).then(|| (1.0 - level) / level)
+/// Number of bins of the histogram of a smoothed indicator.
+const BIN_COUNT: usize = 4096;
+
+/// Returns the factor for a smoothed indicator such that it wins in this volume, in samples, against the
+/// sum of the others; `None` if it needs no factor.
+fn restoring_factor<const D: usize>(
+    sample_box: &SampleBox<D>,
+    indicator: &[f32],
+    volume: f64,
+) -> Option<f32> {
+    let mut counts = vec![0u64; BIN_COUNT];
+    sample_box.for_each_interpolated(indicator, |value| {
+        let bin = (value * BIN_COUNT as f32) as usize;
+        counts[bin.min(BIN_COUNT - 1)] += 1;
+    });
+    let target = volume * f64::from(1u32 << D);
+    let mut above = 0.0;
+    let bin = (0..BIN_COUNT).rev().find(|&bin| {
+        above += counts[bin] as f64;
+        above >= target
+    })?;
+    let excess = (above - target) / (counts[bin] as f64).max(1.0);
+    let level = ((bin as f64 + excess) / BIN_COUNT as f64) as f32;
+    (bin > 0 && level < 0.5).then(|| (1.0 - level) / level)
 }
 
 /// A box of samples around components of labels, widened by the reach of smoothing.
@@ -197,6 +211,57 @@ impl<const D: usize> SampleBox<D> {
         }
     }
 
+    /// Returns the volume of the samples that are `inside`, in samples. Samples on a side of the image
+    /// count by half.
+    fn volume_inside(&self, inside: impl Fn(usize) -> bool) -> f64 {
+        let volume = Volume::new(self.image_dims, &[]);
+        let mut sum = 0.0;
+        self.for_each_sample(|i, _| {
+            if inside(i) {
+                let at: [usize; D] = volume.coordinates(i);
+                let is_on_side = |&k: &usize| {
+                    let last = self.image_dims[k] - 1;
+                    last > 0 && (at[k] == 0 || at[k] == last)
+                };
+                sum += 0.5f64.powi((0..D).filter(is_on_side).count() as i32);
+            }
+        });
+        sum
+    }
+
+    /// Calls `visit` with the multilinear interpolation of values at two points along each axis of each
+    /// cell between samples.
+    fn for_each_interpolated(&self, values: &[f32], mut visit: impl FnMut(f32)) {
+        let box_volume = Volume::new(self.size, &[]);
+        let strides = box_volume.strides();
+        let mut corners = [0.0f32; 8];
+        for first in 0..self.sample_count() {
+            let at: [usize; D] = box_volume.coordinates(first);
+            if (0..D).any(|k| self.size[k] > 1 && at[k] + 1 == self.size[k]) {
+                continue;
+            }
+            for (corner, value) in corners.iter_mut().enumerate().take(1 << D) {
+                let offset = |k: usize| {
+                    let is_upper = corner >> k & 1 == 1 && self.size[k] > 1;
+                    if is_upper { strides[k] } else { 0 }
+                };
+                *value = values[first + (0..D).map(offset).sum::<usize>()];
+            }
+            if corners[..1 << D].iter().all(|value| *value == 0.0) {
+                continue;
+            }
+            for point in 0..1usize << D {
+                let weight = |corner: usize| {
+                    // The nearer of the two samples along an axis has three quarters.
+                    let far = (point ^ corner).count_ones() as i32;
+                    0.75f32.powi(D as i32 - far) * 0.25f32.powi(far)
+                };
+                let terms = (0..1 << D).map(|corner| weight(corner) * corners[corner]);
+                visit(terms.sum());
+            }
+        }
+    }
+
     /// Returns the smoothed indicator of the samples that are `inside`.
     fn smooth_indicator(
         &self,
@@ -229,6 +294,26 @@ mod tests {
         assert!(lead.iter().all(|lead| *lead >= 0.0));
         let count = |labels: &[u32]| labels.iter().filter(|label| **label == 1).count() as f64;
         count(&winner) / count(&label)
+    }
+
+    #[test]
+    fn the_sides_of_a_box_stay_where_they_are() {
+        let dims = [28, 24, 20];
+        let volume = Volume::new(dims, &[]);
+        let ranges = [4..14, 6..18, 5..13];
+        let label: Vec<u32> = (0..dims.iter().product())
+            .map(|i| {
+                let at = volume.coordinates(i);
+                u32::from((0..3).all(|k| ranges[k].contains(&at[k])))
+            })
+            .collect();
+        let components = Components::from_labels(dims, &label);
+        let competition = LabelCompetition::run(&components, &label, 2, 1.0, &CancelToken::never());
+        let (winner, lead) = competition.into_lead();
+        let [inside, outside] = [[9, 11, 5], [9, 11, 4]].map(|at| volume.index(at));
+        assert_eq!([winner[inside], winner[outside]], [1, 0]);
+        let position = lead[inside] / (lead[inside] + lead[outside]);
+        assert!((position - 0.5).abs() < 0.1, "{position}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use atomesh::files::vtk::DataArray;
+use atomesh::files::vtk::{DataArray, VtkFile};
 use atomesh::image::formats::vti;
 use atomesh::image::{Geometry, Image};
 use atomesh::mesh::TetMesh;
@@ -51,6 +51,67 @@ fn cube() -> MeshFile {
             ("none".into(), FieldValue::F64s(vec![])),
             ("seed".into(), FieldValue::Ints(vec![-7])),
         ],
+    }
+}
+
+#[test]
+fn a_legacy_file_of_vtkio_is_read() {
+    use vtkio::model::{
+        Attribute, Attributes, ByteOrder, CellType, Cells, DataSet, UnstructuredGridPiece, Version,
+        VertexNumbers, Vtk,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tetrahedron.vtk");
+    let corners: Vec<f64> = vec![
+        6e5,
+        7e6,
+        0.5,
+        6e5,
+        7e6,
+        1.0,
+        6e5,
+        7e6 + 1.0,
+        0.0,
+        6e5 + 1.0,
+        7e6,
+        0.0,
+    ];
+    for is_text in [true, false] {
+        let piece = UnstructuredGridPiece {
+            points: corners.clone().into(),
+            cells: Cells {
+                cell_verts: VertexNumbers::Legacy {
+                    num_cells: 1,
+                    vertices: vec![4, 0, 1, 2, 3],
+                },
+                types: vec![CellType::Tetra],
+            },
+            data: Attributes {
+                point: Vec::new(),
+                cell: vec![Attribute::scalars("region", 1).with_data(vec![7i32])],
+            },
+        };
+        let vtk = Vtk {
+            version: Version::new_legacy(4, 2),
+            title: "a tetrahedron".into(),
+            byte_order: ByteOrder::BigEndian,
+            file_path: None,
+            data: DataSet::inline(piece),
+        };
+        let written = match is_text {
+            true => vtk.export_ascii(&path),
+            false => vtk.export_be(&path),
+        };
+        written.unwrap();
+        let file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
+        let piece = file.piece().unwrap();
+        let values = |element: &str| {
+            let array = &piece.child(element).unwrap().children[0];
+            file.array(array).unwrap().values.to_f64()
+        };
+        assert_eq!(values("Points"), corners);
+        assert_eq!(values("CellData"), [7.0]);
+        assert_eq!(values("Cells"), [0.0, 1.0, 2.0, 3.0]);
     }
 }
 

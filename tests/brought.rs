@@ -252,17 +252,21 @@ fn images_of_other_programs_have_their_labels_and_lie_where_these_read_them() {
 }
 
 #[test]
-#[ignore = "needs SimpleITK, nibabel, pynrrd, VTK, tifffile, zarr, ome-zarr, ngff-zarr and segyio: make test-all"]
-fn the_matrix_of_image_writers_types_units_and_orientations_has_no_wrong_combination() {
+#[ignore = "needs Gmsh, meshio and VTK: make test-all"]
+fn the_matrix_of_mesh_writers_types_and_groups_has_no_wrong_combination() {
+    run_matrix("meshes.py");
+}
+
+/// Runs a matrix, whose program fails if a combination is wrong, or too many are refused.
+fn run_matrix(script: &str) {
     let folder = tempfile::tempdir().unwrap();
-    let script = own_data("images.py");
+    let script = own_data(script);
     let arguments = [
         script.as_os_str(),
         PROGRAM.as_ref(),
         folder.path().as_os_str(),
     ];
-    // The program fails if a combination is wrong, or too many are refused.
-    let table = run_python("programs that write images", &arguments);
+    let table = run_python("programs that write these files", &arguments);
     let total = table.lines().last().unwrap();
     assert!(
         total.trim_start().starts_with("all") && total.contains(" 0 wrong"),
@@ -271,20 +275,13 @@ fn the_matrix_of_image_writers_types_units_and_orientations_has_no_wrong_combina
 }
 
 #[test]
+#[ignore = "needs SimpleITK, nibabel, pynrrd, VTK, tifffile, zarr, ome-zarr, ngff-zarr and segyio: make test-all"]
+fn the_matrix_of_image_writers_types_units_and_orientations_has_no_wrong_combination() {
+    run_matrix("images.py");
+}
+
+#[test]
 #[ignore = "needs xtgeo, VTK and pandas: make test-all"]
 fn the_matrix_of_formats_units_signs_orders_and_nulls_has_no_wrong_combination() {
-    let folder = tempfile::tempdir().unwrap();
-    let script = own_data("matrix.py");
-    let arguments = [
-        script.as_os_str(),
-        PROGRAM.as_ref(),
-        folder.path().as_os_str(),
-    ];
-    // The program fails if a combination is wrong, or too many are refused.
-    let table = run_python("xtgeo, VTK and pandas", &arguments);
-    let total = table.lines().last().unwrap();
-    assert!(
-        total.trim_start().starts_with("all") && total.contains(" 0 wrong"),
-        "{table}"
-    );
+    run_matrix("matrix.py");
 }

@@ -21,10 +21,11 @@
 //! surface of radius r towards its centre of curvature, by about s^2 (D - 1) / (2 r). Assumption:
 //! the image is continuous. A mask of two values has an isosurface of steps, unless it is smoothed.
 
-use super::value_regions::value_regions;
+use super::value_regions::{REGION_VALUES, value_regions};
 use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::candidate::{Candidate, dominant_axes};
+use crate::feature::label_map::missing_label_error;
 use crate::feature::volume::Volume;
 use crate::feature::windows::{CoveredLayers, LayerWindow, Samples, layer_len};
 use crate::feature::{FeatureKind, INTERFACE_RESOLUTION};
@@ -137,6 +138,10 @@ fn find_in_samples<const D: usize>(
         high: level,
         origin,
     };
+    if let Some(options) = (input.options.labels.iter()).find(|o| !REGION_VALUES.contains(&o.label))
+    {
+        return Err(missing_label_error(options, &REGION_VALUES));
+    }
     let is_complete = values.len() == input.dims().iter().product::<usize>();
     let regions = is_complete.then(|| value_regions(input, &values, level, notes));
     Ok(DetectorOutput {

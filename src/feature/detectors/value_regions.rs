@@ -11,6 +11,9 @@ use crate::feature::label_map::LabelMap;
 use crate::feature::volume::Volume;
 use crate::image::LabelValue;
 
+/// Labels of the regions below and above the value.
+pub const REGION_VALUES: [LabelValue; 2] = [LabelValue::Whole(0), LabelValue::Whole(1)];
+
 /// Lead of samples of parts that are too small for a region, and join the other one.
 const ABSORBED_LEAD: f32 = 1e-6;
 
@@ -26,7 +29,7 @@ pub fn value_regions<const D: usize>(
     notes: &mut Vec<String>,
 ) -> Option<(LabelMap<D>, LabelSpacing<D>)> {
     let dims = input.dims();
-    let values = vec![LabelValue::Whole(0), LabelValue::Whole(1)];
+    let values = REGION_VALUES.to_vec();
     let is_above = |sample: &f32| u32::from(*sample >= level);
     let mut winner: Vec<u32> = samples.iter().map(is_above).collect();
     let components = absorb_small_parts(input, &values, &mut winner, notes);

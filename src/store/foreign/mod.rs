@@ -82,7 +82,10 @@ impl MeshFormat {
                 || text.contains("type=\"punstructuredgrid\"")
         };
         match format {
-            Self::Gmsh | Self::NetCdf => Some(format),
+            Self::Gmsh => Some(format),
+            // Exodus has the dimension of its nodes in the header, near the beginning.
+            Self::NetCdf if text.contains("num_nodes") => Some(format),
+            Self::NetCdf => None,
             Self::Vtk if is_grid(&text) => Some(format),
             Self::Hdf5 => match Hdf5Mesh::of_file(path).ok()?? {
                 Hdf5Mesh::Exodus => Some(Self::NetCdf),

@@ -234,7 +234,9 @@ def vtk_legacy(case, path):
 
 def marked_by_vtk(case, image):
     index = np.ravel_multi_index(MARKED[::-1], DIMS[::-1])
-    assert image.GetPointData().GetScalars().GetTuple1(int(index)) == float(LABELS[case["labels"]][2])
+    scalars = image.GetPointData().GetScalars()
+    value = scalars.GetTuple1(int(index))
+    assert value == float(LABELS[case["labels"]][2]), (value, case, scalars.GetClassName())
     return np.array(image.GetPoint(int(index)))
 
 
@@ -470,6 +472,9 @@ def fits(case):
     """True if the sample type holds the labels."""
     dtype = np.dtype(case["type"])
     labels = LABELS[case["labels"]]
+    if (case["format"], case["type"], case["labels"]) == ("vtk-legacy", "f8", "huge"):
+        # VTK writes eleven digits.
+        return case["packing"] == "packed"
     if case["format"] == "nibabel-scaled":
         # With larger steps the type itself loses the labels.
         return (max(labels) - min(0, *labels)) / np.ptp([np.iinfo(dtype).min, np.iinfo(dtype).max]) < 0.5

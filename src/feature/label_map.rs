@@ -1,6 +1,7 @@
 //! Labels of an image, at samples and at positions between them.
 
 use super::components::Components;
+use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
 use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
@@ -190,6 +191,18 @@ impl<const D: usize> LabelMap<D> {
     /// Returns the region number of the cells of each label.
     pub fn regions(&self) -> Vec<i32> {
         regions(&self.labels)
+    }
+
+    /// Returns `true` if a neighbour of a sample along an axis has another winner.
+    pub fn is_at_interface(&self, sample: usize) -> bool {
+        let volume = Volume::new(self.dims, &[]);
+        let at: [usize; D] = volume.coordinates(sample);
+        let strides = volume.strides();
+        let differs = |neighbour: usize| self.winner[neighbour] != self.winner[sample];
+        (0..D).any(|k| {
+            at[k] > 0 && differs(sample - strides[k])
+                || at[k] + 1 < self.dims[k] && differs(sample + strides[k])
+        })
     }
 
     /// Returns the smallest distance between samples in lattice space.

@@ -144,9 +144,14 @@ fn find_in_samples<const D: usize>(
     }
     let is_complete = values.len() == input.dims().iter().product::<usize>();
     let regions = is_complete.then(|| value_regions(input, &values, level, notes));
+    let labels = regions.flatten();
+    if let Some((label_map, _)) = &labels {
+        // Surfaces around parts that joined the other region are no interfaces.
+        candidates.retain(|candidate| label_map.is_at_interface(candidate.voxel.index()));
+    }
     Ok(DetectorOutput {
         layers: Some(layers.0),
-        labels: regions.flatten(),
+        labels,
         ..DetectorOutput::new(candidates, scale, thresholds)
     })
 }

@@ -2,9 +2,10 @@
 //!
 //! The indicator of each label is smoothed, and the label with the largest value wins. This shrinks
 //! components that are thin or small. Components that would lose many samples are therefore
-//! restored: the smoothed indicator of the component is multiplied by a factor, such that the volume
-//! in which its multilinear interpolation wins is that of the component's samples. So balls, boxes and
-//! membranes as thin as one sample keep their volume.
+//! restored: the smoothed indicator of the component is multiplied by a factor, such that as many
+//! samples are above a half as the component has, or such that the volume in which its multilinear
+//! interpolation wins is that of the component's samples. The smaller of the two factors is used: the
+//! first suits membranes as thin as one sample, but moves the sides of boxes outwards.
 
 use crate::feature::components::{Component, Components};
 use crate::feature::gaussian::smooth;
@@ -116,9 +117,15 @@ impl LabelCompetition {
             );
             let is_part = |i: usize| components.component_of_sample[i] == number as u32;
             let volume = sample_box.volume_inside(is_part);
-            let Some(factor) = restoring_factor(&sample_box, &part_indicator, volume) else {
+            let levels = [
+                level_of_volume(&sample_box, &part_indicator, volume),
+                level_of_count(&part_indicator, part.sample_count),
+            ];
+            let level = levels.into_iter().flatten().reduce(f32::max);
+            let Some(level) = level.filter(|level| *level < 0.5) else {
                 continue;
             };
+            let factor = (1.0 - level) / level;
             let label_indicator =
                 sample_box.smooth_indicator(|i| label[i] == part.label, sigma, cancel);
             sample_box.for_each_sample(|i, j| {
@@ -137,9 +144,9 @@ impl LabelCompetition {
 /// Number of bins of the histogram of a smoothed indicator.
 const BIN_COUNT: usize = 4096;
 
-/// Returns the factor for a smoothed indicator such that it wins in this volume, in samples, against the
-/// sum of the others; `None` if it needs no factor.
-fn restoring_factor<const D: usize>(
+/// Returns the level above which the multilinear interpolation of a smoothed indicator has this volume, in
+/// samples.
+fn level_of_volume<const D: usize>(
     sample_box: &SampleBox<D>,
     indicator: &[f32],
     volume: f64,
@@ -156,8 +163,20 @@ fn restoring_factor<const D: usize>(
         above >= target
     })?;
     let excess = (above - target) / (counts[bin] as f64).max(1.0);
-    let level = ((bin as f64 + excess) / BIN_COUNT as f64) as f32;
-    (bin > 0 && level < 0.5).then(|| (1.0 - level) / level)
+    (bin > 0).then_some(((bin as f64 + excess) / BIN_COUNT as f64) as f32)
+}
+
+/// Returns the level above which a smoothed indicator has this number of samples.
+fn level_of_count(indicator: &[f32], count: usize) -> Option<f32> {
+    let mut sorted: Vec<f32> = indicator.to_vec();
+    let last = count
+        .checked_sub(1)
+        .filter(|last| last + 1 < sorted.len())?;
+    let descending = |a: &f32, b: &f32| b.total_cmp(a);
+    let (_, &mut inside, outside) = sorted.select_nth_unstable_by(last, descending);
+    let outside = outside.iter().copied().fold(0.0, f32::max);
+    let level = 0.5 * (inside + outside);
+    (level > 0.0).then_some(level)
 }
 
 /// A box of samples around components of labels, widened by the reach of smoothing.
@@ -296,8 +315,10 @@ mod tests {
         count(&winner) / count(&label)
     }
 
+    /// Along the lines through its middle, an interface lies a little outside of the box, as much as makes
+    /// up for its round edges.
     #[test]
-    fn the_sides_of_a_box_stay_where_they_are() {
+    fn a_box_keeps_its_volume_within_a_fiftieth() {
         let dims = [28, 24, 20];
         let volume = Volume::new(dims, &[]);
         let ranges = [4..14, 6..18, 5..13];
@@ -310,10 +331,18 @@ mod tests {
         let components = Components::from_labels(dims, &label);
         let competition = LabelCompetition::run(&components, &label, 2, 1.0, &CancelToken::never());
         let (winner, lead) = competition.into_lead();
-        let [inside, outside] = [[9, 11, 5], [9, 11, 4]].map(|at| volume.index(at));
-        assert_eq!([winner[inside], winner[outside]], [1, 0]);
-        let position = lead[inside] / (lead[inside] + lead[outside]);
-        assert!((position - 0.5).abs() < 0.1, "{position}");
+        let signed: Vec<f32> = (winner.iter().zip(&lead))
+            .map(|(winner, lead)| if *winner == 1 { *lead } else { -lead })
+            .collect();
+        let whole = SampleBox {
+            origin: [0; 3],
+            size: dims,
+            image_dims: dims,
+        };
+        let mut points = 0;
+        whole.for_each_interpolated(&signed, |value| points += usize::from(value > 0.0));
+        let share = points as f64 / 8.0 / 960.0;
+        assert!((share - 1.0).abs() < 0.02, "{share}");
     }
 
     #[test]

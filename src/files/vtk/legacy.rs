@@ -84,6 +84,7 @@ impl<'a> Reader<'a> {
         let is_complete = match kind {
             "ImageData" => content.attributes.iter().any(|a| a.0 == "WholeExtent"),
             "UnstructuredGrid" => content.points.is_some() && !content.cells.is_empty(),
+            "RectilinearGrid" => content.coordinates.len() == 3,
             _ => content.points.is_some(),
         };
         if !is_complete {

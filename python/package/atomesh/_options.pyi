@@ -157,15 +157,17 @@ class MeshOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -250,20 +252,22 @@ class FeatureOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -308,20 +312,22 @@ class InfoOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -375,20 +381,22 @@ class ConvertOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -448,20 +456,22 @@ class ReportOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -556,20 +566,22 @@ class EditOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -625,20 +637,22 @@ class ColumnsOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -715,20 +729,22 @@ class ExportOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -880,20 +896,22 @@ class SliceOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -981,20 +999,22 @@ class SurfaceOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -1052,20 +1072,22 @@ class PaintOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as
@@ -1123,20 +1145,22 @@ class SegmentOptions(TypedDict, total=False):
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
-    #: An array without geometry (.npy, raw, .tif, .png): distances between samples along its axes,
-    #: the fastest first, or one for all
+    #: Distances between samples along the axes of the array, the fastest first, or one for all:
+    #: for an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
     spacing: _Value | None
-    #: An array without geometry: the position of its first sample
+    #: The position of the first sample
     origin: _Value | None
-    #: Units of x, y and z (in this order, whatever the array's axes are), or one for all, where
-    #: the file has none: m, ft, ms, um ...
+    #: Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft,
+    #: ms, um. They replace those of the file; numbers are not converted
     unit: _Value | None
-    #: An array without geometry: its axes, the fastest first: x, y, z (-z where the coordinate
-    #: decreases from sample to sample), or time, depth, sample (all downwards), crossline, inline
-    #: [default: x,y,z]
+    #: The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from
+    #: sample to sample), or time, depth, sample (all downwards), crossline, inline [default: those
+    #: of the file, or x,y,z]
     axes: _Value | None
-    #: An array without geometry: take the geometry of this image, which has as many samples (.sgy,
-    #: .vti ...)
+    #: Distance between samples along the vertical axis (time, depth or z), in its unit, in place
+    #: of that of the file
+    interval: _Number | None
+    #: Take the geometry of this image, which has as many samples (.sgy, .vti ...)
     geometry_from: _Path | None
     #: Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     #: option common null values are recognised, and traces that are zero throughout count as

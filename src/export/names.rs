@@ -237,18 +237,7 @@ impl ExportNames {
         let (mut written_regions, elements, written_faces) =
             self.assign_spaces(&wanted_regions, &wanted_faces, &split);
         let written_sets = written_regions.split_off(regions.len());
-        for (set, written) in model.sets.cells.iter().zip(written_sets) {
-            self.add_given(
-                "cells",
-                self.cell_sets.len() as i64 + 1,
-                &set.name,
-                &written,
-            );
-            self.cell_sets.push(NamedSet {
-                name: written,
-                members: set.members.clone(),
-            });
-        }
+        self.add_cell_sets(model, written_sets);
         self.list_regions(model, &regions, &wanted_regions, &written_regions);
         let own_names = model.surfaces.names.iter().take(model.surfaces.kept_count);
         let mut names_in_mesh = model_names.clone();
@@ -280,6 +269,18 @@ impl ExportNames {
         }
         self.faces.names = written_faces[..model_names.len()].to_vec();
         self.regions = regions.into_iter().zip(written_regions).collect();
+    }
+
+    /// Adds the sets of cells with their names in the file.
+    fn add_cell_sets(&mut self, model: &Model, written_names: Vec<String>) {
+        for (set, written) in model.sets.cells.iter().zip(written_names) {
+            let number = self.cell_sets.len() as i64 + 1;
+            self.add_given("cells", number, &set.name, &written);
+            self.cell_sets.push(NamedSet {
+                name: written,
+                members: set.members.clone(),
+            });
+        }
     }
 
     /// Assigns names to regions, to the elements between split sides, and to faces.

@@ -272,8 +272,8 @@ where
     let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
-    let stop = stop_reason(optimize_result.as_ref(), interrupted);
     Ok(Outcome {
+        stop: stop_reason(optimize_result.as_ref(), interrupted),
         mesh,
         extent,
         step,
@@ -286,7 +286,6 @@ where
         distance,
         optimize_result,
         provenance: Provenance::default(),
-        stop,
         report,
     })
 }

@@ -204,9 +204,10 @@ impl ImagePlacement {
                 "give the image from which this one was made",
             ))
         })?;
-        let instead = match has_place {
-            true => format!(" instead of the file ({})", describe(&header.geometry)),
-            false => String::new(),
+        let instead = if has_place {
+            format!(" instead of the file ({})", describe(&header.geometry))
+        } else {
+            String::new()
         };
         header.geometry = source.geometry;
         header.missing = source.missing;

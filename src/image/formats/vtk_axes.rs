@@ -78,7 +78,7 @@ fn tolerance(array: &DataArray, values: &[f64], step: f64) -> f64 {
     }
     let largest = values.iter().fold(0.0f64, |max, x| max.max(x.abs()));
     let rounding = largest * f64::from(f32::EPSILON) / step;
-    rounding.min(MAX_ROUNDING).max(MAX_UNEVENNESS)
+    rounding.clamp(MAX_UNEVENNESS, MAX_ROUNDING)
 }
 
 /// Returns the geometry of a structured grid with `dims` points, which must lie on an affine grid.

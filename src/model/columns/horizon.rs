@@ -15,6 +15,8 @@ const BOX_MARGIN: f64 = 1e-6;
 const SMOOTHING_SWEEPS: usize = 300;
 
 /// A horizon: z as a function of x and y, in the map's coordinates.
+// There are only as many values as horizons.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Horizon {
     /// A constant z.

@@ -263,10 +263,7 @@ fn read_block(
 }
 
 fn nodes(file: &NetcdfReader) -> ReadResult<Vec<[f64; 3]>> {
-    let axes = match file
-        .shape("coord")
-        .map(|shape| <[usize; 2]>::try_from(shape))
-    {
+    let axes = match file.shape("coord").map(<[usize; 2]>::try_from) {
         // Older files have one array for all axes.
         Some(Ok([axes @ 1..=3, count])) => {
             let coordinates = file.numbers("coord")?;

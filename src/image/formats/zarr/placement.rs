@@ -185,18 +185,8 @@ fn array_unit(array: &ArrayMetadata) -> String {
     mdio.or_else(xarray_unit).unwrap_or_default()
 }
 
-/// Sets the geometry of an image from the metadata of the array, its group, and OME-Zarr (`level`).
-///
-/// # Errors
-/// Returns a [`crate::Error::Io`] if chunks of the coordinates cannot be read.
-pub fn place(
-    header: &mut ImageHeader<3>,
-    array: &ArrayMetadata,
-    group: Option<&Path>,
-    level: Option<&LevelMetadata>,
-) -> Result<()> {
-    let siblings = SiblingArrays { group };
-    let axes = array.image_axes.len();
+/// Names the axes of an image as OME-Zarr does, or else as the array does.
+fn name_axes(header: &mut ImageHeader<3>, array: &ArrayMetadata, level: Option<&LevelMetadata>) {
     let names = match level {
         Some(level) => level.axis_names(&array.image_axes),
         None => {
@@ -209,6 +199,21 @@ pub fn place(
             header.geometry.names[k].clone_from(name);
         }
     }
+}
+
+/// Sets the geometry of an image from the metadata of the array, its group, and OME-Zarr (`level`).
+///
+/// # Errors
+/// Returns a [`crate::Error::Io`] if chunks of the coordinates cannot be read.
+pub fn place(
+    header: &mut ImageHeader<3>,
+    array: &ArrayMetadata,
+    group: Option<&Path>,
+    level: Option<&LevelMetadata>,
+) -> Result<()> {
+    let siblings = SiblingArrays { group };
+    let axes = array.image_axes.len();
+    name_axes(header, array, level);
     let rows = [header.dims[2], header.dims[1]];
     let shape = if axes < 3 { &rows[1..] } else { &rows[..] };
     if let Some(mask) = siblings.array(TRACE_MASK, shape) {

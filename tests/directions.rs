@@ -46,10 +46,11 @@ fn triangles(path: &Path) -> BTreeMap<String, Vec<Triangle>> {
                 let triangle = [a, b, c].map(|n| nodes[n]);
                 surfaces.entry(name.clone()).or_default().push(triangle);
             }
-            _ => match line.strip_prefix("name:") {
-                Some(new) => name = new.trim().into(),
-                None => {}
-            },
+            _ => {
+                if let Some(new) = line.strip_prefix("name:") {
+                    name = new.trim().into();
+                }
+            }
         }
     }
     surfaces

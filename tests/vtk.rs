@@ -98,9 +98,10 @@ fn a_legacy_file_of_vtkio_is_read() {
             file_path: None,
             data: DataSet::inline(piece),
         };
-        let written = match is_text {
-            true => vtk.export_ascii(&path),
-            false => vtk.export_be(&path),
+        let written = if is_text {
+            vtk.export_ascii(&path)
+        } else {
+            vtk.export_be(&path)
         };
         written.unwrap();
         let file = VtkFile::read(&path, "UnstructuredGrid").unwrap();

@@ -21,7 +21,7 @@ fn data_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/zarr")
 }
 
-/// Compares some 130 stores: those of every type, codec and layout that zarr-python writes, and
+/// Compares some 240 stores: those of every type, codec and layout that zarr-python writes, and
 /// some of atomesh.
 #[test]
 #[ignore = "needs zarr-python: make test-all"]
@@ -35,7 +35,7 @@ fn values_are_the_same_in_zarr_python() {
     ];
     let stdout = crate::common::run_python("zarr-python", &arguments);
     println!("{stdout}");
-    assert_eq!(stdout.trim(), "zarr-python: 111 read, 18 written");
+    assert_eq!(stdout.trim(), "zarr-python: 223 read, 18 written");
 }
 
 /// Compares a survey that multidimio 1.1.3 made from a SEG-Y file without one of its traces. MDIO

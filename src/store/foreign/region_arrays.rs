@@ -79,7 +79,7 @@ pub fn find(arrays: &[DataArray]) -> Option<ArrayRegions> {
             Some((array, numbers))
         })
     };
-    let (array, numbers) = REGION_NAMES.iter().find_map(|known| named(known))?;
+    let (array, numbers) = REGION_NAMES.iter().find_map(named)?;
     let name = array.name.clone();
     if let Some(regions) = numbers.iter().map(|&n| i32::try_from(n).ok()).collect() {
         return Some(ArrayRegions {

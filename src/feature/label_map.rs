@@ -267,7 +267,7 @@ impl<const D: usize> LabelMap<D> {
     /// Returns the lead of label `a` over label `b` at a position: negative where `b` leads, zero
     /// where other labels lead.
     #[inline]
-    fn lead_between(&self, x: [f64; D], [a, b]: [u32; 2]) -> f64 {
+    pub fn lead_between(&self, x: [f64; D], [a, b]: [u32; 2]) -> f64 {
         let mut sum = 0.0;
         self.for_each_weight(x, |i, weight| {
             let sign = match self.winner[i] {

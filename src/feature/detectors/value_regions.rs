@@ -51,44 +51,35 @@ pub fn value_regions<const D: usize>(
     let name = |(value, name): (&LabelValue, &str)| {
         Some(label_name(input.options, *value).unwrap_or_else(|| name.to_string()))
     };
-    let label_map = LabelMap {
+    let mut label_map = LabelMap {
         dims,
         step: input.options.step,
-        volumes: volumes(dims, input.options.step, &winner, &lead),
+        volumes: Vec::new(),
         names: values.iter().zip(names).map(name).collect(),
         winner,
         lead,
         labels: values,
     };
+    label_map.volumes = volumes(&label_map);
     let spacing = label_spacing(input, components, &label_map.labels);
     Some((label_map, spacing))
 }
 
 /// Returns the volumes of the two regions under multilinear interpolation, in lattice units.
-fn volumes<const D: usize>(
-    dims: [usize; D],
-    step: [f64; D],
-    winner: &[u32],
-    lead: &[f32],
-) -> Vec<f64> {
+fn volumes<const D: usize>(label_map: &LabelMap<D>) -> Vec<f64> {
+    let (dims, step) = (label_map.dims, label_map.step);
     let strides = Volume::new(dims, &[]).strides();
-    let signed = |i: usize| match winner[i] {
-        0 => -f64::from(lead[i]),
-        _ => f64::from(lead[i]),
-    };
-    let corner_offset =
-        |corner: usize| -> usize { (0..D).map(|k| (corner >> k & 1) * strides[k]).sum() };
+    let offset = |corner: usize| -> usize { (0..D).map(|k| (corner >> k & 1) * strides[k]).sum() };
     let mut above = 0.0;
     for_each_sample(dims, |i, at| {
         if (0..D).any(|k| at[k] + 1 >= dims[k]) {
             return;
         }
-        let corners = |corner: usize| i + corner_offset(corner);
-        let count = (0..1 << D).filter(|&c| winner[corners(c)] == 1).count();
-        above += match count {
+        let is_above = |corner: usize| label_map.winner[i + offset(corner)] == 1;
+        above += match (0..1 << D).filter(|&corner| is_above(corner)).count() {
             0 => 0.0,
-            n if n == 1 << D => 1.0,
-            _ => share_above::<D>(|corner| signed(corners(corner))),
+            count if count == 1 << D => 1.0,
+            _ => share_above(label_map, at),
         };
     });
     let cell: f64 = step.iter().product();
@@ -96,24 +87,15 @@ fn volumes<const D: usize>(
     vec![total - above * cell, above * cell]
 }
 
-/// Returns the share of a cell in which the multilinear interpolation of its corners is positive.
-fn share_above<const D: usize>(value: impl Fn(usize) -> f64) -> f64 {
+/// Returns the share of the upper region in the cell between sample `at` and the next ones.
+fn share_above<const D: usize>(label_map: &LabelMap<D>, at: [usize; D]) -> f64 {
     let count = POINTS_PER_AXIS.pow(D as u32);
-    let inside = (0..count).filter(|number| {
-        let position: [f64; D] = std::array::from_fn(|k| {
+    let above = (0..count).filter(|number| {
+        let x: [f64; D] = std::array::from_fn(|k| {
             let index = number / POINTS_PER_AXIS.pow(k as u32) % POINTS_PER_AXIS;
-            (index as f64 + 0.5) / POINTS_PER_AXIS as f64
+            (at[k] as f64 + (index as f64 + 0.5) / POINTS_PER_AXIS as f64) * label_map.step[k]
         });
-        let sum: f64 = (0..1 << D)
-            .map(|corner| {
-                let weight = (0..D).map(|k| match corner >> k & 1 {
-                    0 => 1.0 - position[k],
-                    _ => position[k],
-                });
-                weight.product::<f64>() * value(corner)
-            })
-            .sum();
-        sum > 0.0
+        label_map.lead_between(x, [1, 0]) > 0.0
     });
-    inside.count() as f64 / count as f64
+    above.count() as f64 / count as f64
 }

@@ -43,17 +43,49 @@ type Format = (&'static str, Mark, &'static str);
 const FORMATS: &[Format] = &[
     // Seismic volumes.
     ("a VDS volume (OpenVDS)", At(0, b"HueDataStore"), "convert it to SEG-Y, with SEGYExport of OpenVDS"),
-    ("a ZGY volume", At(0, b"VBS\0"), "export it as SEG-Y, from Petrel or with seismic-zfp (ZgyConverter, SgzConverter)"),
+    (
+        "a ZGY volume",
+        At(0, b"VBS\0"),
+        "export it as SEG-Y, from Petrel or with seismic-zfp (ZgyConverter, SgzConverter)",
+    ),
     ("a CBVS volume of OpendTect", Is(is_cbvs), "export it as SEG-Y, from OpendTect"),
     ("a GOCAD voxet", Is(is_voxet), "give the file of its property with --raw (often f32be), --spacing and --origin"),
     // Geological models.
-    ("an OMF 1 project", At(0, b"\x84\x83\x82\x81"), "write its block model to .npy, in Python with omf: the array is reshape(nu, nv, nw).T, as w is fastest; give --spacing and --origin"),
-    ("an OMF 2 project", Within(ZIP_MAGIC, b"Open Mining Format"), "write its block model to .npy, in Python with omf: the array is reshape(nw, nv, nu), as u is fastest; give --spacing and --origin"),
-    ("a geoh5 project", Within(HDF5_MAGIC, b"GEOSCIENCE"), "write its block model to .npy, in Python with geoh5py: the array is values.reshape(nv, nu, nz).transpose(2, 0, 1), as z is fastest; give --spacing and --origin"),
-    ("a RESQML package", Within(ZIP_MAGIC, b"resqml"), "write the property to .npy, in Python with resqpy, and give --spacing and --origin"),
+    (
+        "an OMF 1 project",
+        At(0, b"\x84\x83\x82\x81"),
+        "write its block model to .npy, in Python with omf: the array is reshape(nu, nv, nw).T, as w is \
+         fastest; give --spacing and --origin",
+    ),
+    (
+        "an OMF 2 project",
+        Within(ZIP_MAGIC, b"Open Mining Format"),
+        "write its block model to .npy, in Python with omf: the array is reshape(nw, nv, nu), as u is \
+         fastest; give --spacing and --origin",
+    ),
+    (
+        "a geoh5 project",
+        Within(HDF5_MAGIC, b"GEOSCIENCE"),
+        "write its block model to .npy, in Python with geoh5py: the array is values.reshape(nv, nu, \
+         nz).transpose(2, 0, 1), as z is fastest; give --spacing and --origin",
+    ),
+    (
+        "a RESQML package",
+        Within(ZIP_MAGIC, b"resqml"),
+        "write the property to .npy, in Python with resqpy, and give --spacing and --origin",
+    ),
     // Scans.
-    ("a DICOM segmentation", Is(is_dicom_segmentation), "convert it to .nrrd with segimage2itkimage of dcmqi, or in Python with highdicom; other readers lose the distance between its frames"),
-    ("a DICOM file of contours (RTSTRUCT)", Is(is_dicom_contours), "convert it to .nii.gz, with dcmrtstruct2nii or 3D Slicer"),
+    (
+        "a DICOM segmentation",
+        Is(is_dicom_segmentation),
+        "convert it to .nrrd with segimage2itkimage of dcmqi, or in Python with highdicom; other readers \
+         lose the distance between its frames",
+    ),
+    (
+        "a DICOM file of contours (RTSTRUCT)",
+        Is(is_dicom_contours),
+        "convert it to .nii.gz, with dcmrtstruct2nii or 3D Slicer",
+    ),
     ("a DICOM file", Is(is_dicom), "convert the whole series to .nii.gz: dcm2niix FOLDER, or in Python with SimpleITK"),
     ("an MRC volume", Is(is_mrc), "convert it to .nrrd, in Python with SimpleITK or mrcfile"),
     ("an AmiraMesh file", At(0, b"# AmiraMesh"), "save it as .nrrd, from Amira, Avizo or Fiji"),
@@ -67,30 +99,58 @@ const FORMATS: &[Format] = &[
     ("a Zeiss CZI file", At(0, b"ZISRAWFILE"), BIOFORMATS_REMEDY),
     ("a Nikon ND2 file", At(0, b"\xda\xce\xbe\x0a"), BIOFORMATS_REMEDY),
     ("a Leica LIF file", Is(is_lif), BIOFORMATS_REMEDY),
-    ("an OLE container, such as of Zeiss Xradia (.txm), Zeiss ZVI or Olympus OIB", At(0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), BIOFORMATS_REMEDY),
+    (
+        "an OLE container, such as of Zeiss Xradia (.txm), Zeiss ZVI or Olympus OIB",
+        At(0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),
+        BIOFORMATS_REMEDY,
+    ),
     ("a Scanco ISQ volume", At(0, b"CTDATA-HEADER_V1"), "convert it to .nrrd, in Python with itk-ioscanco"),
     ("a Scanco AIM volume", At(0, b"AIMDATA_V030"), "convert it to .nrrd, in Python with itk-ioscanco"),
-    ("a JCAMP-DX text, such as the parameters of Bruker", At(0, b"##TITLE"), "convert the scan to .nii.gz, in Python with brkraw"),
-    ("an OpenVDB volume", At(0, b" BDV"), "write its grid to .npy, in Python with pyopenvdb, and give --spacing and --origin"),
+    (
+        "a JCAMP-DX text, such as the parameters of Bruker",
+        At(0, b"##TITLE"),
+        "convert the scan to .nii.gz, in Python with brkraw",
+    ),
+    (
+        "an OpenVDB volume",
+        At(0, b" BDV"),
+        "write its grid to .npy, in Python with pyopenvdb, and give --spacing and --origin",
+    ),
     // Maps.
     ("a grid of GMT or another netCDF file", At(0, b"CDF\x01"), NETCDF_REMEDY),
     ("a grid of GMT or another netCDF file", At(0, b"CDF\x02"), NETCDF_REMEDY),
     ("a grid of GMT or another netCDF file", At(0, b"CDF\x05"), NETCDF_REMEDY),
     ("an ERDAS Imagine raster", At(0, b"EHFA_HEADER_TAG"), "convert a grid of heights with gdal_translate -of AAIGrid"),
-    ("an ENVI header", At(0, b"ENVI"), "convert a grid of heights with gdal_translate -of AAIGrid, or give the samples with --raw"),
+    (
+        "an ENVI header",
+        At(0, b"ENVI"),
+        "convert a grid of heights with gdal_translate -of AAIGrid, or give the samples with --raw",
+    ),
     // Arrays.
     ("a MATLAB 7.3 file", At(0, b"MATLAB 7.3 MAT-file"), "write the array to .npy, in Python with h5py and numpy.save"),
-    ("a MATLAB file", At(0, b"MATLAB 5.0 MAT-file"), "write the array to .npy, in Python with scipy.io.loadmat and numpy.save"),
+    (
+        "a MATLAB file",
+        At(0, b"MATLAB 5.0 MAT-file"),
+        "write the array to .npy, in Python with scipy.io.loadmat and numpy.save",
+    ),
     ("a FITS file", At(0, b"SIMPLE  ="), "write the array to .npy, in Python with astropy and numpy.save"),
     ("an HDF4 file", At(0, b"\x0e\x03\x13\x01"), "write the data set to .npy, in Python with pyhdf and numpy.save"),
-    ("an archive of NumPy (.npz)", Within(ZIP_MAGIC, b".npy"), "write one of its arrays to .npy, with numpy.load and numpy.save"),
+    (
+        "an archive of NumPy (.npz)",
+        Within(ZIP_MAGIC, b".npy"),
+        "write one of its arrays to .npy, with numpy.load and numpy.save",
+    ),
     // Pictures.
     ("a JPEG picture", At(0, b"\xff\xd8\xff"), "convert it to .png, e.g. in Python with Pillow"),
     ("a JPEG 2000 picture", At(0, b"\0\0\0\x0cjP  "), "convert it to .tif, with opj_decompress"),
     ("a JPEG 2000 picture", At(0, b"\xff\x4f\xff\x51"), "convert it to .tif, with opj_decompress"),
     ("a GIF picture", At(0, b"GIF8"), "convert it to .png, e.g. in Python with Pillow"),
     ("a BMP picture", Is(is_bmp), "convert it to .png, e.g. in Python with Pillow"),
-    ("a WebP picture", Is(|head| head.starts_with(b"RIFF") && has(head, 8, b"WEBP")), "convert it to .png, e.g. in Python with Pillow"),
+    (
+        "a WebP picture",
+        Is(|head| head.starts_with(b"RIFF") && has(head, 8, b"WEBP")),
+        "convert it to .png, e.g. in Python with Pillow",
+    ),
     ("a PNM picture", Is(is_pnm), "convert it to .png, e.g. in Python with Pillow"),
     ("an OpenEXR picture", At(0, b"\x76\x2f\x31\x01"), "convert it to .tif, with oiiotool"),
     // Archives.
@@ -111,15 +171,24 @@ const FORMATS: &[Format] = &[
 /// Formats without a mark of their own, by plausible headers. They are tried after all readers.
 #[rustfmt::skip]
 const UNMARKED_FORMATS: &[Format] = &[
-    ("an SGZ volume (seismic-zfp)", Is(is_sgz), "convert it to SEG-Y, in Python with seismic_zfp.conversion.SgzConverter"),
-    ("a DICOM file without a preamble", Is(is_bare_dicom), "convert the whole series to .nii.gz: dcm2niix FOLDER, or in Python with SimpleITK"),
+    (
+        "an SGZ volume (seismic-zfp)",
+        Is(is_sgz),
+        "convert it to SEG-Y, in Python with seismic_zfp.conversion.SgzConverter",
+    ),
+    (
+        "a DICOM file without a preamble",
+        Is(is_bare_dicom),
+        "convert the whole series to .nii.gz: dcm2niix FOLDER, or in Python with SimpleITK",
+    ),
     ("a header of Madagascar (RSF)", Is(is_rsf), "convert it to SEG-Y, with sfsegywrite"),
 ];
 
 const FREESURFER_REMEDY: &str =
     "convert it to .nii.gz, with mri_convert, or in Python with nibabel";
 const BIOFORMATS_REMEDY: &str = "convert it to .ome.tif, with bfconvert of Bio-Formats";
-const NETCDF_REMEDY: &str = "convert a grid of heights with gmt grdconvert IN OUT.grd=sf; write a volume to .npy, in Python with xarray and numpy.save";
+const NETCDF_REMEDY: &str = "convert a grid of heights with gmt grdconvert IN OUT.grd=sf; write a volume to .npy, \
+in Python with xarray and numpy.save";
 const MESH_REMEDY: &str = "give an image, not a mesh or a surface";
 
 /// Returns `true` if `bytes` stand at an offset of the first bytes of a file.
@@ -361,7 +430,8 @@ pub(super) fn folder_refusal(folder: &Path) -> Option<Error> {
             continue;
         }
         if is_dicom_segmentation(&head) {
-            let remedy = "give the file of one segmentation, converted to .nrrd with segimage2itkimage of dcmqi, or in Python with highdicom";
+            let remedy = "give the file of one segmentation, converted to .nrrd with segimage2itkimage of dcmqi, or in Python \
+                          with highdicom";
             return Some(error(folder, "a folder of DICOM segmentations", remedy));
         }
         if is_dicom(&head) {

@@ -27,7 +27,7 @@ import segyio
 import SimpleITK as sitk
 import tifffile
 import zarr
-from matrix import pairwise
+from matrix import pairwise, print_table
 
 # Voxels along x, y and z, and the place of the marked one.
 DIMS = (12, 10, 8)
@@ -588,10 +588,7 @@ def main():
     if keep:
         with open(os.path.join(keep, "cases.json"), "w") as out:
             out.write("[\n" + ",\n".join(json.dumps(entry) for entry in kept) + "\n]\n")
-    total = {v: sum(row[v] for row in table.values()) for v in ("right", "wrong", "refused")}
-    for name, counts in [*table.items(), ("all", total)]:
-        print(f"{name:>14} {counts['right']:>5} right {counts['wrong']:>5} wrong {counts['refused']:>5} refused")
-    return int(total["wrong"] > 0 or 10 * total["refused"] > sum(total.values()))
+    return print_table(table)
 
 
 if __name__ == "__main__":

@@ -753,6 +753,14 @@ def kept_case(case, option):
     return {**entry, "centre": list(CENTRE), "normal": list(case["plane"].normal), "area": area_of(case["plane"])}
 
 
+def print_table(table):
+    """Prints the numbers of right, wrong and refused combinations of each format, and returns the exit code."""
+    total = {v: sum(counts[v] for counts in table.values()) for v in ("right", "wrong", "refused")}
+    for name, counts in [*table.items(), ("all", total)]:
+        print(f"{name:>14} {counts['right']:>5} right {counts['wrong']:>5} wrong {counts['refused']:>5} refused")
+    return int(total["wrong"] > 0 or 10 * total["refused"] > sum(total.values()))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("atomesh")
@@ -788,11 +796,7 @@ def main():
     if args.keep:
         with open(os.path.join(args.keep, "cases.json"), "w") as out:
             out.write("[\n" + ",\n".join(json.dumps(entry) for entry in kept) + "\n]\n")
-    total = {v: sum(c[v] for c in table.values()) for v in ("right", "wrong", "refused")}
-    for name, counts in table.items():
-        print(f"{name:>14} {counts['right']:>5} right {counts['wrong']:>5} wrong {counts['refused']:>5} refused")
-    print(f"{'all':>14} {total['right']:>5} right {total['wrong']:>5} wrong {total['refused']:>5} refused")
-    return int(total["wrong"] > 0 or 10 * total["refused"] > sum(total.values()))
+    return print_table(table)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import sys
 import gmsh
 import meshio
 import numpy as np
-from matrix import pairwise
+from matrix import pairwise, print_table
 
 # Far corner of the box, and the place of the wall between the bodies along x.
 SIZE, WALL = (4.0, 3.0, 2.0), 1.0
@@ -291,10 +291,7 @@ def main():
         counts[verdict] += 1
         if verdict != "right":
             print(f"{verdict}: {case['format']}{n}: {words} | {why}", file=sys.stderr)
-    total = {v: sum(row[v] for row in table.values()) for v in ("right", "wrong", "refused")}
-    for name, counts in [*table.items(), ("all", total)]:
-        print(f"{name:>14} {counts['right']:>5} right {counts['wrong']:>5} wrong {counts['refused']:>5} refused")
-    return int(total["wrong"] > 0 or 10 * total["refused"] > sum(total.values()))
+    return print_table(table)
 
 
 if __name__ == "__main__":

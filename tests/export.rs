@@ -247,6 +247,28 @@ fn openfoam_accepts_the_mesh_and_solves_a_linear_field_exactly() {
 
 #[test]
 #[ignore = "needs OpenFOAM: make test-all"]
+fn openfoam_finds_no_skew_face_among_cells_along_noisy_faults() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (kind, seed) in [("faults", 11), ("network", 12), ("faults", 13)] {
+        let synth = format!("synth {kind} -o n.npy --dims 80,72,64 --rng-seed {seed} --quiet");
+        run(folder, &synth);
+        run(
+            folder,
+            "mesh n.npy --distance 6 --cells voronoi -o n.vtu --quiet",
+        );
+        run(
+            folder,
+            &format!("export n.vtu --to openfoam -o case{seed} --quiet"),
+        );
+        let stdout = openfoam("checkMesh", &folder.join(format!("case{seed}")), &[]);
+        assert!(stdout.contains("Max skewness = "), "{stdout}");
+        assert!(stdout.contains("Mesh OK."), "{kind} {seed}: {stdout}");
+    }
+}
+
+#[test]
+#[ignore = "needs OpenFOAM: make test-all"]
 fn a_closed_fault_is_an_impermeable_patch_of_openfoam() {
     let folder = folder_with_meshes();
     let folder = folder.path();

@@ -52,6 +52,8 @@ const SPLITTING_ROUNDS: usize = 2;
 const FACE_OPENING_ROUNDS: usize = 6;
 /// Largest number of final rounds in which only the smallest cells are removed.
 const MAX_REMOVAL_ROUNDS: usize = 3;
+/// Largest number of rounds, after these, in which skew faces are removed.
+const MAX_SKEW_FACE_ROUNDS: usize = 8;
 
 /// Largest distance between the nodes of surfaces, in units of the distance between atoms. At this
 /// distance, cells at surfaces, where each node has two sites on either side, are as large as other
@@ -244,6 +246,22 @@ where
             } else if is_equal {
                 break;
             }
+        }
+        mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
+    }
+    for round in 0..MAX_SKEW_FACE_ROUNDS {
+        if !keep_going() {
+            break;
+        }
+        let mut equaliser = CellEqualiser {
+            atoms,
+            sites,
+            mesh: &mesh,
+            distance,
+            extent,
+        };
+        if !equaliser.remove_skew_faces() && (round == 0 || !equaliser.remove_small_sites()) {
+            break;
         }
         mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
     }

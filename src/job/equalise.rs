@@ -1,7 +1,9 @@
 //! Makes Voronoi cells more equal in size: atoms are added where there is room, removed where there
 //! is none, and moved to the centroids of their cells.
 
+use super::join::{MeshSpace, Meshing};
 use super::local_cells::{LocalCells, neighbours};
+use super::skew_faces::{Room, SkewFaces, steps};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
@@ -167,6 +169,32 @@ impl<const D: usize> CellEqualiser<'_, D> {
         }
     }
 
+    /// Adds or moves atoms where faces are skew, so that fewer are; if there is no room for that, removes
+    /// the sites of the faces. Returns `false` if nothing changed.
+    pub fn remove_skew_faces(&mut self) -> bool
+    where
+        MeshSpace<D>: Meshing<D>,
+    {
+        let Some(skew_faces) = SkewFaces::find(self.mesh, self.extent) else {
+            return false;
+        };
+        let (count, found) = (self.atoms.len(), skew_faces.changes(&*self));
+        for change in &found.changes {
+            match change.atom {
+                Some(atom) => self.atoms.positions[atom] = change.position,
+                None => {
+                    self.atoms.positions.push(change.position);
+                    self.atoms.kinds.push(AtomKind::Interior);
+                }
+            }
+        }
+        if !found.changes.is_empty() {
+            return true;
+        }
+        let unfit = common_cells(found.unchanged, count);
+        self.sites.remove_unfit(|i| unfit.contains(&(count + i)))
+    }
+
     /// Places atoms on the spheres of surface nodes at which two sites touch in a tiny face: the
     /// nearest atom moves there, or a new one is added. Its cell reaches the node and
     /// separates the two. These atoms do not move any more.
@@ -251,10 +279,6 @@ impl<const D: usize> CellEqualiser<'_, D> {
         let x = self.mesh.sites[atom];
         let d = self.distance.value_at(x);
         let (mut fewest, mut best) = (local.count_tiny_faces(x, usize::MAX), None);
-        let side_distance = |x: &[f64; D]| {
-            let distances = (0..D).map(|k| x[k].min(self.extent[k] - x[k]));
-            distances.fold(MIN_SIDE_DISTANCE * d, f64::min)
-        };
         for shift in OPENING_SHIFTS {
             // All steps by -1, 0 or 1 along the axes.
             for direction in 0..3usize.pow(D as u32) {
@@ -262,7 +286,7 @@ impl<const D: usize> CellEqualiser<'_, D> {
                     std::array::from_fn(|k| (direction / 3usize.pow(k as u32) % 3) as f64 - 1.0);
                 let target = add_scaled(x, shift * d / norm(step).max(0.5), step);
                 if fewest > 0
-                    && side_distance(&target) >= side_distance(&x)
+                    && self.side_distance(&target) >= self.side_distance(&x)
                     && self.sites.is_free(target)
                 {
                     let count = local.count_tiny_faces(target, fewest);
@@ -273,6 +297,13 @@ impl<const D: usize> CellEqualiser<'_, D> {
             }
         }
         best
+    }
+
+    /// Returns the distance of a position from the nearest side of the box, or the smallest distance
+    /// of a new atom if that is less.
+    fn side_distance(&self, x: &[f64; D]) -> f64 {
+        let distances = (0..D).map(|k| x[k].min(self.extent[k] - x[k]));
+        distances.fold(MIN_SIDE_DISTANCE * self.distance.value_at(*x), f64::min)
     }
 
     /// Returns `true` if an atom may move.
@@ -330,5 +361,98 @@ impl<const D: usize> CellEqualiser<'_, D> {
         let volume: f64 = self.extent.iter().product();
         let edge = (1.6 * self.distance.min()).max((volume / 1e7).powf(1.0 / D as f64));
         IncrementalGrid::new([0.0; D], self.extent, edge)
+    }
+}
+
+/// Returns a cell of each face, from number `first` on: those that most faces have in common.
+fn common_cells(mut faces: Vec<Vec<usize>>, first: usize) -> Vec<usize> {
+    let mut common = Vec::new();
+    loop {
+        let count = |cell: usize| faces.iter().filter(|cells| cells.contains(&cell)).count();
+        let cells = faces
+            .iter()
+            .flatten()
+            .copied()
+            .filter(|&cell| cell >= first);
+        let Some(cell) = cells.max_by_key(|&cell| (count(cell), cell)) else {
+            return common;
+        };
+        faces.retain(|cells| !cells.contains(&cell));
+        common.push(cell);
+    }
+}
+
+impl<const D: usize> Room<D> for CellEqualiser<'_, D> {
+    fn distance(&self, cell: usize) -> Option<f64> {
+        (self.is_movable(cell)).then(|| self.distance.value_at(self.mesh.sites[cell]))
+    }
+
+    fn new_positions(&self, centre: [f64; D]) -> Vec<[f64; D]> {
+        let d = self.distance.value_at(centre);
+        let on_sphere = self.sites.nearest_sphere_point(centre);
+        let starts = [Some(centre), on_sphere].into_iter().flatten();
+        let shifted = steps(d).map(|step| add_scaled(centre, 1.0, step));
+        let is_inside = |x: &[f64; D]| self.side_distance(x) >= MIN_SIDE_DISTANCE * d;
+        let all = starts.chain(shifted);
+        all.filter(|x| is_inside(x) && self.sites.is_free(*x))
+            .collect()
+    }
+
+    fn is_free(&self, x: [f64; D], target: [f64; D]) -> bool {
+        self.side_distance(&target) >= self.side_distance(&x) && self.sites.is_free(target)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::random::Random;
+    use crate::mesh::voronoi::conform::FacetSurface;
+    use crate::mesh::voronoi::voronoi;
+
+    /// Returns the number of faces with a skewness above 4.
+    fn skew_faces(mesh: &PolyMesh<3>) -> usize {
+        let shapes = mesh.cell_shapes();
+        let is_skew = |&f: &usize| mesh.face_skewness(f, |cell| shapes[cell].1) > 4.0;
+        (0..mesh.face_cells.len()).filter(is_skew).count()
+    }
+
+    #[test]
+    fn skew_faces_of_a_shaken_lattice_vanish() {
+        let extent = [12.0; 3];
+        for seed in 0..4 {
+            let mut random = Random::new(seed);
+            let sites = (0..12usize.pow(3)).map(|i| [i % 12, i / 12 % 12, i / 144]);
+            let positions: Vec<[f64; 3]> = sites
+                .map(|x| x.map(|c| c as f64 + 0.2 + 0.6 * random.draw()))
+                .collect();
+            let mut atoms = Atoms {
+                kinds: vec![AtomKind::Interior; positions.len()],
+                positions,
+            };
+            let mut mesh = voronoi(&atoms.positions, extent).unwrap();
+            let before = skew_faces(&mesh);
+            let mut sites = ConformingSites::new(FacetSurface::default(), extent, &[]);
+            let distance = Distance::Constant(1.0);
+            for _ in 0..8 {
+                CellEqualiser {
+                    atoms: &mut atoms,
+                    sites: &mut sites,
+                    mesh: &mesh,
+                    distance: &distance,
+                    extent,
+                }
+                .remove_skew_faces();
+                mesh = voronoi(&atoms.positions, extent).unwrap();
+            }
+            assert!(before > 10, "seed {seed}: {before}");
+            assert_eq!(skew_faces(&mesh), 0, "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn cells_of_most_faces_come_first() {
+        let faces = vec![vec![7, 9], vec![3, 7], vec![8], vec![1, 2]];
+        assert_eq!(common_cells(faces, 3), [7, 8]);
     }
 }

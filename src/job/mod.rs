@@ -18,6 +18,7 @@
 //! - `join`: joins atoms to simplices, which differs in the plane and in space
 //! - `cells`: makes Voronoi cells
 //! - `equalise`: makes Voronoi cells more equal in size
+//! - `skew_faces`: moves atoms at faces far beside the line between their cells
 //! - `padding`: cells beyond the image
 //! - `topography`: the surface at which those above it end
 //! - `measure`: quality and fidelity of the mesh
@@ -57,6 +58,7 @@ mod placement;
 mod regions;
 mod run;
 mod simplices;
+mod skew_faces;
 pub mod spec;
 mod stages;
 mod topography;

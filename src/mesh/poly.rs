@@ -215,6 +215,37 @@ impl<const D: usize> PolyMesh<D> {
         area
     }
 
+    /// Returns the skewness of face `f`, given the centroids of cells, as OpenFOAM's `checkMesh` measures
+    /// it: the distance of the face's centroid from the point at which the line between the centroids
+    /// of its cells (on the boundary, the normal from the cell's centroid) crosses the face's plane. It
+    /// is relative to the face's reach in that direction or, if this is larger, to a fifth of the
+    /// distance between the centroids (two fifths of the distance from the boundary).
+    pub fn face_skewness(&self, f: usize, centroid: impl Fn(usize) -> [f64; D]) -> f64 {
+        let shape = self.face_shape(f);
+        let normal = shape.area_vector;
+        let owner = centroid(self.face_cells[f][0] as usize);
+        let to_face = sub(shape.centroid, owner);
+        let height = dot(normal, to_face);
+        let (line, min_reach) = match self.face_neighbour(f) {
+            FaceNeighbour::Cell(other) => (sub(centroid(other), owner), 0.2),
+            _ => (normal.map(|c| c * height / dot(normal, normal)), 0.4),
+        };
+        let offset = add_scaled(to_face, -height / dot(normal, line), line);
+        let distance = norm(offset);
+        if !(distance > 0.0) {
+            return 0.0;
+        }
+        let along =
+            |n: &u32| dot(sub(self.nodes[*n as usize], shape.centroid), offset).abs() / distance;
+        let reach = self
+            .faces
+            .get(f)
+            .iter()
+            .map(along)
+            .fold(min_reach * norm(line), f64::max);
+        distance / reach
+    }
+
     /// Returns the volume (area in 2-D) and the centroid of a cell, given its faces.
     ///
     /// The cell is the sum of pyramids with their tops in the site, one on every triangle of its
@@ -461,6 +492,25 @@ mod tests {
         let map = |p: [f64; D]| std::array::from_fn(|k| if k == 0 { -2.0 * p[0] } else { p[k] });
         let mirrored = mesh.mapped(map, true);
         assert_eq!(mirrored.cell_shapes()[0].0, 1.5);
+    }
+
+    #[test]
+    fn skewness_is_the_offset_over_the_reach_of_a_face() {
+        let mesh = two_cells::<3>(1.0);
+        let centroid = |x: f64, offset: f64| [x, 0.5 + offset, 0.5];
+        assert_eq!(mesh.face_skewness(0, |c| mesh.cell_shapes()[c].1), 0.0);
+        for offset in [-0.4, 0.1, 0.3] {
+            // The face is half a unit wide beside its centroid: more than a fifth of the distance 1.
+            let skewness = mesh.face_skewness(0, |c| centroid(0.5 + c as f64, offset));
+            assert!((skewness - offset.abs() / 0.5).abs() < 1e-15, "{skewness}");
+            // At a distance of 10, a fifth of it is 2.
+            let skewness = mesh.face_skewness(0, |c| centroid(-4.0 + 10.0 * c as f64, offset));
+            assert!((skewness - offset.abs() / 2.0).abs() < 1e-15, "{skewness}");
+        }
+        // The face at x = 0, seen from a centroid at distance 5.
+        let side = (0..mesh.face_cells.len()).find(|&f| mesh.face_shape(f).area_vector[0] < 0.0);
+        let skewness = mesh.face_skewness(side.unwrap(), |_| centroid(5.0, 0.3));
+        assert!((skewness - 0.3 / 2.0).abs() < 1e-15, "{skewness}");
     }
 
     #[test]

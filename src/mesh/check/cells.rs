@@ -146,17 +146,24 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
 }
 
 /// Returns the invalid cells, in ascending order: cells that are not closed, do not contain their
-/// site, are flat or inverted, or have a face that uses a node twice.
-pub fn broken_cells<const D: usize>(mesh: &PolyMesh<D>) -> Vec<u32> {
+/// site, are flat or inverted, or have a face that uses a node twice, or that is bent or crosses itself by
+/// more than welding by the fraction `weld` explains and `max_offset`.
+pub fn broken_cells<const D: usize>(mesh: &PolyMesh<D>, weld: f64, max_offset: f64) -> Vec<u32> {
     let faces = mesh.faces_of_cells();
     let shapes = mesh.cell_shapes();
     let is_ring = |&f: &u32| {
         let ring = mesh.faces.get(f as usize);
         ring.len() >= D && (1..ring.len()).all(|i| !ring[..i].contains(&ring[i]))
     };
+    let is_flat = |&f: &u32| {
+        let f = f as usize;
+        let offset = flat::warp(mesh, f).max(flat::self_crossing_width(mesh, f));
+        offset - flat::weld_offset(mesh, f, weld) <= max_offset
+    };
     let is_broken = |cell: &u32| {
         let (cell, cell_faces) = (*cell as usize, faces.get(*cell as usize));
         let is_valid = cell_faces.iter().all(is_ring)
+            && cell_faces.iter().all(is_flat)
             && is_closed(mesh, cell, cell_faces)
             && contains_site(mesh, cell, cell_faces, false)
             && shapes[cell].0 > 0.0;

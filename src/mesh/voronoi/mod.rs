@@ -173,7 +173,7 @@ fn build_cells<const D: usize, const N: usize>(
             }
             let mesh = assemble::assemble(&mirrored, rings, nodes.clone(), extent, weld_radius)?;
             let mut has_new = false;
-            for cell in broken_cells(&mesh) {
+            for cell in broken_cells(&mesh, weld, tolerance) {
                 has_new |= !std::mem::replace(&mut is_unwelded[cell as usize], true);
             }
             if !has_new {

@@ -250,6 +250,25 @@ impl<const D: usize> ConformingSites<D> {
         self.is_free(point).then_some(point)
     }
 
+    /// Returns the point nearest to `x` on the sphere around the nearest node of the surface whose ball
+    /// covers `x`; `None` if none does.
+    pub fn nearest_sphere_point(&self, x: [f64; D]) -> Option<[f64; D]> {
+        if self.surface().nodes.is_empty() {
+            return None;
+        }
+        let mut nearest: Option<(f64, usize)> = None;
+        self.grid.visit_within(x, self.max_radius, |n| {
+            let distance = distance2(&self.surface().nodes[n], &x);
+            if self.balls.covers(n, &x) && nearest.is_none_or(|best| (distance, n) < best) {
+                nearest = Some((distance, n));
+            }
+        });
+        let n = nearest?.1;
+        let centre = self.surface().nodes[n];
+        let radius = self.balls.squared_radii[n].sqrt();
+        Some(add_scaled(centre, radius, unit(sub(x, centre))))
+    }
+
     /// Removes the [`sites`](Self::sites) for which `is_unfit` holds, those of facets in pairs.
     /// Returns `true` if any were removed.
     pub fn remove_unfit(&mut self, is_unfit: impl Fn(usize) -> bool) -> bool {

@@ -4,6 +4,16 @@
 //! - `neighbors`(fn@neighbors): finds the tetrahedra that share a face
 //! - `faces`: faces that still lack a tetrahedron on one side
 //! - `part`: a part of a complex as a complex of its own
+//!
+//! The ring of an inner edge, seen from b along the edge (a, b):
+//!
+//! ```text
+//!     r2---r1
+//!     / \ / \        r[0], r[1], ... turn anticlockwise;
+//!   r3--ab--r0       tetrahedron i is (a, b, r[i], r[i + 1])
+//!     \ / \ /
+//!     r4---r5
+//! ```
 
 mod faces;
 mod neighbors;

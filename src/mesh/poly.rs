@@ -114,7 +114,7 @@ pub enum FaceNeighbour {
     Unknown,
 }
 
-/// Integrals over a face, which is taken as a fan of triangles (in 2-D: one edge) round `apex`.
+/// Integrals over a face, which is taken as a fan of triangles (in 2-D: one edge) around `apex`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaceShape<const D: usize> {
     /// The mean of the face's nodes.

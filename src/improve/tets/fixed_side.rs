@@ -67,7 +67,7 @@ pub fn improve_beside(
             return Err(Error::Mesh(cause(
                 format!("edge {edge:?}"),
                 "cannot be inserted into a side of the box",
-                "choose another distance; and please report it, for this should never happen",
+                "choose another distance, and please report it: this is an error in atomesh",
             )));
         }
     }

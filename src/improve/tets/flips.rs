@@ -28,7 +28,7 @@ use crate::mesh::{EDGES, FACES};
 const MAX_RING: usize = 10;
 
 /// Smallest gain in sine of a flip. It is well above rounding errors, so that no two configurations
-/// alternate for ever.
+/// alternate endlessly.
 const MIN_SINE_GAIN: f64 = 1e-5;
 
 /// A local transformation: the tetrahedra that are removed, and those that take their place.

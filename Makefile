@@ -53,6 +53,7 @@ reservoir: packages validators
 test: packages
 	cargo fmt --all --check
 	python3 scripts/words.py
+	python3 scripts/constants.py
 	cargo test --package atomesh --package tetgen-sys --locked
 	python3 scripts/figures.py target/debug/atomesh --check
 	python3 scripts/reference.py target/debug/atomesh --check
@@ -86,6 +87,7 @@ web-test: web validators
 test-all: lint without-c validators
 	cargo fmt --all --check
 	python3 scripts/words.py
+	python3 scripts/constants.py
 	cargo test --workspace --locked
 	DATA="$(DATA)" scripts/ignored_tests.sh
 	python3 scripts/figures.py target/debug/atomesh --check

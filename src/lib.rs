@@ -11,7 +11,7 @@
 //! parallel  parallel iterators
 //! geometry  vectors, cell lists, union-find: what all other modules use
 //! files     files that appear complete or not at all; VTK's XML format; values as bytes
-//! comm      processes that share a job (feature `mpi`)
+//! comm      processes that share a job, or one process alone; the crate `atomesh-mpi` runs it with MPI
 //! image     samples and their position in the world; formats, synthetic images
 //! surface_file surfaces in files of their own: picks of interpreters, and what programs exchange
 //! mesh      cells, their checks and measures; Delaunay triangulations, Voronoi cells

@@ -191,7 +191,7 @@ fn coverage_and_energy(width: f64, coarse_passes: usize) -> [f64; 2] {
 #[test]
 fn passes_on_smoother_potentials_lower_the_energy_and_keep_the_coverage() {
     // The valleys have a width of a twelfth of the distance, where most atoms start too far away to
-    // feel them, and of the usual quarter.
+    // be attracted by them, and of the usual quarter.
     for width in [1.0, 3.0] {
         let [fine, coarse_to_fine] = [0, 1].map(|passes| coverage_and_energy(width, passes));
         assert!(

@@ -87,14 +87,14 @@ pub fn os_error(py: Python<'_>, place: &str, error: &dyn std::error::Error) -> P
     new_error(py, class, place, &error.to_string(), remedy, "Job")
 }
 
-/// Returns the exception for a panic, which should never happen.
+/// Returns the exception for a panic, which is an error in the library.
 pub fn panic_error(py: Python<'_>) -> PyErr {
     let remedy = "please report it with the image and the options";
     new_error(
         py,
         ErrorClass::Failure,
         "atomesh",
-        "stopped at a fault of its own",
+        "stopped because of an internal error",
         remedy,
         "Internal",
     )

@@ -55,7 +55,7 @@ impl Mailbox {
     }
 }
 
-/// Lets the other threads go on if this one panics: they would wait for ever.
+/// Lets the other threads go on if this one panics: they would wait endlessly.
 struct PanicGuard<'a>(&'a Mailbox);
 
 impl Drop for PanicGuard<'_> {

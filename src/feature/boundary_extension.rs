@@ -322,7 +322,7 @@ struct Continuation<'a, const D: usize> {
     previous: Vec<u32>,
 }
 
-/// The column in which a point was sought, and the point.
+/// The column in which a point was searched for, and the point.
 type ColumnPoint<const D: usize> = ([i32; D], Candidate<D>);
 
 impl<const D: usize> Continuation<'_, D> {

@@ -68,9 +68,9 @@ pub struct DetectionOptions<const D: usize> {
     pub step: [f64; D],
     /// `true` if common null values and traces that are zero throughout are data.
     pub keep_nulls: bool,
-    /// `true` if faults and horizons are sought in chaotic zones, too.
+    /// `true` if faults and horizons are searched for in chaotic zones, too.
     pub keep_chaos: bool,
-    /// `true` if ridges are sought at all orientations where surfaces may cross or run close to each
+    /// `true` if ridges are searched for at all orientations where surfaces may cross or run close to each
     /// other.
     pub seeks_crossings: bool,
     /// `true` if each rank gets only a share of the potential.
@@ -195,7 +195,7 @@ pub(super) fn prepare_image<'a, const D: usize>(
     let [without_features, bridged] = live.gap_shares();
     notes.push(format!(
         "{:.2} % of the samples hold no data: small gaps are bridged ({:.2} %), in the rest \
-         ({:.2} %) no features are sought",
+         ({:.2} %) no features are searched for",
         100.0 * (without_features + bridged),
         100.0 * bridged,
         100.0 * without_features
@@ -211,7 +211,7 @@ pub(super) fn prepare_image<'a, const D: usize>(
     })
 }
 
-/// Returns `true` if gaps in the image are filled before features of this kind are sought. They are
+/// Returns `true` if gaps in the image are filled before features of this kind are searched for. They are
 /// not filled between labels, where no value makes sense, nor in an image that is b(x) itself.
 pub(crate) fn fills_gaps<const D: usize>(
     image: &Image<D>,

@@ -3,7 +3,7 @@
 //! A surface of triangles becomes points as a detector finds them: those at which the columns of
 //! samples along the axis nearest to its normal cross it. From there on, given surfaces are
 //! features like others: they have valleys in b(x), and the mesh has faces on them. No feature is
-//! sought next to them, so that each surface is followed once.
+//! searched for next to them, so that each surface is followed once.
 
 use std::sync::Arc;
 

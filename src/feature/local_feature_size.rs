@@ -1,6 +1,6 @@
 //! Computes how fine a lattice must be to resolve a feature and the next one.
 //!
-//! From each point of a surface, the next surface is sought along the normal, in both directions.
+//! From each point of a surface, the next surface is searched for along the normal, in both directions.
 //! If the gap is smaller than the largest distance between atoms, it is the distance of atoms
 //! there; at a shallow crossing the gap goes to zero, and the smallest distance is used. Surfaces
 //! that cross at more than [`MAX_PARALLEL_ANGLE`] degrees need no finer lattice, because one row of

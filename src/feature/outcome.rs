@@ -32,8 +32,8 @@ pub struct KindOutcome {
     pub below_min_dip: Option<FlatFaults>,
     /// Confidences of faults or horizons; `None` for other kinds, and where they cannot be measured.
     pub confidence: Option<Confidences>,
-    /// Share of the image that lies in chaotic zones, in which none is sought; `None` if there are no
-    /// such zones, or features are sought in them.
+    /// Share of the image that lies in chaotic zones, in which none is searched for; `None` if there are no
+    /// such zones, or features are searched for in them.
     pub chaotic: Option<f64>,
 }
 
@@ -104,9 +104,9 @@ impl DroppedPoints {
 /// Shares of all samples that hold no data.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MissingData {
-    /// Share in gaps so small that features are sought across them.
+    /// Share in gaps so small that features are searched for across them.
     pub bridged: f64,
-    /// Share in gaps in which no features are sought.
+    /// Share in gaps in which no features are searched for.
     pub without_features: f64,
 }
 

@@ -89,7 +89,7 @@ impl<const D: usize> Features<D> {
     ) -> Result<PointSubset<D>> {
         let blocks = BlockGrid::new(self.potential.extent());
         let needed = blocks.within_reach(positions, reach);
-        // A rank is asked only for blocks in layers in which it has points.
+        // A rank is queried only for blocks in layers in which it has points.
         let layers = self.points.iter().map(|p| blocks.layer_of(p));
         let bounds = layers.fold([usize::MAX, 0], |[low, high], at| {
             [low.min(at), high.max(at)]

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub struct ResolvedOptions {
     /// The kind of feature: a single kind, never [`FeatureKind::Auto`].
     pub kind: FeatureKind,
-    /// Width (samples) of the Gaussian under which surfaces are sought.
+    /// Width (samples) of the Gaussian under which surfaces are searched for.
     pub scale: f64,
     /// Strength down to which a surface is followed.
     pub low: f32,

@@ -7,7 +7,7 @@
 //! surfaces; the Hessian looks no farther than the smoothing. Where a second eigenvalue is strongly
 //! negative, too, surfaces cross, and both directions are tried.
 //!
-//! A zero crossing is sought along the axis nearest to w, between the sample and its two
+//! A zero crossing is searched for along the axis nearest to w, between the sample and its two
 //! neighbours, with w held fixed. So every column of samples that the surface passes gets one
 //! point, without holes and duplicates.
 

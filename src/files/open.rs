@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::error::{Error, Result, cause, io_error};
 
 /// Opens a file that is read more than once, or from its middle. A folder is refused, and so is a
-/// pipe or a device, which could keep the reader waiting for ever. `remedy` says what to give
+/// pipe or a device, which could keep the reader waiting endlessly. `remedy` says what to give
 /// instead of a folder.
 ///
 /// # Errors

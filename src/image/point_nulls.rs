@@ -28,7 +28,7 @@ const OUTLIER_SHARE: f64 = 0.05;
 /// Largest distance of neighbours in x and y, in units of the mean distance of points.
 const NEIGHBOUR_DISTANCE: f64 = 1.6;
 
-/// Largest number of points among which neighbours in x and y are sought.
+/// Largest number of points among which neighbours in x and y are searched for.
 const MAX_PLAN_POINTS: usize = 50_000;
 
 /// Pairs of neighbouring points.

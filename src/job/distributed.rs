@@ -205,12 +205,12 @@ fn seal_partition(
 }
 
 /// Returns a note if the nominal distance was requested at a point where a rank does not know it,
-/// which should never happen.
+/// which is an error in this program.
 fn missing_distance_note(distance: &Distance<3>, comm: &dyn Comm) -> Result<Option<String>> {
     let missed: Vec<bool> = comm.all_gather("distances", distance.has_misses())?;
     Ok(missed.contains(&true).then(|| {
-        "the distance was asked for further from its part of the mesh than a rank knows it, and was taken to be the \
-         largest: one process may give another mesh; please report it with the image"
+        "a rank needed the distance between atoms at a point beyond those where it knows it, and used the largest \
+         distance: one process may give another mesh; please report it with the image"
             .into()
     }))
 }

@@ -227,7 +227,7 @@ pub(super) fn pad(
         return Err(Error::Mesh(cause(
             "the mesh beyond the image",
             format!("came out invalid: {problem}"),
-            "choose another distance; and please report it with the image, for this should never happen",
+            "choose another distance, and please report it with the image: this is an error in atomesh",
         )));
     }
     let kind = |&x: &[f64; 3]| {

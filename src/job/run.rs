@@ -719,8 +719,8 @@ fn check_validity(report: &Report) -> Result<()> {
         Some(problem) => Err(Error::Mesh(cause(
             "the mesh",
             format!("came out invalid: {problem}"),
-            "choose another distance, seeding or seed; and please report it with the image, for \
-             this should never happen",
+            "choose another distance, seeding or seed, and please report it with the image: this is \
+             an error in atomesh",
         ))),
     }
 }

@@ -29,6 +29,14 @@
 //!          \ | /
 //!            1
 //! ```
+//!
+//! ```text
+//! face k   nodes (FACES)   seen from node k        edge e     nodes (EDGES)
+//! 0        1, 3, 2         the nodes of each       0, 1, 2    (0, 1), (0, 2), (0, 3)
+//! 1        0, 2, 3         face turn               3, 4, 5    (1, 2), (1, 3), (2, 3)
+//! 2        0, 3, 1         anticlockwise           e, 5 - e   opposite edges
+//! 3        0, 1, 2
+//! ```
 
 #[cfg(test)]
 pub(crate) mod boxes;

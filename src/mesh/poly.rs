@@ -6,7 +6,16 @@
 //!  -----▶ b  from a to b                                 or a side of the box: FIRST_SIDE + side
 //! ```
 //!
-//! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q.
+//! In 2-D a face is an edge (p, q), and its owner lies to the left of p -> q. Two cells in a box:
+//!
+//! ```text
+//!  3-----2-----5      face   nodes    face_cells               between
+//!  |     |     |      0      (1, 2)   [0, 1]                   cells 0 and 1
+//!  |  0  |  1  |      1      (3, 0)   [0, FIRST_SIDE]          cell 0 and the side xmin
+//!  |     |     |      2      (0, 1)   [0, FIRST_SIDE + 2]      cell 0 and the side ymin
+//!  0-----1-----4      3      (2, 3)   [0, FIRST_SIDE + 3]      cell 0 and the side ymax
+//!                     4 to 6: (4, 5), (1, 4), (5, 2), from cell 1 to xmax, ymin and ymax
+//! ```
 
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{add_scaled, dot, norm, sub};
@@ -105,7 +114,7 @@ pub enum FaceNeighbour {
     Unknown,
 }
 
-/// Integrals over a face, which is taken as a fan of triangles (in 2-D: one edge) round `apex`.
+/// Integrals over a face, which is taken as a fan of triangles (in 2-D: one edge) around `apex`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaceShape<const D: usize> {
     /// The mean of the face's nodes.

@@ -215,7 +215,7 @@ impl<'a, const D: usize> Geodesics<'a, D> {
     ) -> Option<f64> {
         let direction = sub(self.cells.centres[target as usize], start_point.position);
         let (mut cell, mut entry_link, mut cost) = (start_point.cell, None, norm(direction));
-        // Because of rounding, the walk may circle around an edge for ever.
+        // Because of rounding, the walk may circle around an edge endlessly.
         let max_steps = 64 + 8 * self.cells.len().isqrt();
         for _ in 0..max_steps {
             if cell == target {

@@ -90,7 +90,7 @@ impl Verdict {
                 Some(angles) => format!("viewing, but {angles} are unfit for finite elements"),
                 None => "viewing, and for simulation if this issue does not matter".into(),
             },
-            Grade::Bad => "nothing but finding the cause".into(),
+            Grade::Bad => "diagnosis only".into(),
         };
         let mut mesh = vec![String::from(if check.passed() {
             "valid"
@@ -207,7 +207,7 @@ impl Report {
         let chaotic = self.outcomes.iter().filter_map(|outcome| outcome.chaotic);
         if let Some(share) = chaotic.reduce(f64::max) {
             lines.push(format!(
-                "{} % of the image is chaotic (salt, gas, noise), and no features are sought there",
+                "{} % of the image is chaotic (salt, gas, noise), and no features are searched for there",
                 percent(share)
             ));
         }
@@ -589,7 +589,7 @@ mod tests {
         assert!(
             lines[2]
                 .1
-                .starts_with("bad: doubtful: objects may be paint; fit for nothing")
+                .starts_with("bad: doubtful: objects may be paint; fit for diagnosis only")
         );
     }
 

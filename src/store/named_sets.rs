@@ -1,7 +1,7 @@
 //! Sets of cells, faces and nodes that have names in the file of another program, as our files store
 //! them.
 //!
-//! Regions part a mesh, and named surfaces ([`NamedSurfaces`](super::named_surfaces::NamedSurfaces))
+//! Regions divide a mesh, and named surfaces ([`NamedSurfaces`](super::named_surfaces::NamedSurfaces))
 //! lie inside it. Sets may overlap, and sets of faces may lie on the boundary. A set of cells or of
 //! nodes is an array of 0 and 1, `cell_set:NAME` or `node_set:NAME`. Sets of faces are two fields,
 //! because a file has no array of faces.

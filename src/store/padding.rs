@@ -115,7 +115,7 @@ pub fn with_padding<const D: usize, M: Simplices<D>>(
             extend(array, padding.burdens.iter().map(region))
         }
         IMAGE_ARRAY => extend(array, (0..cell_count).map(|_| f64::NAN)),
-        // Ground beyond the image was asked for.
+        // The user requested ground beyond the image.
         LIVE_ARRAY => extend(array, (0..cell_count).map(|_| 1.0)),
         name if name == M::MIN_ANGLE_ARRAY => extend(array, smallest.iter().map(|&a| a.into())),
         name if name == M::PHYSICAL_ANGLE_ARRAY => {

@@ -312,7 +312,7 @@ fn a_rank_that_is_killed_ends_the_job() {
     write_fault_network(folder, "96,96,96");
     let before = files_below(folder);
     // The ranks are computing in these stages. If a rank dies while Open MPI 4 is still starting
-    // it, mpirun may wait for ever.
+    // it, mpirun may wait endlessly.
     for stage in ["finding features", "moving atoms", "removing slivers"] {
         let job = "mesh net.npy --distance 5 -o out.pvtu";
         let mut job = mpirun_command(folder, 3)

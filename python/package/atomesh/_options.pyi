@@ -111,7 +111,7 @@ class MeshOptions(TypedDict, total=False):
     #: they end when a round gains nothing [default: 1; 3 with --kappa]
     rounds: int | None
     #: Largest number of evaluations of the energy in all rounds together [default: 12 to 40 a
-    #: round, more with --kappa and for slower optimizers]
+    #: round, more with --kappa and for slower optimisers]
     max_evaluations: _Value | None
     #: Number of initial passes on a smoother potential
     coarse_to_fine: int | None

@@ -3,7 +3,7 @@
 //!
 //! The distance to a mask's surface, positive inside, has the shape of a roof over each surface. It
 //! is as sharp for a thick part as for a thin one, so that thick parts do not dominate, and it has
-//! a single ridge, so that no surface is found twice. Ridges are sought in the negated Laplacian of
+//! a single ridge, so that no surface is found twice. Ridges are searched for in the negated Laplacian of
 //! this distance (the medial axis of Blum 1967, blurred because samples are steps of half a
 //! sample). Where surfaces meet, the medial surface bends and branches; oriented filters along the
 //! surfaces ([`oriented`](mod@crate::feature::oriented)) continue it from both sides.
@@ -198,7 +198,7 @@ fn medial_surface<const D: usize>(
     })
 }
 
-/// Scale (samples) at which the medial surface is sought: it is narrow, and there is no noise.
+/// Scale (samples) at which the medial surface is searched for: it is narrow, and there is no noise.
 const MEDIAL_SCALE: f64 = 1.0;
 /// Strength, as a share of that of strong points, down to which points of oriented filters are
 /// kept: lower than usual, because there is no noise.

@@ -330,7 +330,7 @@ pub trait Detector<const D: usize>: Sync {
         None
     }
 
-    /// Returns `true` if samples that hold no data are filled before features are sought.
+    /// Returns `true` if samples that hold no data are filled before features are searched for.
     fn fills_gaps(&self) -> bool {
         true
     }

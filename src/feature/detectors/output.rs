@@ -54,7 +54,7 @@ pub struct DetectorOutput<const D: usize> {
     pub has_sharp_normals: bool,
     /// Axis that is vertical, if no coordinate is time.
     pub vertical_axis: usize,
-    /// Value of the thin mask whose medial surface was sought.
+    /// Value of the thin mask whose medial surface was searched for.
     pub mask_value: Option<f32>,
     /// For labels: the winning labels, and the distance between atoms in each component.
     pub labels: Option<(LabelMap<D>, labels::LabelSpacing<D>)>,
@@ -97,7 +97,7 @@ impl<const D: usize> DetectorOutput<D> {
         Ok(concatenate(comm.all_gather("candidates", local)?))
     }
 
-    /// Drops candidates in chaotic zones, unless `keep_chaos` is set. `kind` is what is sought.
+    /// Drops candidates in chaotic zones, unless `keep_chaos` is set. `kind` is what is searched for.
     pub fn drop_chaotic(
         &mut self,
         zones: Option<&ChaoticZones<D>>,
@@ -118,8 +118,8 @@ impl<const D: usize> DetectorOutput<D> {
         }
         self.chaotic_share = Some(zones.share);
         notes.push(format!(
-            "{share:.1} % of the image is chaotic (salt, gas, noise), and no {kind} are sought there; --keep-chaos seeks \
-                 them there, too"
+            "{share:.1} % of the image is chaotic (salt, gas, noise), and no {kind} are searched for there; --keep-chaos \
+                 searches there, too"
         ));
     }
 

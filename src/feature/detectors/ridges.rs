@@ -2,7 +2,7 @@
 //!
 //! Method: after smoothing by a Gaussian, ridge points are the zeros of the derivative across the
 //! surface (Hale 2002; Steger 1998: [`ridges`](mod@crate::feature::ridges)). Where surfaces cross,
-//! branch or run close to each other, ridges are sought at all orientations
+//! branch or run close to each other, ridges are searched for at all orientations
 //! ([`oriented`](mod@crate::feature::oriented)). They are extended to the sides of the box by
 //! [`boundary_extension`](mod@crate::feature::boundary_extension).
 //!
@@ -71,7 +71,7 @@ impl<const D: usize> Detector<D> for Ridges {
     }
 }
 
-/// Scale (samples) at which ridges are sought first.
+/// Scale (samples) at which ridges are searched for first.
 const MIN_SCALE: f64 = 1.5;
 /// Largest scale (samples), used if noise hides ridges at smaller ones.
 const MAX_SCALE: f64 = 3.0;
@@ -97,7 +97,7 @@ pub struct RidgeSearch<'a, const D: usize> {
     /// The only scale, if given.
     pub scale: Option<f64>,
     /// `true` if surfaces may cross at shallow angles or run close to each other, so that ridges
-    /// are sought at all orientations.
+    /// are searched for at all orientations.
     pub uses_oriented_filters: bool,
     /// Share of ambiguous samples from which oriented filters are not used.
     pub max_ambiguous_share: f64,
@@ -108,7 +108,7 @@ pub struct RidgeSearch<'a, const D: usize> {
     /// kept if no threshold is given.
     pub min_strength_share: fn(&Thresholds) -> f32,
     /// Smallest strength of a candidate, as a share of the height of the smoothed image there: where
-    /// an attribute is high all around, as in chaotic parts, a weak ridge is none.
+    /// an attribute is high all around, as in chaotic parts, a weak ridge is not a feature.
     pub min_height_share: f32,
     /// Thresholds (low, high) if none are given.
     pub auto_thresholds: fn(&RidgeStatistics) -> (f32, f32),
@@ -266,7 +266,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             }
         });
         notes.push(format!(
-            "surfaces are sought after smoothing over {scale} samples: {thresholds}; noise has the strength \
+            "surfaces are searched for after smoothing over {scale} samples: {thresholds}; noise has the strength \
              {:.4}, a typical surface {:.4}",
             statistics.noise, statistics.typical
         ));
@@ -314,7 +314,7 @@ struct RidgeSurvey<const D: usize> {
     heights: Vec<f32>,
     /// Median of the unsmoothed image.
     background: f32,
-    /// Height of the smoothed image below which no features are sought.
+    /// Height of the smoothed image below which no features are searched for.
     noise_floor: f32,
     /// Heights of the smoothed image near the sides of the box, in these layers.
     shell: BoundaryShell<D>,

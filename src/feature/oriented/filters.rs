@@ -21,7 +21,7 @@ pub const ANGLE_COUNT: usize = 24;
 pub struct FilterShape {
     /// Along a surface, square to the line.
     along: f64,
-    /// In all directions, applied beforehand. Interpolation adds 0.65 to the resulting width across
+    /// In all directions, applied before. Interpolation adds 0.65 to the resulting width across
     /// a surface.
     pub blur: f64,
     /// Along the line.
@@ -86,7 +86,7 @@ const PADDED_EDGE: usize = BLOCK_SIZE + 2 * DERIVATIVE_MARGIN;
 pub struct OrientedFilters<const D: usize> {
     shape: FilterShape,
     frame: [[f64; D]; 3],
-    /// Angles at which surfaces are sought, in ascending order: those near the directions of
+    /// Angles at which surfaces are searched for, in ascending order: those near the directions of
     /// normals.
     angles: Vec<usize>,
     /// Mean along the line, and mean along a surface at each of the angles.
@@ -470,7 +470,7 @@ impl<const D: usize> OrientedFilters<D> {
     }
 }
 
-/// Returns one bit per sample of a row: 1 if the sample is sought and has its maximum at the middle
+/// Returns one bit per sample of a row: 1 if the sample is to be searched and has its maximum at the middle
 /// one of three angles.
 fn maxima_bits([before, here, after]: [&[f32]; 3], is_sought: &[bool]) -> u32 {
     let (mut bits, mut is_maximum) = (0, [false; BLOCK_SIZE]);

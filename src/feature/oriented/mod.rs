@@ -75,7 +75,7 @@ pub struct OrientedSearch<'a, const D: usize> {
     pub image: &'a Samples<'a, D>,
     /// Background value of the image: its median.
     pub background: f32,
-    /// Height of the smoothed image below which no features are sought.
+    /// Height of the smoothed image below which no features are searched for.
     pub noise_floor: f32,
     /// Mask of the samples at which the search is made.
     pub ambiguity: &'a AmbiguityMask<D>,

@@ -1,4 +1,12 @@
 //! Edge collapse: removes one of two nodes that are too close to each other.
+//!
+//! ```text
+//!    1---2            1---2      g = `removed`, k = `kept`
+//!   / \ / \          /  `. \     The tetrahedra at the edge (g, k) vanish. In the
+//!  6---g---k   ->   6-------k    others at g, k takes the place of g: new edges
+//!   \ / \ /          \  ,' /     lead from k to the neighbours of g (here to 1, 5
+//!    5---4            5---4      and 6, as 2 and 4 are neighbours of k already).
+//! ```
 
 use super::TetImprover;
 use crate::geometry::{sorted_distinct, sub};

@@ -1,5 +1,13 @@
 //! Removes slivers by exudation, our own or CGAL's. Features are recovered as for the other method; after that
 //! nodes stay where they are, and only the tetrahedra change.
+//!
+//! ```text
+//!    q           q
+//!   /|\         / \     As the weight of node p grows, p enters the circumsphere of a tetrahedron
+//!  p | t  ->   p---t    next to its star, drawn in 2-D as (q, s, t). The star takes the place of
+//!   \|/         \ /     that tetrahedron.
+//!    s           s
+//! ```
 
 use super::finish::{blocked_cells, faces_on_surfaces};
 use super::{ImproveContext, TetImprover};

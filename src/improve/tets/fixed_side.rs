@@ -6,6 +6,16 @@
 //! edges that cross it (Sloan 1993). A flip of an edge on the side removes the tetrahedra around it. If
 //! no others fill their place, then a new node above the middle of the edge does: as it can be as close to
 //! the edge as necessary, all faces of the cavity are visible from it. Improvement then moves that node.
+//!
+//! ```text
+//! the side, from above    section through c and d, the side on top, with a new node x
+//!
+//!    a           a        c-----*-----d      c-----------d     * is the edge (a, b). Its ring of m
+//!   /|\         / \        \   / \   /        \ `-. .-' /      nodes c, r, s, d has m - 1 tetrahedra,
+//!  c | d  ->   c---d        \ /   \ /    ->    \   x   /       which become 2 m: one with a and one
+//!   \|/         \ /          r-----s            \ / \ /        with b for each of the m edges (c, r),
+//!    b           b                               r---s         (r, s), (s, d) and (d, c)
+//! ```
 
 use std::collections::{HashMap, VecDeque};
 
@@ -57,7 +67,7 @@ pub fn improve_beside(
             return Err(Error::Mesh(cause(
                 format!("edge {edge:?}"),
                 "cannot be inserted into a side of the box",
-                "choose another distance; and please report it, for this should never happen",
+                "choose another distance, and please report it: this is an error in atomesh",
             )));
         }
     }

@@ -4,6 +4,20 @@
 //! A flip is applied only if the smallest sine of its tetrahedra rises, and never if a new edge
 //! would pass through a feature: as long as no edge does, every feature surface is a union of mesh
 //! faces.
+//!
+//! ```text
+//! edge removal, seen from b along the edge (a, b), whose ring has m nodes: each triangle of the
+//! polygon becomes one tetrahedron with a and one with b, 2 (m - 2) in all
+//!
+//!     r2            r2        r3----r2      r3----r2         r1            r1
+//!    /| \          /  \        | \/ |        |   /|         /|\           /  \
+//!   / ab \   ->   /    \       | ab |   ->   | /  |        / | \    ->   /    \
+//!  / /  \ \      /      \      | /\ |        |/   |       /  |  \       /      \
+//! r0------r1    r0------r1    r0----r1      r0----r1    r2--ab--r0     r2------r0
+//! 3-2                         4-4                       2-2: a, b, r2, r0 on a side of the box
+//!
+//! 2-3 swap: (u, v, w, p), (u, w, v, q) -> (q, p, u, v), (q, p, v, w), (q, p, w, u)
+//! ```
 
 use super::{ConstrainedPoint, TetImprover};
 use crate::mesh::complex::{NONE, Ring};
@@ -14,7 +28,7 @@ use crate::mesh::{EDGES, FACES};
 const MAX_RING: usize = 10;
 
 /// Smallest gain in sine of a flip. It is well above rounding errors, so that no two configurations
-/// alternate for ever.
+/// alternate endlessly.
 const MIN_SINE_GAIN: f64 = 1e-5;
 
 /// A local transformation: the tetrahedra that are removed, and those that take their place.

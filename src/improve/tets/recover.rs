@@ -1,5 +1,15 @@
 //! Recovers the features: removes every edge that passes through a feature, by a flip, by snapping
 //! one of its ends onto the feature, or by splitting it there.
+//!
+//! ```text
+//!               flip           snap          split
+//!     a           a             a             a       flip:  without the edge (a, b), see `flips`
+//!     |         /   \           |             |       snap:  the end nearer to the feature moves
+//!  ===|===  -> r=====s   or  ===b===   or  ===x===           onto it
+//!     |         \   /                         |       split: (a, b, r, s) -> (a, x, r, s) and
+//!     b           b                           b              (x, b, r, s) all around the edge
+//!  === feature
+//! ```
 
 use super::batch::{BatchChange, ChangedTets, SearchScratch};
 use super::flips::Flip;

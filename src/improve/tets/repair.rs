@@ -1,6 +1,15 @@
 //! Repairs the tetrahedra that flips and smoothing cannot improve: a split, a collapse or a swap
 //! that by itself makes things worse is followed by flips and smoothing around it. All is kept only
 //! if the worst of the changed tetrahedra has become better.
+//!
+//! ```text
+//! tried in this order, for a tetrahedron (0, 1, 2, 3) below target:
+//!  4 faces   2-3 swap, drawn at `flips`                           2 tetrahedra -> 3
+//!  1 centre  new node in the middle, drawn at `reshape`           a cavity -> its outer faces with x
+//!  6 edges   collapse, drawn at `collapse`, if short              the tetrahedra at the edge vanish
+//!  6 edges   split at the middle, drawn at `recover`, if long     m tetrahedra -> 2 m
+//!  4 faces   new node in the middle of the face                   as for the centre
+//! ```
 
 use super::attempt_cache::AttemptKind;
 use super::{NodeConstraint, SMOOTHING_MARGIN, TetImprover};

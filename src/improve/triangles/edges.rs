@@ -1,4 +1,13 @@
 //! Topological changes of the triangulation: flips, splits and collapses of edges.
+//!
+//! ```text
+//!  flip                   split                    collapse of a into b
+//!     b           b          b           b           o---o            o---o
+//!    /|\         / \        /|\         /|\         / \ / \          /  `. \
+//!   c | d   ->  c---d      c | d   ->  c-x-d       o---a---b   ->   o-------b
+//!    \|/         \ /        \|/         \|/         \ / \ /          \  ,' /
+//!     a           a          a           a           o---o            o---o
+//! ```
 
 use super::{MAX_COTANGENT, TriImprover};
 use crate::geometry::{sub, to_3d};

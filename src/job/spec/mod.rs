@@ -260,7 +260,7 @@ pub struct MeshSpec {
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub rounds: Option<usize>,
     /// Largest number of evaluations of the energy in all rounds together [default: 12 to 40 a
-    /// round, more with --kappa and for slower optimizers]
+    /// round, more with --kappa and for slower optimisers]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
     pub max_evaluations: Option<NonZeroUsize>,
     /// Number of initial passes on a smoother potential

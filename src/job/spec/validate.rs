@@ -418,7 +418,7 @@ impl Options<'_> {
     /// Checks that no option is given that applies to other kinds of features than the `kind` that is
     /// followed.
     fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
-        // An isosurface parts the image into the labels 0 and 1.
+        // An isosurface divides the image into the labels 0 and 1.
         if !matches!(kind, FeatureKind::Labels | FeatureKind::Isosurface) {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(

@@ -4,6 +4,16 @@
 //! - `neighbors`(fn@neighbors): finds the tetrahedra that share a face
 //! - `faces`: faces that still lack a tetrahedron on one side
 //! - `part`: a part of a complex as a complex of its own
+//!
+//! The ring of an inner edge, seen from b along the edge (a, b):
+//!
+//! ```text
+//!     r2---r1
+//!     / \ / \        r[0], r[1], ... turn anticlockwise;
+//!   r3--ab--r0       tetrahedron i is (a, b, r[i], r[i + 1])
+//!     \ / \ /
+//!     r4---r5
+//! ```
 
 mod faces;
 mod neighbors;
@@ -60,7 +70,7 @@ enum JournalEntry {
     Reused(u32),
 }
 
-/// The tetrahedra round an edge (a, b), in order.
+/// The tetrahedra around an edge (a, b), in order.
 #[derive(Debug, Default, Clone)]
 pub struct Ring {
     /// Nodes of the ring: `(a, b, nodes[i], nodes[i + 1])` is the positive tetrahedron `tets[i]`.
@@ -249,7 +259,7 @@ impl Complex {
         (tet[k as usize], tet[l as usize])
     }
 
-    /// Writes the ring of tetrahedra round edge (a, b) of tetrahedron `t` into `ring`. Stops and
+    /// Writes the ring of tetrahedra around edge (a, b) of tetrahedron `t` into `ring`. Stops and
     /// returns `false` if there are more than `max_tets`.
     pub fn ring(&self, t: u32, a: u32, b: u32, max_tets: usize, ring: &mut Ring) -> bool {
         if self.walk_ring(t, [a, b], max_tets, ring) || ring.tets.len() > max_tets {
@@ -270,7 +280,7 @@ impl Complex {
         false
     }
 
-    /// Writes the tetrahedra round edge (a, b) from `first` on into `ring`, up to a boundary, or until
+    /// Writes the tetrahedra around edge (a, b) from `first` on into `ring`, up to a boundary, or until
     /// there are more than `max_tets`. Returns `true` if they form a closed ring.
     fn walk_ring(&self, first: u32, [a, b]: [u32; 2], max_tets: usize, ring: &mut Ring) -> bool {
         ring.nodes.clear();

@@ -2,7 +2,7 @@
 //! remove the flattest cells from the weighted Delaunay triangulation.
 //!
 //! 1. The points of the flattest tetrahedron are tried in turn. As the weight of a point grows, its
-//!    star swallows one neighbouring cell after the other, at the weights at which the point enters
+//!    star absorbs one neighbouring cell after the other, at the weights at which the point enters
 //!    their spheres. All states of the star up to a largest weight are examined.
 //! 2. The state with the largest smallest angle is made, if it is better than the present one.
 //! 3. This goes on with the next flattest tetrahedron until none below the angle can be improved.
@@ -58,7 +58,7 @@ struct Exuder {
 
 /// One state of a star whose point gains weight.
 struct Star {
-    /// Cells that it replaces: those of the point first, then those that it swallowed.
+    /// Cells that it replaces: those of the point first, then those that it absorbed.
     cells: Vec<u32>,
     weight: f64,
     /// Smallest dihedral angle in degrees.
@@ -170,7 +170,7 @@ impl Exuder {
         let mut best: Option<Star> = None;
         let mut reached = self.weights[vertex as usize];
         loop {
-            // The cell that is swallowed next.
+            // The cell that is absorbed next.
             let next = (faces.iter().filter(|face| !cells.contains(&face.0)))
                 .filter_map(|&(slot, ..)| Some((self.critical_weight(slot, centre)?, slot)))
                 .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -230,7 +230,7 @@ impl Exuder {
         cells
     }
 
-    /// Returns the weight from which on a point at `x` swallows a cell; `None` for cells beyond the
+    /// Returns the weight from which on a point at `x` absorbs a cell; `None` for cells beyond the
     /// hull.
     fn critical_weight(&self, slot: u32, x: [f64; 3]) -> Option<f64> {
         let cell = self.triangulation.cell(slot);

@@ -2,7 +2,7 @@
 
 use crate::geometry::{bounding_box, sub};
 
-/// First width of the halo round a slab, in mean distances between points.
+/// First width of the halo around a slab, in mean distances between points.
 pub const INITIAL_HALO: f64 = 2.5;
 /// Number of halo widths that are tried; each is twice as wide as the one before.
 pub const MAX_HALO_TRIES: usize = 3;

@@ -206,7 +206,7 @@ pub(crate) fn distributed_delaunay_with_neighbors(
 /// intervals are [`OUTSIDE`]. Returns `None` if only a triangulation of all points can give the
 /// result.
 ///
-/// Only the points in these intervals and in a halo round them are triangulated. `global` describes
+/// Only the points in these intervals and in a halo around them are triangulated. `global` describes
 /// all points; points farther away than its [`max_halo`](GlobalPoints::max_halo) need not be in
 /// `points`.
 ///

@@ -1,6 +1,6 @@
 //! Computes one triangulation by several concurrent runs of a kernel, each for a part of the points.
 //!
-//! 1. Space is cut into slabs across an axis. The points of a slab and of a halo round it are
+//! 1. Space is cut into slabs across an axis. The points of a slab and of a halo around it are
 //!    triangulated.
 //! 2. A tetrahedron is *certified* if its circumsphere, as far as it can contain points, lies
 //!    inside the slab and its halo. Then it is a tetrahedron of the whole triangulation.

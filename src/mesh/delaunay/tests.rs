@@ -104,7 +104,7 @@ fn four_points_make_one_positive_tetrahedron() {
 }
 
 /// The most degenerate case: every point lies on many common spheres, and the hull's points in six
-/// planes. (Five points of each square, and eight round each octahedron, are cospherical.)
+/// planes. (Five points of each square, and eight around each octahedron, are cospherical.)
 #[test]
 fn perfect_lattice_fills_its_box() {
     for m in [2, 3, 10] {

@@ -2,7 +2,7 @@
 //!
 //! - `mirror`: images of atoms outside the box, so that cells end on its sides
 //! - `circumcentre`: centres of circumscribed spheres, also of flat simplices
-//! - `rings`: the Delaunay simplices round every edge
+//! - `rings`: the Delaunay simplices around every edge
 //! - `nodes`: the nodes of cells
 //! - `needles`: removes faces that are narrower than rounding errors
 //! - `assemble`: faces with nodes, in order

@@ -1,4 +1,4 @@
-//! Finds the Delaunay simplices round every edge, in order: the faces of the Voronoi cells before
+//! Finds the Delaunay simplices around every edge, in order: the faces of the Voronoi cells before
 //! they have coordinates.
 //!
 //! An atom's faces depend only on its star (the simplices at it), so atoms can be processed in
@@ -17,7 +17,7 @@ use crate::mesh::poly::Lists;
 pub struct Rings {
     /// The edges (a, b), ascending: a is an atom, b another atom with a higher number, or an image.
     pub edges: Vec<[u32; 2]>,
-    /// The simplices round each edge, anticlockwise seen from b (in 2-D: right, left).
+    /// The simplices around each edge, anticlockwise seen from b (in 2-D: right, left).
     pub simplices: Lists,
     /// Successive simplices in a ring whose centres coincide.
     pub coincident_pairs: Vec<[u32; 2]>,
@@ -38,7 +38,7 @@ struct RingStep {
     simplex: u32,
 }
 
-/// The steps round all edges of one atom.
+/// The steps around all edges of one atom.
 #[derive(Debug, Default)]
 struct AtomEdges {
     /// The other ends b of the edges, and the number of steps of each.

@@ -339,7 +339,7 @@ impl Schedule {
     /// Reads a table with a row of column names: date, well, group, type (producer, water-injector,
     /// gas-injector), status (open, shut), mode (history, forecast), control, the rates oil, water,
     /// gas, liquid and reservoir in m^3/day, bhp in bar, and skin. The name of a column may have another
-    /// unit in brackets, such as psi or STB/day. Only the date is needed in every row. A row without a well is for a group, one without a group for nothing but the date.
+    /// unit in brackets, such as psi or STB/day. Only the date is needed in every row. A row without a well is for a group, one without a group gives only the date.
     ///
     /// # Errors
     /// Returns [`Error::Io`] if the file cannot be read, and [`Error::Job`] with the line of a row

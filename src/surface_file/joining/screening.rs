@@ -1,5 +1,5 @@
-//! Which sticks count: twins are merged, sticks that continue one another become one line, and
-//! sticks that cannot belong to the surface of the others are found.
+//! Screens the sticks of a fault: merges duplicates, joins sticks that continue one another to one
+//! line, and finds sticks that cannot belong to the surface of the others.
 
 use super::line::{Line, Nearest, Offset, Point};
 use crate::geometry::eigen::{eigenvalues, eigenvector};

@@ -93,7 +93,7 @@ impl<const D: usize> Spacing<D> {
 }
 
 impl<'a, const D: usize> FineGrid<'a, D> {
-    /// Returns the finer grid on which faults are sought, or `None` if traces are near enough. Sections
+    /// Returns the finer grid on which faults are searched for, or `None` if traces are near enough. Sections
     /// are left as they are: their network has seen traces that are far apart.
     ///
     /// # Errors
@@ -129,7 +129,7 @@ impl<'a, const D: usize> FineGrid<'a, D> {
             })
             .collect();
         notes.push(format!(
-            "traces are far apart for layers with a wavelength of about {wavelength:.0} m{}: faults are sought \
+            "traces are far apart for layers with a wavelength of about {wavelength:.0} m{}: faults are searched for \
              between interpolated traces, with distances reduced from {}",
             if geometry.time_coordinate().is_some() {
                 " (at 2000 m/s)"

@@ -75,7 +75,7 @@ const MAX_LAYER_COSINE: f32 = 0.92;
 /// noise and in chaotic parts the likelihood is high everywhere.
 const MIN_HEIGHT_SHARE: f32 = 0.2;
 
-/// Width (samples) of the Gaussian under which ridges of the network's probability are sought: faults
+/// Width (samples) of the Gaussian under which ridges of the network's probability are searched for: faults
 /// are marked by ridges that are as wide (`RIDGE_SIGMA` in `scripts/train_fault_network.py`).
 const PROBABILITY_SCALE: f64 = 0.75;
 /// Strength of a ridge of the probability down to which a fault is followed, and the one that it must

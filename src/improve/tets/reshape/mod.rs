@@ -1,6 +1,14 @@
 //! Adds, removes and moves atoms in a part of a mesh, whose outer faces do not change. Each change
 //! leaves a valid mesh, so that the part always fits the rest of the mesh. All steps of
 //! [`improve`](super::improve) follow.
+//!
+//! ```text
+//!   c---d            c---d      Insertion of x: the tetrahedra whose circumspheres contain x form a
+//!  /|\  |\          / \ / \     cavity, which shrinks or grows until x sees each of its outer faces.
+//! b | \x| e   ->   b---x---e    Each outer face becomes a tetrahedron with x.
+//!  \|  \|/          \ / \ /     Removal: the node collapses into a neighbour, drawn at `collapse`.
+//!   g---f            g---f
+//! ```
 
 use super::{ImproveContext, TetImprover, smooth};
 use crate::error::{Error, cause};

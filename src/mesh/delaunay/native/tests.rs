@@ -124,7 +124,7 @@ fn difficult_points_have_delaunay_triangulations() {
 fn difficult_points_have_the_tetrahedra_of_tetgen() {
     use crate::mesh::delaunay::tetgen::Tetgen;
     for (name, points) in difficult_sets() {
-        // TetGen reckons with absolute tolerances and joins points that are nearly the same.
+        // TetGen uses absolute tolerances and joins points that are nearly the same.
         if matches!(name, "very small" | "very large" | "clustered" | "far away") {
             continue;
         }

@@ -1,4 +1,4 @@
-//! Sphere packing on a surface (after VoroCrust, 2020): one ball round each node, such that the
+//! Sphere packing on a surface (after VoroCrust, 2020): one ball around each node, such that the
 //! spheres of a facet's nodes meet in two mirror points above and below the facet. These points
 //! become sites.
 //!

@@ -3,7 +3,7 @@
 //!
 //! Every node of the surface gets a ball. The spheres of a facet's nodes meet in two points, mirror
 //! images of each other in the facet's plane; these are sites. If no other ball covers them,
-//! nothing is nearer to a node of the facet than the sites round it, and these all lie on its
+//! nothing is nearer to a node of the facet than the sites around it, and these all lie on its
 //! sphere. Therefore the nodes are nodes of cells, and the face between the two sites is the facet.
 //! All other atoms stay outside the balls.
 //!
@@ -15,7 +15,7 @@
 //! - `site_region`: where sites may be
 //!
 //! A facet gets no sites if its points are covered, beyond a side of the box, or too close to those
-//! of another facet. The cells round it fill its place. Their sites are mirror images in nearly the
+//! of another facet. The cells around it fill its place. Their sites are mirror images in nearly the
 //! same plane, so their faces continue nearly in it. [`ConformingSites::covered_share`] measures
 //! how much of the surface has exact faces.
 //!

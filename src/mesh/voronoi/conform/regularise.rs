@@ -37,7 +37,7 @@ impl<const D: usize> FacetSurface<D> {
         let mut ridges = self.ridges();
         let mut queue: Vec<Ridge> = ridges.keys().rev().copied().collect();
         // If the sum of angles is nearly 180 degrees, rounding must not flip edges back and forth
-        // for ever.
+        // endlessly.
         let mut remaining_flips = MAX_FLIPS_PER_EDGE * queue.len();
         while let Some(ridge) = queue.pop().filter(|_| remaining_flips > 0) {
             let Some(&[f, g]) = ridges.get(&ridge).map(|f| &f[..]) else {
@@ -106,7 +106,7 @@ impl<const D: usize> FacetSurface<D> {
     }
 
     /// Moves every node once. First nodes on lines move along their line to the middle between the
-    /// two adjacent nodes. Then other nodes move to the mean of the facets round them, but only
+    /// two adjacent nodes. Then other nodes move to the mean of the facets around them, but only
     /// along the surface and only if the worst of these facets improves. The nodes of facets at lines
     /// where surfaces meet stay.
     fn slide_nodes(&mut self, extent: [f64; D]) {

@@ -5,7 +5,7 @@
 //! averaged over neighbouring faces, in two steps: a wide average decides which reflectors belong
 //! together, a narrow one near that lag gives the throw. The hanging wall lies above a fault that dips;
 //! of a vertical fault it is the side that its faces show. Horizons that end on both sides give the throw
-//! a second time (`horizon_pairs`). Where the two differ much, the correlation is sought near the throw of
+//! a second time (`horizon_pairs`). Where the two differ much, the correlation is searched for near the throw of
 //! the horizons, because layers that repeat also match a wavelength too high or too low.
 //!
 //! *Polarity* of a horizon is the sign of its mean amplitude: peak or trough.
@@ -39,7 +39,7 @@ const NARROW_PASSES: usize = 4;
 const MAX_LAG_CHANGE: isize = 5;
 
 /// Largest difference (samples) of the throw at a face from that by pairs of horizons. If it is larger, the
-/// correlation is sought near the throw by pairs.
+/// correlation is searched for near the throw by pairs.
 const MAX_PAIR_DIFFERENCE: f64 = 6.0;
 
 /// Smallest correlation of both sides at which a throw counts.

@@ -250,7 +250,7 @@ fn for_each_neighbour<const D: usize>(grid: Volume<'_, D>, i: usize, mut visit: 
 /// Returns the cheapest closed path, over samples that any path passes, that crosses the ray from
 /// `inside` along the first axis an odd number of times.
 ///
-/// A first closed path is sought through the most confident sample, which may lie beside the
+/// A first closed path is searched for through the most confident sample, which may lie beside the
 /// boundary. The result is the closed path through the sample in the middle of the first one.
 fn closed_path<const D: usize>(
     grid: Volume<'_, D>,

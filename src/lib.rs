@@ -81,6 +81,7 @@ pub mod report;
 pub mod store;
 pub mod surface_file;
 pub(crate) mod units;
+pub(crate) mod well_file;
 
 pub use error::{Error, ErrorKind, Result};
 pub use export::convert::{ConvertSpec, convert};

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use crate::error::cause;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
+use crate::image::read_velocities;
 use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, Image};
-use crate::job::depth::read_velocities;
-use crate::job::spec::NumberOrFile;
 use crate::mesh::Simplices;
+use crate::option_text::NumberOrFile;
 use crate::progress::Progress;
 use crate::store::{self, AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh, without_padding};
 use crate::{Error, Result};

@@ -15,7 +15,6 @@ use crate::geometry::{normal, unit};
 use crate::image::formats;
 use crate::image::placing::Frame;
 use crate::image::{Geometry, Image};
-use crate::job::spec::FileOption;
 use crate::mesh::Mesh;
 use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
 use crate::model::slice::OverlayShape;
@@ -34,6 +33,7 @@ use crate::progress::{Progress, Stage};
 use crate::store::{
     AnyMesh, LabelledRegion, LatticeSpace, MeshFile, Storable, StoredMesh, read_labels,
 };
+use crate::surface_file::FileOption;
 use crate::surface_file::has_extension;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::{Error, Result};

@@ -10,8 +10,8 @@ use super::{AtomChange, Edit};
 use crate::error::cause;
 use crate::files::table::Table;
 use crate::image::formats::InputOptions;
-use crate::job::spec::{InvalidValue, PointValue};
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, PointValue};
 use crate::{Error, Result};
 
 const POINT_REMEDY: &str = "give a point such as 1500,2000,300 (1500,2000 in 2-D)";

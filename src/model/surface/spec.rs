@@ -12,7 +12,8 @@ use crate::image::Geometry;
 use crate::image::formats::InputOptions;
 use crate::image::stated::ZDirection;
 use crate::job::MeshSpec;
-use crate::job::spec::{FileOption, NumberOrFile, SignedAxis};
+use crate::option_text::{NumberOrFile, SignedAxis};
+use crate::surface_file::FileOption;
 use crate::{Error, Result};
 
 /// Options of `atomesh surface`.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::progress::Stage;
+use super::Stage;
 
 /// Cost of one stage of a job.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -3,6 +3,9 @@
 //! - [`Progress`]: the trait by which a caller follows a job and may stop it
 //! - [`CancelToken`]: what long loops poll to learn whether to stop
 //! - [`Stage`]: the stages of a job or an edit
+//! - [`cost`]: seconds and memory of each stage
+
+pub mod cost;
 
 use std::fmt;
 use std::sync::Mutex;
@@ -14,6 +17,7 @@ use serde::{Serialize, Serializer};
 
 use crate::error::cause;
 use crate::{Error, Result};
+pub use cost::{Clock, StageCost};
 
 /// A stage of making, editing or using a mesh. The variants up to [`Writing`](Self::Writing) are in
 /// the order in which a job runs them.

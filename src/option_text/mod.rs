@@ -1,11 +1,18 @@
 //! Values of options that are parsed from a text and displayed as one. TOML, JSON and other languages
 //! may also hold them as numbers and lists.
+//!
+//! - `values`: types of values that several verbs share
+
+mod values;
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer};
+
+pub use values::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+pub(crate) use values::{finite_number, finite_numbers, joined, names_image, parse_number};
 
 /// The value of an option as TOML, JSON and other languages may hold it.
 #[derive(Deserialize)]

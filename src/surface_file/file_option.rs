@@ -7,9 +7,8 @@ use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use super::InvalidValue;
 use crate::image::stated::{CoordinateOptions, Domain, ZDirection};
-use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, joined, serde_as_text};
 use crate::units;
 
 /// Remedy for a value that is not understood.
@@ -199,14 +198,14 @@ impl Display for FileOption {
         }
         match nulls.as_deref() {
             Some([]) => f.write_str(",null=none")?,
-            Some(nulls) => write!(f, ",null={}", super::values::joined(nulls))?,
+            Some(nulls) => write!(f, ",null={}", joined(nulls))?,
             None => {}
         }
         if !columns.is_empty() {
             write!(f, ",columns={}", columns.join(","))?;
         }
         if let Some(head) = head {
-            write!(f, ",head={}", super::values::joined(head))?;
+            write!(f, ",head={}", joined(head))?;
         }
         Ok(())
     }

@@ -71,6 +71,7 @@ pub mod job;
 pub mod lattice;
 pub mod memory;
 pub mod mesh;
+pub mod mesh_file;
 pub mod model;
 #[doc(hidden)]
 pub mod names;

@@ -18,7 +18,7 @@ use crate::model::reservoir::{
 };
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
-use crate::store::output::read_live;
+use crate::store::stored_mesh::read_live;
 
 /// A model that was written.
 #[derive(Debug, Clone)]

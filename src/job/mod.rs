@@ -19,6 +19,7 @@
 //! - `cells`: makes Voronoi cells
 //! - `equalise`: makes Voronoi cells more equal in size
 //! - `padding`: cells beyond the image
+//! - `output`: the mesh as a file, and files of lines and feature points
 //! - `topography`: the surface at which those above it end
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
@@ -50,6 +51,7 @@ mod local_cells;
 mod measure;
 mod named_faces;
 mod optimise;
+pub(crate) mod output;
 pub(crate) mod padding;
 mod params;
 mod placed_points;
@@ -67,6 +69,7 @@ use crate::image::{Image, image_in_depth};
 use crate::progress::Progress;
 
 pub use crate::mesh::check::BOX_TOLERANCE;
+pub use crate::mesh_file::{Burden, Provenance};
 pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
 pub use features::{FeatureOutcome, FeatureSpec, features};
@@ -75,10 +78,12 @@ pub use given_surfaces::FollowedSurface;
 pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
 pub use measure::scaled_mesh;
 pub(crate) use optimise::optimize_options;
-pub use padding::{Burden, PaddingCells};
+pub use output::lines::{write_feature_lines, write_lines};
+pub use output::points::write_feature_points;
+pub use padding::PaddingCells;
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use placed_points::PointFile;
-pub use run::{MeshResult, Outcome, Provenance, RunOptions, run, run_from};
+pub use run::{MeshResult, Outcome, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};
 pub use stages::StageRunner;
 

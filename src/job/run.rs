@@ -24,6 +24,7 @@ use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::Provenance;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
 use crate::{Error, Result};
@@ -63,15 +64,6 @@ where
     pub stop: StopReason,
     /// Figures of the mesh and of its cost; the caller adds the input.
     pub report: Report,
-}
-
-/// The data from which a result can be reproduced.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Provenance {
-    /// All parameters, as the configuration file has them.
-    pub parameters: String,
-    /// SHA-256 of the input.
-    pub input_sha256: String,
 }
 
 /// A mesh of either kind of cells.

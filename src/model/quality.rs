@@ -6,17 +6,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
 use crate::image::synth::Truth;
-use crate::job::{cells, scaled_mesh};
+use crate::job::output::geometry_of_other_shapes;
+use crate::job::{cells, scaled_mesh, write_lines};
 use crate::mesh::Simplices;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::array_names::DISTANCE_ARRAY;
 use crate::model::MeshInput;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::angles::mean_edge_lengths;
 use crate::report::{self, AngleAssessment, Quality, Reference, Report};
-use crate::store::output::{DISTANCE_ARRAY, geometry_of_other_shapes};
-use crate::store::{LatticeSpace, StoredMesh, with_mesh, write_lines};
+use crate::store::{LatticeSpace, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
 /// Options of `atomesh quality`.

@@ -6,14 +6,13 @@ use super::{newest_fields, unknown_arrays};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Geometry;
+use crate::job::output::physical_angles;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::{Alignment, kind_at};
 use crate::mesh::Simplices;
 use crate::mesh::check::check;
+use crate::mesh_file::array_names::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
 use crate::report::{assess_angles, smallest_angles};
-use crate::store::output::{
-    ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY, physical_angles,
-};
 use crate::store::{FieldValue, MeshFile, StoredMesh, face_bits_to_physical, replace_nodes};
 use crate::{Error, Result};
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use super::*;
 use crate::geometry::distance2;
 use crate::image::Geometry;
+use crate::job::output::simplex_mesh_file;
 use crate::job::{self, BOX_TOLERANCE, FixedAtom};
 use crate::lattice::AtomKind;
 use crate::lattice::optimize::NoProgress;
@@ -11,7 +12,6 @@ use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
-use crate::store::output::simplex_mesh_file;
 
 /// Returns an image of a bright curved surface, with a geometry that is not the identity.
 pub(super) fn image<const D: usize>(dims: [usize; D]) -> Image<D> {

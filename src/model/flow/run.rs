@@ -13,7 +13,7 @@ use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
 use crate::model::input::{MeshInput, length_unit_warning, mesh_in_depth, time_warning};
 use crate::progress::{CancelToken, Progress, Stage};
-use crate::store::output::read_live;
+use crate::store::stored_mesh::read_live;
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 

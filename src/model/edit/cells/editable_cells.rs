@@ -8,9 +8,9 @@ use crate::lattice::seeding::Alignment;
 use crate::mesh::Positions;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{Lists, NO_CELL, PolyMesh};
+use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
 use crate::model::edit::resolve::EditLattice;
 use crate::model::edit::unknown_arrays;
-use crate::store::output::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, read_labels};
 use crate::{Error, Result};
 

@@ -7,8 +7,8 @@ use crate::files::vtk::DataArray;
 use crate::mesh::Mesh;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
+use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY};
 use crate::model::edit::{Summary, newest_fields};
-use crate::store::output::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
 

@@ -6,13 +6,14 @@ use super::*;
 use crate::feature::FeatureKind;
 use crate::geometry::distance2;
 use crate::geometry::squared_distance_to_face;
+use crate::job::output::cells::cell_mesh_file;
 use crate::job::{self, BOX_TOLERANCE, CellKind};
 use crate::mesh::Mesh;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
 use crate::model::edit::tests::{coordinate_bits, image, named_edits, refusal, world_position};
 use crate::progress::NoProgress;
-use crate::store::{StoredMesh, cell_output::cell_mesh_file};
+use crate::store::StoredMesh;
 
 fn params<const D: usize>(d: f64) -> Params<D> {
     Params::new(MeshSpec {

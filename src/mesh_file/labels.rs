@@ -2,12 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::array_names::LABELS_FIELD;
 use super::{FieldValue, MeshFile};
-use crate::feature::LabelMap;
 use crate::image::LabelValue;
-
-/// Name of the field that stores the labels.
-pub(super) const LABELS_FIELD: &str = "labels";
 
 /// A region that is a label of the image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -21,29 +18,14 @@ pub struct LabelledRegion {
     pub name: Option<String>,
 }
 
-/// Returns the field that stores the labels of an image.
-pub(super) fn labels_field<const D: usize>(
-    label_map: &LabelMap<D>,
-) -> Option<(String, FieldValue)> {
-    let regions: Vec<LabelledRegion> = (label_map.labels.iter().zip(&label_map.names))
-        .zip(label_map.regions())
-        .map(|((&label, name), region)| LabelledRegion {
-            region,
-            label,
-            name: name.clone(),
-        })
-        .collect();
-    regions_field(&regions)
-}
-
 /// Returns the field that stores labelled regions.
-pub(super) fn regions_field(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
+pub(crate) fn regions_field(regions: &[LabelledRegion]) -> Option<(String, FieldValue)> {
     let text = serde_json::to_string(regions).ok()?;
     Some((LABELS_FIELD.into(), FieldValue::Text(text)))
 }
 
 /// Removes the labels from a file whose regions are replaced.
-pub(super) fn remove_labels<M>(file: &mut MeshFile<M>) {
+pub(crate) fn remove_labels<M>(file: &mut MeshFile<M>) {
     file.field_data.retain(|(name, _)| name != LABELS_FIELD);
 }
 

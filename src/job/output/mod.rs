@@ -1,38 +1,52 @@
-//! Converts a job's mesh of simplices to a mesh file: physical coordinates, and the data of each
-//! node and cell.
+//! The mesh of a job as a mesh file: physical coordinates, and the data of each node and cell.
+//!
+//! - `cells`: Voronoi cells
+//! - `padding`: cells beyond the image
+//! - `lines`: acute lines, and lines where features meet or end, as VTK poly data
+//! - `points`: feature points as a table or as VTK poly data
+
+pub(crate) mod cells;
+pub(crate) mod lines;
+mod padding;
+pub(crate) mod points;
 
 use std::path::Path;
 
 use crate::parallel::prelude::*;
 
-use super::cell_output::cell_mesh_file;
-use super::labels::labels_field;
-use super::named_surfaces::NamedSurfaces;
-use super::padding::with_padding;
-use super::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
-use super::{write_cells_vtu, write_lines, write_vtu};
+use super::horizons::horizon_bits;
+use super::live::shares_of_cells;
+use super::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome, scaled_mesh};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
-use crate::feature::ResolvedOptions;
+use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
-pub use crate::job::Provenance;
-use crate::job::horizons::horizon_bits;
-use crate::job::live::shares_of_cells;
-use crate::job::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome, scaled_mesh};
 use crate::mesh::complex::NONE;
 #[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
+use crate::mesh_file::array_names::{
+    ANGLES_ARRAY, ATOM_KIND_ARRAY, DISTANCE_ARRAY, FEATURES_FIELD, HORIZON_FACES_ARRAY,
+    IMAGE_ARRAY, LIVE_ARRAY, REGION_ARRAY,
+};
+use crate::mesh_file::labels::regions_field;
+use crate::mesh_file::lattice_space::common_fields;
+use crate::mesh_file::named_surfaces::NamedSurfaces;
+use crate::mesh_file::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
+use crate::mesh_file::{
+    AnyMesh, FieldValue, LabelledRegion, LatticeSpace, MeshFile, face_bits_to_physical,
+    to_physical, write_cells_vtu, write_vtu,
+};
 #[cfg(feature = "cli")]
 use crate::progress::CancelToken;
 use crate::report::smallest_angles;
 #[cfg(feature = "cli")]
 use crate::report::{Quality, quality, quality_of_partition};
-use crate::store::{
-    AnyMesh, FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, to_physical,
-};
 use crate::{Error, Result};
+use cells::cell_mesh_file;
+use lines::write_lines;
+use padding::with_padding;
 
 /// Returns the mesh of a job in world coordinates, with the data of each node and cell.
 pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
@@ -70,13 +84,13 @@ where
     let mut file = MeshFile {
         mesh,
         point_data: vec![
-            DataArray::scalars("atom_kind", kinds),
+            DataArray::scalars(ATOM_KIND_ARRAY, kinds),
             DataArray::scalars("feature", feature),
             DataArray::scalars(DISTANCE_ARRAY, distance),
         ],
         cell_data: vec![
             DataArray::scalars(
-                "region",
+                REGION_ARRAY,
                 if annotated.regions.is_empty() {
                     vec![0i32; lattice.len()]
                 } else {
@@ -342,16 +356,6 @@ fn with_optional_image<const D: usize, M: Mesh<D>>(
     }
 }
 
-/// Returns the share of each cell that holds data, if a mesh file has the array: one number from 0 to
-/// 1 for each of `cells` cells.
-pub(crate) fn read_live(cell_data: &[DataArray], cells: usize) -> Option<Vec<f64>> {
-    let array = cell_data.iter().find(|array| array.name == LIVE_ARRAY)?;
-    let shares = array.values.to_f64();
-    let is_share = |share: &f64| (0.0..=1.0).contains(share);
-    (array.components == 1 && shares.len() == cells && shares.iter().all(is_share))
-        .then_some(shares)
-}
-
 /// Adds the share of each cell that holds data, unless all cells are full of data. The samples of the
 /// image must be marked already. A mesh that has the array gets new values.
 ///
@@ -399,46 +403,6 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     Ok(file)
 }
 
-/// Name of the array with the share of each cell that holds data.
-pub(crate) const LIVE_ARRAY: &str = "live";
-/// Name of the arrays with the image's values.
-pub(crate) const IMAGE_ARRAY: &str = "image";
-/// Name of the array that marks cells with angles outside [30, 150] degrees, and tells whether
-/// features explain them.
-pub(crate) const ANGLES_ARRAY: &str = "angles";
-/// Name of the array that marks faces on horizons, which are no barriers to flow: bits of cells as
-/// in `feature_faces`, or pairs of cells for polyhedra and polygons.
-pub(crate) const HORIZON_FACES_ARRAY: &str = "horizon_faces";
-/// Name of the array with the nominal distance d at each node.
-pub(crate) const DISTANCE_ARRAY: &str = "distance";
-/// Field of welded Voronoi cells: the fraction of their size within which nodes are merged.
-pub(crate) const WELD_FIELD: &str = "weld";
-/// Field of meshes of columns that are offset at faults: upright faces with one cell that lie in no side
-/// of the box are at faults.
-pub(crate) const THROWS_FIELD: &str = "throws";
-/// Returns the unit of one of our arrays, from its name and the units of the coordinates; empty for
-/// numbers without unit, or if the unit is not known.
-pub(crate) fn array_unit<const D: usize>(array: &str, units: &[String; D]) -> String {
-    match array {
-        "min_dihedral" | "min_angle" | "min_dihedral_physical" | "min_angle_physical" => {
-            "degrees".to_string()
-        }
-        DISTANCE_ARRAY => "samples".to_string(),
-        "volume" | "area" if units.iter().all(|unit| *unit == units[0]) => {
-            match units[0].as_str() {
-                "" => String::new(),
-                unit => format!("{unit}^{D}"),
-            }
-        }
-        "volume" | "area" => units.join(" "),
-        _ => String::new(),
-    }
-}
-/// Field with the units of the coordinates, separated by commas.
-pub(super) const UNITS_FIELD: &str = "units";
-/// Field with the options that feature detection used.
-const FEATURES_FIELD: &str = "features";
-
 /// Returns the field with the options that feature detection used, so that a part of the mesh can
 /// be rebuilt in the same way.
 pub fn resolved_options_field(options: &[ResolvedOptions]) -> Option<(String, FieldValue)> {
@@ -455,22 +419,15 @@ pub fn resolved_options<M>(file: &MeshFile<M>) -> Option<Vec<ResolvedOptions>> {
     })
 }
 
-/// Returns the fields of every mesh file: provenance, and the position of lattice space.
-pub(crate) fn common_fields<const D: usize>(
-    geometry: &Geometry<D>,
-    step: [f64; D],
-    extent: [f64; D],
-    provenance: &Provenance,
-) -> Vec<(String, FieldValue)> {
-    let text = |text: &str| FieldValue::Text(text.to_string());
-    vec![
-        (UNITS_FIELD.into(), text(&geometry.units.join(","))),
-        ("atomesh_version".into(), text(env!("CARGO_PKG_VERSION"))),
-        ("parameters".into(), text(&provenance.parameters)),
-        ("input_sha256".into(), text(&provenance.input_sha256)),
-        ("origin".into(), FieldValue::F64s(geometry.origin.to_vec())),
-        ("axes".into(), FieldValue::F64s(geometry.axes.concat())),
-        ("lattice_step".into(), FieldValue::F64s(step.to_vec())),
-        ("lattice_extent".into(), FieldValue::F64s(extent.to_vec())),
-    ]
+/// Returns the field that stores the labels of an image.
+fn labels_field<const D: usize>(label_map: &LabelMap<D>) -> Option<(String, FieldValue)> {
+    let regions: Vec<LabelledRegion> = (label_map.labels.iter().zip(&label_map.names))
+        .zip(label_map.regions())
+        .map(|((&label, name), region)| LabelledRegion {
+            region,
+            label,
+            name: name.clone(),
+        })
+        .collect();
+    regions_field(&regions)
 }

@@ -1,13 +1,8 @@
 //! Surfaces that have names in the file of another program, as our files store them.
 
+use super::array_names::{SURFACE_FACES_FIELD, SURFACE_NAMES_FIELD};
 use super::{FieldValue, MeshFile};
 use crate::geometry::sorted_distinct;
-
-/// Field with the names of the surfaces, one per line.
-pub const SURFACE_NAMES_FIELD: &str = "surface_names";
-/// Field with the faces of named surfaces, three numbers each: the number of the surface, from 1,
-/// and its two cells.
-pub const SURFACE_FACES_FIELD: &str = "surface_faces";
 
 /// Named surfaces and their faces.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -63,7 +58,7 @@ impl NamedSurfaces {
     }
 
     /// Reads the surfaces of a file.
-    pub(super) fn from_file<M>(file: &MeshFile<M>) -> Self {
+    pub(crate) fn from_file<M>(file: &MeshFile<M>) -> Self {
         let (Some(FieldValue::Text(names)), Some(FieldValue::Ints(numbers))) = (
             file.field_value(SURFACE_NAMES_FIELD),
             file.field_value(SURFACE_FACES_FIELD),

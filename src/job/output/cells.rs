@@ -2,19 +2,17 @@
 
 use crate::parallel::prelude::*;
 
-use super::labels::labels_field;
-use super::named_surfaces::NamedSurfaces;
-use super::output::{
-    HORIZON_FACES_ARRAY, WELD_FIELD, common_fields, feature_names, live_array,
-    resolved_options_field,
-};
-use super::{FieldValue, MeshFile};
+use super::{feature_names, labels_field, live_array, resolved_options_field};
 use crate::files::vtk::DataArray;
 use crate::job::cells::to_world;
 use crate::job::horizons::horizon_flags;
 use crate::job::{MeshSpace, Meshing, Outcome};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, WELD_FIELD};
+use crate::mesh_file::lattice_space::common_fields;
+use crate::mesh_file::named_surfaces::NamedSurfaces;
+use crate::mesh_file::{FieldValue, MeshFile};
 
 /// Returns the Voronoi cells of a job in world coordinates, with the data of each cell.
 pub fn cell_mesh_file<const D: usize>(
@@ -67,7 +65,7 @@ where
     let mut cell_data = vec![
         DataArray::scalars(if D == 2 { "area" } else { "volume" }, volume),
         DataArray::scalars("on_feature", on_feature),
-        DataArray::scalars("distance", distance),
+        DataArray::scalars(DISTANCE_ARRAY, distance),
     ];
     cell_data.extend(live_array(outcome));
     MeshFile {

@@ -46,6 +46,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
+pub mod assess;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 #[allow(
@@ -59,6 +60,7 @@ pub mod cli;
     allow(dead_code, reason = "ranks are started by the command line")
 )]
 pub(crate) mod comm;
+pub mod edit;
 pub mod error;
 pub mod export;
 pub mod feature;
@@ -81,25 +83,25 @@ pub mod progress;
 pub mod report;
 pub mod store;
 pub mod surface_file;
+pub mod surfaces;
 pub(crate) mod units;
 pub(crate) mod well_file;
 
+pub use assess::{QualitySpec, ReportSpec, quality, report};
+pub use edit::{EditSpec, edit};
 pub use error::{Error, ErrorKind, Result};
 pub use export::convert::{ConvertSpec, convert};
-pub use export::surfaces::surfaces;
-pub use export::{ExportSpec, ReportSpec, export, report};
+pub use export::{ExportSpec, export};
 pub use image::synth::{SynthSpec, synth};
 pub use job::{FeatureSpec, MeshSpec, features, mesh};
 pub use model::columns::{ColumnsSpec, columns};
-pub use model::edit::{EditSpec, edit};
 pub use model::flow::{FlowSpec, flow};
 pub use model::paint::{PaintSpec, paint};
-pub use model::quality::{QualitySpec, quality};
 pub use model::segment::{SegmentSpec, segment};
 pub use model::slice::{SliceSpec, slice};
-pub use model::surface::SurfaceSpec;
 pub use model::validate::validate;
 pub use store::info;
+pub use surfaces::{SurfaceSpec, surfaces};
 
 /// Makes rustdoc test the examples of the README.
 #[cfg(doctest)]

@@ -68,6 +68,7 @@ use crate::image::formats::read_with_options;
 use crate::image::{Image, image_in_depth};
 use crate::progress::Progress;
 
+pub use crate::mesh::Space as MeshSpace;
 pub use crate::mesh::check::BOX_TOLERANCE;
 pub use crate::mesh_file::{Burden, Provenance};
 pub use checkpoint::Checkpoint;
@@ -75,7 +76,7 @@ pub use distributed::MeshShare;
 pub use features::{FeatureOutcome, FeatureSpec, features};
 pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
 pub use given_surfaces::FollowedSurface;
-pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
+pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, Meshing};
 pub use measure::scaled_mesh;
 pub(crate) use optimise::optimize_options;
 pub use output::lines::{write_feature_lines, write_lines};

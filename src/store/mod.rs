@@ -8,6 +8,7 @@
 //! - `pvd`: the lattice after each round, for ParaView
 //! - `foreign`: meshes of other programs
 //! - `info`: descriptions of files
+//! - `input`: the mesh of a verb, and the images that its options name
 //! - `named_sets`: sets of cells, faces and nodes that have names in files of other programs
 //! - `depth`: meshes converted from two-way time to depth
 //! - `mixed_elements`: cells of several shapes as polyhedra
@@ -17,6 +18,7 @@
 pub(crate) mod depth;
 mod foreign;
 pub(crate) mod info;
+pub(crate) mod input;
 mod mixed_elements;
 pub(crate) mod named_sets;
 mod padding;
@@ -35,6 +37,7 @@ pub use crate::mesh_file::{
 pub use depth::to_depth;
 pub use foreign::{read_any_mesh, read_any_mesh_with_notes};
 pub use info::{FileInfo, info};
+pub use input::{ImageInput, MeshInput};
 pub use padding::without_padding;
 pub use pvd::PvdSeries;
 pub use stored_mesh::{Storable, StoredMesh};

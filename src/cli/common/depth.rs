@@ -8,7 +8,7 @@ use crate::image::{self, DepthConversion, Geometry, Image};
 use crate::job::spec::NumberOrFile;
 
 use crate::job::MeshSpec;
-use crate::model::input::time_warning;
+use crate::store::input::time_warning;
 
 /// Converts an image to depth if a velocity is given. Returns the image, and the conversion if the
 /// image was resampled. Values of an image with `is_labels` are not interpolated.

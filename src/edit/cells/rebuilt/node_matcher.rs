@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::RebuiltCells;
+use crate::edit::cells::editable_cells::cells_of_nodes;
+use crate::edit::resolve::INFLUENCE_RADIUS;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{distance2, sorted};
 use crate::job::{MeshSpace, Meshing};
 use crate::lattice::optimize::temperature::{EDIT_RADIUS, relative_distance};
 use crate::mesh::poly::{FIRST_SIDE, Lists};
-use crate::model::edit::cells::editable_cells::cells_of_nodes;
-use crate::model::edit::resolve::INFLUENCE_RADIUS;
 
 /// Distance, in units of d, within which a new node counts as an old one.
 const NODE_TOLERANCE: f64 = 1e-7;

@@ -2,13 +2,13 @@
 
 use super::editable_cells::{ATOM_KIND, EditableCells, ON_FEATURE, volume_name};
 use super::patch::{CellPatch, NewCell};
+use crate::edit::{Summary, newest_fields};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::mesh::Mesh;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
 use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY};
-use crate::model::edit::{Summary, newest_fields};
 use crate::store::{FieldValue, MeshFile};
 use crate::{Error, Result};
 

@@ -4,11 +4,11 @@
 use std::path::Path;
 
 use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
-use super::survey_grid::SurveyGrid;
+use super::spec::{GroupBy, SurfaceSpec};
 use super::table::doubtful_throw_notes;
-use super::vtp::read_shapes;
-use super::{AnySurfaces, SurfaceFile};
 use crate::error::cause;
+use crate::export::surfaces::survey_grid::SurveyGrid;
+use crate::export::surfaces::vtp::read_shapes;
 use crate::feature::{self, DetectionOptions};
 use crate::files::vtk::DataArray;
 use crate::geometry::{normal, unit};
@@ -16,7 +16,6 @@ use crate::image::formats;
 use crate::image::placing::Frame;
 use crate::image::{Geometry, Image};
 use crate::mesh::Mesh;
-use crate::model::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
 use crate::model::slice::OverlayShape;
 use crate::model::surface::amplitude::{AmplitudeMeasures, measure_amplitudes, split_horizons};
 use crate::model::surface::earlier_names::{EarlierSurface, match_names};
@@ -27,15 +26,15 @@ use crate::model::surface::stored_surfaces::{
     group_facets, horizon_facets, named_faces, region_label, tagged_facets,
 };
 use crate::model::surface::{
-    GroupBy, Options, SurfaceKind, SurfaceMeasure, SurfaceSpec, Surfaces, facet_selection, measure,
+    Options, SurfaceKind, SurfaceMeasure, Surfaces, facet_selection, measure,
 };
 use crate::progress::{Progress, Stage};
+use crate::store::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
 use crate::store::{
     AnyMesh, LabelledRegion, LatticeSpace, MeshFile, Storable, StoredMesh, read_labels,
 };
-use crate::surface_file::FileOption;
-use crate::surface_file::has_extension;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
+use crate::surface_file::{AnySurfaces, FileOption, SurfaceFile, has_extension};
 use crate::{Error, Result};
 
 /// Default depth of the valleys of b(x) from which faces count as lying on features.

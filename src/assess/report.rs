@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
+use super::quality::{measure_cells, measure_simplices};
 use crate::error::{cause, io_error};
+use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::image::formats::{AnyImage, InputOptions};
-use crate::model::input::image_part;
-use crate::model::quality::{measure_cells, measure_simplices};
-use crate::model::{ImageInput, MeshInput};
 use crate::progress::{Progress, Stage};
 use crate::report::{Input, Report};
+use crate::store::input::image_part;
 use crate::store::{FieldValue, MeshFile, Storable, StoredMesh, with_mesh};
+use crate::store::{ImageInput, MeshInput};
 use crate::{Error, Result};
 
 /// Options of `atomesh report`.

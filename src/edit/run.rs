@@ -13,9 +13,9 @@ use crate::image::{Image, ImageSource};
 use crate::job::output::{with_image, with_live};
 use crate::job::spec::{CellKind, DistanceSource, NominalDistance};
 use crate::job::{MeshSpec, Params};
-use crate::model::input::{ImageInput, MeshInput};
 use crate::progress::Progress;
 use crate::report::Report;
+use crate::store::input::{ImageInput, MeshInput};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Storable, with_mesh};
 use crate::{Error, Result};
 

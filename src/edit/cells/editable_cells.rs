@@ -1,5 +1,7 @@
 //! Voronoi cells as a file stores them, prepared for edits.
 
+use crate::edit::resolve::EditLattice;
+use crate::edit::unknown_arrays;
 use crate::error::cause;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::job::{Params, lattice_points, lattice_well_paths};
@@ -9,8 +11,6 @@ use crate::mesh::Positions;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{Lists, NO_CELL, PolyMesh};
 use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
-use crate::model::edit::resolve::EditLattice;
-use crate::model::edit::unknown_arrays;
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, read_labels};
 use crate::{Error, Result};
 
@@ -130,7 +130,7 @@ impl<const D: usize> EditableCells<D> {
         })
     }
 
-    /// Returns the atoms in the form that [`resolve`](crate::model::edit::resolve) needs.
+    /// Returns the atoms in the form that [`resolve`](crate::edit::resolve) needs.
     pub fn lattice(&self) -> EditLattice<'_, D> {
         EditLattice {
             place: &self.place,

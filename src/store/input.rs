@@ -2,6 +2,9 @@
 
 use std::path::Path;
 
+use super::{
+    self as store, AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh, without_padding,
+};
 use crate::error::cause;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::read_velocities;
@@ -10,7 +13,6 @@ use crate::image::{Geometry, Image};
 use crate::mesh::Simplices;
 use crate::option_text::NumberOrFile;
 use crate::progress::Progress;
-use crate::store::{self, AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh, without_padding};
 use crate::{Error, Result};
 
 /// A mesh, and how to read the images that options name.

@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::heights::{bin_heights, height_grid, write_points};
-use super::sticks::{FaultSticks, write_charisma, write_sticks};
-use super::survey_grid::SurveyGrid;
-use super::table::{amplitude_table, interface_table, surface_table};
-use super::{AnySurfaces, SurfaceFile, table};
+use super::SurfaceSpec;
+use super::table::{self, amplitude_table, interface_table, surface_table};
 use crate::error::cause;
+use crate::export::surfaces::heights::{bin_heights, height_grid, write_points};
+use crate::export::surfaces::survey_grid::SurveyGrid;
 use crate::image::formats;
 use crate::image::formats::grids::{GRID_EXTENSIONS, displacement_note};
-use crate::model::surface::{SurfaceKind, SurfaceMeasure, SurfaceSpec};
+use crate::model::surface::{SurfaceKind, SurfaceMeasure};
 use crate::names::NameRules;
 use crate::store::AnyMesh;
-use crate::surface_file::has_extension;
+use crate::surface_file::sticks::{FaultSticks, write_charisma, write_sticks};
+use crate::surface_file::{AnySurfaces, SurfaceFile, has_extension};
 use crate::{Error, Result};
 
 /// File endings of the surface formats that can be written.

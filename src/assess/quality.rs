@@ -13,10 +13,10 @@ use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh_file::array_names::DISTANCE_ARRAY;
-use crate::model::MeshInput;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::angles::mean_edge_lengths;
 use crate::report::{self, AngleAssessment, Quality, Reference, Report};
+use crate::store::MeshInput;
 use crate::store::{LatticeSpace, StoredMesh, with_mesh};
 use crate::{Error, Result};
 

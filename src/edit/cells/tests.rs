@@ -3,6 +3,7 @@ use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::*;
+use crate::edit::tests::{coordinate_bits, image, named_edits, refusal, world_position};
 use crate::feature::FeatureKind;
 use crate::geometry::distance2;
 use crate::geometry::squared_distance_to_face;
@@ -11,7 +12,6 @@ use crate::job::{self, BOX_TOLERANCE, CellKind};
 use crate::mesh::Mesh;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
-use crate::model::edit::tests::{coordinate_bits, image, named_edits, refusal, world_position};
 use crate::progress::NoProgress;
 use crate::store::StoredMesh;
 

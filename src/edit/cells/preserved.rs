@@ -1,12 +1,12 @@
 //! The faces, nodes and cells that stay unchanged around an edit.
 
 use super::editable_cells::EditableCells;
+use crate::edit::window::EditWindow;
 use crate::geometry::squared_distance_to_face;
 use crate::geometry::{add_scaled, distance2};
 use crate::lattice::optimize::temperature::relative_distance;
 use crate::mesh::Mesh;
 use crate::mesh::voronoi::conform::FacetSurface;
-use crate::model::edit::window::EditWindow;
 
 /// Distance, in units of d but at least one sample, within which a face on a feature and a feature
 /// surface count as the same.

@@ -8,6 +8,8 @@ use super::patch::{CellNeighbourhood, CellPatch, NewCell, PatchFace, PlacedAtom}
 use super::preserved::{FeatureChanges, PreservedParts};
 use crate::Result;
 use crate::comm::SelfComm;
+use crate::edit::local_fields::LocalFields;
+use crate::edit::resolve::INFLUENCE_RADIUS;
 use crate::geometry::{add_scaled, distance2};
 use crate::job::cells::{RelaxOptions, cut_even_cells, relax_atoms};
 use crate::job::horizons::horizon_flags;
@@ -17,8 +19,6 @@ use crate::lattice::optimize::temperature::relative_distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
 use crate::mesh::voronoi::conform::{ConformingSites, FacetGrid, FacetSurface, SiteRegion};
-use crate::model::edit::local_fields::LocalFields;
-use crate::model::edit::resolve::INFLUENCE_RADIUS;
 use crate::progress::{CancelToken, TokenProgress};
 use node_matcher::NodeMatcher;
 

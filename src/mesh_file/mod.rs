@@ -1,7 +1,7 @@
 //! Mesh files as values, and the files that atomesh writes: a mesh in physical coordinates, with the
 //! arrays and fields that belong to it.
 //!
-//! [`store`](crate::store) reads these files, and those of other programs.
+//! `store` reads these files, and those of other programs.
 //!
 //! - `array_names`: names of arrays and fields
 //! - `vtu`: writes VTK unstructured grids of simplices, our own mesh format

@@ -212,8 +212,7 @@ pub struct SizeEstimate {
 /// at once (in [`Stage::Triangulating`] and [`Stage::Cutting`]). A program that must end sooner has to
 /// end its process, as the command line does.
 ///
-/// The result of a job that was stopped has the `stop` reason
-/// [`StopReason::Interrupted`](crate::lattice::optimize::StopReason::Interrupted). Every stage
+/// The result of a job that was stopped has the `stop` reason `StopReason::Interrupted`. Every stage
 /// polls again: if `keep_going` continues to return `false`, all later stages are shortened as
 /// well.
 pub trait Progress: Send {

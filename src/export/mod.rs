@@ -29,7 +29,7 @@
 //!   elements
 //! - [`surfaces`]: labelled surfaces
 //! - [`page`]: a page for the browser that shows a mesh with its image and its report
-//! - `containers`: numbers as text and as bytes, and container files
+//! - `containers`: numbers as bytes, and container files
 //! - `names`: the names of a model's objects in one export
 //! - `values`: values of each cell as arrays
 //! - `companion`: the VTU beside a file whose format does not hold the shapes of cells
@@ -48,8 +48,8 @@ mod spec;
 pub mod surfaces;
 pub(crate) mod values;
 
+pub use crate::surface_file::obj::write_obj;
 pub use format::{ExportContent, ExportFormat, formats};
-pub use meshers::obj::write_obj;
 pub use run::{ExportOutcome, export};
 pub use spec::{ExportSpec, GridCounts};
 pub use surfaces::SurfaceFile;

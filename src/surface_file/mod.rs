@@ -9,6 +9,7 @@
 //! - `file_option`: files of positions as values of options
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 //! - `placed`: brings such a surface into the frame of an image
+//! - `write`: the choice of the format, and of the names in it
 
 pub(crate) mod file_option;
 pub mod interpretation;
@@ -23,6 +24,7 @@ pub mod sticks;
 pub mod stl;
 pub mod tsurf;
 pub mod vtp;
+mod write;
 
 use std::path::Path;
 

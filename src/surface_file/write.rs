@@ -4,13 +4,13 @@ use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
+use super::obj::write_obj;
 use super::tsurf::write_tsurf;
 use super::vtp::write_vtp;
+use super::{SurfaceFile, has_extension};
 use crate::Result;
-use crate::export::write_obj;
 use crate::files::atomic_write;
 use crate::names::{NameEntry, NameRules, NameTable, WantedName, assign};
-use crate::surface_file::{SurfaceFile, has_extension};
 
 /// Surfaces with their names in a file.
 pub(crate) struct WrittenSurfaces<'a, const D: usize> {
@@ -87,9 +87,9 @@ impl<const D: usize> SurfaceFile<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::surfaces::vtp::read_surfaces;
-    use crate::export::{Gocad, read_gocad, write_obj, write_tsurf, write_vtp};
     use crate::files::vtk::{DataArray, Values, VtkFile};
+    use crate::surface_file::tsurf::{Gocad, read_gocad};
+    use crate::surface_file::vtp::read_surfaces;
     use std::collections::BTreeMap;
     use std::path::Path;
 

@@ -291,6 +291,15 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
 /// Largest relative difference between the volume of the cells and that of their box.
 const VOLUME_TOLERANCE: f64 = 1e-6;
 
+/// Returns the share of each cell that holds data, if a mesh file has the array: one number from 0 to
+/// 1 for each of `cells` cells.
+pub(crate) fn read_live(cell_data: &[DataArray], cells: usize) -> Option<Vec<f64>> {
+    let array = cell_data.iter().find(|array| array.name == LIVE_ARRAY)?;
+    let shares = array.values.to_f64();
+    let is_share = |share: &f64| (0.0..=1.0).contains(share);
+    (array.components == 1 && shares.len() == cells && shares.iter().all(is_share))
+        .then_some(shares)
+}
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -404,14 +413,4 @@ pub(super) mod tests {
         let error = StoredMesh::new(none, "a.vtu").unwrap_err().to_string();
         assert!(error.contains("holds no polyhedra"), "{error}");
     }
-}
-
-/// Returns the share of each cell that holds data, if a mesh file has the array: one number from 0 to
-/// 1 for each of `cells` cells.
-pub(crate) fn read_live(cell_data: &[DataArray], cells: usize) -> Option<Vec<f64>> {
-    let array = cell_data.iter().find(|array| array.name == LIVE_ARRAY)?;
-    let shares = array.values.to_f64();
-    let is_share = |share: &f64| (0.0..=1.0).contains(share);
-    (array.components == 1 && shares.len() == cells && shares.iter().all(is_share))
-        .then_some(shares)
 }

@@ -116,7 +116,7 @@ fn unit_of_remark(text: &str) -> Option<&str> {
 /// Writes surfaces. Coordinates have all digits.
 ///
 /// # Errors
-/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns [`Error::Io`] if the file cannot be written.
 pub fn write_obj<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
     let mut batch = Batch::default();
     let names = file.written_names(&NameRules::UNSPACED);
@@ -127,7 +127,7 @@ pub fn write_obj<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<(
 /// Adds surfaces, as [`write_obj`] writes them, to a batch of files, with these comments at the head.
 ///
 /// # Errors
-/// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
+/// Returns [`Error::Io`] if the file cannot be written.
 pub fn add_obj<const D: usize>(
     batch: &mut Batch,
     path: &Path,

@@ -3,27 +3,40 @@
 //! atoms joined into tetrahedra (Hale 2001, 2002).
 //!
 //! ```text
-//! error     the error type: place, problem and remedy
-//! option_text values of options as texts
-//! units     units of length and time, and their names
-//! progress  reports progress, and stops long work
-//! memory    checks that a task fits into memory
-//! parallel  parallel iterators
-//! geometry  vectors, cell lists, union-find: what all other modules use
-//! files     files that appear complete or not at all; VTK's XML format; values as bytes
-//! comm      processes that share a job, or one process alone; the crate `atomesh-mpi` runs it with MPI
-//! image     samples and their position in the world; formats, synthetic images
-//! surface_file surfaces in files of their own: picks of interpreters, and what programs exchange
-//! mesh      cells, their checks and measures; Delaunay triangulations, Voronoi cells
-//! feature   image -> points on features, and the potential b(x) with valleys on them
-//! lattice   positions of atoms: distance, seeding, energy, optimisation
-//! improve   removes slivers and keeps features
-//! report    the quality of a mesh, and its cost
-//! job       all of the above in order: image in, mesh out
-//! store     meshes in files, in the image's physical coordinates
-//! model     uses of a mesh: surfaces, paint, flow, columns, reservoir models, edits
-//! export    meshes and models for other programs; a page for the browser
-//! cli       the command line (feature `cli`)
+//!               ground: what images, meshes and their files are
+//! error         the error type: place, problem and remedy
+//! memory        checks that a task fits into memory
+//! progress      reports progress, stops long work, and measures its cost
+//! parallel      parallel iterators
+//! option_text   values of options as texts
+//! units         units of length and time, and their names
+//! names         names of objects by the rules of a format
+//! geometry      vectors, cell lists, union-find: what all other modules use
+//! files         files that appear complete or not at all; VTK's XML format; values as bytes
+//! comm          processes that share a job, or one process alone; the crate `atomesh-mpi` runs it with MPI
+//! image         samples and their position in the world; formats, synthetic images
+//! mesh          cells, their checks and measures; Delaunay triangulations, Voronoi cells
+//! mesh_file     mesh files as values, and their writers
+//! surface_file  surfaces in files of their own: picks of interpreters, and what programs exchange
+//! well_file     trajectories of wells in files
+//!
+//!               mesher: image in, mesh out
+//! feature       image -> points on features, and the potential b(x) with valleys on them
+//! lattice       positions of atoms: distance, seeding, energy, optimisation
+//! improve       removes slivers and keeps features
+//! report        the quality of a mesh
+//! job           all of the above in order
+//!
+//!               uses: what is done with a mesh
+//! store         meshes from files
+//! model         surfaces, paint, flow, columns, reservoir models, pictures
+//! export        meshes and models for other programs; a page for the browser
+//!
+//!               roof: what needs both the mesher and the uses
+//! edit          edits of a mesh: atoms are added, moved and removed
+//! assess        quality of a mesh from a file, and a page with it
+//! surfaces      surfaces of a mesh, also by the features of an image
+//! cli           the command line (feature `cli`)
 //! ```
 //!
 //! [`mesh`](mesh()) makes a mesh from an image and its options. [`job::run`] does the same with parameters
@@ -46,6 +59,7 @@
 //! # Ok::<(), atomesh::Error>(())
 //! ```
 
+pub mod assess;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 #[allow(
@@ -59,6 +73,7 @@ pub mod cli;
     allow(dead_code, reason = "ranks are started by the command line")
 )]
 pub(crate) mod comm;
+pub mod edit;
 pub mod error;
 pub mod export;
 pub mod feature;
@@ -71,6 +86,7 @@ pub mod job;
 pub mod lattice;
 pub mod memory;
 pub mod mesh;
+pub mod mesh_file;
 pub mod model;
 #[doc(hidden)]
 pub mod names;
@@ -80,24 +96,25 @@ pub mod progress;
 pub mod report;
 pub mod store;
 pub mod surface_file;
+pub mod surfaces;
 pub(crate) mod units;
+pub(crate) mod well_file;
 
+pub use assess::{QualitySpec, ReportSpec, quality, report};
+pub use edit::{EditSpec, edit};
 pub use error::{Error, ErrorKind, Result};
 pub use export::convert::{ConvertSpec, convert};
-pub use export::surfaces::surfaces;
-pub use export::{ExportSpec, ReportSpec, export, report};
+pub use export::{ExportSpec, export};
 pub use image::synth::{SynthSpec, synth};
 pub use job::{FeatureSpec, MeshSpec, features, mesh};
 pub use model::columns::{ColumnsSpec, columns};
-pub use model::edit::{EditSpec, edit};
 pub use model::flow::{FlowSpec, flow};
 pub use model::paint::{PaintSpec, paint};
-pub use model::quality::{QualitySpec, quality};
 pub use model::segment::{SegmentSpec, segment};
 pub use model::slice::{SliceSpec, slice};
-pub use model::surface::SurfaceSpec;
 pub use model::validate::validate;
 pub use store::info;
+pub use surfaces::{SurfaceSpec, surfaces};
 
 /// Makes rustdoc test the examples of the README.
 #[cfg(doctest)]

@@ -41,6 +41,7 @@ mod inactive;
 mod interrupt;
 mod label_faults;
 mod labels;
+mod layers;
 mod live;
 mod mesh;
 mod meshers;

@@ -24,15 +24,16 @@ use crate::cli::provenance::file_hash;
 use crate::cli::time_left::TimeLeft;
 use crate::comm::Comm;
 use crate::export::SurfaceFile;
-use crate::export::surfaces::{AnySurfaces, SurfaceOutcome};
 use crate::image::formats::stream::OpenedImage;
 use crate::image::formats::{self, AnyImage, InputOptions, ReadImage};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
-use crate::model::surface::SurfaceSpec;
-use crate::model::{ImageInput, MeshInput};
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, MeshFile, Storable, read_any_mesh_with_notes};
+use crate::store::{ImageInput, MeshInput};
+use crate::surface_file::AnySurfaces;
+use crate::surfaces::SurfaceOutcome;
+use crate::surfaces::SurfaceSpec;
 use crate::{Error, Result};
 
 /// The console of a verb: a [`Host`] with some convenience methods.

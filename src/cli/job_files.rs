@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use crate::cli::common::output::{check_output, same_file};
 use crate::error::cause;
 use crate::job::MeshSpec;
+use crate::job::output::no_partitions_error;
 use crate::job::spec::{CellKind, DistanceSource, NumberOrFile};
-use crate::store::output::no_partitions_error;
-use crate::store::pvtu::is_pvtu;
+use crate::mesh_file::pvtu::is_pvtu;
 use crate::{Error, Result};
 
 /// Returns the path of the mesh: the one that the options name, or one in this folder that is named

@@ -7,9 +7,9 @@ use super::values::rock_arrays;
 use crate::Result;
 use crate::files::Batch;
 use crate::files::vtk::{ArrayPacking, DataArray};
+use crate::mesh_file::polyhedra::add_cells_vtu;
 use crate::model::reservoir::Model;
 use crate::store::FieldValue;
-use crate::store::polyhedra::add_cells_vtu;
 
 /// Adds the companion VTU to the files of a model.
 ///

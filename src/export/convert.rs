@@ -17,9 +17,9 @@ use crate::image::formats::{
     self, AnyImage, ImageFormat, InputOptions, LoadedImage, OpenedImage, ReadOptions, SegyBytes,
     StreamedImage, can_stream, extension,
 };
+use crate::image::image_in_depth;
 use crate::image::stated::StatedCoordinates;
-use crate::job::depth::image_in_depth;
-use crate::job::spec::NumberOrFile;
+use crate::option_text::NumberOrFile;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::surface_file::obj::read_obj;
 use crate::surface_file::ply::read_ply;

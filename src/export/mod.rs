@@ -29,8 +29,7 @@
 //!   elements
 //! - [`surfaces`]: labelled surfaces
 //! - [`page`]: a page for the browser that shows a mesh with its image and its report
-//! - `report`: writes this page, from options to a file
-//! - `containers`: numbers as text and as bytes, and container files
+//! - `containers`: numbers as bytes, and container files
 //! - `names`: the names of a model's objects in one export
 //! - `values`: values of each cell as arrays
 //! - `companion`: the VTU beside a file whose format does not hold the shapes of cells
@@ -43,16 +42,14 @@ pub mod format;
 pub mod meshers;
 pub(crate) mod names;
 pub mod page;
-mod report;
 mod run;
 pub mod simulators;
 mod spec;
 pub mod surfaces;
 pub(crate) mod values;
 
+pub use crate::surface_file::obj::write_obj;
 pub use format::{ExportContent, ExportFormat, formats};
-pub use meshers::obj::write_obj;
-pub use report::{ReportSpec, report};
 pub use run::{ExportOutcome, export};
 pub use spec::{ExportSpec, GridCounts};
 pub use surfaces::SurfaceFile;

@@ -9,7 +9,6 @@ use super::names::ExportNames;
 use super::spec::{ExportSpec, no_effect_error};
 use super::{ExportContent, ExportFormat};
 use crate::Result;
-use crate::model::MeshInput;
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
@@ -18,7 +17,8 @@ use crate::model::reservoir::{
 };
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
-use crate::store::output::read_live;
+use crate::store::MeshInput;
+use crate::store::stored_mesh::read_live;
 
 /// A model that was written.
 #[derive(Debug, Clone)]

@@ -11,7 +11,6 @@
 //! - `outcome`: what was found of each kind, and how credible it is
 //! - `world_dip`: dips of surfaces in the world
 //! - `confidence`: contrasts of faults and horizons in amplitudes, over those at random places
-//! - `traces`: traces on the two sides of a fault
 //! - `doubt`: decisions that the image leaves open
 //! - `given`: surfaces that the user gives, as features
 //! - `resolved`: scales and thresholds of a whole image, to be used again for a part of it
@@ -76,7 +75,6 @@ pub(crate) mod resolved;
 pub(crate) mod ridges;
 pub(crate) mod structure_tensor;
 pub(crate) mod surfaces;
-pub(crate) mod traces;
 pub(crate) mod volume;
 pub(crate) mod voxel_index;
 pub(crate) mod windows;

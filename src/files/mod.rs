@@ -3,6 +3,7 @@
 //! - [`atomic`]: files and folders that appear completely or not at all
 //! - [`codec`]: binary encoding of values
 //! - [`table`]: tables in text files
+//! - `text`: numbers as text, fast
 //! - [`open`](fn@open), [`read`]: open or read regular files only, no folders and no pipes
 //! - [`read_exact_at`]: reads parts of one file from many threads at once
 //! - [`vtk`]: reads and writes VTK's XML container, and reads legacy VTK files
@@ -12,6 +13,7 @@ pub mod codec;
 mod open;
 mod read_at;
 pub mod table;
+pub(crate) mod text;
 pub mod vtk;
 
 pub use atomic::{

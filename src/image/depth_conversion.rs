@@ -9,10 +9,12 @@ use crate::parallel::prelude::*;
 use ndarray::{ArrayD, Axis, Dimension, IxDyn, Zip};
 
 use super::time_depth::TimeDepthCurve;
-use super::velocity::VelocityModel;
+use super::velocity::{VelocityModel, read_velocities};
 use crate::error::cause;
-use crate::image::{Geometry, Image, ScalarField};
+use crate::image::formats::ReadImage;
+use crate::image::{Geometry, Image, Modality, ScalarField};
 use crate::memory;
+use crate::option_text::NumberOrFile;
 use crate::{Error, Result};
 
 /// Mapping of images on one grid in two-way time to a grid in depth.
@@ -273,6 +275,34 @@ impl<const D: usize> DepthConversion<D> {
             0 => converted.with_missing(image.missing.clone()),
             _ => converted,
         })
+    }
+}
+
+/// Converts an image to depth if a velocity is given. Returns the image, and the conversion if the
+/// image was resampled. Values of an image with `is_labels` are not interpolated.
+///
+/// # Errors
+/// Returns the errors of reading velocities, and [`Error::Image`] for velocities that do not fit
+/// the image.
+pub(crate) fn image_in_depth<const D: usize>(
+    mut image: Image<D>,
+    velocity: Option<&NumberOrFile>,
+    is_labels: bool,
+    read: ReadImage<'_>,
+) -> Result<(Image<D>, Option<DepthConversion<D>>)> {
+    match velocity {
+        None => Ok((image, None)),
+        Some(NumberOrFile::Constant(velocity)) => {
+            image.geometry = image.geometry.to_depth(*velocity)?.0;
+            Ok((image, None))
+        }
+        Some(NumberOrFile::File(path)) => {
+            let dims = image.dims();
+            let velocities = read_velocities(path, &image.geometry, |volume| volume == dims, read)?;
+            let conversion = DepthConversion::new(&image, velocities)?;
+            let is_labels = is_labels || image.label_evidence(Modality::Survey).is_some();
+            Ok((conversion.apply(&image, is_labels)?, Some(conversion)))
+        }
     }
 }
 

@@ -20,11 +20,15 @@
 //! - `point_nulls`: finds points whose z is a null value
 //! - `stated`: statements of files and options about coordinates
 //! - `placing`: brings positions that a user gives into the frame of an image
+//! - `fault_traces`: traces on the two sides of a fault, and the lag at which they agree
+//! - `contrast`: the contrast of faults and horizons over that at random places
 //! - `formats`: image files
 //! - `synth`: synthetic images with exactly known features
 
 pub(crate) mod check;
+pub(crate) mod contrast;
 pub(crate) mod depth_conversion;
+pub(crate) mod fault_traces;
 pub(crate) mod field;
 pub mod formats;
 pub(crate) mod geometry;
@@ -45,6 +49,7 @@ pub(crate) mod velocity;
 
 pub use check::Stats;
 pub use depth_conversion::DepthConversion;
+pub(crate) use depth_conversion::image_in_depth;
 pub use field::ScalarField;
 pub use geometry::{Geometry, NoAngles};
 pub use labels::{ExactLabels, LabelTable, LabelValue};
@@ -58,6 +63,7 @@ pub(crate) use sparse_field::MissFlag;
 pub use sparse_field::SparseField;
 pub use time::{NoDepthReason, TimeCoordinate};
 pub use time_depth::TimeDepthCurve;
+pub(crate) use velocity::read_velocities;
 pub use velocity::{VelocityCoverage, VelocityModel};
 
 use std::sync::Arc;

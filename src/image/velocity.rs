@@ -4,10 +4,13 @@
 //! Velocities are interpolated linearly between samples, horizontally and in time. Beyond the grid
 //! they are those of the nearest sample.
 
+use std::path::Path;
+
 use super::time::{MAX_VELOCITY, MIN_VELOCITY};
 use super::time_depth::TimeDepthCurve;
 use crate::error::cause;
 use crate::geometry::grid_index::{for_each_corner, index_at};
+use crate::image::formats::{InputOptions, ReadImage};
 use crate::image::{Geometry, Image};
 use crate::{Error, Result, memory};
 
@@ -317,6 +320,31 @@ impl<const D: usize> std::fmt::Display for BoundingBox<D> {
         }
         Ok(())
     }
+}
+
+/// Reads a volume of velocities. A volume without a position of its own gets that of `time`, the
+/// geometry of the image, if `fits` accepts its dimensions.
+///
+/// # Errors
+/// Returns the errors of reading, and [`Error::Image`] for velocities of another dimension.
+pub(crate) fn read_velocities<const D: usize>(
+    path: &Path,
+    time: &Geometry<D>,
+    fits: impl Fn([usize; D]) -> bool,
+    read: ReadImage<'_>,
+) -> Result<VelocityModel<D>> {
+    let name = path.display().to_string();
+    let mut image: Image<D> = read(path, &InputOptions::default())?
+        .into_image()
+        .ok_or_else(|| {
+            let problem = format!("is not a {D}-D image, but the image in time is {D}-D");
+            let remedy = "give velocities with as many axes";
+            Error::Image(cause(format!("velocity {name}"), problem, remedy))
+        })?;
+    if image.geometry == Geometry::default() && fits(image.dims()) {
+        image.geometry = time.clone();
+    }
+    VelocityModel::new(image, &name)
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Makes Voronoi cells more equal in size: atoms are added where there is room, removed where there
 //! is none, and moved to the centroids of their cells.
 
-use super::join::{MeshSpace, Meshing};
 use super::local_cells::{LocalCells, neighbours};
 use super::skew_faces::{Room, SkewFaces, steps};
+use super::{MeshSpace, Meshing};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};

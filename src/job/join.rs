@@ -28,20 +28,13 @@ use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::view::MeshView;
 use crate::mesh::voronoi;
-use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::mesh::{Dimension, Simplices, Space as MeshSpace, TetMesh, TriMesh};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{AngleAssessment, Improvement, PaddingReport};
 use crate::{Error, Result};
 
-/// Marker of the plane (`D` = 2) or of space (`D` = 3).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MeshSpace<const D: usize>;
-
 /// A space in which meshes are made.
-pub trait Meshing<const D: usize> {
-    /// Type of the mesh: triangles or tetrahedra.
-    type Mesh: Simplices<D> + Codec;
-
+pub trait Meshing<const D: usize>: Dimension<D, Mesh: Simplices<D> + Codec> {
     /// Runs a job as [`run_from`](super::run_from) does. It is compiled once with this crate and
     /// not again in each crate that meshes.
     ///
@@ -250,7 +243,7 @@ pub(super) fn snap_distance<const D: usize>(scene: &MeshScene<'_, D>) -> f64 {
 /// Adds the faces that close holes to the faces on features (`marks`), or on the feature surface of
 /// this number alone.
 pub(super) fn close_holes<const D: usize>(
-    mesh: &<MeshSpace<D> as Meshing<D>>::Mesh,
+    mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
     neighbors: &[u32],
     scene: &MeshScene<'_, D>,
     surface: Option<u32>,
@@ -291,9 +284,9 @@ where
 
 /// Closes holes in a part of a mesh.
 fn close_partition_holes<const D: usize>(
-    mut part: ReshapeResult<<MeshSpace<D> as Meshing<D>>::Mesh>,
+    mut part: ReshapeResult<<MeshSpace<D> as Dimension<D>>::Mesh>,
     scene: &MeshScene<'_, D>,
-) -> std::result::Result<ReshapeResult<<MeshSpace<D> as Meshing<D>>::Mesh>, ReshapeError>
+) -> std::result::Result<ReshapeResult<<MeshSpace<D> as Dimension<D>>::Mesh>, ReshapeError>
 where
     MeshSpace<D>: Meshing<D>,
 {
@@ -345,8 +338,6 @@ fn improve_slabs(
 }
 
 impl Meshing<3> for MeshSpace<3> {
-    type Mesh = TetMesh;
-
     fn run(
         source: ImageSource<'_, 3>,
         params: &Params<3>,
@@ -499,8 +490,6 @@ impl Meshing<3> for MeshSpace<3> {
 }
 
 impl Meshing<2> for MeshSpace<2> {
-    type Mesh = TriMesh;
-
     fn run(
         source: ImageSource<'_, 2>,
         params: &Params<2>,

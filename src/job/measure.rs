@@ -11,15 +11,12 @@ use crate::comm::Comm;
 use crate::feature::{FeaturePoint, Features};
 use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
-use crate::mesh::check::{Check, CheckHints, check_view};
+use crate::mesh::check::{BOX_TOLERANCE, Check, CheckHints, check_view};
 use crate::mesh::view::MeshView;
 use crate::progress::CancelToken;
 use crate::report::{
     self, AngleAssessment, Fidelity, Improvement, LatticeReport, Quality, Reference, Report,
 };
-
-/// Tolerance of the volume of the mesh, and of the flatness of sides, relative to the box.
-pub const BOX_TOLERANCE: f64 = 1e-9;
 
 /// A mesh in lattice space, and the features with which it is compared.
 pub(super) struct MeasuredMesh<'a, const D: usize, M> {

@@ -3,7 +3,7 @@
 //!
 //! - [`spec`]: all options, as one value
 //! - `params`: the options, and the content of the files that they name
-//! - `depth`: conversion of images from two-way time to depth
+//! - `depth`: converts the images among the parameters from two-way time to depth
 //! - `run`: runs all stages of a job
 //! - `checkpoint`: results of stages, stored in a folder so that an interrupted job can continue
 //! - `stages`: reports each stage to the clock and the caller
@@ -20,6 +20,7 @@
 //! - `equalise`: makes Voronoi cells more equal in size
 //! - `skew_faces`: moves atoms at faces far beside the line between their cells
 //! - `padding`: cells beyond the image
+//! - `output`: the mesh as a file, and files of lines and feature points
 //! - `topography`: the surface at which those above it end
 //! - `measure`: quality and fidelity of the mesh
 //! - `regions`: labels of cells, and faces where labels change
@@ -28,7 +29,7 @@
 //! - `live`: the share of each cell that holds data
 //! - `features`: detects features alone
 //! - `placed_points`: wells and fixed atoms in the frame of the image
-//! - `well_file`, `atom_file`: trajectories of wells and fixed atoms in tables
+//! - `atom_file`: fixed atoms in tables
 //!
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
 //! result into physical coordinates.
@@ -37,7 +38,7 @@ pub(crate) mod atom_file;
 mod canny;
 pub(crate) mod cells;
 mod checkpoint;
-pub(crate) mod depth;
+mod depth;
 mod distributed;
 mod equalise;
 mod estimate;
@@ -51,6 +52,7 @@ mod local_cells;
 mod measure;
 mod named_faces;
 mod optimise;
+pub(crate) mod output;
 pub(crate) mod padding;
 mod params;
 mod placed_points;
@@ -62,25 +64,29 @@ mod skew_faces;
 pub mod spec;
 mod stages;
 mod topography;
-pub(crate) mod well_file;
 
 use crate::Result;
-use crate::image::Image;
 use crate::image::formats::read_with_options;
+use crate::image::{Image, image_in_depth};
 use crate::progress::Progress;
 
+pub use crate::mesh::Space as MeshSpace;
+pub use crate::mesh::check::BOX_TOLERANCE;
+pub use crate::mesh_file::{Burden, Provenance};
 pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
 pub use features::{FeatureOutcome, FeatureSpec, features};
 pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
 pub use given_surfaces::FollowedSurface;
-pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, MeshSpace, Meshing};
-pub use measure::{BOX_TOLERANCE, scaled_mesh};
+pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, Meshing};
+pub use measure::scaled_mesh;
 pub(crate) use optimise::optimize_options;
-pub use padding::{Burden, PaddingCells};
+pub use output::lines::{write_feature_lines, write_lines};
+pub use output::points::write_feature_points;
+pub use padding::PaddingCells;
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use placed_points::PointFile;
-pub use run::{MeshResult, Outcome, Provenance, RunOptions, run, run_from};
+pub use run::{MeshResult, Outcome, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};
 pub use stages::StageRunner;
 
@@ -114,7 +120,7 @@ where
     }
     params.note_time_unit(&image.geometry);
     let is_labels = params.spec.feature.has_labels();
-    let (image, conversion) = depth::image_in_depth(
+    let (image, conversion) = image_in_depth(
         image.clone(),
         spec.velocity.as_ref(),
         is_labels,

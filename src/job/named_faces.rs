@@ -14,7 +14,7 @@ use crate::geometry::to_3d;
 use crate::improve::regions::AnchoredNodes;
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
-use crate::mesh::{Mesh, Simplices};
+use crate::mesh::{Dimension, Mesh, Simplices};
 use crate::progress::CancelToken;
 
 /// Returns for each face of a mesh of simplices the index in
@@ -25,7 +25,7 @@ use crate::progress::CancelToken;
 /// # Errors
 /// Returns the errors of [`seal`](crate::improve::seal).
 pub(super) fn close_given_surfaces<const D: usize>(
-    mesh: &<MeshSpace<D> as Meshing<D>>::Mesh,
+    mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
     neighbors: &[u32],
     scene: &MeshScene<'_, D>,
     marks: &mut [u8],
@@ -70,7 +70,7 @@ pub(super) fn with_named(marks: &[u8], names: &[u32]) -> Vec<u8> {
 
 /// Returns the nodes of faces with names, which stay on the given surfaces; `None` if there are none.
 pub(super) fn anchored_nodes<const D: usize>(
-    mesh: &<MeshSpace<D> as Meshing<D>>::Mesh,
+    mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
     names: &[u32],
     scene: &MeshScene<'_, D>,
 ) -> Option<AnchoredNodes>

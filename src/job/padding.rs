@@ -25,6 +25,7 @@ use crate::mesh::check::check;
 use crate::mesh::complex::{NONE, neighbors};
 use crate::mesh::delaunay::distributed_delaunay_with_neighbors;
 use crate::mesh::{FACES, TetMesh};
+use crate::mesh_file::Burden;
 use crate::parallel::prelude::*;
 use crate::progress::{CancelToken, Stage};
 use crate::report::{PaddingRegion, PaddingReport, quality};
@@ -43,31 +44,6 @@ const MAX_DISTANCE_SAMPLES: [usize; 2] = [128, 256];
 
 /// Distance from the side below which no atom of a layer may be, in units of d.
 const MIN_HEIGHT: f64 = 0.4;
-
-/// Parts of a mesh beyond the image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Burden {
-    /// Above the image and its sides.
-    Over,
-    /// Below the image and its sides.
-    Under,
-    /// Beside the image.
-    Side,
-}
-
-impl Burden {
-    /// All parts, in the order of their regions.
-    pub const ALL: [Self; 3] = [Self::Over, Self::Under, Self::Side];
-
-    /// Returns the name of the region.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Over => "overburden",
-            Self::Under => "underburden",
-            Self::Side => "sideburden",
-        }
-    }
-}
 
 /// The part of a mesh that continues beyond the image, in the image's lattice space.
 #[derive(Debug, Clone)]

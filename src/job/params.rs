@@ -12,7 +12,6 @@ use super::placed_points::PointFile;
 use super::spec::{
     DistanceSource, FileOption, MeshSpec, Metric, NominalDistance, NumberOrFile, SeedingKind,
 };
-use super::well_file::WellFile;
 use crate::error::cause;
 use crate::feature::{self, FeatureKind, LabelOptions};
 use crate::geometry::norm;
@@ -21,6 +20,7 @@ use crate::image::{Geometry, Image, ImageSource, LabelTable, LabelValue, Modalit
 use crate::improve::Effort;
 use crate::lattice::seeding::{self, Seeding};
 use crate::names::append_distinct;
+use crate::well_file::WellFile;
 use crate::{Error, Result};
 
 /// Nominal distance between atoms, in units of [`MeshSpec::metric`] (for Canny's points in

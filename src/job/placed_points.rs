@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 
-use super::well_file::SurveyOffsets;
 use super::{FixedAtom, Params, WellPath};
 use crate::Result;
 use crate::error::{Error, cause};
@@ -13,6 +12,7 @@ use crate::image::placing::{Frame, GivenFile, MAX_TESTED_POINTS};
 use crate::image::point_nulls::{NullSearch, consecutive_pairs};
 use crate::image::stated::{CoordinateOptions, StatedCoordinates};
 use crate::units::{self, Quantity, Unit};
+use crate::well_file::SurveyOffsets;
 
 /// A file of points: what it and its option say about its coordinates.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -14,9 +14,9 @@ use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, SamplePoints};
-use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
+use crate::mesh::{Dimension, Simplices};
 use crate::progress::CancelToken;
 use crate::report::{
     Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
@@ -32,7 +32,7 @@ const CELLS_PER_TASK: usize = 1 << 12;
 /// index of each cell. The faces on features become those between labels, and those on given surfaces,
 /// which have `face_names`; these surfaces stay where they are.
 pub(super) fn assign_regions<const D: usize>(
-    annotated: &mut AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>,
+    annotated: &mut AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
     (neighbors, face_names): (&[u32], &[u32]),
     scene: &MeshScene<'_, D>,
     labelled: &LabelMap<D>,

@@ -19,11 +19,12 @@ use crate::feature::{self, Features, label_map};
 use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
-use crate::mesh::Mesh;
 #[cfg(doc)]
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Dimension, Mesh};
+use crate::mesh_file::Provenance;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
 use crate::{Error, Result};
@@ -65,15 +66,6 @@ where
     pub report: Report,
 }
 
-/// The data from which a result can be reproduced.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Provenance {
-    /// All parameters, as the configuration file has them.
-    pub parameters: String,
-    /// SHA-256 of the input.
-    pub input_sha256: String,
-}
-
 /// A mesh of either kind of cells.
 #[derive(Debug, Clone)]
 pub enum MeshResult<const D: usize = 3>
@@ -81,7 +73,7 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     /// Tetrahedra, or triangles in the plane. The atoms are their nodes.
-    Simplices(AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>),
+    Simplices(AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>),
     /// Voronoi cells. The atoms are inside them.
     Voronoi {
         /// The cells.
@@ -96,7 +88,7 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     /// Returns the tetrahedra or triangles, if the mesh has them.
-    pub fn simplices(&self) -> Option<&AnnotatedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>> {
+    pub fn simplices(&self) -> Option<&AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>> {
         match &self.mesh {
             MeshResult::Simplices(annotated) => Some(annotated),
             MeshResult::Voronoi { .. } => None,

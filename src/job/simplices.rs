@@ -14,8 +14,8 @@ use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::lattice::seeding::Atoms;
-use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
+use crate::mesh::{Dimension, Simplices};
 use crate::progress::{CancelToken, Stage};
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
@@ -150,10 +150,10 @@ fn measure_baseline<const D: usize, M: Simplices<D>>(
 
 /// Closes the holes in the features of an improved mesh. Also returns the neighbours of cells.
 pub(super) fn seal_mesh<const D: usize>(
-    mut joined: JoinedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>,
+    mut joined: JoinedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
     scene: &MeshScene<'_, D>,
     stages: &mut StageRunner<'_>,
-) -> Result<(JoinedMesh<<MeshSpace<D> as Meshing<D>>::Mesh>, Vec<u32>)>
+) -> Result<(JoinedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>, Vec<u32>)>
 where
     MeshSpace<D>: Meshing<D>,
 {

@@ -6,8 +6,8 @@
 //! its two sites are from each other, so there is room for an atom, whose cell separates the two. Where
 //! an atom cannot be, the atoms nearby try some positions. The cells nearby are cut again each time.
 
-use super::join::{MeshSpace, Meshing};
 use super::local_cells::neighbours;
+use super::{MeshSpace, Meshing};
 use crate::comm::SelfComm;
 use crate::geometry::{add_scaled, norm, sorted_distinct};
 use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, Lists, PolyMesh};

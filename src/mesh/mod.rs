@@ -11,6 +11,7 @@
 //! - `renumber`: new numbers of the nodes or cells that are kept
 //! - `poly_columns`: geometry of cells that stand in columns
 //! - `poly_convert`: polyhedra made from simplices, or by lifting polygons to prisms
+//! - `dimension`: the dimension of space as a type
 //! - [`graph`]: cells and connections, for flow and for simulators
 //! - [`delaunay`]: points -> tetrahedra by our own kernel or TetGen, triangles by spade; refinement,
 //!   exudation; validation by CGAL
@@ -47,6 +48,7 @@ pub(crate) mod complex;
     reason = "parts of one triangulation are passed on as they are"
 )]
 pub mod delaunay;
+pub(crate) mod dimension;
 pub mod graph;
 pub(crate) mod interface;
 pub(crate) mod partition;
@@ -59,6 +61,7 @@ pub(crate) mod tri;
 pub(crate) mod view;
 pub mod voronoi;
 
+pub use dimension::{Dimension, Space};
 pub use interface::{Mesh, Positions, Simplices};
 pub use tri::TriMesh;
 

@@ -7,8 +7,8 @@ use crate::Result;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::delaunay::{self, DelaunayKernel};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
-use crate::model::MeshInput;
 use crate::progress::{Progress, Stage};
+use crate::store::MeshInput;
 use crate::store::{AnyMesh, StoredMesh};
 
 /// Checks a mesh with each checker that is built in, as `atomesh validate` does. If atomesh's own

@@ -17,7 +17,6 @@
 //! - `cells`: Voronoi cells, as flow simulators need them
 //! - `padding`: cells beyond the image
 //! - `regions`: regions that the labels of an image become
-//! - [`cost`]: seconds and memory of each stage
 //! - `summary`: what everybody needs to know, for a small terminal
 //! - `table`: a whole report on one screen
 //! - `verdict`: a report in three lines
@@ -29,7 +28,6 @@ pub(crate) mod angles;
 pub(crate) mod assumptions;
 pub(crate) mod cells;
 mod codecs;
-pub mod cost;
 mod face_distances;
 mod face_samples;
 pub(crate) mod fidelity;
@@ -46,6 +44,7 @@ pub(crate) mod table;
 mod tally;
 mod verdict;
 
+pub use crate::progress::cost::{self, Clock, StageCost};
 pub use acute::{AcuteLine, AcutePair};
 pub use angle_space::AngleSpace;
 pub(crate) use angles::assess_angles;
@@ -53,7 +52,6 @@ pub(crate) use angles::assess_partition_angles;
 pub use angles::{AngleAssessment, Angles};
 pub use cells::Voronoi;
 pub(crate) use cells::{lattice_of_graph, measure_voronoi};
-pub use cost::{Clock, StageCost};
 pub use fidelity::{FaceMatch, Fidelity, SurfaceCoverage, fidelity};
 pub(crate) use fidelity::{fidelity_of_cells, fidelity_of_partition};
 pub use given_surfaces::GivenSurfaceReport;

@@ -1,24 +1,16 @@
-//! Converts meshes in two-way time to depth, and relates images in time to meshes in depth.
+//! Converts meshes in two-way time to depth.
 
 use crate::parallel::prelude::*;
 
-use super::output::UNITS_FIELD;
-use super::stored_mesh::{LatticeSpace, Storable, StoredMesh};
-use super::{FieldValue, MeshFile};
+use super::stored_mesh::{Storable, StoredMesh};
+use super::{FieldValue, LatticeSpace, MeshFile};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
-use crate::image::time::metres_per_unit;
 use crate::image::{Geometry, VelocityModel};
-use crate::job::MeshSpec;
 use crate::mesh::Mesh;
+use crate::mesh_file::array_names::{AXES_FIELD, ORIGIN_FIELD, UNITS_FIELD, VELOCITY_FIELD};
+use crate::mesh_file::lattice_space::LATTICE_SPACE_FIELDS;
 use crate::{Error, Result};
-
-/// Field with the velocities of the conversion from time to depth: a velocity in m/s, or the name
-/// of a file of velocities.
-const VELOCITY_FIELD: &str = "depth_velocity";
-
-/// Fields that describe the position of lattice space.
-const LATTICE_SPACE_FIELDS: [&str; 4] = ["origin", "axes", "lattice_step", "lattice_extent"];
 
 /// Cell arrays with the size of cells in the world.
 const SIZE_ARRAYS: [&str; 2] = ["volume", "area"];
@@ -49,8 +41,8 @@ pub fn to_depth<const D: usize, M: Mesh<D>>(
     });
     for (name, value) in &mut arrays.field_data {
         match (name.as_str(), value) {
-            ("origin", FieldValue::F64s(origin)) => *origin = depth.origin.to_vec(),
-            ("axes", FieldValue::F64s(axes)) => *axes = depth.axes.as_flattened().to_vec(),
+            (ORIGIN_FIELD, FieldValue::F64s(origin)) => *origin = depth.origin.to_vec(),
+            (AXES_FIELD, FieldValue::F64s(axes)) => *axes = depth.axes.as_flattened().to_vec(),
             (UNITS_FIELD, FieldValue::Text(units)) => *units = depth.units.join(","),
             _ => {}
         }
@@ -142,85 +134,13 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     }
 }
 
-/// Returns the name of the velocity file that converted a mesh to depth, if there is one.
-pub(super) fn velocity_file<M>(file: &MeshFile<M>) -> Option<String> {
-    if let Some(FieldValue::Text(name)) = file.field_value(VELOCITY_FIELD) {
-        return Some(name.trim_end_matches('\0').to_string());
-    }
-    let Some(FieldValue::Text(record)) = file.field_value("parameters") else {
-        return None;
-    };
-    let spec: MeshSpec = toml::from_str(record.trim_end_matches('\0')).ok()?;
-    Some(spec.velocity?.file()?.display().to_string())
-}
-
-impl<const D: usize> LatticeSpace<D> {
-    /// Checks that an image fills the box of the mesh, sample by sample. `place` names the image in
-    /// errors.
-    ///
-    /// # Errors
-    /// Returns [`Error::Image`] if the image has other dimensions, or if it is in two-way time and
-    /// the mesh was made of an image that velocities had converted to depth.
-    pub fn check_image(&self, image: &Geometry<D>, dims: [usize; D], place: &str) -> Result<()> {
-        self.check_time(image, dims, place)?;
-        self.check_dims(dims, place)
-    }
-
-    /// Returns an error for an image in two-way time with a mesh in depth. A mesh converted with a
-    /// constant velocity is accepted: then the numbers of samples agree.
-    fn check_time(&self, image: &Geometry<D>, dims: [usize; D], place: &str) -> Result<()> {
-        let is_in_depth = |c: usize| {
-            self.velocities.is_some() || metres_per_unit(&self.geometry.units[c]).is_some()
-        };
-        if !image.time_coordinate().is_some_and(is_in_depth) {
-            return Ok(());
-        }
-        let (source, velocity) = match &self.velocities {
-            None if self.fits_dims(dims) => return Ok(()),
-            None => (String::new(), "V"),
-            Some(name) => (format!(" by {name}"), name.as_str()),
-        };
-        let problem = format!("is in two-way time, the mesh in depth{source}");
-        let remedy = format!(
-            "make the image in depth: atomesh convert --velocity {velocity} {place} depth.vti"
-        );
-        Err(Error::Image(cause(place, problem, remedy)))
-    }
-}
-
-/// Returns the geometry in depth of an image in two-way time whose mesh was converted to depth.
-/// Returns `None` if image and mesh are in the same domain, or if the mesh was not made of an image
-/// with these dimensions. `place` names the image in errors.
-///
-/// # Errors
-/// Returns [`Error::Image`] if a constant velocity cannot map the image to the mesh.
-pub fn image_geometry_in_depth<const D: usize, M: Mesh<D>>(
-    file: &MeshFile<M>,
-    image: &Geometry<D>,
-    dims: [usize; D],
-    place: &str,
-) -> Result<Option<Geometry<D>>> {
-    let Some(space) = LatticeSpace::from_file(file, file.mesh.nodes()) else {
-        return Ok(None);
-    };
-    if image.time_coordinate().is_none() {
-        return Ok(None);
-    }
-    space.check_time(image, dims, place)?;
-    let is_in_depth =
-        space.is_stored && space.fits_dims(dims) && space.geometry.time_coordinate().is_none();
-    Ok(is_in_depth.then(|| Geometry {
-        names: image.names.clone(),
-        ..space.geometry
-    }))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::image::Image;
     use crate::mesh::poly::samples::two_cells;
     use crate::mesh::{Simplices, TetMesh};
+    use crate::mesh_file::image_geometry_in_depth;
     use crate::store::stored_mesh::tests::file;
 
     /// Makes the file's third coordinate time.

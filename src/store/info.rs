@@ -7,13 +7,12 @@ use serde_json::{Map, Value, json};
 
 use super::foreign::{MeshFormat, read_any_mesh_with_notes, read_start};
 use super::named_sets::{NamedSet, NamedSets};
-use super::named_surfaces::NamedSurfaces;
-use super::vtu::{FieldValue, MeshFile, with_mesh};
-use super::{Storable, read_labels};
+use super::{FieldValue, MeshFile, Storable, read_labels, with_mesh};
 use crate::Result;
 use crate::files::vtk::DataArray;
 use crate::geometry::bounding_box;
 use crate::image::formats::{InputOptions, describe};
+use crate::mesh_file::named_surfaces::NamedSurfaces;
 
 /// Largest length of a list that is shown in the text; of a longer one only the length is.
 const MAX_LISTED: usize = 64;

@@ -1,141 +1,44 @@
-//! Reads and writes mesh files, with the data that belong to a mesh. Files are in physical
-//! coordinates; [`to_physical`] converts to them.
+//! Reads mesh files, and writes a series of them. Files are in physical coordinates;
+//! [`mesh_file`](crate::mesh_file) has the files as values and writes them.
 //!
 //! - `vtu`: VTK unstructured grids, our own mesh format
 //! - `polyhedra`: VTK unstructured grids of polyhedra and polygons
 //! - `pvtu`: meshes in several files
-//! - `padding`: cells beyond the image
-//! - `lines`: acute lines as VTK poly data
-//! - `points`: feature points as a table or as VTK poly data
+//! - `padding`: the mesh of the image alone
 //! - `pvd`: the lattice after each round, for ParaView
-//! - `output`: converts a job's outcome to a file
-//! - `cell_output`: converts a job's Voronoi cells to a file
 //! - `foreign`: meshes of other programs
 //! - `info`: descriptions of files
+//! - `input`: the mesh of a verb, and the images that its options name
 //! - `named_sets`: sets of cells, faces and nodes that have names in files of other programs
-//! - `named_surfaces`: surfaces that have names in files of other programs
-//! - `labels`: regions that are labels of an image
 //! - `depth`: meshes converted from two-way time to depth
 //! - `mixed_elements`: cells of several shapes as polyhedra
 //! - `stored_mesh`: meshes from files, whatever their cells are, and the conversion back to lattice
 //!   space
 
-pub(crate) mod cell_output;
 pub(crate) mod depth;
 mod foreign;
 pub(crate) mod info;
-pub(crate) mod labels;
-pub(crate) mod lines;
+pub(crate) mod input;
 mod mixed_elements;
 pub(crate) mod named_sets;
-pub(crate) mod named_surfaces;
-pub(crate) mod output;
 mod padding;
-pub(crate) mod points;
-pub(crate) mod polyhedra;
+mod polyhedra;
 pub(crate) mod pvd;
-pub(crate) mod pvtu;
+mod pvtu;
 pub(crate) mod stored_mesh;
 pub(crate) mod vtu;
 
-pub use depth::{image_geometry_in_depth, to_depth};
+pub(crate) use crate::mesh_file::with_mesh;
+pub use crate::mesh_file::{
+    AnyMesh, CellStreams, FieldValue, LabelledRegion, LatticeSpace, MeshFile, NamedRegion,
+    face_bits_to_physical, image_geometry_in_depth, read_labels, read_named_regions, replace_nodes,
+    to_physical, write_cells_vtu, write_vtu,
+};
+pub use depth::to_depth;
 pub use foreign::{read_any_mesh, read_any_mesh_with_notes};
 pub use info::{FileInfo, info};
-pub use labels::{LabelledRegion, read_labels};
-pub use lines::{write_feature_lines, write_lines};
-pub use padding::{NamedRegion, read_named_regions, without_padding};
-pub use points::write_feature_points;
-pub use polyhedra::{CellStreams, write_cells_vtu};
+pub use input::{ImageInput, MeshInput};
+pub use padding::without_padding;
 pub use pvd::PvdSeries;
-pub use stored_mesh::{LatticeSpace, Storable, StoredMesh};
-pub(crate) use vtu::with_mesh;
-pub use vtu::{AnyMesh, FieldValue, MeshFile, read_any_vtu, read_vtu, write_vtu};
-
-use crate::parallel::prelude::*;
-
-use crate::image::Geometry;
-use crate::mesh::Simplices;
-use crate::mesh::interface::reverse_orientation;
-
-/// Converts a mesh from lattice space (sample index times `step`) to physical space.
-///
-/// Nodes and cells keep their order. If the geometry mirrors space (depth downwards, for example),
-/// the last two nodes of every cell are exchanged, so that all cells stay positively oriented.
-pub fn to_physical<const D: usize, M: Simplices<D>>(
-    mesh: &M,
-    step: [f64; D],
-    geometry: &Geometry<D>,
-) -> M {
-    let physical = |p: &[f64; D]| geometry.to_physical(std::array::from_fn(|k| p[k] / step[k]));
-    let nodes = mesh.nodes().par_iter().map(physical).collect();
-    replace_nodes(mesh, nodes, geometry)
-}
-
-/// Returns a mesh with the same cells and other nodes. If the geometry mirrors space, the last two
-/// nodes of every cell are exchanged.
-pub fn replace_nodes<const D: usize, M: Simplices<D>>(
-    mesh: &M,
-    nodes: Vec<[f64; D]>,
-    geometry: &Geometry<D>,
-) -> M {
-    let mut mesh = mesh.with_nodes(nodes);
-    if geometry.determinant() < 0.0 {
-        reverse_orientation::<D>(mesh.parts_mut().1);
-    }
-    mesh
-}
-
-/// Converts the bits of cells' faces (bit k: the face opposite node k) between lattice and physical
-/// space, in either direction: if [`to_physical`] mirrors space, it exchanges the last two nodes.
-pub fn face_bits_to_physical<const D: usize>(bits: &[u8], mirrored: bool) -> Vec<u8> {
-    if !mirrored {
-        return bits.to_vec();
-    }
-    let (last, second_last) = (1 << D, 1 << (D - 1));
-    let swap_last_two =
-        |b: u8| (b & !(last | second_last)) | (b & second_last) << 1 | (b & last) >> 1;
-    bits.iter().map(|&b| swap_last_two(b)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::volume6;
-    use crate::mesh::{TetMesh, TriMesh};
-
-    #[test]
-    fn physical_tetrahedra_stay_positive_also_when_space_is_mirrored() {
-        let mesh = TetMesh {
-            nodes: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 4.0]],
-            tets: vec![[0, 1, 2, 3]],
-        };
-        for depth in [5.0, -5.0] {
-            let geometry = Geometry::with_spacing([10.0, 20.0, 30.0], [1.0, 3.0, depth]);
-            let physical = to_physical(&mesh, [2.0, 1.0, 0.5], &geometry);
-            assert_eq!(physical.nodes[1], [11.0, 20.0, 30.0]);
-            assert_eq!(physical.nodes[2], [10.0, 29.0, 30.0]);
-            assert_eq!(physical.nodes[3], [10.0, 20.0, 30.0 + 8.0 * depth]);
-            assert_eq!(volume6(&physical.corners(0)), 1.0 * 9.0 * 40.0);
-        }
-    }
-
-    #[test]
-    fn physical_triangles_stay_positive_and_keep_their_marked_edges() {
-        let mesh = TriMesh {
-            nodes: vec![[0.0; 2], [2.0, 0.0], [0.0, 3.0]],
-            triangles: vec![[0, 1, 2]],
-        };
-        for sample_interval in [5.0, -5.0] {
-            let geometry = Geometry::with_spacing([10.0, 20.0], [1.0, sample_interval]);
-            let physical = to_physical(&mesh, [1.0, 0.5], &geometry);
-            assert_eq!(physical.nodes[2], [10.0, 20.0 + 6.0 * sample_interval]);
-            assert_eq!(physical.volume(0), 30.0);
-            // The edge between nodes 0 and 1 is opposite node 2.
-            let mirrored = geometry.determinant() < 0.0;
-            let bits = face_bits_to_physical::<2>(&[4], mirrored);
-            let k = bits[0].trailing_zeros() as usize;
-            assert_eq!(physical.triangles[0][k], 2);
-            assert_eq!(face_bits_to_physical::<2>(&bits, mirrored), [4]);
-        }
-    }
-}
+pub use stored_mesh::{Storable, StoredMesh};
+pub use vtu::{read_any_vtu, read_vtu};

@@ -1,7 +1,7 @@
 //! Sets of cells, faces and nodes that have names in the file of another program, as our files store
 //! them.
 //!
-//! Regions divide a mesh, and named surfaces ([`NamedSurfaces`](super::named_surfaces::NamedSurfaces))
+//! Regions divide a mesh, and named surfaces ([`NamedSurfaces`](crate::mesh_file::named_surfaces::NamedSurfaces))
 //! lie inside it. Sets may overlap, and sets of faces may lie on the boundary. A set of cells or of
 //! nodes is an array of 0 and 1, `cell_set:NAME` or `node_set:NAME`. Sets of faces are two fields,
 //! because a file has no array of faces.
@@ -9,16 +9,9 @@
 use super::{FieldValue, MeshFile};
 use crate::files::vtk::DataArray;
 use crate::mesh::poly::Lists;
-
-/// Start of the name of a cell array that is a set of cells.
-pub const CELL_SET_PREFIX: &str = "cell_set:";
-/// Start of the name of a node array that is a set of nodes.
-const NODE_SET_PREFIX: &str = "node_set:";
-/// Field with the names of the sets of faces, one per line.
-const FACE_SET_NAMES_FIELD: &str = "face_set_names";
-/// Field with the faces of the sets: for each face the number of its set, from 1, the number of its
-/// nodes, and its nodes.
-const FACE_SETS_FIELD: &str = "face_sets";
+use crate::mesh_file::array_names::{
+    CELL_SET_PREFIX, FACE_SET_NAMES_FIELD, FACE_SETS_FIELD, NODE_SET_PREFIX,
+};
 
 /// Cells or nodes with a name.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -2,26 +2,22 @@
 
 use std::path::Path;
 
-use super::depth::velocity_file;
-use super::labels::remove_labels;
 use super::named_sets::NamedSets;
-use super::named_surfaces::NamedSurfaces;
-use super::output::{HORIZON_FACES_ARRAY, THROWS_FIELD, UNITS_FIELD, WELD_FIELD};
-use super::padding::read_bent_side;
-use super::{FieldValue, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu};
+use super::{
+    FieldValue, LatticeSpace, MeshFile, face_bits_to_physical, write_cells_vtu, write_vtu,
+};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
-use crate::geometry::{bounding_box, sub};
-use crate::image::Geometry;
-use crate::job::BOX_TOLERANCE;
 use crate::mesh::check;
 use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
+use crate::mesh_file::array_names::{
+    HORIZON_FACES_ARRAY, LIVE_ARRAY, REGION_ARRAY, THROWS_FIELD, WELD_FIELD,
+};
+use crate::mesh_file::labels::remove_labels;
+use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::{Error, Result};
-
-/// Cell array of regions.
-pub(super) const REGION_ARRAY: &str = "region";
 
 /// A mesh read from a file. The mesh is in lattice space; of the file's coordinates only the positions
 /// are kept.
@@ -71,26 +67,6 @@ pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
     pub named_sets: NamedSets,
     /// The other data of the file.
     pub arrays: MeshFile<()>,
-}
-
-/// The position of the lattice space of a mesh in the world.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LatticeSpace<const D: usize> {
-    /// The upper corner of the box.
-    pub extent: [f64; D],
-    /// Length of one sample along each axis of lattice space.
-    pub step: [f64; D],
-    /// Map from samples to physical coordinates.
-    pub geometry: Geometry<D>,
-    /// Number of the side of the box that follows a topography, if there is one: 2 axis for the lower side, 2 axis + 1
-    /// for the upper side. All other sides are flat.
-    pub bent_side: Option<usize>,
-    /// `true` if the file contains the position. Otherwise lattice space is the file's own space,
-    /// moved so that the mesh begins at the origin.
-    pub is_stored: bool,
-    /// Name of the velocity file that converted the mesh to depth, if there is one. Then the image
-    /// that was meshed is not the image in its file.
-    pub velocities: Option<String>,
 }
 
 /// A mesh type that files can store.
@@ -215,119 +191,6 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
     }
 }
 
-impl<const D: usize> LatticeSpace<D> {
-    /// Reads the position of lattice space of a mesh with these nodes. Returns `None` if the file
-    /// has only some of the fields.
-    pub(super) fn from_file<M>(file: &MeshFile<M>, nodes: &[[f64; D]]) -> Option<Self> {
-        let array = |name: &str| match file.field_value(name) {
-            Some(FieldValue::F64s(values)) => Some(values.as_slice()),
-            _ => None,
-        };
-        let vector = |name: &str| <[f64; D]>::try_from(array(name)?).ok();
-        let known =
-            ["origin", "axes", "lattice_step", "lattice_extent"].map(|name| array(name).is_some());
-        if known == [false; 4] {
-            let [low, high] = bounding_box(nodes);
-            return Some(Self {
-                extent: sub(high, low),
-                step: [1.0; D],
-                geometry: Geometry::with_spacing(low, [1.0; D]),
-                bent_side: None,
-                is_stored: false,
-                velocities: velocity_file(file),
-            });
-        }
-        let axes = array("axes").filter(|axes| axes.len() == D * D)?;
-        let mut units = match file.field_value(UNITS_FIELD) {
-            Some(FieldValue::Text(text)) => text.as_str(),
-            _ => "",
-        }
-        .split(',');
-        Some(Self {
-            extent: vector("lattice_extent")?,
-            step: vector("lattice_step")?,
-            geometry: Geometry {
-                origin: vector("origin")?,
-                axes: std::array::from_fn(|k| std::array::from_fn(|c| axes[D * k + c])),
-                units: std::array::from_fn(|_| units.next().unwrap_or_default().to_string()),
-                ..Geometry::default()
-            },
-            bent_side: read_bent_side(file).filter(|side| *side < 2 * D),
-            is_stored: true,
-            velocities: velocity_file(file),
-        })
-    }
-
-    /// Converts a position from lattice space to the world.
-    pub fn to_world(&self, x: [f64; D]) -> [f64; D] {
-        let index = std::array::from_fn(|k| x[k] / self.step[k]);
-        self.geometry.to_physical(index)
-    }
-
-    /// Converts a position from the world to lattice space; `None` if the axes are linearly
-    /// dependent.
-    pub fn to_lattice(&self, point: [f64; D]) -> Option<[f64; D]> {
-        let index = self.geometry.to_index(point)?;
-        Some(std::array::from_fn(|k| index[k] * self.step[k]))
-    }
-
-    /// Returns the tolerance with which the mesh fills its box, relative to the box: that of a new
-    /// mesh, or the rounding of the coordinates in the file if that is larger (coordinates can be
-    /// large compared with the cells, in metres of a national grid for example).
-    pub fn tolerance(&self) -> f64 {
-        let corner = |c: usize| -> [f64; D] {
-            std::array::from_fn(|k| if c >> k & 1 == 1 { self.extent[k] } else { 0.0 })
-        };
-        let corners = (0..1 << D).flat_map(|c| self.to_world(corner(c)));
-        let rounding = f64::EPSILON * corners.fold(0.0, |max, x| x.abs().max(max));
-        let without_origin = Geometry {
-            origin: [0.0; D],
-            ..self.geometry.clone()
-        };
-        let axis_column = |c: usize| {
-            without_origin.to_index(std::array::from_fn(|k| f64::from(u8::from(k == c))))
-        };
-        let columns: Option<Vec<[f64; D]>> = (0..D).map(axis_column).collect();
-        let error_along = |k: usize| -> f64 {
-            let columns = columns.iter().flatten();
-            columns.map(|column| column[k].abs()).sum::<f64>() * self.step[k] * rounding
-        };
-        let error: f64 = (0..D).map(|k| error_along(k) / self.extent[k]).sum();
-        (4.0 * error).clamp(BOX_TOLERANCE, 1e-3)
-    }
-
-    /// Returns the number of samples along each axis of the image that was meshed.
-    pub fn dims(&self) -> [f64; D] {
-        std::array::from_fn(|k| self.extent[k] / self.step[k] + 1.0)
-    }
-
-    /// Returns `true` if the map to the world mirrors space.
-    pub fn is_mirrored(&self) -> bool {
-        self.geometry.determinant() < 0.0
-    }
-
-    /// Returns `true` if an image of these dimensions fills the box.
-    pub fn fits_dims(&self, dims: [usize; D]) -> bool {
-        let own_dims = self.dims();
-        (0..D).all(|k| (dims[k] as f64 - own_dims[k]).abs() <= 1e-6)
-    }
-
-    /// Checks that an image of these dimensions fills the box. `place` names the image in errors.
-    ///
-    /// # Errors
-    /// Returns [`Error::Image`] if it does not.
-    pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
-        if self.fits_dims(dims) {
-            return Ok(());
-        }
-        Err(Error::Image(cause(
-            place,
-            format!("has {dims:?} samples, but the mesh has {:?}", self.dims()),
-            "give the image that was meshed, or one of the same dimensions",
-        )))
-    }
-}
-
 impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     /// Converts a file to lattice space. `place` names the file in errors. Boundary faces of
     /// polyhedra and polygons are assigned to the nearest sides of the box.
@@ -428,9 +291,19 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
 /// Largest relative difference between the volume of the cells and that of their box.
 const VOLUME_TOLERANCE: f64 = 1e-6;
 
+/// Returns the share of each cell that holds data, if a mesh file has the array: one number from 0 to
+/// 1 for each of `cells` cells.
+pub(crate) fn read_live(cell_data: &[DataArray], cells: usize) -> Option<Vec<f64>> {
+    let array = cell_data.iter().find(|array| array.name == LIVE_ARRAY)?;
+    let shares = array.values.to_f64();
+    let is_share = |share: &f64| (0.0..=1.0).contains(share);
+    (array.components == 1 && shares.len() == cells && shares.iter().all(is_share))
+        .then_some(shares)
+}
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::image::Geometry;
     use crate::mesh::TriMesh;
     use crate::mesh::poly::samples::two_cells;
 

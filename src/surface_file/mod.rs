@@ -6,9 +6,12 @@
 //! - `sticks`: fault sticks
 //! - `joining`: fault sticks become surfaces
 //! - `place_terms`, `place_columns`, `point_table`: points and sticks in tables
+//! - `file_option`: files of positions as values of options
 //! - `interpretation`: surfaces that a user gives, of any of these formats, of grids and of points
 //! - `placed`: brings such a surface into the frame of an image
+//! - `write`: the choice of the format, and of the names in it
 
+pub(crate) mod file_option;
 pub mod interpretation;
 pub mod joining;
 pub mod obj;
@@ -21,6 +24,7 @@ pub mod sticks;
 pub mod stl;
 pub mod tsurf;
 pub mod vtp;
+mod write;
 
 use std::path::Path;
 
@@ -29,6 +33,7 @@ use crate::files::vtk::pieces::FieldValue;
 use crate::geometry::{sorted_distinct, to_3d};
 use crate::image::Geometry;
 use crate::image::stated::{StatedCoordinates, ZDirection};
+pub use file_option::FileOption;
 
 /// Surfaces in physical coordinates: triangles (`D` = 3), or line segments (`D` = 2) at z = 0.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -4,10 +4,11 @@
 use crate::Result;
 use crate::cli::common::options::with_option_name;
 use crate::cli::console::Console;
-use crate::image::{DepthConversion, Geometry, Image};
+use crate::image::{self, DepthConversion, Geometry, Image};
 use crate::job::spec::NumberOrFile;
-use crate::job::{MeshSpec, depth};
-use crate::model::input::time_warning;
+
+use crate::job::MeshSpec;
+use crate::store::input::time_warning;
 
 /// Converts an image to depth if a velocity is given. Returns the image, and the conversion if the
 /// image was resampled. Values of an image with `is_labels` are not interpolated.
@@ -29,7 +30,7 @@ pub fn image_in_depth<const D: usize>(
             "depth is in {unit}, as x and y are; the velocity is in m/s: {v} m/s are {per_second} {unit}/s"
         ));
     }
-    depth::image_in_depth(image, velocity, is_labels, &console.reader())
+    image::image_in_depth(image, velocity, is_labels, &console.reader())
         .map_err(with_option_name::<MeshSpec>)
 }
 

@@ -120,17 +120,18 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
+    use crate::assess::ReportSpec;
+    use crate::assess::quality::QualitySpec;
+    use crate::edit::EditSpec;
+    use crate::export::ExportSpec;
     use crate::export::convert::ConvertSpec;
-    use crate::export::{ExportSpec, ReportSpec};
     use crate::image::synth::SynthSpec;
     use crate::job::FeatureSpec;
     use crate::job::spec::NominalDistance;
     use crate::model::columns::ColumnsSpec;
-    use crate::model::edit::EditSpec;
     use crate::model::flow::FlowSpec;
-    use crate::model::quality::QualitySpec;
     use crate::model::slice::SliceSpec;
-    use crate::model::surface::SurfaceSpec;
+    use crate::surfaces::SurfaceSpec;
 
     fn typed(words: &[&str]) -> Typed<MeshSpec> {
         let command = Typed::<MeshSpec>::augment_args(Command::new("mesh"));

@@ -9,8 +9,8 @@ use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, file_report, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
+use crate::edit::{EditSpec, input_options};
 use crate::job::MeshSpec;
-use crate::model::edit::{EditSpec, input_options};
 use crate::progress::Stage;
 use crate::report::Clock;
 

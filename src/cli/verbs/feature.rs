@@ -14,7 +14,7 @@ use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::image::formats::{AnyImage, LoadedImage};
 use crate::job::FeatureSpec;
-use crate::store::{write_feature_lines, write_feature_points};
+use crate::job::{write_feature_lines, write_feature_points};
 
 /// Arguments of `atomesh feature`.
 #[derive(Debug, Args)]

@@ -10,9 +10,9 @@ use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::surfaces::outcome::SURFACE_EXTENSIONS;
 use crate::model::paint::PaintSpec;
 use crate::progress::Stage;
+use crate::surfaces::outcome::SURFACE_EXTENSIONS;
 
 /// Arguments of `atomesh paint`.
 #[derive(Debug, Args)]

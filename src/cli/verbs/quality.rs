@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::Result;
+use crate::assess::quality::QualitySpec;
 use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::check_output;
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::model::quality::QualitySpec;
 
 /// Arguments of `atomesh quality`.
 #[derive(Debug, Args)]

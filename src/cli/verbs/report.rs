@@ -6,11 +6,11 @@ use clap::Args;
 use serde_json::json;
 
 use crate::Result;
+use crate::assess::ReportSpec;
 use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::ReportSpec;
 use crate::export::page::PageStats;
 use crate::progress::Stage;
 

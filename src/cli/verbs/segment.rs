@@ -11,9 +11,9 @@ use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{IMAGE_EXTENSIONS, check_output, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::surfaces::outcome::SURFACE_EXTENSIONS;
 use crate::model::segment::SegmentSpec;
 use crate::progress::Stage;
+use crate::surfaces::outcome::SURFACE_EXTENSIONS;
 
 /// Arguments of `atomesh segment`.
 #[derive(Debug, Args)]

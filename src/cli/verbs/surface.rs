@@ -9,10 +9,10 @@ use crate::cli::common::options::with_option_name;
 use crate::cli::common::output::{check_output, file_report, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::export::surfaces::outcome::{POINT_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
 use crate::image::formats::grids::GRID_EXTENSIONS;
-use crate::model::surface::SurfaceSpec;
 use crate::progress::Stage;
+use crate::surfaces::SurfaceSpec;
+use crate::surfaces::outcome::{POINT_EXTENSIONS, STICK_EXTENSIONS, SURFACE_EXTENSIONS};
 
 /// Arguments of `atomesh surface`.
 #[derive(Debug, Args)]

@@ -1,6 +1,5 @@
-//! Writes numbers as text and as bytes, and container files.
+//! Writes numbers as bytes, and container files.
 //!
-//! - `text`: numbers as text, fast
 //! - `binary`: numbers as bytes
 //! - `mat`: MATLAB's container
 //! - `hdf5`, `epc`: the containers of RESQML. VTKHDF, XDMF and CGNS use HDF5, too.
@@ -11,7 +10,6 @@ pub(crate) mod epc;
 pub(crate) mod hdf5;
 pub(crate) mod mat;
 pub(crate) mod netcdf;
-pub(crate) mod text;
 
 /// Returns a number of bytes, rounded up to a multiple of eight.
 fn padded(bytes: u64) -> u64 {

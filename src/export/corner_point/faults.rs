@@ -25,8 +25,8 @@ use crate::parallel::prelude::*;
 
 use super::cell_walk::CellWalker;
 use super::grid::CornerPointGrid;
-use crate::export::containers::text::write_numbers;
-use crate::export::containers::text::{FileWriter, WriteResult};
+use crate::files::text::write_numbers;
+use crate::files::text::{FileWriter, WriteResult};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{bounding_box, norm, sorted_distinct, sub};
 use crate::model::reservoir::Model;

@@ -20,15 +20,13 @@ use super::grid::CornerPointGrid;
 use super::layers::{GridLayers, column_lines};
 use super::pillars::{Outline, Pillars};
 use super::wells;
-use crate::export::containers::text::{
-    FileWriter, TextBuilder, WriteResult, write_items, write_numbers,
-};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::export::simulators::deck::{
     self, AquiferConnection, CONNATE_WATER_SATURATION, WellConnection,
 };
 use crate::files::Batch;
+use crate::files::text::{FileWriter, TextBuilder, WriteResult, write_items, write_numbers};
 use crate::model::reservoir::{Aquifer, BAR, Fluid, MILLIDARCY, Model};
 use crate::{Result, memory};
 

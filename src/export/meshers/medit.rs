@@ -6,10 +6,10 @@ use std::path::Path;
 
 use super::simplices::SimplexMesh;
 use crate::Result;
-use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
+use crate::files::text::write_items;
 use crate::model::reservoir::Model;
 
 /// Entry of this format in the list of formats.

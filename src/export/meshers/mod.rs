@@ -11,7 +11,7 @@
 //! - `vtkhdf`, `xdmf`: HDF5 for VTK and ParaView
 //! - `cgns`: CGNS
 //! - `tetgen`: meshes for TetGen
-//! - `stl`, `obj`: surfaces alone
+//! - `stl`: surfaces alone, as STL and OBJ
 
 pub(crate) mod cgns;
 pub(crate) mod exodus;
@@ -20,7 +20,6 @@ pub(crate) mod inp;
 pub(crate) mod medit;
 pub(crate) mod msh;
 pub(crate) mod nastran;
-pub(crate) mod obj;
 pub(crate) mod simplices;
 pub(crate) mod stl;
 pub(crate) mod tetgen;

@@ -8,9 +8,9 @@ use crate::parallel::prelude::*;
 
 use super::groups::{FaceGroup, NamedSides};
 use crate::Result;
-use crate::export::containers::text::write_items;
 use crate::export::names::ExportNames;
 use crate::files::Batch;
+use crate::files::text::write_items;
 use crate::geometry::sorted_distinct;
 use crate::mesh::FACES;
 use crate::model::reservoir::Model;

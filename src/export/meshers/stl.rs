@@ -5,16 +5,16 @@ use std::io::Write;
 use std::path::Path;
 
 use super::groups::FaceNames;
-use super::obj::add_obj;
 use crate::Result;
-use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
+use crate::files::text::write_items;
 use crate::geometry::{cross, norm, sub};
 use crate::model::reservoir::Model;
 use crate::names::NameRules;
 use crate::surface_file::SurfaceFile;
+use crate::surface_file::obj::add_obj;
 
 /// Entry of STL in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {

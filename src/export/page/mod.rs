@@ -41,7 +41,7 @@ use values::CellValues;
 pub struct PageInfo {
     /// Heading of the page.
     pub title: String,
-    /// [`Report`](crate::report::Report) of the run.
+    /// `Report` of the run.
     pub report: Value,
     /// Parameters of the run, as a configuration file has them. Empty if unknown.
     pub parameters: String,

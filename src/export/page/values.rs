@@ -7,8 +7,8 @@ use super::pack::ByteStreams;
 use crate::files::vtk::{DataArray, Values};
 use crate::image::Image;
 use crate::mesh::complex::NONE;
+use crate::mesh_file::array_names::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, array_unit};
 use crate::model::slice::DrawableFaces;
-use crate::store::output::{ANGLES_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, array_unit};
 use crate::store::{Storable, StoredMesh};
 
 /// Code of a missing value.

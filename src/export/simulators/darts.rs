@@ -10,10 +10,10 @@ use std::path::Path;
 
 use super::opm::TRANSMISSIBILITY_UNIT;
 use crate::Result;
-use crate::export::containers::text::write_items;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
+use crate::files::text::write_items;
 use crate::model::reservoir::{BAR, Control, DAY, MILLIDARCY, Model};
 use crate::names::NameRules;
 

@@ -10,10 +10,10 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::error::cause;
-use crate::export::containers::text::{FileWriter, WriteResult, write_items, write_numbers};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames};
 use crate::files::Batch;
+use crate::files::text::{FileWriter, WriteResult, write_items, write_numbers};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::reservoir::{Control, GRAVITY, Model};
 use crate::{Error, Result};

@@ -26,10 +26,10 @@ use crate::files::vtk::xml::escape;
 use crate::geometry::sorted_distinct;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, TetMesh, TriMesh};
+use crate::mesh_file::vtu::{MixedCells, add_mixed_vtu};
 use crate::model::flow::SplitMesh;
 use crate::model::reservoir::Model;
 use crate::names::{LetterCase, NameRules};
-use crate::store::vtu::{MixedCells, add_mixed_vtu};
 
 /// Entry of this format in the list of formats.
 pub const FORMAT: ExportFormat = ExportFormat {

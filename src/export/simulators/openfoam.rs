@@ -10,11 +10,11 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::error::cause;
-use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::meshers::groups::{FaceNames, face_nodes, sorted_regions};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
+use crate::files::text::{FileWriter, WriteResult, write_items};
 use crate::model::reservoir::Model;
 use crate::names::{LetterCase, NameRules, is_identifier};
 use crate::{Error, Result};
@@ -209,7 +209,7 @@ fn write_list(
     class: &str,
     object: &str,
     count: usize,
-    format_item: impl Fn(&mut crate::export::containers::text::TextBuilder, usize) + Sync,
+    format_item: impl Fn(&mut crate::files::text::TextBuilder, usize) + Sync,
 ) -> WriteResult {
     write_header(out, class, object)?;
     writeln!(out, "{count}\n(")?;

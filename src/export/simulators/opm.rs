@@ -14,11 +14,11 @@ use super::deck::{
     write_array, write_equilibrium, write_props, write_runspec, write_schedule,
 };
 use crate::error::cause;
-use crate::export::containers::text::{FileWriter, WriteResult, write_items};
 use crate::export::corner_point::grdecl::is_corner_point_deck;
 use crate::export::format::{ExportContent, ExportFormat};
 use crate::export::names::{ExportNames, FormatNames, Naming, TablePlace};
 use crate::files::Batch;
+use crate::files::text::{FileWriter, WriteResult, write_items};
 use crate::mesh::graph::Graph;
 use crate::model::reservoir::{BAR, Fluid, MILLIDARCY, Model, Permeability, SimulationCase};
 use crate::{Error, Result};

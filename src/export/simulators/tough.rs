@@ -9,11 +9,11 @@ use std::path::Path;
 
 use super::CONNECTION_LIST;
 use crate::error::cause;
-use crate::export::containers::text::write_items;
 use crate::export::format::ExportFormat;
 use crate::export::meshers::groups::sorted_regions;
 use crate::export::names::{ExportNames, FormatNames, Naming};
 use crate::files::Batch;
+use crate::files::text::write_items;
 use crate::mesh::graph::Connection;
 use crate::model::reservoir::Model;
 use crate::names::NameRules;

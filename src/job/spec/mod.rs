@@ -5,11 +5,9 @@
 //! keywords are all generated from this type. To add an option, add a field with its default,
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
-//! - `file_option`: files of positions, and what they do not say about their coordinates
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
-mod file_option;
 mod validate;
 mod values;
 
@@ -28,13 +26,11 @@ use crate::improve::triangles::relax::Scheme;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::lattice::optimize::Method;
 use crate::mesh::delaunay::DelaunayKernel;
+pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
-pub use file_option::FileOption;
-pub(crate) use values::{DEFAULT_DISTANCES, joined, names_image, parse_number};
-pub use values::{
-    DistanceSource, FeatureWeights, InvalidValue, Metric, NominalDistance, NumberOrFile, Padding,
-    PointValue, SignedAxis,
-};
+pub(crate) use values::DEFAULT_DISTANCES;
+pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding};
 
 /// Headings of the command line's help; options without one come first.
 #[cfg(feature = "cli")]

@@ -7,7 +7,7 @@ use std::fmt::Display;
 
 use super::{
     AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NominalDistance,
-    NumberOrFile, SeedingKind, Slivers, names_image,
+    NumberOrFile, SeedingKind, Slivers,
 };
 use crate::Result;
 use crate::error::{Error, cause};
@@ -15,6 +15,7 @@ use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
 use crate::job::params::Evaluator;
 use crate::names::first_repeated;
+use crate::option_text::names_image;
 
 /// Largest fraction of the cells' radius within which nodes may be merged. Beyond it, cells lose
 /// faces that matter.

@@ -24,6 +24,8 @@ use crate::comm::SelfComm;
 use crate::progress::CancelToken;
 use serde::Serialize;
 
+/// Tolerance of the volume of the mesh, and of the flatness of sides, relative to the box.
+pub const BOX_TOLERANCE: f64 = 1e-9;
 /// Result of [`check`]. A valid mesh has no `problems`.
 #[derive(Debug, Clone, Serialize, PartialEq, Default)]
 pub struct Check {

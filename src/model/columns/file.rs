@@ -4,8 +4,10 @@ use crate::files::vtk::DataArray;
 use crate::geometry::bounding_box;
 use crate::image::Geometry;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::Provenance;
+use crate::mesh_file::array_names::{LIVE_ARRAY, THROWS_FIELD};
+use crate::mesh_file::lattice_space::common_fields;
 use crate::model::columns::{COLUMN, Columns, LAYER};
-use crate::store::output::{LIVE_ARRAY, Provenance, THROWS_FIELD, common_fields};
 use crate::store::{FieldValue, LatticeSpace, MeshFile};
 
 /// Properties of a map's cells that their columns take over.

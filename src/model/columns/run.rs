@@ -9,8 +9,9 @@ use super::torn_map::{TornHorizon, TornMap};
 use super::{Columns, Juxtaposed, extend};
 use crate::error::cause;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::Provenance;
 use crate::progress::{Progress, Stage};
-use crate::store::output::{Provenance, read_live};
+use crate::store::stored_mesh::read_live;
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, StoredMesh};
 use crate::{Error, Result};
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::LayerDivision;
 use crate::error::cause;
 use crate::image::formats::InputOptions;
-use crate::job::spec::InvalidValue;
+use crate::option_text::InvalidValue;
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};
 

@@ -5,11 +5,10 @@ use crate::Result;
 use crate::error::cause;
 use crate::files::vtk::DataArray;
 use crate::geometry::to_3d;
-use crate::job::{MeshSpace, Meshing};
-use crate::mesh::Simplices;
 use crate::mesh::check::nodes_on_bent_side;
 use crate::mesh::graph::{Graph, Locator};
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Dimension, Simplices, Space};
 use crate::model::flow::anisotropy::AxisRatios;
 use crate::model::flow::report::{Exchange, FaultReport, FaultStats, FlowReport, ValueRange};
 use crate::model::flow::system::check_cancelled;
@@ -321,7 +320,7 @@ pub(super) fn flow_through_cells<const D: usize>(
     cancel: &CancelToken<'_>,
 ) -> Result<(ComputedFlow<D, PolyMesh<D>>, Vec<String>)>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     let space = stored.space.clone();
     let mut file = stored.into_file();
@@ -346,7 +345,7 @@ where
     let mut streamlines = None;
     if let Some(count) = streamline_count {
         let mesh = &file.mesh;
-        let reconstruction: CellReconstruction<D, <MeshSpace<D> as Meshing<D>>::Mesh> =
+        let reconstruction: CellReconstruction<D, <Space<D> as Dimension<D>>::Mesh> =
             CellReconstruction::new(mesh, &graph, &rates, &velocity);
         let wells = conditions.wells.iter();
         let positions: Vec<[f64; D]> = wells.clone().map(|well| well.position).collect();

@@ -10,9 +10,9 @@ use super::FaultLaw;
 use super::driver::{BarrierSelection, FaultLaws};
 use crate::error::cause;
 use crate::files::table::{Term, ValueTable, text_rows};
-use crate::job::spec::{InvalidValue, parse_number};
 use crate::model::surface::names::Selector;
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, parse_number};
 use crate::{Error, Result};
 
 /// Names of the column of surfaces in tables.

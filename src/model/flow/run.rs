@@ -8,12 +8,11 @@ use super::{Barriers, Rock, Streamlines};
 use crate::error::cause;
 use crate::geometry::to_3d;
 use crate::image::formats::ReadImage;
-use crate::job::{MeshSpace, Meshing};
-use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
-use crate::model::input::{MeshInput, length_unit_warning, mesh_in_depth, time_warning};
+use crate::mesh::{Dimension, Simplices, Space};
 use crate::progress::{CancelToken, Progress, Stage};
-use crate::store::output::read_live;
+use crate::store::input::{MeshInput, length_unit_warning, mesh_in_depth, time_warning};
+use crate::store::stored_mesh::read_live;
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
@@ -119,7 +118,7 @@ impl FlowRun<'_> {
         any: fn(MeshFile<PolyMesh<D>>) -> AnyMesh,
     ) -> Result<FlowOutcome>
     where
-        MeshSpace<D>: Meshing<D>,
+        Space<D>: Dimension<D>,
     {
         let mut stored = self.prepare(file)?;
         let rock = self.rock(&stored)?;

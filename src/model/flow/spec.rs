@@ -11,8 +11,8 @@ use super::faults::{FaultOptions, FaultResistance};
 use super::{PointWell, Rock, Tensor};
 use crate::error::cause;
 use crate::files::table::values_by_region;
-use crate::job::spec::{InvalidValue, NumberOrFile, joined, parse_number};
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, NumberOrFile, joined, parse_number};
 use crate::store::{Storable, StoredMesh};
 use crate::{Error, Result, memory};
 

@@ -9,12 +9,12 @@ use crate::image::ScalarField;
 use crate::image::formats::ReadImage;
 use crate::mesh::Mesh;
 use crate::model::geodesics::{GeodesicSource, Geodesics};
-use crate::model::input::{MeshInput, read_mesh_image};
 use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
 use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
 use crate::model::surface::{AnySurfaces, SurfaceFile, SurfaceKind};
 use crate::progress::{Progress, Stage};
+use crate::store::input::{MeshInput, read_mesh_image};
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 

@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
 use crate::image::formats::InputOptions;
-use crate::job::spec::{InvalidValue, PointValue};
 use crate::model::surface::GroupingOptions;
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, PointValue};
 use crate::{Error, Result};
 
 /// Options of `atomesh paint`.

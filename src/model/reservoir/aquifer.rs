@@ -6,9 +6,9 @@ use std::str::FromStr;
 
 use super::Model;
 use crate::error::cause;
-use crate::job::spec::{InvalidValue, parse_number};
 use crate::mesh::poly::SIDE_NAMES;
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, parse_number};
 use crate::{Error, Result};
 
 /// Compressibility of water and rock in 1/bar if none is given.

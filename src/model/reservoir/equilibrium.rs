@@ -6,8 +6,8 @@ use std::str::FromStr;
 
 use super::{BAR, GRAVITY, SURFACE_PRESSURE, WATER_DENSITY};
 use crate::error::cause;
-use crate::job::spec::{InvalidValue, parse_number};
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, parse_number};
 use crate::{Error, Result};
 
 /// Exponent of capillary pressure if none is given.

@@ -25,12 +25,12 @@ use super::{CellValue, MILLIDARCY, Model};
 use crate::error::cause;
 use crate::files::table::{Term, ValueTable, text_rows};
 use crate::geometry::{dot, norm, sub};
-use crate::job::spec::{InvalidValue, parse_number};
 use crate::model::flow::FaultLaw;
 use crate::model::flow::faults::SURFACE_TERM;
 use crate::model::flow::faults::parse_selector;
 use crate::model::surface::names::Selector;
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, parse_number};
 use crate::{Error, Result};
 
 /// Throw over thickness of the fault rock (Manzocchi et al. 1999).

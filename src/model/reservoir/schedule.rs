@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use super::{Control, Fluid, Well};
 use crate::files::table::{Table, TableRow, Term};
-use crate::job::spec::InvalidValue;
+use crate::option_text::InvalidValue;
 use crate::option_text::serde_as_text;
 use crate::units::values::ValueMeasure;
 use crate::{Error, Result};

@@ -6,7 +6,7 @@ use super::case_options::check_positive;
 use super::{DepthAxis, MeshPlacement, Model};
 use crate::error::cause;
 use crate::image::time::metres_per_unit;
-use crate::job::spec::SignedAxis;
+use crate::option_text::SignedAxis;
 use crate::{Error, Result};
 
 /// Options that convert a mesh's coordinates to metres and depth.

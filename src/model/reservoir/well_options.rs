@@ -9,10 +9,10 @@ use crate::error::cause;
 use crate::geometry::spread::along_path;
 use crate::image::placing::{GivenFile, MAX_TESTED_POINTS};
 use crate::image::stated::CoordinateOptions;
-use crate::job::spec::{InvalidValue, joined, parse_number};
-use crate::job::well_file::{WellFile, is_well_file};
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, joined, parse_number};
 use crate::progress::Progress;
+use crate::well_file::{WellFile, is_well_file};
 use crate::{Error, Result};
 
 /// A well: its name, its place, and the rate or the pressure that controls it.

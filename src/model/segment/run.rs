@@ -10,11 +10,11 @@ use crate::Result;
 use crate::files::vtk::DataArray;
 use crate::image::formats::{AnyImage, InputOptions, LoadedImage, ReadImage};
 use crate::image::{Geometry, Image};
-use crate::model::input::{ImageInput, MeshInput, image_part, read_mesh_image};
 use crate::model::surface::adjacency::CellAdjacency;
 use crate::model::surface::{AnySurfaces, SurfaceFile};
+use crate::progress::cost::cpu_seconds;
 use crate::progress::{Progress, Stage};
-use crate::report::cost::cpu_seconds;
+use crate::store::input::{ImageInput, MeshInput, image_part, read_mesh_image};
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 
 /// A segmented mesh.

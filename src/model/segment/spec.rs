@@ -10,8 +10,8 @@ use super::Options;
 use super::places::{Place, Places};
 use crate::error::cause;
 use crate::image::formats::InputOptions;
-use crate::job::spec::{InvalidValue, PointValue};
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, PointValue};
 use crate::{Error, Result};
 
 /// Options of `atomesh segment`.

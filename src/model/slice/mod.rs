@@ -59,7 +59,7 @@ use crate::error::{cause, io_error};
 use crate::geometry::norm;
 use crate::image::formats::stream::SlabSource;
 use crate::image::{Geometry, Image};
-use crate::job::spec::SignedAxis;
+use crate::option_text::SignedAxis;
 use crate::store::{Storable, StoredMesh};
 use crate::{Error, Result};
 use canvas::LETTER_SIZE;

@@ -2,8 +2,8 @@
 
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
-use crate::store::labels::read_labels;
-use crate::store::output::array_unit;
+use crate::mesh_file::array_names::array_unit;
+use crate::mesh_file::read_labels;
 use crate::store::read_named_regions;
 use crate::store::{MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};

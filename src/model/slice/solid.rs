@@ -16,11 +16,11 @@ use super::{CutMode, axis_along, blank_canvas, check_inside};
 use crate::Result;
 use crate::geometry::{bounding_box, sub};
 use crate::image::{Geometry, Image};
-use crate::job::spec::SignedAxis;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::Lists;
 use crate::model::surface::SurfaceKind;
 use crate::model::surface::stored_surfaces::surfaces_by_bend;
+use crate::option_text::SignedAxis;
 use crate::store::{LatticeSpace, Storable, StoredMesh};
 
 /// View angles around the vertical axis and above the horizon, in radians: for a view onto a

@@ -9,8 +9,8 @@ use crate::error::cause;
 use crate::image::Geometry;
 use crate::image::formats::InputOptions;
 use crate::image::formats::stream::ImageHeader;
-use crate::job::spec::{InvalidValue, PointValue, SignedAxis};
 use crate::option_text::serde_as_text;
+use crate::option_text::{InvalidValue, PointValue, SignedAxis};
 use crate::{Error, Result};
 
 /// Options of `atomesh slice`.

@@ -31,7 +31,7 @@
 //! - `merging`: merges pieces into surfaces by their votes
 //! - `hole_patches`: fragments that close holes of a surface belong to it
 //! - `kind`: faults, horizons, and interfaces between labels
-//! - `spec`: all options of `atomesh surface`, as one value
+//! - `grouping`: options that group faces into surfaces
 //! - `names`: names of surfaces, and selectors
 //! - `earlier_names`: names that an earlier interpretation has
 //! - `stored_surfaces`: the surfaces of a mesh from a file
@@ -48,6 +48,7 @@ pub mod facet_selection;
 pub(crate) mod facets;
 pub(crate) mod fault_extension;
 pub(crate) mod fault_separation;
+pub(crate) mod grouping;
 pub(crate) mod hole_patches;
 pub(crate) mod kind;
 pub(crate) mod measure;
@@ -55,7 +56,6 @@ pub(crate) mod merging;
 pub(crate) mod names;
 pub(crate) mod region_interfaces;
 pub(crate) mod size_classes;
-pub(crate) mod spec;
 pub(crate) mod stored_surfaces;
 
 use crate::geometry::{norm, sorted_distinct};
@@ -64,9 +64,9 @@ pub use crate::surface_file::{AnySurfaces, SurfaceFile};
 use continuation_votes::{SmoothPieces, Vote, crossing_votes, gap_votes, ridge_votes, rim_lengths};
 use facets::FacetComplex;
 use fault_separation::FaultSeparation;
+pub use grouping::GroupingOptions;
 pub use kind::SurfaceKind;
 pub use measure::{SurfaceMeasure, measure};
-pub use spec::{GroupBy, GroupingOptions, SurfaceSpec};
 
 /// Options of the grouping of facets into surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -10,8 +10,8 @@ use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::names::append_distinct;
-use crate::store::named_surfaces::NamedSurfaces;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
 use crate::{Error, Result};
 

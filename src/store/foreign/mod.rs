@@ -27,16 +27,12 @@ use std::path::Path;
 pub(super) use groups::{Combinations, Group, GroupNames, GroupedFaces};
 use simplices::{ForeignMesh, NotedMesh, note_lost, renumber_sets};
 
-use super::labels::{LabelledRegion, regions_field};
 use super::named_sets::NamedSets;
-use super::named_surfaces::NamedSurfaces;
-use super::output::HORIZON_FACES_ARRAY;
-use super::stored_mesh::REGION_ARRAY;
 use super::vtu::{
     read_any_vtu_with_notes, read_arrays, read_cell_nodes, read_count, read_fields, read_nodes,
     read_vtk_file_with_notes,
 };
-use super::{AnyMesh, FieldValue, MeshFile};
+use super::{AnyMesh, FieldValue, LabelledRegion, MeshFile};
 use crate::error::{cause, io_error};
 use crate::files::open;
 use crate::files::vtk::{DataArray, VtkFile};
@@ -45,6 +41,9 @@ use crate::image::LabelValue;
 use crate::image::formats::hdf5::Hdf5Source;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::renumber::used_items;
+use crate::mesh_file::array_names::{HORIZON_FACES_ARRAY, REGION_ARRAY};
+use crate::mesh_file::labels::regions_field;
+use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::names;
 use crate::{Error, Result};
 

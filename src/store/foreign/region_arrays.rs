@@ -1,11 +1,11 @@
 //! Regions from the cell arrays of VTK files. Programs store them under many names and in every number
 //! type.
 
-use super::REGION_ARRAY;
 use crate::files::vtk::{DataArray, Values};
 use crate::geometry::sorted_distinct;
 use crate::image::LabelValue;
-use crate::store::labels::{LABELS_FIELD, regions_field};
+use crate::mesh_file::array_names::{LABELS_FIELD, REGION_ARRAY};
+use crate::mesh_file::labels::regions_field;
 use crate::store::{FieldValue, LabelledRegion};
 
 /// Names of cell arrays of regions, the most specific first, in lower case without marks. They are

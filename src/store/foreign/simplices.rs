@@ -8,11 +8,10 @@ use crate::geometry::{sorted, sorted_distinct};
 use crate::mesh::complex::NONE;
 use crate::mesh::renumber::{new_numbers, used_items};
 use crate::mesh::{Simplices, TetMesh, TriMesh};
+use crate::mesh_file::array_names::{HORIZON_FACES_ARRAY, REGION_ARRAY};
+use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::parallel::prelude::*;
 use crate::store::named_sets::{NamedSet, NamedSets};
-use crate::store::named_surfaces::NamedSurfaces;
-use crate::store::output::HORIZON_FACES_ARRAY;
-use crate::store::stored_mesh::REGION_ARRAY;
 use crate::store::{AnyMesh, MeshFile};
 
 /// A mesh as finite-element formats store it. Each element has the combination of its groups.

@@ -1,20 +1,21 @@
 //! Reads unstructured grids of solid cells of several shapes as polyhedra. Flat cells in the file
 //! mark faces on features.
 
-use super::{MeshFile, read_arrays, read_cell_nodes, read_count, read_fields, read_nodes};
+use super::{read_arrays, read_cell_nodes, read_count, read_fields, read_nodes};
 use crate::error::Result;
 use crate::files::vtk::VtkFile;
 use crate::geometry::sorted;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::renumber::new_numbers;
+use crate::mesh_file::MeshFile;
+use crate::mesh_file::array_names::REGION_ARRAY;
 use crate::store::foreign::{
     Combinations, GroupNames, GroupedFaces, poly_file, region_arrays, select_rows, vtk_group,
 };
 use crate::store::mixed_elements::{MixedElement, SolidAssembler, mixed_element};
 use crate::store::named_sets::NamedSets;
 use crate::store::polyhedra::{face_streams, for_each_face};
-use crate::store::stored_mesh::REGION_ARRAY;
 
 /// Reads a mesh; `types` are VTK's cell types. Adds notes for the user.
 ///

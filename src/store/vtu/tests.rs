@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::files::vtk::fixtures::{VARIANTS, fixture};
+use crate::mesh::TetMesh;
+use crate::store::write_vtu;
 
 fn two_tets() -> MeshFile {
     let nodes = vec![

@@ -8,14 +8,14 @@ use crate::cli::common::output::potential_image;
 use crate::cli::console::Console;
 use crate::cli::verbs::report::written_message;
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
-use crate::export::surfaces::extract::default_surfaces;
 use crate::image::{Image, ImageSource};
+use crate::job::output::cells::cell_mesh_file;
+use crate::job::output::{simplex_mesh_file, with_image};
 use crate::job::{MeshResult, MeshSpace, MeshSpec, Meshing, Outcome};
 use crate::mesh::Simplices;
 use crate::report::{Clock, Report, StageCost};
 use crate::store::StoredMesh;
-use crate::store::cell_output::cell_mesh_file;
-use crate::store::output::{simplex_mesh_file, with_image};
+use crate::surfaces::extract::default_surfaces;
 
 /// A mesh that was written, with its report.
 pub(super) struct WrittenMesh<'a, const D: usize>

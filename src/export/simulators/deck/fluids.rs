@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crate::export::containers::text::{FileWriter, WriteResult};
+use crate::files::text::{FileWriter, WriteResult};
 use crate::model::reservoir::{
     BAR, CapillaryOption, Fluid, GAS_DENSITY, Model, OIL_DENSITY, SURFACE_PRESSURE, SimulationCase,
     WATER_DENSITY,

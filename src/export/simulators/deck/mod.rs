@@ -14,9 +14,9 @@ use std::io::Write;
 
 use crate::Result;
 use crate::error::{Error, cause};
-use crate::export::containers::text::write_numbers;
-use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::names::ExportNames;
+use crate::files::text::write_numbers;
+use crate::files::text::{FileWriter, WriteResult};
 use crate::model::reservoir::{
     Aquifer, AquiferModel, BAR, DAY, DeckRegions, Fluid, Model, SimulationCase,
 };

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use super::{TRANSMISSIBILITY_UNIT, WellConnection};
-use crate::export::containers::text::{FileWriter, WriteResult};
 use crate::export::names::ExportNames;
+use crate::files::text::{FileWriter, WriteResult};
 use crate::model::reservoir::schedule::{ControlKind, Controls, DEFAULT_GROUP, WellKind};
 use crate::model::reservoir::{BAR, Control, DAY, Date, Fluid, Model, SimulationCase, Well};
 

@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 
 use super::super::facets::FacetComplex;
 use super::AmplitudeSpace;
-use crate::feature::confidence::median;
-use crate::feature::traces::{FaultPoint, MAX_LAG};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2, dot, norm, normal, sub, unit};
+use crate::image::contrast::median;
+use crate::image::fault_traces::{FaultPoint, MAX_LAG};
 
 /// Distances (samples) of the faces of horizons from the fault.
 const MIN_DISTANCE: f64 = 3.0;

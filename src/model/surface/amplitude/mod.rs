@@ -23,9 +23,9 @@ use serde::Serialize;
 
 use super::facets::FacetComplex;
 use super::{SurfaceKind, Surfaces};
-use crate::feature::confidence::{AmplitudeScale, fault_confidence, random_contrast};
-use crate::feature::traces::{FaultPoint, MAX_LAG, best_lag};
 use crate::geometry::{dot, norm, normal, unit};
+use crate::image::contrast::{AmplitudeScale, fault_confidence, random_contrast};
+use crate::image::fault_traces::{FaultPoint, MAX_LAG, best_lag};
 use crate::image::{Geometry, Image};
 use crate::parallel::prelude::*;
 use horizon_pairs::{HorizonFaces, PairThrows};

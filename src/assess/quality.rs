@@ -1,0 +1,307 @@
+//! Measures the quality and the fidelity of a mesh, as `atomesh quality` does.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::cause;
+use crate::image::synth::Truth;
+use crate::job::output::geometry_of_other_shapes;
+use crate::job::{cells, scaled_mesh, write_lines};
+use crate::mesh::Simplices;
+use crate::mesh::check::{CheckHints, check_with_hints};
+use crate::mesh::graph::Graph;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::array_names::DISTANCE_ARRAY;
+use crate::progress::{CancelToken, Progress, Stage};
+use crate::report::angles::mean_edge_lengths;
+use crate::report::{self, AngleAssessment, Quality, Reference, Report};
+use crate::store::MeshInput;
+use crate::store::{LatticeSpace, StoredMesh, with_mesh};
+use crate::{Error, Result};
+
+/// Options of `atomesh quality`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct QualitySpec {
+    /// The exact distance to the features, as `synth --truth` writes it
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DIST.npy"))]
+    pub truth: Option<PathBuf>,
+    /// Also write the lines where features, or a feature and a side of the box, meet at less than
+    /// 30 degrees, with their angles
+    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
+    pub lines: Option<PathBuf>,
+}
+
+/// Measures the quality of a mesh, and with the option `truth` its fidelity, as `atomesh quality`
+/// does. Also writes the lines of the option `lines`.
+///
+/// ```
+/// use atomesh::image::{Geometry, Image};
+/// use atomesh::progress::NoProgress;
+/// use atomesh::{MeshSpec, QualitySpec};
+///
+/// let disc = |i: usize| f32::from(u8::from((i % 40).abs_diff(20) < 11 && (i / 40).abs_diff(18) < 9));
+/// let image = Image::new([40, 36], (0..40 * 36).map(disc).collect(), Geometry::default());
+/// let spec = MeshSpec { distance: "5".parse()?, ..MeshSpec::default() };
+/// let mesh = atomesh::mesh(&image, &spec, &mut NoProgress)?.mesh_file(&image)?;
+/// let report = atomesh::quality(mesh, &QualitySpec::default(), &mut NoProgress)?;
+/// assert!(report.quality.is_some_and(|quality| quality.smallest_angle.worst > 10.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+/// Returns [`Error::Mesh`] for a mesh or a truth that cannot be used, and [`Error::Job`] for lines of
+/// Voronoi cells.
+pub fn quality<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    spec: &QualitySpec,
+    progress: &mut dyn Progress,
+) -> Result<Report> {
+    let MeshInput { mesh, name, .. } = mesh.into();
+    with_mesh!(mesh,
+        simplices file => {
+            let mut stored = StoredMesh::new(file, name)?;
+            let truth = spec.read_truth(&stored.space)?;
+            progress.stage(Stage::Measuring);
+            let report = measure_simplices(&mut stored, truth)?;
+            if let Some(path) = &spec.lines {
+                let place = |n: u32| stored.world.nodes[n as usize];
+                let angles = report.quality.as_ref().and_then(|q| q.angles.as_ref());
+                write_lines(path, angles.map_or(&[], |a| &a.acute_lines), place)?;
+            }
+            Ok(with_note_on_space(report, &stored.space))
+        },
+        cells file => {
+            spec.refuse_lines_of_cells(name)?;
+            let mut stored = StoredMesh::new(file, name)?;
+            let truth = spec.read_truth(&stored.space)?;
+            progress.stage(Stage::Measuring);
+            let report = measure_cells(&mut stored, truth);
+            Ok(with_note_on_space(report, &stored.space))
+        }
+    )
+}
+
+impl QualitySpec {
+    /// Refuses to write lines of Voronoi cells. `name` is that of the mesh in messages.
+    fn refuse_lines_of_cells(&self, name: &str) -> Result<()> {
+        let Some(path) = &self.lines else {
+            return Ok(());
+        };
+        let place = format!("lines {}", path.display());
+        let problem = format!("{name} holds Voronoi cells, which have no such angles");
+        let remedy = "give a mesh of tetrahedra or triangles, or omit it";
+        Err(Error::Job(cause(place, problem, remedy)))
+    }
+
+    /// Reads the truth about a mesh's features, if it is given.
+    fn read_truth<const D: usize>(
+        &self,
+        space: &LatticeSpace<D>,
+    ) -> Result<Option<DescribedTruth<D>>> {
+        self.truth
+            .as_deref()
+            .map(|path| read_truth(path, space))
+            .transpose()
+    }
+}
+
+/// The truth about the features of a mesh, with a line that describes it.
+type DescribedTruth<const D: usize> = (Truth<D>, String);
+
+fn read_truth<const D: usize>(path: &Path, space: &LatticeSpace<D>) -> Result<DescribedTruth<D>> {
+    let (truth, note) = Truth::read(path)?;
+    if !space.fits_dims(truth.dims) {
+        let problem = format!(
+            "has dimensions {:?}, the mesh {:?}",
+            truth.dims,
+            space.dims()
+        );
+        let remedy = match &space.velocities {
+            None => "give the truth of the image that was meshed".to_string(),
+            Some(velocities) => format!(
+                "give the truth in depth, as the mesh is: atomesh convert --velocity {velocities} --geometry-from IMAGE {0} depth.npy",
+                path.display()
+            ),
+        };
+        return Err(Error::Mesh(cause(path.display(), problem, remedy)));
+    }
+    Ok((truth, format!("{}: {note}", path.display())))
+}
+
+/// Adds a note if the mesh does not record its lattice space.
+fn with_note_on_space<const D: usize>(mut report: Report, space: &LatticeSpace<D>) -> Report {
+    if !space.is_stored {
+        let note = "the file does not record its lattice space: measured in physical space";
+        report.notes.push(note.into());
+        if let Some(quality) = &mut report.quality {
+            quality.space = "physical".into();
+        }
+    }
+    report
+}
+
+/// Returns the figures of tetrahedra or triangles, compared with the truth if it is known.
+pub(crate) fn measure_simplices<const D: usize, M: Simplices<D>>(
+    stored: &mut StoredMesh<D, M>,
+    truth: Option<DescribedTruth<D>>,
+) -> Result<Report> {
+    let (mesh, space) = (&stored.lattice, &stored.space);
+    let assessment = explained_angles(stored);
+    let hints = CheckHints {
+        bent_side: space.bent_side,
+        ..CheckHints::default()
+    };
+    let (low, high, tolerance) = ([0.0; D], space.extent, space.tolerance());
+    let mut report = Report {
+        quality: Some(Quality {
+            angles: Some(assessment.angles),
+            ..report::quality(mesh)
+        }),
+        box_check: Some(check_with_hints(mesh, hints, low, high, tolerance)),
+        ..Report::default()
+    };
+    if let Some((truth, note)) = &truth {
+        let in_samples = scaled_mesh(mesh, space.step.map(|s| 1.0 / s));
+        let reference = Reference::from_truth(truth);
+        report.fidelity = Some(report::fidelity(
+            &*in_samples,
+            &reference,
+            stored.feature_faces.as_deref(),
+        )?);
+        report.notes.push(note.clone());
+    }
+    report.set_angle_space(&space.geometry);
+    if geometry_of_other_shapes(&space.geometry, space.step).is_some()
+        && let Ok(scales) = space.geometry.length_scales()
+    {
+        let in_one_unit = |mesh: &M| report::quality(&*scaled_mesh(mesh, scales));
+        report.set_physical_quality(stored.with_world_mesh(in_one_unit));
+    }
+    Ok(report)
+}
+
+/// Returns which angles the features explain. If the mesh does not record its nominal distance, its
+/// mean edge lengths replace it.
+fn explained_angles<const D: usize, M: Simplices<D>>(stored: &StoredMesh<D, M>) -> AngleAssessment {
+    let (mesh, space) = (&stored.lattice, &stored.space);
+    let arrays = &stored.arrays.point_data;
+    let array = arrays.iter().find(|array| array.name == DISTANCE_ARRAY);
+    let values = array.map(|array| array.values.to_f64());
+    let distance = values
+        .filter(|d| d.len() == mesh.nodes().len() && d.iter().all(|d| *d > 0.0))
+        .unwrap_or_else(|| mean_edge_lengths(mesh));
+    let faces = stored.feature_faces.as_deref().unwrap_or_default();
+    report::assess_angles(mesh, faces, space.extent, |n| distance[n as usize])
+}
+
+/// Returns the figures of polyhedra or polygons, compared with the truth if it is known.
+pub(crate) fn measure_cells<const D: usize>(
+    stored: &mut StoredMesh<D, PolyMesh<D>>,
+    truth: Option<DescribedTruth<D>>,
+) -> Report {
+    let (mesh, space) = (&stored.lattice, &stored.space);
+    let hints = CheckHints {
+        weld: stored.weld,
+        ..CheckHints::default()
+    };
+    let cell_check = check_with_hints(mesh, hints, [0.0; D], space.extent, space.tolerance());
+    let graph = Graph::from_poly(mesh);
+    let mut report = Report::default();
+    if let Some((truth, note)) = &truth {
+        let reference = Reference::from_truth(truth);
+        report.fidelity = Some(cells::cell_fidelity(
+            mesh,
+            space.step,
+            &reference,
+            &CancelToken::never(),
+        ));
+        report.notes.push(note.clone());
+    }
+    report.set_angle_space(&space.geometry);
+    let scales = space.geometry.length_scales();
+    let has_angles = scales.is_ok();
+    let scales = scales.unwrap_or([1.0; D]);
+    let scale = |x: &[f64; D]| std::array::from_fn(|k| x[k] * scales[k]);
+    let in_one_unit = |mesh: &PolyMesh<D>| Graph::from_poly(&mesh.mapped(|x| scale(&x), false));
+    let physical = stored.with_world_mesh(in_one_unit);
+    let measured = report::measure_voronoi(cell_check, &graph, &physical);
+    report.voronoi = Some(report::Voronoi {
+        angle_physical: measured.angle_physical.filter(|_| has_angles),
+        ..measured
+    });
+    report
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Geometry, Image};
+    use crate::job::MeshSpec;
+    use crate::progress::NoProgress;
+    use crate::store::AnyMesh;
+
+    fn mesh(spec: &MeshSpec) -> AnyMesh {
+        let disc = |i: usize| f32::from(u8::from((i % 40).abs_diff(20) < 11));
+        let image = Image::new(
+            [40, 36],
+            (0..40 * 36).map(disc).collect(),
+            Geometry::default(),
+        );
+        let outcome = crate::mesh(&image, spec, &mut NoProgress).unwrap();
+        outcome.mesh_file(&image).unwrap()
+    }
+
+    #[test]
+    fn lines_are_written_for_simplices_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let spec = QualitySpec {
+            lines: Some(folder.path().join("lines.vtp")),
+            ..QualitySpec::default()
+        };
+        let mut mesh_spec = MeshSpec {
+            distance: "5".parse().unwrap(),
+            ..MeshSpec::default()
+        };
+        let report = quality(mesh(&mesh_spec), &spec, &mut NoProgress).unwrap();
+        assert!(report.box_check.unwrap().passed());
+        assert!(spec.lines.as_ref().unwrap().exists());
+        mesh_spec.cells = Some(crate::job::spec::CellKind::Voronoi);
+        let error = quality(mesh(&mesh_spec), &spec, &mut NoProgress).unwrap_err();
+        assert!(error.to_string().starts_with("lines "), "{error}");
+    }
+
+    #[test]
+    fn a_truth_of_another_size_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.npy");
+        let mesh_spec = MeshSpec {
+            distance: "5".parse().unwrap(),
+            ..MeshSpec::default()
+        };
+        let truth = |dims: [usize; 2]| Truth::<2> {
+            dims,
+            distance: vec![1.0; dims[0] * dims[1]],
+            direction: vec![[1.0, 0.0]; dims[0] * dims[1]],
+            is_smooth: true,
+            next_feature: None,
+        };
+        let spec = QualitySpec {
+            truth: Some(path.clone()),
+            ..QualitySpec::default()
+        };
+        truth([40, 36]).write(&path).unwrap();
+        let report = quality(mesh(&mesh_spec), &spec, &mut NoProgress).unwrap();
+        assert!(report.fidelity.is_some());
+        truth([40, 35]).write(&path).unwrap();
+        let error = quality(mesh(&mesh_spec), &spec, &mut NoProgress).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("has dimensions [40, 35], the mesh"),
+            "{error}"
+        );
+    }
+}

@@ -56,9 +56,9 @@ fn triangles(path: &Path) -> BTreeMap<String, Vec<Triangle>> {
     surfaces
 }
 
-/// Returns how often the edges between corners occur more in one direction than in the other, at most, and
-/// how often in the same direction, at most.
-fn edge_counts(triangles: &[Triangle]) -> [i32; 2] {
+/// Returns how often an edge between corners occurs more in one direction than in the other, at most: 0 if
+/// triangles that face one way are closed, and 1 if they are open. Two bodies may touch in an edge.
+fn excess_of_directions(triangles: &[Triangle]) -> i32 {
     let mut counts: BTreeMap<[[u64; 3]; 2], [i32; 2]> = BTreeMap::new();
     for triangle in triangles {
         let corners = triangle.map(|x| x.map(f64::to_bits));
@@ -67,8 +67,8 @@ fn edge_counts(triangles: &[Triangle]) -> [i32; 2] {
             counts.entry([a.min(b), a.max(b)]).or_default()[usize::from(a > b)] += 1;
         }
     }
-    let largest = |value: fn(&[i32; 2]) -> i32| counts.values().map(value).max().unwrap_or(0);
-    [largest(|[a, b]| (a - b).abs()), largest(|[a, b]| *a.max(b))]
+    let excess = counts.values().map(|[a, b]| (a - b).abs());
+    excess.max().unwrap_or(0)
 }
 
 /// Returns the volume that triangles enclose; it is negative if they face it.
@@ -172,16 +172,22 @@ fn closed_interfaces_face_outwards_from_the_region_that_they_enclose() {
                 let mut found: Vec<f64> = Vec::new();
                 for (name, triangles) in &surfaces {
                     assert_eq!(
-                        edge_counts(triangles)[0],
+                        excess_of_directions(triangles),
                         0,
                         "{place} {name} is open or not turned one way"
                     );
                     found.push(volume(triangles));
                 }
                 found.sort_by(|a, b| b.total_cmp(a));
+                // Voronoi cells 4 samples apart follow a ball of 4 samples less well.
+                let tolerance = if options.contains("voronoi") {
+                    0.2
+                } else {
+                    0.15
+                };
                 for (found, expected) in found.iter().zip(&volumes) {
                     assert!(
-                        is_close(*found, *expected, 0.15),
+                        is_close(*found, *expected, tolerance),
                         "{place}: {found} {expected}"
                     );
                 }
@@ -220,8 +226,8 @@ fn open_interfaces_face_one_way_from_the_smaller_number_to_the_larger() {
                 let place = format!("case {index}: {command}");
                 assert_eq!(surfaces.len(), count, "{place}: {:?}", surfaces.keys());
                 for (name, triangles) in &surfaces {
-                    let counts = edge_counts(triangles);
-                    assert_eq!(counts[1], 1, "{place} {name} is not turned one way");
+                    let excess = excess_of_directions(triangles);
+                    assert_eq!(excess, 1, "{place} {name} is not turned one way");
                     let (mut forward, mut backward) = (0, 0);
                     for [a, b, c] in triangles {
                         let centre = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);

@@ -144,6 +144,30 @@ fn atoms_are_added_and_removed_in_the_plane() {
 }
 
 #[test]
+fn cells_along_surfaces_are_edited_at_any_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    for (kind, dims) in [("sphere", "40,36,32"), ("faults", "60,56,52")] {
+        run_args(
+            dir,
+            &words(&format!("synth {kind} -o i.npy --dims {dims} --quiet")),
+        );
+        run_args(
+            dir,
+            &words("mesh i.npy -o v.vtu --distance 6 --cells voronoi --quiet"),
+        );
+        for place in ["20.3,18.1,15.2", "30.5,20.5,25.5", "12.1,30.2,13.3"] {
+            json(
+                dir,
+                &words(&format!("edit v.vtu i.npy -o e.vtu --add {place}")),
+            );
+            let valid = json(dir, &["validate", "e.vtu"]);
+            assert_eq!(valid["valid"], true, "{kind}, {place}: {valid}");
+        }
+    }
+}
+
+#[test]
 fn edits_use_the_evaluator_kappa_and_optimizer_of_the_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();

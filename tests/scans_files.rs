@@ -203,10 +203,16 @@ fn spacing_is_read_from_imagej_and_ome_tiff() {
         stdout.contains("(1.0000, 0.0000, 0.0000)") && stdout.contains("um, um, um"),
         "{stdout}"
     );
-    // Without a unit of length the image has no spacing, and a note says so.
+    // Without a unit of length the distance of planes is in pixels, and resolutions of screens do not count.
     for (unit, per_unit) in [("", Some([72, 1])), ("unit=pixel\n", Some([1, 1]))] {
         let stdout = write(&imagej(unit), per_unit);
-        assert!(stdout.contains("does not say where"), "{unit}: {stdout}");
+        for part in [
+            "(1.0000, 0.0000, 0.0000)",
+            "2.0000) along z",
+            "in pixels, without a unit",
+        ] {
+            assert!(stdout.contains(part), "{unit}: no {part}: {stdout}");
+        }
     }
     let ome = "<?xml version=\"1.0\"?><OME xmlns=\"http://www.openmicroscopy.org/Schemas/OME/2016-06\">\
                <Image><Pixels SizeC=\"1\" SizeT=\"1\" SizeZ=\"3\" PhysicalSizeX=\"0.25\" PhysicalSizeY=\"0.25\" \

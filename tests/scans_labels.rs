@@ -266,7 +266,7 @@ fn a_wall_of_one_sample_is_kept_with_the_options_that_the_verdict_suggests() {
     );
     let mut options = String::from("wall.npy");
     let mut tried: Vec<String> = Vec::new();
-    for _ in 0..4 {
+    for _ in 0..3 {
         let report = report(folder, &options);
         let regions = report["regions"]["regions"].as_array().unwrap();
         let error = regions[1]["volume_error_percent"].as_f64().unwrap();
@@ -275,7 +275,9 @@ fn a_wall_of_one_sample_is_kept_with_the_options_that_the_verdict_suggests() {
             return;
         }
         let verdict = &report["verdict"];
-        assert_eq!(verdict["grade"], "fair", "{verdict}");
+        // A wall that is lost as a whole is bad.
+        let grade = if error == -100.0 { "bad" } else { "fair" };
+        assert_eq!(verdict["grade"], grade, "{verdict}");
         let issue = verdict["issue"].to_string();
         assert!(
             issue.contains("label 2") || issue.contains("labels 1 and 3 touch through holes"),

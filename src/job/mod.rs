@@ -18,7 +18,7 @@
 //! - `join`: joins atoms to simplices, which differs in the plane and in space
 //! - `cells`: makes Voronoi cells
 //! - `equalise`: makes Voronoi cells more equal in size
-//! - `skew_faces`: moves atoms at faces far beside the line between their cells
+//! - `skew_faces`: removes faces far from the line between the centroids of their cells
 //! - `padding`: cells beyond the image
 //! - `output`: the mesh as a file, and files of lines and feature points
 //! - `topography`: the surface at which those above it end

@@ -1,4 +1,4 @@
-//! Removes skew faces of Voronoi cells: faces far adjacent the line between the centroids of their cells.
+//! Removes skew faces of Voronoi cells: faces far from the line between the centroids of their cells.
 //!
 //! Finite-volume programs interpolate between two centroids and take the value for the face between
 //! them; OpenFOAM's `checkMesh` refuses a mesh with a skewness above 4. Few faces are that skew (one in
@@ -123,25 +123,21 @@ where
 
     /// Returns the first move of an atom near face `f` after which no face around the atom is skew.
     fn move_of_atom(&self, f: usize, room: &impl Room<D>) -> Option<Change<D>> {
-        let [a, b] = [0, 1].map(|i| self.cells_of(f).get(i).copied());
-        let adjacent = |cell: Option<usize>, c: &usize| {
-            cell.is_none_or(|cell| cell == *c || self.neighbours.get(cell).contains(&(*c as u32)))
-        };
-        let cells = self.with_neighbours(&self.cells_of(f)).into_iter();
-        cells
-            .filter(|c| adjacent(a, c) && adjacent(b, c))
-            .find_map(|atom| {
-                let (d, x) = (room.distance(atom)?, self.mesh.sites[atom]);
-                let local = RecutCells::new(self, Some(atom), &self.with_neighbours(&[atom]));
-                let mut targets = steps(d).map(|step| add_scaled(x, 1.0, step));
-                let position = targets.find(|&target| {
-                    room.is_free(x, target) && local.skew_faces(target) == Some(0)
-                })?;
-                Some(Change {
-                    atom: Some(atom),
-                    position,
-                })
+        let own = self.cells_of(f);
+        let is_neighbour = |a: usize, b: usize| self.neighbours.get(a).contains(&(b as u32));
+        let is_at_face = |&c: &usize| own.iter().all(|&cell| cell == c || is_neighbour(cell, c));
+        let mut atoms = self.with_neighbours(&own).into_iter().filter(is_at_face);
+        atoms.find_map(|atom| {
+            let (d, x) = (room.distance(atom)?, self.mesh.sites[atom]);
+            let local = RecutCells::new(self, Some(atom), &self.with_neighbours(&[atom]));
+            let mut targets = steps(d).map(|step| add_scaled(x, 1.0, step));
+            let position = targets
+                .find(|&target| room.is_free(x, target) && local.skew_faces(target) == Some(0))?;
+            Some(Change {
+                atom: Some(atom),
+                position,
             })
+        })
     }
 
     /// Returns the cells of a face.
@@ -207,8 +203,8 @@ where
     }
 
     /// Returns the number of skew faces of the cells that change if the atom is at `x`; `None` if
-    /// other cells would change, or if the atom's cell would be much smaller or larger than one adjacent
-    /// it.
+    /// other cells would change, or if the atom's cell would be much smaller or larger than the
+    /// next.
     fn skew_faces(&self, x: [f64; D]) -> Option<usize> {
         let sites = self.cells.iter().map(|&c| self.whole.mesh.sites[c]);
         let sites: Vec<[f64; D]> = [x].into_iter().chain(sites).collect();

@@ -23,6 +23,7 @@
 
 use super::value_regions::{REGION_VALUES, value_regions};
 use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
+use crate::comm::concatenate;
 use crate::error::{Error, Result, cause};
 use crate::feature::candidate::{Candidate, dominant_axes};
 use crate::feature::label_map::missing_label_error;
@@ -141,6 +142,9 @@ fn find_in_samples<const D: usize>(
     if let Some(options) = (input.options.labels.iter()).find(|o| !REGION_VALUES.contains(&o.label))
     {
         return Err(missing_label_error(options, &REGION_VALUES));
+    }
+    if is_in_memory {
+        values = concatenate(input.comm.all_gather("smoothed values", values)?);
     }
     let is_complete = values.len() == input.dims().iter().product::<usize>();
     let regions = is_complete.then(|| value_regions(input, &values, level, notes));

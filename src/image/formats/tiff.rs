@@ -62,10 +62,14 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         return Err(file_error(path, problem, remedy));
     }
     let (spacing, note) = match stack_spacing(&description, resolution, resolution_unit) {
-        Some((spacing, source)) => (
-            Some(spacing),
-            format!("spacing and unit from {source} metadata"),
-        ),
+        Some((spacing, source)) => {
+            let what = if spacing.units.iter().all(String::is_empty) {
+                "spacing in pixels, without a unit,"
+            } else {
+                "spacing and unit"
+            };
+            (Some(spacing), format!("{what} from {source} metadata"))
+        }
         None => tag_spacing(resolution, resolution_unit, pages.count),
     };
     let mut notes = vec![note];
@@ -252,10 +256,14 @@ fn stack_spacing(
             (None, Some(3)) => "cm".to_string(),
             (None, _) => String::new(),
         };
-        let axis_unit = |name: &str| field(name).map_or_else(|| unit.clone(), |u| unit_symbol(&u));
-        let [x, y] = resolution.map(|resolution| resolution.unwrap_or(1.0));
+        // Without a unit in the description, resolutions of screens and printers say nothing.
+        let is_print =
+            field("unit").is_none() && are_print_resolutions(resolution, resolution_unit);
+        let unit = if is_print { String::new() } else { unit };
+        let [x, y] = resolution.map(|value| value.filter(|_| !is_print).unwrap_or(1.0));
         let z = field("spacing").map_or(Some(1.0), |z| z.parse::<f64>().ok())?;
         let steps = [1.0 / x, 1.0 / y, z.abs()];
+        let axis_unit = |name: &str| field(name).map_or_else(|| unit.clone(), |u| unit_symbol(&u));
         let units = [unit.clone(), axis_unit("yunit"), axis_unit("zunit")];
         let is_bare = steps == [1.0; 3] && unit.is_empty();
         let spacing = StackSpacing { steps, units };
@@ -313,6 +321,16 @@ const PRINT_RESOLUTIONS: [f64; 10] = [
     72.0, 75.0, 90.0, 96.0, 100.0, 150.0, 200.0, 300.0, 600.0, 1200.0,
 ];
 
+/// Returns `true` if both resolutions, per centimetre if the tag of the unit is 3 and else per inch, are
+/// those of screens and printers.
+fn are_print_resolutions(resolution: [Option<f64>; 2], unit: Option<u16>) -> bool {
+    let per_inch = if unit == Some(3) { 2.54 } else { 1.0 };
+    resolution.into_iter().all(|value| {
+        let mut common = PRINT_RESOLUTIONS.iter();
+        value.is_some_and(|value| common.any(|print| (value * per_inch - print).abs() < 0.5))
+    })
+}
+
 /// Returns the spacing in the resolution tags, if these give a size, and a note. TIFF has no spacing
 /// between pages: it is taken as that of the rows.
 fn tag_spacing(
@@ -322,9 +340,9 @@ fn tag_spacing(
 ) -> (Option<StackSpacing>, String) {
     let none = || format!("a TIFF stack {NO_GEOMETRY_NOTE}");
     // The unit is an inch unless the tag says otherwise.
-    let (name, per_inch) = match unit {
-        None | Some(2) => ("in", 1.0),
-        Some(3) => ("cm", 2.54),
+    let name = match unit {
+        None | Some(2) => "in",
+        Some(3) => "cm",
         _ => return (None, none()),
     };
     let [Some(x), Some(y)] = resolution else {
@@ -332,11 +350,7 @@ fn tag_spacing(
     };
     let steps = [1.0 / x, 1.0 / y, 1.0 / y];
     let is_valid = steps.iter().all(|h| h.is_finite() && *h > 0.0);
-    let is_print = |value: f64| {
-        let mut common = PRINT_RESOLUTIONS.iter();
-        common.any(|print| (value * per_inch - print).abs() < 0.5)
-    };
-    if !is_valid || (x, y) == (1.0, 1.0) || is_print(x) && is_print(y) {
+    if !is_valid || (x, y) == (1.0, 1.0) || are_print_resolutions(resolution, unit) {
         return (None, none());
     }
     let mut note = format!("spacing from its resolution tags ({x} x {y} per {name})");
@@ -615,6 +629,7 @@ mod tests {
                 [2.0, 2.0, 3.0],
                 ",,",
             ),
+            (Some([72, 1]), b"spacing=3.0\n", [1.0, 1.0, 3.0], ",,"),
         ] {
             let (found, found_units) = geometry(resolution, fields);
             assert_eq!((found, &*found_units), (steps, units));

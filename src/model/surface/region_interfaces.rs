@@ -195,7 +195,7 @@ mod tests {
             for (nodes, is_mirrored) in [(&tets.nodes, false), (&mirrored, true)] {
                 let interfaces = region_interfaces(&tets, &regions, nodes, is_mirrored).unwrap();
                 let between = interfaces.iter().filter_map(|b| {
-                    let volume = enclosed_volume(nodes, &b.facets) / 6.0;
+                    let volume = enclosed_volume(nodes, &b.facets) / 3.0;
                     Some((
                         b.inner_region,
                         b.outer_region?,

@@ -106,7 +106,7 @@ impl<const D: usize> ConformingSites<D> {
         };
         conforming.facets = conforming.separated_facets(existing);
         conforming.place_sites();
-        conforming.rims = conforming.rims_with_sites();
+        conforming.rims = conforming.rims_with_sites(existing);
         conforming
     }
 
@@ -348,8 +348,9 @@ impl<const D: usize> ConformingSites<D> {
             .filter(|&x| self.is_free(x))
     }
 
-    /// Returns the rims, of facets that have sites, ahead of which sites are placed.
-    fn rims_with_sites(&self) -> Vec<(u32, usize)> {
+    /// Returns the rims, of facets that have sites, ahead of which sites are placed, none of them close to
+    /// the `existing` atoms.
+    fn rims_with_sites(&self, existing: &[[f64; D]]) -> Vec<(u32, usize)> {
         let surface = self.surface();
         let mut rims: Vec<((u32, usize), [f64; D], f64)> = Vec::new();
         for (ridge, facets) in surface.ridges() {
@@ -385,7 +386,8 @@ impl<const D: usize> ConformingSites<D> {
         let volume: f64 = extent.iter().product();
         let cell_size = max_distance.max((volume / 1e6).powf(1.0 / D as f64));
         let mut placed = IncrementalGrid::new([0.0; D], extent, cell_size);
-        self.sites().into_iter().for_each(|x| _ = placed.add(x));
+        let others = self.sites().into_iter().chain(existing.iter().copied());
+        others.for_each(|x| _ = placed.add(x));
         for (rim, x, min_distance) in rims {
             if placed.is_free(&x, min_distance) {
                 placed.add(x);

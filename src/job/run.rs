@@ -16,6 +16,7 @@ use super::{
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{self, Features, label_map};
+use crate::geometry::statistics::upper_median;
 use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
@@ -316,14 +317,12 @@ fn suggest_distance<const D: usize>(
 
 /// Returns the distance between atoms at half of the feature points; `None` if it is not known.
 fn typical_distance<const D: usize>(features: &Features<D>, distance: &Distance<D>) -> Option<f64> {
-    let mut spacing = features.spacing.clone().unwrap_or_default();
-    spacing.sort_by(f32::total_cmp);
     let constant = match distance {
         Distance::Constant(d) => Some(*d),
         _ => None,
     };
-    let median = spacing.get(spacing.len() / 2).copied().map(f64::from);
-    median.or(constant)
+    let mut spacing = features.spacing.clone().unwrap_or_default();
+    upper_median(&mut spacing).map(f64::from).or(constant)
 }
 
 /// Returns the options that make cells well shaped in physical space. If the image is too thin there

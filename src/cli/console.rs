@@ -150,19 +150,20 @@ impl Console {
         })
     }
 
-    /// Runs a function of the library on a mesh and an image, which have these names.
+    /// Runs a function of the library on a mesh and an image, which come from these files.
     ///
     /// # Errors
     /// Returns the errors of the function.
     pub fn run_on_mesh_and_image<T>(
         &mut self,
         interrupts: &Interrupts,
-        (mesh, mesh_path): (AnyMesh, &Path),
-        (image, image_path): (AnyImage, &Path),
+        mesh: AnyMesh,
+        image: AnyImage,
+        paths: [&Path; 2],
         sha256: Option<String>,
         work: impl FnOnce(MeshInput<'_>, ImageInput<'_>, &mut dyn Progress) -> Result<T>,
     ) -> Result<T> {
-        let [mesh_name, image_name] = [mesh_path, image_path].map(path_text);
+        let [mesh_name, image_name] = paths.map(path_text);
         self.run(interrupts, |read_image, progress| {
             let mesh = MeshInput {
                 mesh,

@@ -96,7 +96,7 @@ pub(super) fn confidences<const D: usize>(
         .flatten()
         .map(|&i| in_samples(i))
         .collect();
-    let random = random_contrast(&all, (image, vertical, scale.mean));
+    let random = random_contrast(&all, image, vertical, scale.mean);
     let confidence = |points: &Vec<usize>| {
         let contrasts: Vec<Option<f64>> = (points.par_iter())
             .map(|&i| in_samples(i).correlate(image, vertical, scale.mean))

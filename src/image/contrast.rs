@@ -55,7 +55,9 @@ pub(crate) fn fault_confidence(contrast: f64, random_contrast: f64) -> f64 {
 /// directions of `points`. `mean` is the image's mean.
 pub(crate) fn random_contrast<const D: usize>(
     points: &[FaultPoint<D>],
-    (image, vertical, mean): (&Image<D>, usize, f64),
+    image: &Image<D>,
+    vertical: usize,
+    mean: f64,
 ) -> f64 {
     let mut random = Random::new(2);
     let dims = image.dims();

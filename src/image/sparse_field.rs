@@ -254,7 +254,7 @@ impl<const D: usize> SparseField<D> {
         comm: &dyn Comm,
     ) -> Result<Self> {
         let counts = brick_counts(self.dims);
-        let needed = morphology::bricks_near(positions, reach, counts, (BRICK_CELLS, self.step));
+        let needed = morphology::bricks_near(positions, reach, counts, BRICK_CELLS, self.step);
         let (parts, layers_per_part) = part_layout(self.dims);
         let bricks_per_layer = needed.len() / counts[D - 1];
         let requested = (0..comm.size()).map(|rank| {

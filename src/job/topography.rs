@@ -62,7 +62,8 @@ impl Topography {
         params: &Params<D>,
         geometry: &Geometry<D>,
         dims: [usize; D],
-        (step, extent): ([f64; D], [f64; D]),
+        step: [f64; D],
+        extent: [f64; D],
     ) -> Result<Option<Self>> {
         let surfaces = &params.topography;
         let sides = params.spec.pad.unwrap_or_default().sides;

@@ -138,7 +138,7 @@ impl Extraction<'_> {
             image,
             min_confidence: spec.min_confidence,
         });
-        let groups = measured_groups(&stored, facets, &options, (&up, z_up), survey);
+        let groups = measured_groups(&stored, facets, &options, &up, z_up, survey);
         if let Some(note) = &groups.doubtful {
             self.progress.note(note);
         }
@@ -356,7 +356,8 @@ fn measured_groups<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
-    (up, z_up): (&MapAxes<D>, bool),
+    up: &MapAxes<D>,
+    z_up: bool,
     survey: Option<Survey<'_, D>>,
 ) -> SurfaceGroups<D> {
     let mut surfaces = group_facets(stored, facets, options);
@@ -472,7 +473,7 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
         facet_selection::marked_facets(&stored.lattice, &marks)
     };
     let options = grouping.options(None)?;
-    Ok(measured_groups(stored, facets, &options, (&up, z_up), None).file)
+    Ok(measured_groups(stored, facets, &options, &up, z_up, None).file)
 }
 
 /// Returns the name of a surface in files.

@@ -358,7 +358,8 @@ impl<const D: usize> DistributedDistance<D> {
             positions,
             radius,
             bricks_per_axis(layers.dims),
-            (BRICK_CELLS, layers.step),
+            BRICK_CELLS,
+            layers.step,
         );
         Ok(Cow::Owned(layers.fetch_bricks(&is_requested, comm)?))
     }

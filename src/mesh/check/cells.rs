@@ -285,7 +285,7 @@ fn boundary_sides<const D: usize>(
         let max_offset = offsets.fold(0.0, f64::max);
         let area = mesh.face_shape(f).area_vector[axis];
         let area = if upper { area } else { -area };
-        sides.add((axis, upper), area, max_offset, bounds, report);
+        sides.add(axis, upper, area, max_offset, bounds, report);
     }
     Some(sides)
 }

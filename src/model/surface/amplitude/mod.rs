@@ -336,8 +336,7 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
             .filter_map(|(lag, &area)| lag.map(|(lag, peak)| [lag * scale, peak, area]))
             .filter(|m| m[1] >= MIN_CORRELATION)
             .collect();
-        let random_contrast =
-            random_contrast(&points, (self.image, self.vertical, self.scale.mean));
+        let random_contrast = random_contrast(&points, self.image, self.vertical, self.scale.mean);
         let confidence = |contrast: f64| fault_confidence(contrast, random_contrast);
         let contrasts = correlations.iter().zip(&areas);
         let (contrasts, contrast_areas): (Vec<f64>, Vec<f64>) = contrasts

@@ -38,6 +38,9 @@ pub(crate) mod statistics;
 pub(crate) mod union_find;
 pub(crate) mod vector;
 
+/// The index that stands for no item: no node, no cell, no point.
+pub const NONE: u32 = u32::MAX;
+
 pub(crate) use distinct::{sorted, sorted_distinct};
 pub(crate) use face_distance::squared_distance_to_face;
 pub use hypot::hypot;

@@ -12,6 +12,7 @@ use super::grading::limit_gradient_in_layers;
 use super::{CellPosition, Distance, GridCell, density_sum, max_slopes};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
+use crate::geometry::NONE;
 use crate::geometry::grid_index::{index_at, offset_of};
 use crate::geometry::{morphology, norm};
 use crate::image::{MissFlag, ScalarField};
@@ -21,8 +22,6 @@ use crate::progress::CancelToken;
 const BRICK_CELLS: usize = 8;
 /// Samples along an edge of a brick.
 const BRICK_SAMPLES: usize = BRICK_CELLS + 1;
-/// Marks a brick that is not local.
-const NOT_LOCAL: u32 = u32::MAX;
 
 /// The nominal distance between atoms, local or distributed over ranks.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +60,7 @@ pub(super) struct DistanceSummary {
 pub struct DistanceBricks<const D: usize> {
     dims: [usize; D],
     step: [f64; D],
-    /// For each brick, x fastest, its index among the local bricks, or [`NOT_LOCAL`].
+    /// For each brick, x fastest, its index among the local bricks, or [`NONE`].
     local_indices: Vec<u32>,
     samples: Vec<f32>,
     pub(super) summary: DistanceSummary,
@@ -264,9 +263,9 @@ impl<const D: usize> DistanceLayers<D> {
         let mut next_index = 0..;
         let slot = |&is_requested: &bool| {
             if is_requested {
-                next_index.next().unwrap_or(NOT_LOCAL)
+                next_index.next().unwrap_or(NONE)
             } else {
-                NOT_LOCAL
+                NONE
             }
         };
         Ok(self.with_bricks(is_requested.iter().map(slot).collect(), samples))
@@ -311,7 +310,7 @@ impl<const D: usize> DistributedDistance<D> {
         match self {
             Self::Global(distance) => Cow::Borrowed(distance),
             Self::Layers(layers) => {
-                let local_indices = vec![NOT_LOCAL; bricks_per_axis(layers.dims).iter().product()];
+                let local_indices = vec![NONE; bricks_per_axis(layers.dims).iter().product()];
                 Cow::Owned(layers.with_bricks(local_indices, Vec::new()))
             }
         }
@@ -406,7 +405,7 @@ impl<const D: usize> DistanceBricks<D> {
             corner = corner * BRICK_SAMPLES + position_in_cell.low[k] % BRICK_CELLS;
         }
         let local_index = self.local_indices[brick];
-        if local_index == NOT_LOCAL {
+        if local_index == NONE {
             self.misses.set();
             return None;
         }

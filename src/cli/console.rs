@@ -25,6 +25,7 @@ use crate::cli::time_left::TimeLeft;
 use crate::comm::Comm;
 use crate::export::SurfaceFile;
 use crate::image::formats::stream::OpenedImage;
+use crate::image::formats::with_loaded;
 use crate::image::formats::{self, AnyImage, InputOptions, ReadImage};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
@@ -328,10 +329,7 @@ impl Console {
         if !self.host.keeps_in_memory(path) {
             return image.write(path);
         }
-        match image {
-            AnyImage::Plane(loaded) => self.write_image(path, loaded.image),
-            AnyImage::Space(loaded) => self.write_image(path, loaded.image),
-        }
+        with_loaded!(image, loaded => self.write_image(path, loaded.image))
     }
 
     /// Writes surfaces in the format of the file's ending.

@@ -111,7 +111,7 @@ impl AnyMesh {
         )
     }
 
-    /// Converts a [`MeshFile`] of one of these kinds; `None` for anything else.
+    /// Converts a boxed [`MeshFile`] of one of these kinds; `None` for anything else.
     pub fn from_any(file: Box<dyn Any>) -> Option<Self> {
         let file = match file.downcast() {
             Ok(triangles) => return Some(Self::Triangles(*triangles)),
@@ -127,6 +127,19 @@ impl AnyMesh {
         }
     }
 }
+
+/// Implements the conversion of mesh files of one kind to those of any.
+macro_rules! any_mesh_from {
+    ($($kind:ident $mesh:ty),*) => {$(
+        impl From<MeshFile<$mesh>> for AnyMesh {
+            fn from(file: MeshFile<$mesh>) -> Self {
+                Self::$kind(file)
+            }
+        }
+    )*};
+}
+
+any_mesh_from!(Triangles TriMesh, Tetrahedra TetMesh, Polygons PolyMesh<2>, Polyhedra PolyMesh<3>);
 
 /// Runs the same code with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or different code
 /// for simplices and for polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells

@@ -48,7 +48,15 @@ fn energy<'a, const D: usize>(
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let (potential, beta) = (&fields.features.potential, fields.beta.clone());
     let mobility = || Ok(mobility);
-    job::job_energy(params, potential, &fields.distance, beta, extent, mobility, &SelfComm)
+    job::job_energy(
+        params,
+        potential,
+        &fields.distance,
+        beta,
+        extent,
+        mobility,
+        &SelfComm,
+    )
 }
 
 /// A neighbourhood: a part of the mesh, the atoms around it, and the steps that change them.

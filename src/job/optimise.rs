@@ -69,8 +69,7 @@ pub(super) fn optimise<const D: usize>(
                       progress: &mut dyn Progress| {
         let mobility = || Ok(atoms.clone().all_gather(comm)?.mobility(extent));
         let beta = frame.beta.clone();
-        let energy =
-            &mut *job_energy(params, potential, distance, beta, extent, mobility, comm)?;
+        let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, comm)?;
         optimize::optimize_partition(atoms, energy, distance, extent, &options, comm, progress)
     };
     let potential = &features.potential;

@@ -9,11 +9,13 @@
 //! - `pvtu`: writes meshes in several files
 //! - `physical`: lattice space and physical space
 //! - `lattice_space`: where the lattice space of a mesh lies in the world, as its file stores it
+//! - `formats`: names and numberings of other programs' formats
 //! - `labels`: regions that are labels of an image
 //! - `named_regions`: regions that have names, and cells beyond the image
 //! - `named_surfaces`: surfaces that have names
 
 pub(crate) mod array_names;
+pub(crate) mod formats;
 pub(crate) mod labels;
 pub(crate) mod lattice_space;
 pub(crate) mod named_regions;

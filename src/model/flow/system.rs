@@ -318,7 +318,9 @@ impl Compartments {
     }
 }
 
-/// Conjugate gradients with a multigrid cycle as preconditioner.
+/// Conjugate gradients for systems of many unknowns, with a multigrid cycle as preconditioner. It works on all
+/// threads and can be cancelled; `geometry::conjugate_gradients` is for small systems, with sums in the order of
+/// the unknowns.
 pub struct Solver<'a> {
     matrix: &'a Matrix,
     multigrid: Multigrid,

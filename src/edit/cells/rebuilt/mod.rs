@@ -30,7 +30,7 @@ const RENUMBER_RADIUS: f64 = 0.6;
 /// Number of a side of the window at which the image continues.
 const OPEN_SIDE: u32 = u32::MAX;
 
-/// What is rebuilt around an edit, and what stays.
+/// The parts of a neighbourhood that are rebuilt, and those that stay.
 #[derive(Clone, Copy)]
 pub struct RebuildScope<'a, const D: usize> {
     /// The present surface of the features.

@@ -11,7 +11,7 @@
 //! option_text   values of options as texts
 //! units         units of length and time, and their names
 //! names         names of objects by the rules of a format
-//! geometry      vectors, cell lists, union-find: what all other modules use
+//! geometry      vectors, cell lists, union-find, quantiles: what all other modules use
 //! files         files that appear complete or not at all; VTK's XML format; values as bytes
 //! comm          processes that share a job, or one process alone; the crate `atomesh-mpi` runs it with MPI
 //! image         samples and their position in the world; formats, synthetic images

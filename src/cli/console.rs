@@ -25,6 +25,7 @@ use crate::cli::time_left::TimeLeft;
 use crate::comm::Comm;
 use crate::export::SurfaceFile;
 use crate::image::formats::stream::OpenedImage;
+use crate::image::formats::with_loaded;
 use crate::image::formats::{self, AnyImage, InputOptions, ReadImage};
 use crate::image::{Image, ImageSource};
 use crate::job::{MeshSpace, Meshing, Outcome};
@@ -150,19 +151,20 @@ impl Console {
         })
     }
 
-    /// Runs a function of the library on a mesh and an image, which have these names.
+    /// Runs a function of the library on a mesh and an image, which come from these files.
     ///
     /// # Errors
     /// Returns the errors of the function.
     pub fn run_on_mesh_and_image<T>(
         &mut self,
         interrupts: &Interrupts,
-        (mesh, mesh_path): (AnyMesh, &Path),
-        (image, image_path): (AnyImage, &Path),
+        mesh: AnyMesh,
+        image: AnyImage,
+        paths: [&Path; 2],
         sha256: Option<String>,
         work: impl FnOnce(MeshInput<'_>, ImageInput<'_>, &mut dyn Progress) -> Result<T>,
     ) -> Result<T> {
-        let [mesh_name, image_name] = [mesh_path, image_path].map(path_text);
+        let [mesh_name, image_name] = paths.map(path_text);
         self.run(interrupts, |read_image, progress| {
             let mesh = MeshInput {
                 mesh,
@@ -327,10 +329,7 @@ impl Console {
         if !self.host.keeps_in_memory(path) {
             return image.write(path);
         }
-        match image {
-            AnyImage::Plane(loaded) => self.write_image(path, loaded.image),
-            AnyImage::Space(loaded) => self.write_image(path, loaded.image),
-        }
+        with_loaded!(image, loaded => self.write_image(path, loaded.image))
     }
 
     /// Writes surfaces in the format of the file's ending.

@@ -5,6 +5,7 @@ use super::resolve::EditLattice;
 use super::{newest_fields, unknown_arrays};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
+use crate::geometry::NONE;
 use crate::image::Geometry;
 use crate::job::output::physical_angles;
 use crate::lattice::AtomKind;
@@ -51,7 +52,7 @@ pub struct EditableMesh<const D: usize, M> {
     /// `true` if the slot holds a node.
     pub is_used: Vec<bool>,
     /// Node numbers of the cells, positively oriented in lattice space; the first one is
-    /// [`EMPTY_SLOT`] in an empty slot.
+    /// [`NONE`] in an empty slot.
     corners: Vec<u32>,
     /// Region of each cell.
     pub region: Vec<i32>,
@@ -67,9 +68,6 @@ pub struct EditableMesh<const D: usize, M> {
     pub renumberings: Vec<(u32, u32)>,
     marker: std::marker::PhantomData<M>,
 }
-
-/// Node number that marks an empty cell slot.
-const EMPTY_SLOT: u32 = u32::MAX;
 
 /// Returns a position in the box `[0, extent]`, exactly on the sides that it nearly lies on.
 fn snap_to_sides<const D: usize>(x: &[f64; D], extent: [f64; D]) -> [f64; D] {
@@ -203,7 +201,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
     /// Returns the node numbers of a cell, or `None` if the slot is empty.
     pub fn cell(&self, c: usize) -> Option<&[u32]> {
         let cell = &self.corners[(D + 1) * c..(D + 1) * (c + 1)];
-        (cell[0] != EMPTY_SLOT).then_some(cell)
+        (cell[0] != NONE).then_some(cell)
     }
 
     /// Appends a node slot and returns its number. The caller sets the node's position and values.
@@ -259,7 +257,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         let angles = smallest_angles(part);
         for c in 0..part.len().max(slots.len()) {
             let slot = slots.get(c).copied().unwrap_or_else(|| {
-                self.corners.extend([EMPTY_SLOT; 4].iter().take(D + 1));
+                self.corners.extend([NONE; 4].iter().take(D + 1));
                 self.region.push(0);
                 self.angle.push(0.0);
                 self.volume.push(0.0);
@@ -269,7 +267,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             });
             let corners = &mut self.corners[(D + 1) * slot..(D + 1) * (slot + 1)];
             if c >= part.len() {
-                corners.fill(EMPTY_SLOT);
+                corners.fill(NONE);
                 continue;
             }
             for (corner, &local) in corners.iter_mut().zip(part.cell(c)) {
@@ -317,7 +315,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         self.distance.truncate(count);
         self.feature.truncate(count);
         self.is_used.truncate(count);
-        for corner in self.corners.iter_mut().filter(|c| **c != EMPTY_SLOT) {
+        for corner in self.corners.iter_mut().filter(|c| **c != NONE) {
             *corner = new_index[*corner as usize];
         }
         for atom in atoms.iter_mut().flatten() {
@@ -351,7 +349,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             end -= 1;
             self.corners
                 .copy_within(size * end..size * (end + 1), size * hole);
-            self.corners[size * end] = EMPTY_SLOT;
+            self.corners[size * end] = NONE;
             self.region[hole] = self.region[end];
             self.angle[hole] = self.angle[end];
             self.volume[hole] = self.volume[end];

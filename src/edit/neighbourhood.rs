@@ -6,15 +6,16 @@ use super::resolve::{Action, EditGroup, EditStep, INFLUENCE_RADIUS, box_sides};
 use super::spacing;
 use super::window::EditWindow;
 use super::{AtomChange, Summary};
+use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{self, Features};
 use crate::geometry::{distance2, sorted_distinct};
 use crate::improve::{ReshapeError, ReshapeRequest};
 use crate::job::horizons::horizon_bits;
-use crate::job::{self, Evaluator, MeshScene, MeshSpace, Meshing};
+use crate::job::{self, MeshScene, MeshSpace, Meshing, Params};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::energy::{Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
+use crate::lattice::energy::Energy;
 use crate::lattice::optimize::{self, temperature};
 use crate::lattice::seeding::{Atoms, kind_at, side_count};
 use crate::mesh::Simplices;
@@ -33,6 +34,30 @@ pub(super) const REUSE_RADIUS: f64 = 0.35;
 
 /// Target for the smallest angle, in degrees, where the mesh was made without improvement.
 const MIN_ANGLE: f64 = 30.0;
+
+/// Returns the energy with which the mesh was made, in a window of size `extent`. `mobility` says which
+/// coordinates of the atoms may change.
+///
+/// # Errors
+/// Returns the errors of [`job::job_energy`].
+fn energy<'a, const D: usize>(
+    params: &Params<D>,
+    fields: &'a LocalFields<D>,
+    mobility: Vec<[f64; D]>,
+    extent: [f64; D],
+) -> Result<Box<dyn Energy<D> + 'a>> {
+    let (potential, beta) = (&fields.features.potential, fields.beta.clone());
+    let mobility = || Ok(mobility);
+    job::job_energy(
+        params,
+        potential,
+        &fields.distance,
+        beta,
+        extent,
+        mobility,
+        &SelfComm,
+    )
+}
 
 /// A neighbourhood: a part of the mesh, the atoms around it, and the steps that change them.
 ///
@@ -184,34 +209,8 @@ where
         summary.samples += fields.features.potential.dims.iter().product::<usize>();
 
         let extent = self.window.extent();
-        let potential = &fields.features.potential;
-        let (distance, beta) = (&fields.distance, fields.beta.clone());
-        let pairwise_energy = || -> Result<PairwiseEnergy<D>> {
-            Ok(
-                PairwiseEnergy::new(extent, distance, Some(potential), beta.clone())?
-                    .with_auto_stiffness(),
-            )
-        };
-        // The energy with which the mesh was made.
-        let mut energy: Box<dyn Energy<D>> = match params.spec.evaluator {
-            Evaluator::Pairwise if params.spec.kappa != 1.0 => {
-                let mobility = atoms.mobility(extent);
-                let (beta, kappa) = (beta.clone(), params.spec.kappa);
-                Box::new(RegularisedEnergy::new(
-                    pairwise_energy()?,
-                    distance,
-                    beta,
-                    kappa,
-                    mobility,
-                )?)
-            }
-            Evaluator::Pairwise => Box::new(pairwise_energy()?),
-            Evaluator::Sampled => Box::new(SampledEnergy::new(
-                distance,
-                potential.to_dense(),
-                beta.clone(),
-            )),
-        };
+        let mobility = atoms.mobility(extent);
+        let mut energy = energy(params, fields, mobility, extent)?;
         let outcome = optimize::optimize(
             &mut atoms,
             &mut *energy,
@@ -520,5 +519,46 @@ where
             nearest.map_or(first, |(_, &region)| region)
         };
         (0..new_mesh.len()).map(region).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::DetectionOptions;
+    use crate::image::{ScalarField, SparseField};
+    use crate::job::{Evaluator, MeshSpec};
+    use crate::lattice::energy::Beta;
+
+    #[test]
+    fn both_evaluators_have_the_energy_of_crowded_atoms() {
+        // Rows of atoms 0.6 d apart, whose repulsion is most of their energy.
+        let (d, extent) = (10.0, [60.0, 60.0]);
+        let positions: Vec<[f64; 2]> = (0..49)
+            .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
+            .collect();
+        let potential = ScalarField::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
+        let fields = LocalFields {
+            features: Features {
+                potential: SparseField::from_field(&potential),
+                ..Features::empty([61, 61], &DetectionOptions::default())
+            },
+            distance: Distance::Constant(d),
+            beta: Beta::Constant(0.6),
+        };
+        let [pairwise, sampled] = [Evaluator::Pairwise, Evaluator::Sampled].map(|evaluator| {
+            let params = Params::new(MeshSpec {
+                evaluator,
+                ..MeshSpec::default()
+            })
+            .unwrap();
+            let mut energy = energy(&params, &fields, Vec::new(), extent).unwrap();
+            let mut gradient = vec![[0.0; 2]; positions.len()];
+            energy.evaluate(&positions, &mut gradient).unwrap()
+        });
+        // Both evaluators are exact for atoms at samples.
+        assert!(pairwise > 1.0, "{pairwise}");
+        let difference = (pairwise - sampled).abs();
+        assert!(difference < 1e-4 * pairwise, "{pairwise} {sampled}");
     }
 }

@@ -86,24 +86,16 @@ pub fn edit<'a>(
         read_image,
         progress,
     };
-    match mesh {
-        AnyMesh::Triangles(file) => {
+    with_mesh!(mesh,
+        simplices file => {
             let dropped = editable_mesh::dropped_arrays(&file);
-            run.edit(file, edit_simplices, dropped, AnyMesh::Triangles)
-        }
-        AnyMesh::Tetrahedra(file) => {
-            let dropped = editable_mesh::dropped_arrays(&file);
-            run.edit(file, edit_simplices, dropped, AnyMesh::Tetrahedra)
-        }
-        AnyMesh::Polygons(file) => {
+            run.edit(file, edit_simplices, dropped)
+        },
+        cells file => {
             let dropped = cells::dropped_arrays(&file);
-            run.edit(file, edit_cells, dropped, AnyMesh::Polygons)
+            run.edit(file, edit_cells, dropped)
         }
-        AnyMesh::Polyhedra(file) => {
-            let dropped = cells::dropped_arrays(&file);
-            run.edit(file, edit_cells, dropped, AnyMesh::Polyhedra)
-        }
-    }
+    )
 }
 
 /// Returns the options for reading the image of a mesh: those of `input`, and for all others those
@@ -144,8 +136,10 @@ impl EditRun<'_> {
         file: MeshFile<M>,
         edit: EditFn<D, M>,
         dropped: Vec<String>,
-        any_mesh: fn(MeshFile<M>) -> AnyMesh,
-    ) -> Result<EditOutcome> {
+    ) -> Result<EditOutcome>
+    where
+        MeshFile<M>: Into<AnyMesh>,
+    {
         let edits = self.spec.edits()?;
         let (mut recorded, mut notes) = recorded_spec(self.name, &file)?;
         recorded.input = self.spec.input.with_fallback(&recorded.input);
@@ -174,7 +168,7 @@ impl EditRun<'_> {
             },
             mesh: {
                 let file = with_live(edited.file, &image)?;
-                any_mesh(with_image(file, ImageSource::InMemory(&image))?)
+                with_image(file, ImageSource::InMemory(&image))?.into()
             },
         })
     }

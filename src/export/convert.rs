@@ -13,6 +13,7 @@ use crate::image::Image;
 use crate::image::formats::grids::displacement_note;
 use crate::image::formats::segy::{SegyFloat, write_like};
 use crate::image::formats::stream::ImageStream;
+use crate::image::formats::with_loaded;
 use crate::image::formats::{
     self, AnyImage, ImageFormat, InputOptions, LoadedImage, OpenedImage, ReadOptions, SegyBytes,
     StreamedImage, can_stream, extension,
@@ -186,10 +187,9 @@ pub fn convert(
             let notes = stream.header.notes.clone();
             Ok((Converted::Stream(stream), notes))
         }
-        other => match other.load(input)? {
-            AnyImage::Plane(loaded) => spec.image_in_depth(loaded, output, AnyImage::Plane, open),
-            AnyImage::Space(loaded) => spec.image_in_depth(loaded, output, AnyImage::Space, open),
-        },
+        other => {
+            with_loaded!(other.load(input)?, loaded => spec.image_in_depth(loaded, output, open))
+        }
     }
 }
 
@@ -199,9 +199,11 @@ impl ConvertSpec {
         &self,
         loaded: LoadedImage<D>,
         output: &Path,
-        any: fn(LoadedImage<D>) -> AnyImage,
         open: OpenImage<'_>,
-    ) -> Result<(Converted, Vec<String>)> {
+    ) -> Result<(Converted, Vec<String>)>
+    where
+        LoadedImage<D>: Into<AnyImage>,
+    {
         let read = |path: &Path, input: &InputOptions| open(path, input)?.load(path);
         let (image, conversion) =
             image_in_depth(loaded.image, self.velocity.as_ref(), false, &read)?;
@@ -214,8 +216,8 @@ impl ConvertSpec {
         if D == 2 {
             notes.extend(displacement_note(output, image.dims(), &image.geometry));
         }
-        let converted = any(LoadedImage { image, ..loaded });
-        Ok((Converted::Image(converted), notes))
+        let converted = LoadedImage { image, ..loaded };
+        Ok((Converted::Image(converted.into()), notes))
     }
 
     /// Returns a volume with the survey whose headers it gets.

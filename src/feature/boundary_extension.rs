@@ -12,6 +12,7 @@ use super::quadric::Quadric;
 use super::volume::Volume;
 use super::voxel_index::{CandidateIndex, segment_bits};
 use crate::error::Result;
+use crate::geometry::NONE;
 use crate::geometry::{dot, norm, sub, unit};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -25,8 +26,6 @@ const SAME_NORMAL_COSINE: f32 = 0.966;
 const SAME_FIT_COSINE: f32 = 0.97;
 /// A surface continues while the smoothed image is at least this share of its value at the rim.
 const MIN_SUPPORT_RATIO: f32 = 0.7;
-/// Marks the absence of a point.
-const NO_POINT: u32 = u32::MAX;
 /// Largest number of columns that a front goes into the zone.
 const MAX_STEPS: u32 = 16;
 /// Number of layers on which the result depends: the layers from which fronts come, those of other
@@ -218,7 +217,7 @@ pub fn extend_to_sides<const D: usize>(
         fronts: Vec::new(),
         previous: Vec::new(),
         shift,
-        latest_in_segment: vec![NO_POINT; (dims.iter().product::<usize>() >> shift) + 1],
+        latest_in_segment: vec![NONE; (dims.iter().product::<usize>() >> shift) + 1],
     };
     let at_rim =
         |c: &&Candidate<D>| c.strength >= min_rim_strength && zone.touches(grid.coordinates(c));
@@ -415,7 +414,7 @@ impl<const D: usize> Continuation<'_, D> {
             let voxel = Voxel::new(self.shell.dims, v.map(|i| i as usize));
             let mut count = 0;
             let mut i = self.latest_in_segment[voxel.index() >> self.shift];
-            while i != NO_POINT {
+            while i != NONE {
                 let p = &self.points[i as usize];
                 if p.voxel == voxel {
                     count += 1;

@@ -11,6 +11,7 @@
 use super::gaussian::smooth;
 use crate::geometry::eigen::eigenvalues;
 use crate::geometry::grid_index::{index_at, offset_of};
+use crate::geometry::statistics::upper_median;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
@@ -95,9 +96,7 @@ impl<const D: usize> ChaoticZones<D> {
     }
 
     fn from_planarity(dims: [usize; D], planarity: &[f32]) -> Option<Self> {
-        let mut sorted = planarity.to_vec();
-        sorted.sort_by(f32::total_cmp);
-        let median = *sorted.get(sorted.len() / 2)?;
+        let median = upper_median(&mut planarity.to_vec())?;
         if median < MIN_MEDIAN_PLANARITY {
             return None;
         }

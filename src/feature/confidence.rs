@@ -9,9 +9,10 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::surfaces::FeatureSurfaces;
+use crate::geometry::statistics::upper_median;
 use crate::geometry::unit;
 use crate::image::Image;
-use crate::image::contrast::{AmplitudeScale, fault_confidence, median, random_contrast};
+use crate::image::contrast::{AmplitudeScale, fault_confidence, random_contrast};
 use crate::image::fault_traces::FaultPoint;
 use crate::parallel::prelude::*;
 
@@ -95,7 +96,7 @@ pub(super) fn confidences<const D: usize>(
         .flatten()
         .map(|&i| in_samples(i))
         .collect();
-    let random = random_contrast(&all, (image, vertical, scale.mean));
+    let random = random_contrast(&all, image, vertical, scale.mean);
     let confidence = |points: &Vec<usize>| {
         let contrasts: Vec<Option<f64>> = (points.par_iter())
             .map(|&i| in_samples(i).correlate(image, vertical, scale.mean))
@@ -125,7 +126,7 @@ impl Confidences {
         if known.is_empty() && dropped == 0 {
             return None;
         }
-        let median = median(&mut known).unwrap_or_default();
+        let median = upper_median(&mut known).unwrap_or_default();
         let (mut doubtful_points, mut points) = (0, 0);
         for &surface in &surfaces.surface {
             let s = surface as usize - 1;
@@ -135,7 +136,7 @@ impl Confidences {
         }
         let summary = Self {
             surfaces: known.len(),
-            lowest: known.first().copied().unwrap_or_default(),
+            lowest: (known.iter().copied().min_by(f64::total_cmp)).unwrap_or_default(),
             median,
             doubtful: known.iter().filter(|c| **c < DOUBTFUL_CONFIDENCE).count(),
             doubtful_share: f64::from(doubtful_points as u32) / f64::from(points.max(1) as u32),

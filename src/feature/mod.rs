@@ -272,7 +272,7 @@ pub(crate) fn detect_with_cancel<const D: usize>(
             if tasks.iter().all(|(detector, _)| detector.is_streamable())
                 && options.min_confidence.is_none() =>
         {
-            run_detectors((source, None), tasks, reason, options, comm, cancel)
+            run_detectors(source, None, tasks, reason, options, comm, cancel)
         }
         // The detectors need the whole image, or the image has gaps.
         _ => {
@@ -293,8 +293,8 @@ fn detect_in_memory<const D: usize>(
     let image = &*prepared.image;
     detection::ensure_not_constant(image)?;
     let (tasks, reason) = detectors::select_detectors(image, options, comm)?;
-    let source = (ImageSource::InMemory(image), prepared.live_mask.as_ref());
-    let mut features = run_detectors(source, tasks, reason, options, comm, cancel)?;
+    let (source, live) = (ImageSource::InMemory(image), prepared.live_mask.as_ref());
+    let mut features = run_detectors(source, live, tasks, reason, options, comm, cancel)?;
     features.notes.extend(prepared.notes);
     features.missing = prepared.missing;
     Ok(features)
@@ -302,7 +302,8 @@ fn detect_in_memory<const D: usize>(
 
 /// Runs the detectors one after the other and combines their features.
 fn run_detectors<const D: usize>(
-    (source, live): (ImageSource<'_, D>, Option<&LiveMask<D>>),
+    source: ImageSource<'_, D>,
+    live: Option<&LiveMask<D>>,
     tasks: Vec<detectors::DetectorTask<D>>,
     reason: Option<detectors::SelectionReason>,
     options: &DetectionOptions<D>,
@@ -416,11 +417,12 @@ fn run_detector<const D: usize>(
         output.layers,
         options.step,
         &rules,
-        (comm, input.cancel),
+        comm,
+        input.cancel,
     )?;
     input.cancel.set_fraction(PROGRESS_GROUPED);
     let axis = output.vertical_axis;
-    let confidence = measure_confidences(input, detector, axis, (&mut surfaces, &mut notes))?;
+    let confidence = measure_confidences(input, detector, axis, &mut surfaces, &mut notes)?;
     surfaces.describe(kind, &rules, &mut notes);
     // The spacing of labels needs the points of all ranks.
     let is_partitioned = options.is_distributed && output.labels.is_none();
@@ -448,8 +450,7 @@ fn run_detector<const D: usize>(
     )?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
-    let points = (&*surfaces.points, points_comm);
-    let gently_dipping = gentle_share(input, detector, axis, points)?;
+    let gently_dipping = gentle_share(input, detector, axis, &surfaces.points, points_comm)?;
     let outcome = KindOutcome {
         kind,
         points: surfaces.total_points,
@@ -490,7 +491,8 @@ fn gentle_share<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     vertical_axis: usize,
-    (points, comm): (&[FeaturePoint<D>], &dyn Comm),
+    points: &[FeaturePoint<D>],
+    comm: &dyn Comm,
 ) -> Result<Option<f64>> {
     if !detector.is_fault() {
         return Ok(None);
@@ -551,13 +553,15 @@ fn flat_faults<const D: usize>(
         output.layers.clone(),
         options.step,
         rules,
-        (comm, input.cancel),
+        comm,
+        input.cancel,
     )?;
     let flat = flat.gather(comm)?;
-    let dips = (&WorldDip::new(geometry, output.vertical_axis), geometry);
+    let dips = WorldDip::new(geometry, output.vertical_axis);
     Ok(FlatFaults::measure(
         &flat,
-        dips,
+        &dips,
+        geometry,
         options.step,
         options.min_dip,
     ))
@@ -570,7 +574,8 @@ fn measure_confidences<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     vertical_axis: usize,
-    (surfaces, notes): (&mut FeatureSurfaces<D>, &mut Vec<String>),
+    surfaces: &mut FeatureSurfaces<D>,
+    notes: &mut Vec<String>,
 ) -> Result<Option<Confidences>> {
     let (kind, min) = (detector.kind(), input.options.min_confidence);
     if !(detector.is_fault() || detector.is_horizon()) {

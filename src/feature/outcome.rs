@@ -59,7 +59,8 @@ impl FlatFaults {
     /// lattice space, with samples `step` apart.
     pub(super) fn measure<const D: usize>(
         surfaces: &FeatureSurfaces<D>,
-        (dips, geometry): (&WorldDip<D>, &Geometry<D>),
+        dips: &WorldDip<D>,
+        geometry: &Geometry<D>,
         step: [f64; D],
         min_dip: f64,
     ) -> Option<Self> {

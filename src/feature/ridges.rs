@@ -18,6 +18,7 @@ use super::windows::{LayerWindow, Samples, WindowInterior};
 use crate::error::Result;
 use crate::feature::volume::Volume;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
+use crate::geometry::statistics::upper_median;
 use crate::image::LiveMask;
 use crate::progress::CancelToken;
 
@@ -145,14 +146,13 @@ pub fn statistics<const D: usize>(
         &mut take,
     )?;
     let mut magnitudes: Vec<f32> = parts.iter().flat_map(|p| p.0.iter().copied()).collect();
-    let middle = magnitudes.len() / 2;
-    let median = if middle > 0 {
-        *magnitudes.select_nth_unstable_by(middle, f32::total_cmp).1
-    } else {
-        0.0
-    };
+    let median = upper_median(&mut magnitudes).filter(|_| magnitudes.len() > 1);
     Ok(RidgeStatistics {
-        noise: (f64::from(median) * noise_per_median(D) * sigma * sigma * HEIGHT_FACTOR) as f32,
+        noise: (f64::from(median.unwrap_or(0.0))
+            * noise_per_median(D)
+            * sigma
+            * sigma
+            * HEIGHT_FACTOR) as f32,
         typical: typical_strength(parts.iter().flat_map(|p| p.1.iter().copied())),
     })
 }

@@ -1,10 +1,8 @@
 //! A grid of cells to which points are added one by one, to find out whether a point is nearby.
 
+use super::NONE;
 use super::distance2;
 use super::grid_index::offset_of;
-
-/// Marks the end of a cell's list of points.
-const NO_POINT: u32 = u32::MAX;
 
 /// Points in a box, in the order in which they were added.
 #[derive(Debug, Clone)]
@@ -30,7 +28,7 @@ impl<const D: usize> IncrementalGrid<D> {
             low,
             dims,
             cell_edge,
-            last_in_cell: vec![NO_POINT; dims.iter().product()],
+            last_in_cell: vec![NONE; dims.iter().product()],
             previous_in_cell: Vec::new(),
         }
     }
@@ -54,7 +52,7 @@ impl<const D: usize> IncrementalGrid<D> {
     pub fn clear(&mut self) {
         for n in 0..self.positions.len() {
             let cell = self.index(self.cell(&self.positions[n], 0.0));
-            self.last_in_cell[cell] = NO_POINT;
+            self.last_in_cell[cell] = NONE;
         }
         self.positions.clear();
         self.previous_in_cell.clear();
@@ -98,7 +96,7 @@ impl<const D: usize> IncrementalGrid<D> {
     /// Returns `true` if `accept` returns `true` for a point of a cell.
     fn any_in_cell(&self, cell: usize, mut accept: impl FnMut(usize) -> bool) -> bool {
         let mut n = self.last_in_cell[cell];
-        while n != NO_POINT {
+        while n != NONE {
             if accept(n as usize) {
                 return true;
             }

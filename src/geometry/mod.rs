@@ -16,6 +16,7 @@
 //! - `union_find`: disjoint sets that are united pair by pair
 //! - `random`: random numbers that are a function of seed and counter
 //! - `spread`: points spread evenly over paths and triangles
+//! - `statistics`: medians and other quantiles
 //! - `simd`: loops compiled for the widest vector registers of the machine
 
 pub(crate) mod box_tree;
@@ -33,8 +34,12 @@ pub(crate) mod point_grid;
 pub(crate) mod random;
 pub(crate) mod simd;
 pub(crate) mod spread;
+pub(crate) mod statistics;
 pub(crate) mod union_find;
 pub(crate) mod vector;
+
+/// The index that stands for no item: no node, no cell, no point.
+pub const NONE: u32 = u32::MAX;
 
 pub(crate) use distinct::{sorted, sorted_distinct};
 pub(crate) use face_distance::squared_distance_to_face;

@@ -40,7 +40,8 @@ pub fn bricks_near<const D: usize>(
     positions: &[[f64; D]],
     radius: f64,
     dims: [usize; D],
-    (edge, step): (usize, [f64; D]),
+    edge: usize,
+    step: [f64; D],
 ) -> Vec<bool> {
     let mut marks = vec![false; dims.iter().product()];
     for x in positions {
@@ -89,9 +90,9 @@ mod tests {
     #[test]
     fn bricks_near_positions_are_marked() {
         // Bricks of four cells, which are half as long along x as along y.
-        let (dims, bricks) = ([5, 4], (4, [0.5, 1.0]));
+        let dims = [5, 4];
         let marked = |x: [f64; 2], radius: f64| -> Vec<usize> {
-            let marks = bricks_near(&[x], radius, dims, bricks);
+            let marks = bricks_near(&[x], radius, dims, 4, [0.5, 1.0]);
             (0..20).filter(|&brick| marks[brick]).collect()
         };
         assert_eq!(marked([3.0, 6.0], 0.0), [6]);

@@ -1,5 +1,6 @@
 //! Union-find: disjoint sets of numbers that are united pair by pair.
 
+use super::NONE;
 use crate::parallel::prelude::*;
 
 /// Count of numbers that one thread processes at a time.
@@ -58,7 +59,7 @@ impl UnionFind {
     /// order of their representatives.
     pub fn into_labels(mut self) -> (Vec<u32>, usize) {
         let mut count = 0;
-        let mut labels = vec![u32::MAX; self.0.len()];
+        let mut labels = vec![NONE; self.0.len()];
         for i in 0..self.0.len() as u32 {
             let root = self.find(i) as usize;
             // A representative is the smallest member of its set, so it comes first.

@@ -6,6 +6,7 @@
 use super::Image;
 use super::fault_traces::FaultPoint;
 use crate::geometry::random::Random;
+use crate::geometry::statistics::upper_median;
 use crate::parallel::prelude::*;
 
 /// Number of random places for the contrast without features.
@@ -32,7 +33,7 @@ impl AmplitudeScale {
             .map(|_| (random.draw() * samples.len() as f64) as usize)
             .map(|i| (f64::from(samples[i]) - mean).abs())
             .collect();
-        let deviation = median(&mut deviations).unwrap_or(0.0);
+        let deviation = upper_median(&mut deviations).unwrap_or(0.0);
         Self { mean, deviation }
     }
 
@@ -54,7 +55,9 @@ pub(crate) fn fault_confidence(contrast: f64, random_contrast: f64) -> f64 {
 /// directions of `points`. `mean` is the image's mean.
 pub(crate) fn random_contrast<const D: usize>(
     points: &[FaultPoint<D>],
-    (image, vertical, mean): (&Image<D>, usize, f64),
+    image: &Image<D>,
+    vertical: usize,
+    mean: f64,
 ) -> f64 {
     let mut random = Random::new(2);
     let dims = image.dims();
@@ -70,12 +73,7 @@ pub(crate) fn random_contrast<const D: usize>(
         .collect();
     let mut contrasts: Vec<f64> = contrasts.into_iter().flatten().collect();
     // The largest contrast is about 1.
-    median(&mut contrasts)
+    upper_median(&mut contrasts)
         .unwrap_or(1.0)
         .max(1.0 / MAX_CONFIDENCE)
-}
-/// Returns the median, and sorts the values.
-pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

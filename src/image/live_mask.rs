@@ -3,6 +3,7 @@
 
 use super::Image;
 use crate::error::Result;
+use crate::geometry::NONE;
 use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::memory;
 use crate::parallel::prelude::*;
@@ -104,12 +105,9 @@ pub(crate) struct LiveMask<const D: usize> {
     /// Number of samples along `uniform_axis`; 1 if there is none.
     uniform_len: usize,
     states: Vec<SampleState>,
-    /// Nearest live cell of each cell; [`NO_CELL`] if it is farther than [`MAX_FILL_DISTANCE`].
+    /// Nearest live cell of each cell; [`NONE`] if it is farther than [`MAX_FILL_DISTANCE`].
     nearest_live: Vec<u32>,
 }
-
-/// Index that stands for no cell.
-const NO_CELL: u32 = u32::MAX;
 
 impl<const D: usize> LiveMask<D> {
     fn new(gaps: Gaps<D>) -> Self {
@@ -121,7 +119,7 @@ impl<const D: usize> LiveMask<D> {
         } = gaps;
         let nearest_live = nearest_cells(dims, |i| !dead[i], MAX_FILL_DISTANCE);
         let is_within = |i: usize, other: u32| {
-            other != NO_CELL
+            other != NONE
                 && distance_squared(dims, i, other as usize) <= BRIDGE_RADIUS * BRIDGE_RADIUS
         };
         let nearest_outside =
@@ -170,7 +168,7 @@ impl<const D: usize> LiveMask<D> {
             uniform_axis: self.uniform_axis,
             uniform_len: self.uniform_axis.map_or(1, |axis| dims[axis]),
             states: (0..count).into_par_iter().map(state).collect(),
-            nearest_live: vec![NO_CELL; count],
+            nearest_live: vec![NONE; count],
         }
     }
 
@@ -262,7 +260,7 @@ impl<const D: usize> LiveMask<D> {
                     }
                 }
             }
-            if weighted.is_empty() && self.nearest_live[i] != NO_CELL {
+            if weighted.is_empty() && self.nearest_live[i] != NONE {
                 weighted.push((index(coordinates(self.nearest_live[i] as usize)), 1.0));
             }
             weighted
@@ -290,7 +288,7 @@ pub(super) fn distance_squared<const D: usize>(dims: [usize; D], a: usize, b: us
 }
 
 /// Returns for each cell the nearest cell that satisfies `is_target` and is at most `reach` away,
-/// [`NO_CELL`] if there is none. Each pass extends the search along one more axis: it chooses among
+/// [`NONE`] if there is none. Each pass extends the search along one more axis: it chooses among
 /// the nearest targets that the previous passes found for the cells of a line.
 pub(super) fn nearest_cells<const D: usize>(
     dims: [usize; D],
@@ -298,7 +296,7 @@ pub(super) fn nearest_cells<const D: usize>(
     reach: usize,
 ) -> Vec<u32> {
     let count: usize = dims.iter().product();
-    let initial = |i: usize| if is_target(i) { i as u32 } else { NO_CELL };
+    let initial = |i: usize| if is_target(i) { i as u32 } else { NONE };
     let mut nearest: Vec<u32> = (0..count).into_par_iter().map(initial).collect();
     let mut stride = 1;
     for n in dims {
@@ -310,7 +308,7 @@ pub(super) fn nearest_cells<const D: usize>(
             let coordinate = i / stride % n;
             let mut best = previous[i];
             let mut min_squared = match best {
-                NO_CELL => reach.saturating_mul(reach).saturating_add(1),
+                NONE => reach.saturating_mul(reach).saturating_add(1),
                 other => distance_squared(dims, i, other as usize),
             };
             for step in 1..n {
@@ -320,7 +318,7 @@ pub(super) fn nearest_cells<const D: usize>(
                 let back = (coordinate >= step).then(|| i - step * stride);
                 let forth = (coordinate + step < n).then(|| i + step * stride);
                 for other in [back, forth].into_iter().flatten().map(|i| previous[i]) {
-                    if other != NO_CELL {
+                    if other != NONE {
                         let squared = distance_squared(dims, i, other as usize);
                         if squared < min_squared {
                             (min_squared, best) = (squared, other);

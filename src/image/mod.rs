@@ -11,6 +11,7 @@
 //! - `depth_conversion`: converts an image from two-way time to depth
 //! - `check`: statistics of samples, and the check that an image can be meshed
 //! - `field`: samples in *lattice space* and their smooth interpolation
+//! - `bricks`: small blocks of samples, of which each rank has those that it needs
 //! - `sparse_field`: such a field for a function that is zero nearly everywhere
 //! - `labels`: exact label values
 //! - `layers`: samples of an image in memory or in a file, some layers at a time
@@ -25,6 +26,7 @@
 //! - `formats`: image files
 //! - `synth`: synthetic images with exactly known features
 
+pub(crate) mod bricks;
 pub(crate) mod check;
 pub(crate) mod contrast;
 pub(crate) mod depth_conversion;
@@ -59,7 +61,6 @@ use live_mask::distance_squared;
 pub(crate) use live_volume::LiveVolume;
 pub use modality::Modality;
 pub use nulls::MaskedImage;
-pub(crate) use sparse_field::MissFlag;
 pub use sparse_field::SparseField;
 pub use time::{NoDepthReason, TimeCoordinate};
 pub use time_depth::TimeDepthCurve;

@@ -7,6 +7,7 @@
 use super::Image;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::{index_at, offset_of, strides};
+use crate::geometry::statistics::{upper_median, upper_quantile};
 use crate::geometry::unit;
 use crate::memory;
 use crate::parallel::prelude::*;
@@ -321,20 +322,14 @@ impl<const D: usize> Image<D> {
         let sample_step = samples.len().div_ceil(MEDIAN_SAMPLE_COUNT) | 1;
         let subset = samples.iter().step_by(sample_step).copied();
         let mut subset: Vec<f32> = subset.filter(|s| is_data(*s)).collect();
-        if subset.is_empty() {
+        let Some(median) = upper_median(&mut subset) else {
             return Vec::new();
-        }
-        let middle = subset.len() / 2;
-        let median = *subset.select_nth_unstable_by(middle, f32::total_cmp).1;
+        };
         let mut deviations: Vec<f32> = subset.iter().map(|s| (s - median).abs()).collect();
         deviations.retain(|off| *off > 0.0);
-        if deviations.is_empty() {
+        let Some(typical_deviation) = upper_quantile(&mut deviations, 0.99) else {
             return Vec::new();
-        }
-        let percentile = deviations.len() * 99 / 100;
-        let typical_deviation = *deviations
-            .select_nth_unstable_by(percentile, f32::total_cmp)
-            .1;
+        };
         let is_far = |s: f32, bound: f32| (s - median).abs() > bound && is_data(s);
         let range = |part: &[f32]| {
             part.iter()

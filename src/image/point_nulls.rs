@@ -8,6 +8,7 @@
 
 use super::nulls::{CERTAIN_NULL_MAGNITUDE, COMMON_NULLS, MIN_NULL_COUNT, is_null};
 use crate::geometry::cell_list::CellList;
+use crate::geometry::statistics::nearest_quantile;
 use crate::geometry::{bounding_box, distance2};
 
 /// Smallest ratio of the difference of z between points with a null value and their neighbours to that
@@ -122,9 +123,8 @@ impl NullSearch<'_> {
             // Zero everywhere is a plane.
             return null != 0.0;
         }
-        others.sort_by(f64::total_cmp);
         let [low, high] =
-            [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE].map(|share| quantile(&others, share));
+            [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE].map(|share| quantile(&mut others, share));
         let mut have_contact = false;
         let is_far = groups.iter().any(|pairs| {
             let (mut across, mut between) = (Vec::new(), Vec::new());
@@ -138,11 +138,9 @@ impl NullSearch<'_> {
                 }
             }
             have_contact |= !across.is_empty();
-            across.sort_by(f64::total_cmp);
-            between.sort_by(f64::total_cmp);
             let [across, between] = [
-                quantile(&across, QUANTILES[0]),
-                quantile(&between, QUANTILES[1]),
+                quantile(&mut across, QUANTILES[0]),
+                quantile(&mut between, QUANTILES[1]),
             ];
             across > FAR_RATIO * between && across > FAR_SHARE * (high - low)
         });
@@ -151,10 +149,9 @@ impl NullSearch<'_> {
     }
 }
 
-/// Returns the value at a share of sorted values; 0 if there are none.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
-    sorted.get(index).copied().unwrap_or(0.0)
+/// Returns the value at a share of values; 0 if there are none.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    nearest_quantile(values, share).unwrap_or(0.0)
 }
 
 /// Returns the pairs of points that follow one another.

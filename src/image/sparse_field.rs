@@ -6,19 +6,16 @@
 //! marks the small blocks that have a tap that is not zero, because most atoms near a valley are
 //! not in it.
 
+use super::bricks::{BRICK_CELLS, MissFlag, brick_counts, fetch_bricks};
 use super::field::{ScalarField, Taps, box_extent, interpolate};
 use crate::comm::{Comm, SelfComm, partition_range};
 use crate::error::Result;
-use crate::files::codec::{Codec, codec_fields};
+use crate::files::codec::codec_fields;
 use crate::geometry::grid_index::{index_at, offset_of, strides};
 use crate::geometry::morphology;
 use crate::parallel::prelude::*;
-use std::io::{self, Write};
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// Cells along an edge of a brick.
-const BRICK_CELLS: usize = 8;
 /// Samples along an edge of a brick: one before its cells, and two after them.
 const BRICK_SAMPLES: usize = BRICK_CELLS + 3;
 /// Cells along an edge of a block. The blocks of a brick, 4^3 in 3-D, have one bit each.
@@ -52,50 +49,6 @@ pub struct SparseField<const D: usize> {
     pub(crate) is_distributed: bool,
     /// Set if a value was requested in a brick that is not stored on this rank.
     pub(crate) miss_flag: MissFlag,
-}
-
-/// Flag that records an access to a missing brick. It is not a part of the function: clones start
-/// unset, and comparisons ignore it.
-#[derive(Debug, Default)]
-pub(crate) struct MissFlag(AtomicBool);
-
-impl MissFlag {
-    /// Sets the flag.
-    pub(crate) fn set(&self) {
-        self.0.store(true, Relaxed);
-    }
-
-    /// Returns `true` if the flag is set.
-    pub(crate) fn is_set(&self) -> bool {
-        self.0.load(Relaxed)
-    }
-}
-
-impl Clone for MissFlag {
-    fn clone(&self) -> Self {
-        Self::default()
-    }
-}
-
-impl PartialEq for MissFlag {
-    fn eq(&self, _: &Self) -> bool {
-        true
-    }
-}
-
-impl Codec for MissFlag {
-    fn encode(&self, _: &mut dyn Write) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn decode(_: &mut &[u8]) -> Option<Self> {
-        Some(Self::default())
-    }
-}
-
-/// Returns the number of bricks along each axis.
-fn brick_counts<const D: usize>(dims: [usize; D]) -> [usize; D] {
-    dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK_CELLS))
 }
 
 /// Returns the number of parts in which samples are computed, one after the other along the last
@@ -254,7 +207,7 @@ impl<const D: usize> SparseField<D> {
         comm: &dyn Comm,
     ) -> Result<Self> {
         let counts = brick_counts(self.dims);
-        let needed = morphology::bricks_near(positions, reach, counts, (BRICK_CELLS, self.step));
+        let needed = morphology::bricks_near(positions, reach, counts, BRICK_CELLS, self.step);
         let (parts, layers_per_part) = part_layout(self.dims);
         let bricks_per_layer = needed.len() / counts[D - 1];
         let requested = (0..comm.size()).map(|rank| {
@@ -263,28 +216,20 @@ impl<const D: usize> SparseField<D> {
             let owned = (owned.start * layers_per_part * bricks_per_layer).min(last)..last;
             owned.filter(|&brick| needed[brick]).collect()
         });
-        let requests: Vec<Vec<usize>> =
-            comm.all_to_all("bricks that are wanted", requested.collect())?;
         let available = |requested: &[usize]| -> Vec<usize> {
             let is_stored = |brick: &usize| self.slots[*brick] < UNKNOWN_BRICK;
             requested.iter().copied().filter(is_stored).collect()
         };
-        let outgoing = requests.iter().enumerate().map(|(rank, requested)| {
-            if rank == comm.rank() {
-                BrickSet::default()
-            } else {
-                self.select_bricks(available(requested).into_iter())
-            }
-        });
-        let set = comm.all_to_all("bricks of a potential", outgoing.collect())?;
+        let places = ["bricks that are wanted", "bricks of a potential"];
+        let select = |requested: &[usize]| self.select_bricks(available(requested).into_iter());
+        let (own, set) = fetch_bricks(places, requested.collect(), select, comm)?;
         let mut local = Self::zero(self.dims, self.step);
         for (slot, is_needed) in local.slots.iter_mut().zip(needed) {
             if !is_needed {
                 *slot = UNKNOWN_BRICK;
             }
         }
-        // The bricks of this rank are neither sent nor copied in between.
-        let owned = available(&requests[comm.rank()]);
+        let owned = available(&own);
         let count = owned.len() + set.iter().map(|set| set.bricks.len()).sum::<usize>();
         local.masks.reserve_exact(count);
         local.samples.reserve_exact(count * brick_len(D));

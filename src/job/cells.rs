@@ -150,11 +150,11 @@ where
                     let (sample_points, step) =
                         (SamplePoints::from_cells(&mesh), features.potential.step);
                     let contacts = regions::contacts_of_cells(&mesh, label_indices);
-                    let points_and_contacts = (&sample_points, &contacts);
                     regions::report(
                         image,
                         &params.spec.label,
-                        points_and_contacts,
+                        &sample_points,
+                        &contacts,
                         label_indices,
                         step,
                         cancel,
@@ -280,7 +280,8 @@ pub(crate) fn feature_surface_in_box<const D: usize>(
     params: &Params<D>,
     distance: &Distance<D>,
     features: &Features<D>,
-    (step, extent): ([f64; D], [f64; D]),
+    step: [f64; D],
+    extent: [f64; D],
     beta: Beta<D>,
     progress: &mut dyn Progress,
 ) -> Result<FacetSurface<D>>
@@ -355,8 +356,15 @@ where
     if let Some(labelled) = &features.labels {
         let angle = Some(target.min_dihedral);
         stages.run_cancellable(|cancel| {
-            let faces = (&*neighbors, &*face_names);
-            regions::assign_regions(&mut annotated, faces, &scene, labelled, angle, cancel)
+            regions::assign_regions(
+                &mut annotated,
+                &neighbors,
+                &face_names,
+                &scene,
+                labelled,
+                angle,
+                cancel,
+            )
         });
     }
     let AnnotatedMesh {

@@ -84,7 +84,7 @@ pub fn make_partition(
     improve::snap_distributed(&mut atoms, extent, &planes, snap_distance, comm)?;
     drop(planes);
     stages.begin(Stage::Triangulating);
-    let (atoms, joined) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
+    let (atoms, (tets, neighbors)) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
     stages.begin(Stage::Improving);
     let (points, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
     let local_distance = distance_around(&atoms.atoms.positions, distance, cuts.axis, comm)?;
@@ -104,7 +104,7 @@ pub fn make_partition(
         mut feature_faces,
         report: improved,
     } = stages.run_cancellable(|cancel| {
-        tets::improve_in_slabs(atoms, joined, &cuts, context, comm, cancel)
+        tets::improve_in_slabs(atoms, tets, neighbors, &cuts, context, comm, cancel)
     })?;
     drop(planes);
     let mut improvement = Improvement::from(&improved);
@@ -113,7 +113,8 @@ pub fn make_partition(
     improvement.sealed = seal_partition(
         &view,
         neighbors,
-        (&points.points, extent),
+        &points.points,
+        extent,
         distance,
         &mut feature_faces,
         stages,
@@ -182,7 +183,8 @@ fn distance_around(
 fn seal_partition(
     view: &MeshView<'_, 3, TetMesh>,
     neighbors: &[u32],
-    (points, extent): (&[FeaturePoint<3>], [f64; 3]),
+    points: &[FeaturePoint<3>],
+    extent: [f64; 3],
     distance: &DistributedDistance<3>,
     marks: &mut [u8],
     stages: &mut StageRunner<'_>,

@@ -89,7 +89,8 @@ pub trait Meshing<const D: usize>: Dimension<D, Mesh: Simplices<D> + Codec> {
     /// of the triangulation.
     fn pad(
         _: &Self::Mesh,
-        _: (&Padding, Option<&Topography>),
+        _: &Padding,
+        _: Option<&Topography>,
         _: &MeshScene<'_, D>,
         _: &Geometry<D>,
         _: f64,
@@ -321,7 +322,7 @@ fn improve_slabs(
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let TetMesh { nodes, tets } = std::mem::take(mesh);
-    let joined = (tets, std::mem::take(neighbors));
+    let joined = std::mem::take(neighbors);
     let atoms = KnownAtoms {
         global_count: nodes.len(),
         atoms: Atoms {
@@ -330,7 +331,7 @@ fn improve_slabs(
         },
         global_ids: None,
     };
-    let improved = tets::improve_in_slabs(atoms, joined, cuts, context, comm, cancel)?;
+    let improved = tets::improve_in_slabs(atoms, tets, joined, cuts, context, comm, cancel)?;
     let improved = improved.all_gather(comm)?;
     (*mesh, *neighbors) = (improved.partition.mesh, improved.partition.neighbors);
     *kinds = improved.kinds;
@@ -359,13 +360,22 @@ impl Meshing<3> for MeshSpace<3> {
 
     fn pad(
         mesh: &TetMesh,
-        padding: (&Padding, Option<&Topography>),
+        padding: &Padding,
+        topography: Option<&Topography>,
         scene: &MeshScene<'_, 3>,
         geometry: &Geometry<3>,
         min_dihedral: f64,
         stages: &mut StageRunner<'_>,
     ) -> Result<Option<(PaddingCells<3>, PaddingReport)>> {
-        padding::pad(mesh, padding, scene, geometry, min_dihedral, stages)
+        padding::pad(
+            mesh,
+            padding,
+            topography,
+            scene,
+            geometry,
+            min_dihedral,
+            stages,
+        )
     }
 
     fn join(

@@ -17,7 +17,9 @@ pub(super) fn shares_in_job<const D: usize>(
     source: ImageSource<'_, D>,
     features: &Features<D>,
     params: &Params<D>,
-    (mesh, step, is_partitioned): (&MeshResult<D>, [f64; D], bool),
+    mesh: &MeshResult<D>,
+    step: [f64; D],
+    is_partitioned: bool,
 ) -> Result<Option<Vec<f64>>>
 where
     MeshSpace<D>: Meshing<D>,

@@ -80,7 +80,7 @@ pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
 pub use given_surfaces::FollowedSurface;
 pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, Meshing};
 pub use measure::scaled_mesh;
-pub(crate) use optimise::optimize_options;
+pub(crate) use optimise::{job_energy, optimize_options};
 pub use output::lines::{write_feature_lines, write_lines};
 pub use output::points::write_feature_points;
 pub use padding::PaddingCells;

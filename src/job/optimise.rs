@@ -9,7 +9,7 @@ use crate::feature::{Features, gaussian};
 use crate::image::SparseField;
 use crate::improve::Effort;
 use crate::lattice::distance::{Distance, DistributedDistance};
-use crate::lattice::energy::{Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
+use crate::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
 use crate::lattice::optimize::{self, StopReason};
 use crate::lattice::partition::OwnedAtoms;
 use crate::progress::{CancelToken, Progress};
@@ -19,25 +19,29 @@ use crate::report::Optimisation;
 /// that.
 const HALO_RADIUS: f64 = 1.0;
 
-/// Returns the energy of a job's `atoms`, of which each rank of `comm` has a share. Both evaluators
-/// compute the same energy, except for sampling errors.
-fn job_energy<'a, const D: usize>(
+/// Returns the energy of a job's atoms in the box `[0, extent]`, of which each rank of `comm` has a
+/// share. `mobility` returns [which coordinates of all atoms](crate::lattice::seeding::Atoms::mobility)
+/// may change. Both evaluators compute the same energy, except for sampling errors.
+///
+/// # Errors
+/// Returns the errors of the energies and of `mobility`.
+pub(crate) fn job_energy<'a, const D: usize>(
     params: &Params<D>,
-    atoms: &OwnedAtoms<D>,
     potential: &'a SparseField<D>,
     distance: &'a Distance<D>,
-    frame: &JobDomain<D>,
+    beta: Beta<D>,
+    extent: [f64; D],
+    mobility: impl FnOnce() -> Result<Vec<[f64; D]>>,
     comm: &'a dyn Comm,
 ) -> Result<Box<dyn Energy<D> + 'a>> {
-    let (beta, extent) = (frame.beta.clone(), frame.extent);
     let pairs = |beta| -> Result<PairwiseEnergy<'a, D>> {
         Ok(PairwiseEnergy::new(extent, distance, Some(potential), beta)?.with_auto_stiffness())
     };
     Ok(match params.spec.evaluator {
         Evaluator::Pairwise if params.spec.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
-            let mobility = atoms.clone().all_gather(comm)?.mobility(extent);
-            let energy = RegularisedEnergy::new(pairs, distance, beta, params.spec.kappa, mobility);
+            let kappa = params.spec.kappa;
+            let energy = RegularisedEnergy::new(pairs, distance, beta, kappa, mobility()?);
             Box::new(energy?.with_comm(comm))
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
@@ -63,7 +67,9 @@ pub(super) fn optimise<const D: usize>(
                       potential: &SparseField<D>,
                       distance: &Distance<D>,
                       progress: &mut dyn Progress| {
-        let energy = &mut *job_energy(params, atoms, potential, distance, frame, comm)?;
+        let mobility = || Ok(atoms.clone().all_gather(comm)?.mobility(extent));
+        let beta = frame.beta.clone();
+        let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, comm)?;
         optimize::optimize_partition(atoms, energy, distance, extent, &options, comm, progress)
     };
     let potential = &features.potential;
@@ -378,40 +384,5 @@ mod tests {
             assert!((sum - report.minimised).abs() < 1e-9, "{report:?}");
             assert_eq!(report.added_by_laplacian == 0.0, kappa == 1.0);
         }
-    }
-
-    #[test]
-    fn both_evaluators_have_the_energy_of_crowded_atoms() {
-        // Rows of atoms 0.6 d apart, whose repulsion is most of their energy.
-        let (d, extent) = (10.0, [60.0, 60.0]);
-        let atoms: Vec<[f64; 2]> = (0..49)
-            .map(|i| [6.0 * f64::from(i % 7) + 12.0, 6.0 * f64::from(i / 7) + 12.0])
-            .collect();
-        let atoms = OwnedAtoms::from_global(Atoms::from_positions(atoms, extent), &SelfComm);
-        let potential = ScalarField::from_fn([61, 61], [1.0; 2], |x| -0.01 * x[0]);
-        let potential = SparseField::from_field(&potential);
-        let distance = Distance::Constant(d);
-        let frame = JobDomain {
-            step: [1.0; 2],
-            extent,
-            beta: Beta::Constant(0.6),
-            fixed_atoms: Vec::new(),
-            well_paths: Vec::new(),
-        };
-        let [pairwise, sampled] = [Evaluator::Pairwise, Evaluator::Sampled].map(|evaluator| {
-            let params = Params::new(MeshSpec {
-                evaluator,
-                ..MeshSpec::default()
-            })
-            .unwrap();
-            let energy = job_energy(&params, &atoms, &potential, &distance, &frame, &SelfComm);
-            let mut gradient = vec![[0.0; 2]; atoms.global_count];
-            let x = &atoms.atoms.positions;
-            energy.unwrap().evaluate(x, &mut gradient).unwrap()
-        });
-        // Both evaluators are exact for atoms at samples.
-        assert!(pairwise > 1.0, "{pairwise}");
-        let difference = (pairwise - sampled).abs();
-        assert!(difference < 1e-4 * pairwise, "{pairwise} {sampled}");
     }
 }

@@ -166,7 +166,8 @@ fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Laye
 /// seeding and of the triangulation.
 pub(super) fn pad(
     mesh: &TetMesh,
-    (padding, topography): (&Padding, Option<&Topography>),
+    padding: &Padding,
+    topography: Option<&Topography>,
     scene: &MeshScene<'_, 3>,
     geometry: &Geometry<3>,
     min_dihedral: f64,
@@ -475,7 +476,7 @@ impl LayerBuilder<'_> {
             },
         };
         let improved = stages.run_cancellable(|cancel: &CancelToken<'_>| {
-            improve_beside(delaunay, &atoms.kinds, (axis, &triangles), context, cancel)
+            improve_beside(delaunay, &atoms.kinds, axis, &triangles, context, cancel)
         });
         self.append(padded, &improved?.0, &side_nodes, &distance);
         Ok(true)

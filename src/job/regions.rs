@@ -33,7 +33,8 @@ const CELLS_PER_TASK: usize = 1 << 12;
 /// which have `face_names`; these surfaces stay where they are.
 pub(super) fn assign_regions<const D: usize>(
     annotated: &mut AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
-    (neighbors, face_names): (&[u32], &[u32]),
+    neighbors: &[u32],
+    face_names: &[u32],
     scene: &MeshScene<'_, D>,
     labelled: &LabelMap<D>,
     min_angle: Option<f64>,
@@ -151,7 +152,8 @@ fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
     label_options: &[LabelOptions],
-    (sample_points, contacts): (&SamplePoints<'_, D>, &Contacts),
+    sample_points: &SamplePoints<'_, D>,
+    contacts: &Contacts,
     label_indices: &[u32],
     step: [f64; D],
     cancel: &CancelToken<'_>,
@@ -477,11 +479,11 @@ mod tests {
         assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
         let holes_of = |image: &Image<3>| {
             let sample_points = SamplePoints::from_simplices(&mesh);
-            let points_and_contacts = (&sample_points, &contacts);
             let summary = report(
                 image,
                 &[],
-                points_and_contacts,
+                &sample_points,
+                &contacts,
                 &numbers,
                 [1.0; 3],
                 &CancelToken::never(),

@@ -16,6 +16,7 @@ use super::{
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{self, Features, label_map};
+use crate::geometry::statistics::upper_median;
 use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
 use crate::lattice::optimize::{self, StopReason};
@@ -214,7 +215,7 @@ where
     let params = &*placed.with_metric_for(geometry);
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
-    let fitted = fitted_params(params, (dims, geometry), extent)?;
+    let fitted = fitted_params(params, dims, geometry, extent)?;
     let params = fitted.as_ref().unwrap_or(params);
     let distance_in_use = params.spec.distance.to_string();
     let shape_option = shape_option(params, geometry, dims);
@@ -230,10 +231,16 @@ where
         .with_partitioning(is_partitioned);
     stages.begin_unless_stopped(Stage::Features)?;
     let given = params.surfaces_in_image(geometry, dims)?;
-    let topography = Topography::new(params, geometry, dims, (step, extent))?;
+    let topography = Topography::new(params, geometry, dims, step, extent)?;
     let may_distribute = is_partitioned && run_options.checkpoint.is_none();
-    let found = (given.as_ref(), may_distribute);
-    let mut features = find_features(source, params, step, found, &mut stages)?;
+    let mut features = find_features(
+        source,
+        params,
+        step,
+        given.as_ref(),
+        may_distribute,
+        &mut stages,
+    )?;
     let MadeMesh {
         mesh,
         face_names,
@@ -253,15 +260,22 @@ where
     suggest_distance(&mut report, &features, &distance);
     report.has_memory_for_finer = has_memory_for_finer(&mesh, params.spec.cell_kind());
     add_optimisation(&mut report, optimize_result.as_ref());
-    let live = live::shares_in_job(source, &features, params, (&mesh, step, share.is_some()))?;
+    let live = live::shares_in_job(source, &features, params, &mesh, step, share.is_some())?;
     add_findings(&mut report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let notes = notes_on_points.into_iter().chain(notes_on_given);
     (report.notes).extend(notes.chain(placement::distance_note(source, params, &features)?));
-    let beyond = (params, topography.as_ref());
     let scene = scene_of(extent, &features, &distance);
-    let padding = pad(beyond, &mesh, (&scene, geometry), &mut report, &mut stages)?;
+    let padding = pad(
+        params,
+        topography.as_ref(),
+        &mesh,
+        &scene,
+        geometry,
+        &mut report,
+        &mut stages,
+    )?;
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     Ok(Outcome {
@@ -288,7 +302,8 @@ fn find_features<const D: usize>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
     step: [f64; D],
-    (given, may_distribute): (Option<&SurfacesInImage<D>>, bool),
+    given: Option<&SurfacesInImage<D>>,
+    may_distribute: bool,
     stages: &mut StageRunner<'_>,
 ) -> Result<Features<D>> {
     let mut options = params.feature_options(step);
@@ -316,14 +331,12 @@ fn suggest_distance<const D: usize>(
 
 /// Returns the distance between atoms at half of the feature points; `None` if it is not known.
 fn typical_distance<const D: usize>(features: &Features<D>, distance: &Distance<D>) -> Option<f64> {
-    let mut spacing = features.spacing.clone().unwrap_or_default();
-    spacing.sort_by(f32::total_cmp);
     let constant = match distance {
         Distance::Constant(d) => Some(*d),
         _ => None,
     };
-    let median = spacing.get(spacing.len() / 2).copied().map(f64::from);
-    median.or(constant)
+    let mut spacing = features.spacing.clone().unwrap_or_default();
+    upper_median(&mut spacing).map(f64::from).or(constant)
 }
 
 /// Returns the options that make cells well shaped in physical space. If the image is too thin there
@@ -400,9 +413,11 @@ fn scene_of<'a, const D: usize>(
 
 /// Continues a mesh beyond its image, if the options ask for that.
 fn pad<const D: usize>(
-    (params, topography): (&Params<D>, Option<&Topography>),
+    params: &Params<D>,
+    topography: Option<&Topography>,
     mesh: &MeshResult<D>,
-    (scene, geometry): (&MeshScene<'_, D>, &Geometry<D>),
+    scene: &MeshScene<'_, D>,
+    geometry: &Geometry<D>,
     report: &mut Report,
     stages: &mut StageRunner<'_>,
 ) -> Result<Option<PaddingCells<D>>>
@@ -414,8 +429,7 @@ where
         return Ok(None);
     };
     let (mesh, angle) = (&annotated.mesh, params.spec.min_angle());
-    let padding = (&padding, topography);
-    let padded = MeshSpace::<D>::pad(mesh, padding, scene, geometry, angle, stages)?;
+    let padded = MeshSpace::<D>::pad(mesh, &padding, topography, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);
         cells
@@ -463,7 +477,8 @@ fn stop_reason(
 /// Returns the errors of [`Distance::validate`] and of [`check_default_distance`].
 fn fitted_params<const D: usize>(
     params: &Params<D>,
-    (dims, geometry): ([usize; D], &Geometry<D>),
+    dims: [usize; D],
+    geometry: &Geometry<D>,
     extent: [f64; D],
 ) -> Result<Option<Params<D>>> {
     let box_extent = match params.spacing() {

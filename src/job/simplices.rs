@@ -77,8 +77,15 @@ where
         let target = params.spec.target().filter(|_| improvement.is_some());
         let angle = target.map(|target| target.min_dihedral);
         stages.run_cancellable(|cancel| {
-            let faces = (&*neighbors, &*face_names);
-            regions::assign_regions(&mut annotated, faces, scene, labelled, angle, cancel)
+            regions::assign_regions(
+                &mut annotated,
+                &neighbors,
+                &face_names,
+                scene,
+                labelled,
+                angle,
+                cancel,
+            )
         })
     });
     stages.begin(Stage::Measuring);
@@ -100,10 +107,16 @@ where
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbors, indices);
-            let points_and_contacts = (&sample_points, &contacts);
             let labels = &params.spec.label;
-            report.regions =
-                regions::report(image, labels, points_and_contacts, indices, step, cancel);
+            report.regions = regions::report(
+                image,
+                labels,
+                &sample_points,
+                &contacts,
+                indices,
+                step,
+                cancel,
+            );
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);

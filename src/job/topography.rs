@@ -6,6 +6,7 @@ use super::padding::vertical_axis;
 use crate::error::{Error, Result, cause};
 use crate::geometry::bounding_box;
 use crate::geometry::box_tree::BoxTree;
+use crate::geometry::statistics::lower_quantile;
 use crate::image::Geometry;
 use crate::image::placing::{Frame, Region};
 
@@ -61,7 +62,8 @@ impl Topography {
         params: &Params<D>,
         geometry: &Geometry<D>,
         dims: [usize; D],
-        (step, extent): ([f64; D], [f64; D]),
+        step: [f64; D],
+        extent: [f64; D],
     ) -> Result<Option<Self>> {
         let surfaces = &params.topography;
         let sides = params.spec.pad.unwrap_or_default().sides;
@@ -139,8 +141,7 @@ impl Topography {
             along(N, steps[0]).max(along(1, steps[1]))
         };
         let mut curvatures: Vec<f64> = inner.map(curvature).collect();
-        curvatures.sort_by(f64::total_cmp);
-        let curvature = curvatures[(CURVATURE_SHARE * (curvatures.len() - 1) as f64) as usize];
+        let curvature = lower_quantile(&mut curvatures, CURVATURE_SHARE).unwrap_or(0.0);
         // A chord of length w is at most w^2 / 8 times the curvature from its curve.
         self.top_width = (8.0 * TOP_TOLERANCE * (max - min) / curvature).sqrt();
         if self.top_width.is_nan() {

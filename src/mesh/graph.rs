@@ -4,9 +4,9 @@
 use crate::parallel::prelude::*;
 
 use super::TetMesh;
-use super::poly::{FaceNeighbour, PolyMesh};
+use super::poly::{FaceNeighbour, Lists, PolyMesh};
 use crate::Result;
-use crate::geometry::{add_scaled, dot, norm, sub, unit};
+use crate::geometry::{NONE, add_scaled, dot, norm, sub, unit};
 
 /// Cells and connections in one space: lattice or physical, as the code that owns the graph
 /// documents.
@@ -151,32 +151,6 @@ impl<const D: usize> Graph<D> {
         }
     }
 
-    /// Returns the cell that contains `point`, with a tolerance for rounding. The cell is the one
-    /// for which the point's largest offset beyond the faces' planes is smallest. Cells are assumed
-    /// to be convex. Takes time linear in the number of cells; see [`Locator`].
-    pub fn cell_at(&self, point: [f64; D]) -> Option<usize> {
-        let mut max_offset = vec![f64::NEG_INFINITY; self.volume.len()];
-        let mut raise = |cell: u32, offset: f64| {
-            let max_offset = &mut max_offset[cell as usize];
-            *max_offset = max_offset.max(offset);
-        };
-        let offset = |on_plane: [f64; D], normal: [f64; D]| dot(sub(point, on_plane), normal);
-        for c in &self.connections {
-            let offset = offset(c.point, c.normal);
-            raise(c.cells[0], offset);
-            raise(c.cells[1], -offset);
-        }
-        for f in &self.boundary {
-            raise(f.cell, offset(f.point, f.normal));
-        }
-        let innermost = max_offset
-            .iter()
-            .enumerate()
-            .min_by(|a, b| a.1.total_cmp(b.1));
-        let (cell, &offset) = innermost?;
-        (offset <= 1e-6 * self.volume[cell].powf(1.0 / D as f64)).then_some(cell)
-    }
-
     /// Returns the largest [`Connection::angle_error`], and the mean weighted by area.
     pub fn angle_errors(&self) -> (f64, f64) {
         let (mut worst, mut sum, mut area) = (0.0f64, 0.0, 0.0);
@@ -190,100 +164,100 @@ impl<const D: usize> Graph<D> {
     }
 }
 
+/// A face of a cell, seen from the cell.
+#[derive(Debug, Clone, Copy)]
+pub struct CellSide<const D: usize> {
+    /// Number of the face: connections are numbered first, then boundary faces.
+    pub face: u32,
+    /// A point of the face's plane.
+    pub point: [f64; D],
+    /// Unit normal, outwards.
+    pub normal: [f64; D],
+    /// The cell beyond the face; `None` on the boundary.
+    pub neighbour: Option<u32>,
+}
+
+impl<const D: usize> CellSide<D> {
+    /// Returns how far a point lies beyond the face's plane.
+    #[inline]
+    pub fn offset(&self, point: [f64; D]) -> f64 {
+        dot(sub(point, self.point), self.normal)
+    }
+}
+
 /// Finds the cells that contain points. After the faces of all cells are listed once, each query is
-/// fast.
+/// fast. Cells are assumed to be convex.
 pub struct Locator<'a, const D: usize> {
     graph: &'a Graph<D>,
-    /// Start of each cell's faces in `faces`, and one more entry for the end.
-    starts: Vec<u32>,
-    /// Faces of the cells; connections are numbered first, then boundary faces.
-    faces: Vec<u32>,
+    /// Faces of each cell.
+    faces: Lists,
 }
 
 impl<'a, const D: usize> Locator<'a, D> {
     /// Creates a locator for the cells of a graph.
     pub fn new(graph: &'a Graph<D>) -> Self {
-        let cells_of_faces = || {
-            let inner = graph
-                .connections
-                .iter()
-                .map(|c| (c.cells[0], Some(c.cells[1])));
-            let outer = graph.boundary.iter().map(|f| (f.cell, None));
-            inner.chain(outer).zip(0u32..)
-        };
-        let mut starts = vec![0u32; graph.volume.len() + 2];
-        for ((a, b), _) in cells_of_faces() {
-            for cell in [Some(a), b].into_iter().flatten() {
-                starts[cell as usize + 2] += 1;
-            }
-        }
-        for i in 2..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut faces = vec![0; starts[starts.len() - 1] as usize];
-        for ((a, b), face) in cells_of_faces() {
-            for cell in [Some(a), b].into_iter().flatten() {
-                // The start of the next cell serves as the counter of this cell.
-                let slot = &mut starts[cell as usize + 1];
-                faces[*slot as usize] = face;
-                *slot += 1;
-            }
-        }
-        starts.pop();
+        let inner = graph.connections.iter().map(|c| c.cells);
+        let outer = graph.boundary.iter().map(|f| [f.cell, NONE]);
+        let cells: Vec<[u32; 2]> = inner.chain(outer).collect();
         Self {
             graph,
-            starts,
-            faces,
+            faces: Lists::inverse(graph.volume.len(), &cells),
         }
     }
 
-    /// Returns the same cell as [`Graph::cell_at`] in most cases, without visiting all cells.
+    /// Returns the cell that contains `point`: the one for which the point's largest offset beyond
+    /// the faces' planes is smallest, with a tolerance for rounding.
     pub fn cell_at(&self, point: [f64; D]) -> Option<usize> {
         let Some(found_cell) = self.walk(point) else {
-            return self.graph.cell_at(point);
+            return self.innermost_cell(point);
         };
         // Where faces are bent, a neighbour within two steps may contain the point better.
         let mut candidates = vec![found_cell];
         for _ in 0..2 {
             for i in 0..candidates.len() {
-                candidates.extend(
-                    self.face_distances(candidates[i], point)
-                        .filter_map(|(next, _)| next),
-                );
+                let sides = self.sides(candidates[i] as u32);
+                candidates.extend(sides.filter_map(|side| side.neighbour).map(|n| n as usize));
             }
             candidates.sort_unstable();
             candidates.dedup();
         }
-        let max_offset = |cell: usize| {
-            let offsets = self.face_distances(cell, point).map(|(_, off)| off);
-            offsets.fold(f64::NEG_INFINITY, f64::max)
-        };
-        let candidates = candidates.into_iter().map(|cell| (max_offset(cell), cell));
-        candidates
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, cell)| cell)
+        let offsets = (candidates.into_iter()).map(|cell| (self.max_offset(cell, point), cell));
+        let innermost = offsets.min_by(|a, b| a.0.total_cmp(&b.0));
+        innermost.map(|(_, cell)| cell)
     }
 
-    /// Returns for each face of a cell the cell beyond it (`None` on the boundary), and the offset
-    /// of `point` beyond the face's plane.
-    fn face_distances(
-        &self,
-        cell: usize,
-        point: [f64; D],
-    ) -> impl Iterator<Item = (Option<usize>, f64)> + '_ {
-        let [start, end] = [cell, cell + 1].map(|c| self.starts[c] as usize);
-        let offset = move |on_plane: [f64; D], normal: [f64; D]| dot(sub(point, on_plane), normal);
-        self.faces[start..end].iter().map(move |&face| {
-            let face = face as usize;
-            let Some(c) = self.graph.connections.get(face) else {
-                let f = &self.graph.boundary[face - self.graph.connections.len()];
-                return (None, offset(f.point, f.normal));
+    /// Returns the cell that [`cell_at`](Self::cell_at) is to find, from all cells.
+    fn innermost_cell(&self, point: [f64; D]) -> Option<usize> {
+        let cells = 0..self.graph.volume.len();
+        let offsets = cells.map(|cell| (self.max_offset(cell, point), cell));
+        let (offset, cell) = offsets.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (offset <= 1e-6 * self.graph.volume[cell].powf(1.0 / D as f64)).then_some(cell)
+    }
+
+    /// Returns the largest offset of a point beyond the planes of a cell's faces.
+    fn max_offset(&self, cell: usize, point: [f64; D]) -> f64 {
+        let offsets = self.sides(cell as u32).map(|side| side.offset(point));
+        offsets.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Returns the faces of a cell, in the order of their numbers.
+    #[inline]
+    pub fn sides(&self, cell: u32) -> impl Iterator<Item = CellSide<D>> + '_ {
+        let (inner, outer) = (&self.graph.connections, &self.graph.boundary);
+        self.faces.get(cell as usize).iter().map(move |&face| {
+            let (point, normal, neighbour) = match inner.get(face as usize) {
+                Some(c) if c.cells[0] == cell => (c.point, c.normal, Some(c.cells[1])),
+                Some(c) => (c.point, c.normal.map(|n| -n), Some(c.cells[0])),
+                None => {
+                    let face = &outer[face as usize - inner.len()];
+                    (face.point, face.normal, None)
+                }
             };
-            let offset = offset(c.point, c.normal);
-            if c.cells[0] as usize == cell {
-                (Some(c.cells[1] as usize), offset)
-            } else {
-                (Some(c.cells[0] as usize), -offset)
+            CellSide {
+                face,
+                point,
+                normal,
+                neighbour,
             }
         })
     }
@@ -304,12 +278,13 @@ impl<'a, const D: usize> Locator<'a, D> {
             starts.min_by(|&a, &b| squared_distance(a).total_cmp(&squared_distance(b)))?;
         for _ in 0..cells {
             let (next_cell, offset) = self
-                .face_distances(cell, point)
+                .sides(cell as u32)
+                .map(|side| (side.neighbour, side.offset(point)))
                 .max_by(|a, b| a.1.total_cmp(&b.1))?;
             let size = self.graph.volume[cell].powf(1.0 / D as f64);
             match next_cell {
                 _ if offset < -1e-9 * size => return Some(cell),
-                Some(next) if offset > 1e-9 * size => cell = next,
+                Some(next) if offset > 1e-9 * size => cell = next as usize,
                 // The point is on a face, or outside the mesh.
                 _ => return None,
             }

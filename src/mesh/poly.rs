@@ -17,6 +17,7 @@
 //!                     4 to 6: (4, 5), (1, 4), (5, 2), from cell 1 to xmax, ymin and ymax
 //! ```
 
+pub use crate::geometry::NONE;
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{add_scaled, dot, norm, sub};
 use crate::parallel::prelude::*;
@@ -27,9 +28,6 @@ pub const FIRST_SIDE: u32 = u32::MAX - 6;
 
 /// Names of the box's sides, in the order of their numbers.
 pub const SIDE_NAMES: [&str; 6] = ["xmin", "xmax", "ymin", "ymax", "zmin", "zmax"];
-
-/// Stands for the outside, beyond a boundary face of a mesh that fills no box.
-pub const NO_CELL: u32 = u32::MAX;
 
 /// Lists of numbers, stored one after the other: list i is `items[offsets[i]..offsets[i + 1]]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -137,7 +135,7 @@ impl<const D: usize> PolyMesh<D> {
     #[inline]
     pub fn face_neighbour(&self, f: usize) -> FaceNeighbour {
         match self.face_cells[f][1] {
-            NO_CELL => FaceNeighbour::Unknown,
+            NONE => FaceNeighbour::Unknown,
             side if side >= FIRST_SIDE => FaceNeighbour::Side((side - FIRST_SIDE) as usize),
             cell => FaceNeighbour::Cell(cell as usize),
         }
@@ -358,7 +356,7 @@ impl<const D: usize> PolyMesh<D> {
     pub fn release_fault_sides(&mut self, low: [f64; D], high: [f64; D]) {
         for f in self.inner_face_count()..self.face_cells.len() {
             if self.is_upright(f) && self.containing_side(f, low, high).is_none() {
-                self.face_cells[f][1] = NO_CELL;
+                self.face_cells[f][1] = NONE;
             }
         }
     }

@@ -3,13 +3,13 @@
 
 use super::Simplices;
 use super::complex::NONE;
-use super::poly::{FIRST_SIDE, NO_CELL, PolyMesh};
+use super::poly::{FIRST_SIDE, PolyMesh};
 use crate::error::{Error, Result, cause};
 use crate::geometry::{dot, sub};
 
 impl<const D: usize> PolyMesh<D> {
     /// Creates a mesh with the cells of a mesh of simplices, in the same order. Sites are
-    /// centroids. Faces on the boundary have [`NO_CELL`] beyond them.
+    /// centroids. Faces on the boundary have [`NONE`] beyond them.
     ///
     /// `feature_faces` has bit k of byte c set if face k of cell c lies on a feature. `region` has
     /// a number for each cell. Either may be empty.
@@ -61,7 +61,7 @@ impl<const D: usize> PolyMesh<D> {
                 let mut faces: Vec<usize> = (0..size).filter(is_selected).collect();
                 faces.sort_unstable_by_key(|&k| cell_neighbors[k]);
                 for k in faces {
-                    let beyond = if inner { cell_neighbors[k] } else { NO_CELL };
+                    let beyond = if inner { cell_neighbors[k] } else { NONE };
                     poly.faces.push(mesh.face(c, k));
                     poly.face_cells.push([c as u32, beyond]);
                     let bits = feature_faces.get(c).copied().unwrap_or(0);

@@ -9,11 +9,13 @@
 //! - `pvtu`: writes meshes in several files
 //! - `physical`: lattice space and physical space
 //! - `lattice_space`: where the lattice space of a mesh lies in the world, as its file stores it
+//! - `formats`: names and numberings of other programs' formats
 //! - `labels`: regions that are labels of an image
 //! - `named_regions`: regions that have names, and cells beyond the image
 //! - `named_surfaces`: surfaces that have names
 
 pub(crate) mod array_names;
+pub(crate) mod formats;
 pub(crate) mod labels;
 pub(crate) mod lattice_space;
 pub(crate) mod named_regions;
@@ -111,7 +113,7 @@ impl AnyMesh {
         )
     }
 
-    /// Converts a [`MeshFile`] of one of these kinds; `None` for anything else.
+    /// Converts a boxed [`MeshFile`] of one of these kinds; `None` for anything else.
     pub fn from_any(file: Box<dyn Any>) -> Option<Self> {
         let file = match file.downcast() {
             Ok(triangles) => return Some(Self::Triangles(*triangles)),
@@ -127,6 +129,19 @@ impl AnyMesh {
         }
     }
 }
+
+/// Implements the conversion of mesh files of one kind to those of any.
+macro_rules! any_mesh_from {
+    ($($kind:ident $mesh:ty),*) => {$(
+        impl From<MeshFile<$mesh>> for AnyMesh {
+            fn from(file: MeshFile<$mesh>) -> Self {
+                Self::$kind(file)
+            }
+        }
+    )*};
+}
+
+any_mesh_from!(Triangles TriMesh, Tetrahedra TetMesh, Polygons PolyMesh<2>, Polyhedra PolyMesh<3>);
 
 /// Runs the same code with a mesh of any kind: `with_mesh!(mesh, file => ...)`; or different code
 /// for simplices and for polygons and polyhedra: `with_mesh!(mesh, simplices file => ..., cells

@@ -5,6 +5,7 @@ use crate::Result;
 use crate::comm::selection::order_statistics;
 use crate::comm::{Comm, SelfComm};
 use crate::files::codec::codec_fields;
+use crate::geometry::statistics::lower_index;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
@@ -403,7 +404,7 @@ fn quantiles<const N: usize>(
     let ranks = bad.map(|bad| {
         move |total: usize| {
             let last = total - 1;
-            let ranks = [0.0, 0.001, 0.01, 0.5].map(|fraction| (fraction * last as f64) as usize);
+            let ranks = [0.0, 0.001, 0.01, 0.5].map(|share| lower_index(total, share));
             match bad {
                 BadEnd::Small => ranks,
                 BadEnd::Large => ranks.map(|rank| last - rank),

@@ -15,7 +15,8 @@ use super::vtu::{
 use crate::error::{Error, Result};
 use crate::files::vtk::VtkFile;
 use crate::files::vtk::xml::Element;
-use crate::mesh::poly::{Lists, NO_CELL, PolyMesh};
+use crate::geometry::NONE;
+use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::{Mesh, TriMesh};
 use crate::mesh_file::array_names::{FEATURE_FACES_FIELD, REGION_ARRAY, SITE_ARRAY};
 use crate::mesh_file::{FieldValue, MeshFile};
@@ -24,7 +25,7 @@ use crate::mesh_file::{FieldValue, MeshFile};
 const VTK_QUADRILATERAL: u8 = 9;
 
 /// Reads a mesh of polyhedra or polygons that atomesh, VTK or ParaView wrote. Faces on the boundary
-/// have [`NO_CELL`] beyond them. If the file has no sites, each cell's site is the mean of its
+/// have [`NONE`] beyond them. If the file has no sites, each cell's site is the mean of its
 /// nodes. Adds notes for the user.
 ///
 /// # Errors
@@ -267,7 +268,7 @@ impl CellFaces {
         // The sort order of faces: inner faces first, then by cells, then by position in the file.
         let mut faces: Vec<(bool, [u32; 2], u32)> = Vec::with_capacity(order.len() / 2);
         let mut add_face = |first: u32, second: Option<u32>| {
-            let beyond = second.map_or(NO_CELL, |other| self.face_cell[other as usize]);
+            let beyond = second.map_or(NONE, |other| self.face_cell[other as usize]);
             faces.push((
                 second.is_none(),
                 [self.face_cell[first as usize], beyond],
@@ -352,7 +353,7 @@ mod tests {
         let read_file = VtkFile::read(&path, "UnstructuredGrid").unwrap();
         let read = read_cells::<D>(&read_file, &mut Vec::new()).unwrap();
         let mut mesh = read.mesh;
-        assert!(mesh.face_cells[1..].iter().all(|c| c[1] == NO_CELL));
+        assert!(mesh.face_cells[1..].iter().all(|c| c[1] == NONE));
         let mut high = [1.0; D];
         high[0] = 2.0;
         mesh.assign_sides([0.0; D], high);
@@ -437,7 +438,7 @@ mod tests {
             .push_stream::<3>(1, &[2, 4, 0, 2, 1, 4, 3, 2, 1, 0])
             .unwrap();
         let mesh = sides.to_mesh::<3>(vec![[0.0; 3]; 5], 2).unwrap();
-        assert_eq!(mesh.face_cells, [[0, 1], [0, NO_CELL], [1, NO_CELL]]);
+        assert_eq!(mesh.face_cells, [[0, 1], [0, NONE], [1, NONE]]);
         sides.push_stream::<3>(2, &[1, 3, 0, 1, 2]).unwrap();
         assert!(sides.to_mesh::<3>(vec![[0.0; 3]; 5], 3).is_none());
     }

@@ -8,6 +8,7 @@ use super::vtu::read_any_vtu;
 use super::{AnyMesh, MeshFile, Storable};
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values, VtkFile};
+use crate::geometry::NONE;
 use crate::mesh::Simplices;
 use crate::mesh_file::array_names::GLOBAL_NODE_ARRAY;
 use crate::{Error, Result};
@@ -93,11 +94,11 @@ fn concatenate<const D: usize, M: Simplices<D> + Storable<D>>(
     if count > global_ids.len() {
         return Err(error("lacks some of its nodes: a part is missing"));
     }
-    let mut first = vec![u32::MAX; count];
+    let mut first = vec![NONE; count];
     for (i, &node) in global_ids.iter().enumerate().rev() {
         first[node] = i as u32;
     }
-    if first.contains(&u32::MAX) {
+    if first.contains(&NONE) {
         return Err(error("lacks some of its nodes: a part is missing"));
     }
     let mut point_data = point_data.unwrap_or_default();

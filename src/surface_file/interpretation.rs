@@ -27,6 +27,7 @@ use crate::error::{Error, Result, cause, io_error};
 use crate::files;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::spread::{along_path, over_triangles};
+use crate::geometry::statistics::upper_median;
 use crate::geometry::{cross, dot, norm, sub, unit};
 use crate::image::Image;
 use crate::image::formats::{self, AnyImage, ImageFormat, ReadOptions};
@@ -448,8 +449,7 @@ pub fn triangulate_points(points: &[[f64; 3]]) -> Result<Vec<[[f64; 3]; 3]>> {
         )));
     }
     let mut lengths: Vec<f64> = triangles.iter().map(longest).collect();
-    lengths.sort_by(f64::total_cmp);
-    let max = MAX_EDGE_RATIO * lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+    let max = MAX_EDGE_RATIO * upper_median(&mut lengths).unwrap_or(0.0);
     Ok(triangles
         .into_iter()
         .filter(|t| longest(t) <= max)

@@ -148,3 +148,15 @@ pub enum AnySurfaces {
     /// Surfaces in space.
     Surfaces(SurfaceFile<3>),
 }
+
+impl From<SurfaceFile<2>> for AnySurfaces {
+    fn from(file: SurfaceFile<2>) -> Self {
+        Self::Curves(file)
+    }
+}
+
+impl From<SurfaceFile<3>> for AnySurfaces {
+    fn from(file: SurfaceFile<3>) -> Self {
+        Self::Surfaces(file)
+    }
+}

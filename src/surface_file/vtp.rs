@@ -7,12 +7,11 @@ use std::path::Path;
 use super::SurfaceFile;
 use super::sticks::{FaultSticks, Stick};
 use crate::Result;
-use crate::files::atomic_write;
 use crate::files::vtk::pieces::{
     FieldValue, check_lengths, read_cell_integers, read_count, read_nodes,
 };
 use crate::files::vtk::xml::Element;
-use crate::files::vtk::{ArraySource, Document, VtkFile};
+use crate::files::vtk::{ArraySource, PolyData, VtkFile};
 use crate::image::stated::{StatedCoordinates, ZDirection};
 use crate::{names, units};
 
@@ -29,56 +28,34 @@ const DIRECTION_FIELD: &str = "z_direction";
 /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written, and [`Error::Mesh`](crate::Error::Mesh) if an array does not
 /// have one tuple per facet.
 pub fn write_vtp<const D: usize>(path: &Path, file: &SurfaceFile<D>) -> Result<()> {
-    let (points, cells) = (file.nodes.len(), file.facets.len());
+    let cells = file.facets.len();
     check_lengths(path, &file.cell_data, cells, "facets")?;
     let names = file.names.join("\n");
     let units = file.units.join(",");
     let labels = file.labels();
-    let mut document = Document::new("PolyData", &[]);
-    document.open("FieldData", &[]);
-    document.add_array(ArraySource::text("surfaces", &names));
+    let mut fields = vec![ArraySource::text("surfaces", &names)];
     if units.len() > 2 {
-        document.add_array(ArraySource::text(UNITS_FIELD, &units));
+        fields.push(ArraySource::text(UNITS_FIELD, &units));
         let direction = if file.z_up { "up" } else { "down" };
-        document.add_array(ArraySource::text(DIRECTION_FIELD, direction));
+        fields.push(ArraySource::text(DIRECTION_FIELD, direction));
     }
-    for (name, value) in &file.field_data {
-        document.add_array(match value {
-            FieldValue::Text(text) => ArraySource::text(name, text),
-            FieldValue::F64s(numbers) => ArraySource::slice(name, 1, numbers),
-            FieldValue::Ints(numbers) => ArraySource::slice(name, 1, numbers),
-        });
-    }
-    document.close();
-    let shape = if D == 2 { "Lines" } else { "Polys" };
-    let count = |element: &str| if element == shape { cells } else { 0 };
-    let counts = ["Verts", "Lines", "Strips", "Polys"]
-        .map(|element| (format!("NumberOf{element}"), count(element).to_string()));
-    let mut attributes = vec![("NumberOfPoints", points.to_string())];
-    attributes.extend(counts.iter().map(|(name, n)| (name.as_str(), n.clone())));
-    document.open("Piece", &attributes);
-    document.open("CellData", &[("Scalars", "surface".to_string())]);
-    document.add_array(ArraySource::slice("surface", 1, &labels));
-    for array in &file.cell_data {
-        document.add_array(array.values.source(&array.name, array.components));
-    }
-    document.close();
-    document.open("Points", &[]);
-    document.add_array(ArraySource::slice("Points", 3, file.nodes.as_flattened()));
-    document.close();
-    document.open(shape, &[]);
-    let corners = file.facets.as_flattened();
-    document.add_array(ArraySource::computed(
-        "connectivity",
-        1,
-        corners.len(),
-        |i| i64::from(corners[i]),
-    ));
-    document.add_array(ArraySource::computed("offsets", 1, cells, |i| {
-        (D * (i + 1)) as i64
+    fields.extend((file.field_data.iter()).map(|(name, value)| match value {
+        FieldValue::Text(text) => ArraySource::text(name, text),
+        FieldValue::F64s(numbers) => ArraySource::slice(name, 1, numbers),
+        FieldValue::Ints(numbers) => ArraySource::slice(name, 1, numbers),
     }));
-    document.close();
-    atomic_write(path, |out| document.write(out))
+    let mut cell_data = vec![ArraySource::slice("surface", 1, &labels)];
+    let arrays = file.cell_data.iter();
+    cell_data.extend(arrays.map(|array| array.values.source(&array.name, array.components)));
+    let element = if D == 2 { "Lines" } else { "Polys" };
+    PolyData {
+        fields,
+        cell_data: Some(cell_data),
+        scalars: Some("surface"),
+        corners: Some(file.facets.as_flattened()),
+        ..PolyData::new(element, &file.nodes, cells, |i| (D * (i + 1)) as i64)
+    }
+    .write(path)
 }
 
 /// Reads the triangles of a file of this or another program: all of them, or those of the surface

@@ -30,6 +30,7 @@ use crate::model::surface::{
 };
 use crate::progress::{Progress, Stage};
 use crate::store::input::{ImageInput, MeshInput, mesh_in_depth, read_mesh_image};
+use crate::store::with_mesh;
 use crate::store::{
     AnyMesh, LabelledRegion, LatticeSpace, MeshFile, Storable, StoredMesh, read_labels,
 };
@@ -76,12 +77,7 @@ pub fn surfaces<'a>(
         read_image,
         progress,
     };
-    match input.mesh {
-        AnyMesh::Triangles(file) => extraction.run(file, AnySurfaces::Curves),
-        AnyMesh::Tetrahedra(file) => extraction.run(file, AnySurfaces::Surfaces),
-        AnyMesh::Polygons(file) => extraction.run(file, AnySurfaces::Curves),
-        AnyMesh::Polyhedra(file) => extraction.run(file, AnySurfaces::Surfaces),
-    }
+    with_mesh!(input.mesh, file => extraction.run(file))
 }
 
 /// The options and the progress of an extraction.
@@ -94,11 +90,11 @@ struct Extraction<'a> {
 }
 
 impl Extraction<'_> {
-    fn run<const D: usize, M: Storable<D>>(
-        mut self,
-        file: MeshFile<M>,
-        any: fn(SurfaceFile<D>) -> AnySurfaces,
-    ) -> Result<SurfaceOutcome> {
+    fn run<const D: usize, M: Storable<D>>(mut self, file: MeshFile<M>) -> Result<SurfaceOutcome>
+    where
+        MeshFile<M>: Into<AnyMesh>,
+        SurfaceFile<D>: Into<AnySurfaces>,
+    {
         let spec = self.spec;
         let options = spec.grouping.options(spec.min_area)?;
         let up = spec.grouping.up_direction::<D>()?;
@@ -111,7 +107,7 @@ impl Extraction<'_> {
         if spec.by == GroupBy::Regions {
             let (file, measures) = extract_interfaces(&stored, &labels, self.name)?;
             return Ok(SurfaceOutcome {
-                surfaces: any(file.with_space(&stored.space.geometry, z_up)),
+                surfaces: file.with_space(&stored.space.geometry, z_up).into(),
                 report: SurfaceReport::Regions(measures),
                 survey: None,
                 mesh: None,
@@ -138,7 +134,7 @@ impl Extraction<'_> {
             image,
             min_confidence: spec.min_confidence,
         });
-        let groups = measured_groups(&stored, facets, &options, (&up, z_up), survey);
+        let groups = measured_groups(&stored, facets, &options, &up, z_up, survey);
         if let Some(note) = &groups.doubtful {
             self.progress.note(note);
         }
@@ -164,13 +160,13 @@ impl Extraction<'_> {
         for note in doubtful_throw_notes(&measures) {
             self.progress.note(&note);
         }
-        let mesh = original.and_then(|mut original| {
+        let mesh = original.map(|mut original| {
             let named = named_faces(&stored, &surfaces, &file.names);
             named.replace_in(&mut original.field_data);
-            AnyMesh::from_any(Box::new(original))
+            original.into()
         });
         Ok(SurfaceOutcome {
-            surfaces: any(file),
+            surfaces: file.into(),
             report: SurfaceReport::Bends {
                 measures,
                 dropped_count: surfaces.dropped_count,
@@ -356,7 +352,8 @@ fn measured_groups<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
     facets: Vec<[u32; D]>,
     options: &Options,
-    (up, z_up): (&MapAxes<D>, bool),
+    up: &MapAxes<D>,
+    z_up: bool,
     survey: Option<Survey<'_, D>>,
 ) -> SurfaceGroups<D> {
     let mut surfaces = group_facets(stored, facets, options);
@@ -472,7 +469,7 @@ pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
         facet_selection::marked_facets(&stored.lattice, &marks)
     };
     let options = grouping.options(None)?;
-    Ok(measured_groups(stored, facets, &options, (&up, z_up), None).file)
+    Ok(measured_groups(stored, facets, &options, &up, z_up, None).file)
 }
 
 /// Returns the name of a surface in files.

@@ -47,11 +47,11 @@ pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> 
     let image = console.read_image(&args.image, &input)?;
     let sha256 = Some(console.hash(&args.image)?);
     clock.end();
-    let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
     let outcome = console.run_on_mesh_and_image(
         interrupts,
         mesh,
         image,
+        [&args.mesh, &args.image],
         sha256,
         |mesh, image, progress| {
             crate::edit(mesh, image, spec, progress)

@@ -12,7 +12,8 @@ use crate::cli::common::output::{
 };
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::image::formats::{AnyImage, LoadedImage};
+use crate::image::formats::LoadedImage;
+use crate::image::formats::with_loaded;
 use crate::job::FeatureSpec;
 use crate::job::{write_feature_lines, write_feature_points};
 
@@ -45,10 +46,8 @@ pub fn feature(args: &FeatureArgs, interrupts: &Interrupts, console: &mut Consol
         check_output(path, "--confidence-out", &IMAGE_EXTENSIONS, &inputs)?;
     }
     spec.validate().map_err(with_option_name::<FeatureSpec>)?;
-    match console.read_image(&args.image, &spec.input)? {
-        AnyImage::Plane(loaded) => detect_features(args, &loaded, interrupts, console),
-        AnyImage::Space(loaded) => detect_features(args, &loaded, interrupts, console),
-    }
+    let image = console.read_image(&args.image, &spec.input)?;
+    with_loaded!(image, loaded => detect_features(args, &loaded, interrupts, console))
 }
 
 fn detect_features<const D: usize>(

@@ -43,11 +43,11 @@ pub fn report(args: &ReportArgs, interrupts: &Interrupts, console: &mut Console)
     // The figures of a run hold the hash already.
     let hash = || console.hash(&args.image);
     let sha256 = spec.figures.is_none().then(hash).transpose()?;
-    let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
     let stats = console.run_on_mesh_and_image(
         interrupts,
         mesh,
         image,
+        [&args.mesh, &args.image],
         sha256,
         |mesh, image, progress| {
             crate::report(mesh, image, &args.output, spec, progress)

@@ -59,11 +59,17 @@ pub fn segment(args: &SegmentArgs, interrupts: &Interrupts, console: &mut Consol
     console.begin_stage(Stage::Reading);
     let mesh = console.read_mesh(&args.mesh)?;
     let image = console.read_image(&args.image, &spec.input)?;
-    let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
-    let outcome =
-        console.run_on_mesh_and_image(interrupts, mesh, image, None, |mesh, image, progress| {
+    let paths = [&*args.mesh, &*args.image];
+    let outcome = console.run_on_mesh_and_image(
+        interrupts,
+        mesh,
+        image,
+        paths,
+        None,
+        |mesh, image, progress| {
             crate::segment(mesh, image, spec, progress).map_err(with_option_name::<SegmentSpec>)
-        })?;
+        },
+    )?;
     console.begin_stage(Stage::Writing);
     let table = outcome.table();
     if let (Some(path), Some(labels)) = (&spec.labels_out, outcome.labels) {

@@ -3,13 +3,14 @@
 use crate::edit::resolve::EditLattice;
 use crate::edit::unknown_arrays;
 use crate::error::cause;
+use crate::geometry::NONE;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::job::{Params, lattice_points, lattice_well_paths};
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Alignment;
 use crate::mesh::Positions;
 use crate::mesh::check::{CheckHints, check_with_hints};
-use crate::mesh::poly::{Lists, NO_CELL, PolyMesh};
+use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
 use crate::store::{FieldValue, LatticeSpace, MeshFile, StoredMesh, read_labels};
 use crate::{Error, Result};
@@ -185,7 +186,7 @@ pub fn cells_of_nodes<const D: usize>(mesh: &PolyMesh<D>) -> Lists {
     let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(2 * mesh.faces.items.len());
     for (f, cells) in mesh.face_cells.iter().enumerate() {
         for &n in mesh.faces.get(f) {
-            pairs.extend(cells.iter().filter(|&&c| c != NO_CELL).map(|&c| (n, c)));
+            pairs.extend(cells.iter().filter(|&&c| c != NONE).map(|&c| (n, c)));
         }
     }
     pairs.sort_unstable();

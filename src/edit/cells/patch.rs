@@ -2,7 +2,7 @@
 
 use super::editable_cells::EditableCells;
 use super::preserved::{FeatureChanges, PreservedParts};
-use super::rebuilt::RebuiltCells;
+use super::rebuilt::{RebuildScope, RebuiltCells};
 use super::target_position;
 use crate::edit::local_fields::{Context, LocalFields};
 use crate::edit::neighbourhood::{INSERT_CLEARANCE, REUSE_RADIUS, SHIFT_CLEARANCE};
@@ -192,7 +192,8 @@ where
             context.params,
             &fields.distance,
             &fields.features,
-            (self.editable.space.step, self.window.extent()),
+            self.editable.space.step,
+            self.window.extent(),
             fields.beta.clone(),
             &mut TokenProgress(cancel),
         )
@@ -216,35 +217,21 @@ where
         let step = self.editable.space.step;
         let sample = step.iter().copied().fold(0.0, f64::max);
         for range in REBUILD_RANGES {
-            let reach = (self.edited_places.as_slice(), range);
-            let changes = FeatureChanges::new(
-                self.editable,
-                &self.window,
-                surface,
-                &is_removed,
-                reach,
-                (sample, |x| fields.distance.value_at(x)),
-            );
+            let changes = FeatureChanges::new(self, surface, &is_removed, range, sample, |x| {
+                fields.distance.value_at(x)
+            });
             let new_sites: Vec<[f64; D]> = placed_atoms.iter().map(|atom| atom.position).collect();
-            let preserved = PreservedParts::new(
-                self.editable,
-                &self.window,
-                &changes,
-                &is_removed,
-                &new_sites,
-                reach,
-            );
+            let preserved = PreservedParts::new(self, &changes, &is_removed, &new_sites, range);
+            let scope = RebuildScope {
+                surface,
+                changes: &changes,
+                preserved: &preserved,
+                range,
+                is_removed: &is_removed,
+            };
             let seed = context.params.spec.rng_seed;
-            let (rebuilt, evaluations) = RebuiltCells::new(
-                self,
-                fields,
-                (surface, &changes),
-                (&preserved, range),
-                &is_removed,
-                &placed_atoms,
-                seed,
-                cancel,
-            )?;
+            let (rebuilt, evaluations) =
+                RebuiltCells::new(self, fields, scope, &placed_atoms, seed, cancel)?;
             summary.evaluations += evaluations;
 
             if cancel.is_cancelled() {

@@ -1,7 +1,6 @@
 //! The faces, nodes and cells that stay unchanged around an edit.
 
-use super::editable_cells::EditableCells;
-use crate::edit::window::EditWindow;
+use super::patch::CellNeighbourhood;
 use crate::geometry::squared_distance_to_face;
 use crate::geometry::{add_scaled, distance2};
 use crate::lattice::optimize::temperature::relative_distance;
@@ -35,13 +34,19 @@ impl<const D: usize> FeatureChanges<D> {
     /// feature surfaces. Faces at removed cells count as changed, too. `sample` is the largest
     /// distance between samples, and `distance` returns d.
     pub fn new(
-        editable: &EditableCells<D>,
-        window: &EditWindow<D>,
+        neighbourhood: &CellNeighbourhood<'_, D>,
         surface: &FacetSurface<D>,
         is_removed: &[bool],
-        (edited_places, range): (&[([f64; D], f64)], f64),
-        (sample, distance): (f64, impl Fn([f64; D]) -> f64),
+        range: f64,
+        sample: f64,
+        distance: impl Fn([f64; D]) -> f64,
     ) -> Self {
+        let CellNeighbourhood {
+            editable,
+            window,
+            edited_places,
+            ..
+        } = neighbourhood;
         let mesh = &editable.mesh;
         let centre = |x: &[[f64; D]]| {
             let weight = 1.0 / x.len() as f64;
@@ -127,13 +132,18 @@ impl PreservedParts {
     /// of faces on features that have not changed. Nodes of removed cells do not stay, and neither
     /// do nodes that are nearer to one of `new_sites` than to their own sites.
     pub fn new<const D: usize>(
-        editable: &EditableCells<D>,
-        window: &EditWindow<D>,
+        neighbourhood: &CellNeighbourhood<'_, D>,
         changes: &FeatureChanges<D>,
         is_removed: &[bool],
         new_sites: &[[f64; D]],
-        (edited_places, range): (&[([f64; D], f64)], f64),
+        range: f64,
     ) -> Self {
+        let CellNeighbourhood {
+            editable,
+            window,
+            edited_places,
+            ..
+        } = neighbourhood;
         let mesh = &editable.mesh;
         let count = mesh.sites.len();
         let cells_at = |n: usize| {

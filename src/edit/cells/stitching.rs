@@ -5,6 +5,7 @@ use super::patch::{CellPatch, NewCell};
 use crate::edit::{Summary, newest_fields};
 use crate::error::cause;
 use crate::files::vtk::DataArray;
+use crate::geometry::NONE;
 use crate::mesh::Mesh;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
@@ -16,7 +17,7 @@ use crate::{Error, Result};
 /// the numbers of removed ones, and then further numbers at the end. If numbers of removed items
 /// remain, the last items take them.
 struct Renumbering {
-    /// New number of each old item, followed by those of the new items; `u32::MAX` for removed
+    /// New number of each old item, followed by those of the new items; `NONE` for removed
     /// ones.
     new_numbers: Vec<u32>,
     /// For each new number, the index of the item that has it, among the old items followed by the
@@ -59,7 +60,7 @@ impl Renumbering {
             }
         }
         let sources: Vec<u32> = sources.into_iter().flatten().collect();
-        let mut new_numbers = vec![u32::MAX; old + requested.len()];
+        let mut new_numbers = vec![NONE; old + requested.len()];
         for (n, &i) in (0..).zip(&sources) {
             new_numbers[i as usize] = n;
         }
@@ -320,7 +321,7 @@ mod tests {
         assert_eq!(numbers.sources, [0, 6, 5, 3, 4]);
         let fewer = Renumbering::new(&[false, true, true, false, false], &[None]);
         assert_eq!(fewer.sources, [0, 5, 4, 3]);
-        assert_eq!(fewer.new_numbers, [0, u32::MAX, u32::MAX, 3, 2, 1]);
+        assert_eq!(fewer.new_numbers, [0, NONE, NONE, 3, 2, 1]);
         let more = Renumbering::new(&[true, false], &[None, None, None]);
         assert_eq!(more.sources, [2, 1, 3, 4]);
         let none = Renumbering::new(&[false, false, true], &[]);

@@ -251,7 +251,8 @@ fn disc_distance<const D: usize>(x: &[f64; D], dims: [usize; D], disc_x: f64, ra
 fn disc_coverage<const D: usize>(
     file: &MeshFile<PolyMesh<D>>,
     dims: [usize; D],
-    (disc_x, radius): (f64, f64),
+    disc_x: f64,
+    radius: f64,
     d: f64,
 ) -> (f64, usize) {
     let stored = StoredMesh::new(file.clone(), "mesh").unwrap();
@@ -312,18 +313,18 @@ where
         check_cells(&edited.file);
         edited.file
     };
-    let before = disc_coverage(&file_without, dims, (disc_x, radius), d);
+    let before = disc_coverage(&file_without, dims, disc_x, radius, d);
     let edited_in = edit_and_check(&file_without, &with_disc, addition);
     let [by_edit, remeshed] = [&edited_in, &make_mesh(&with_disc, &params)]
-        .map(|file| disc_coverage(file, dims, (disc_x, radius), d));
+        .map(|file| disc_coverage(file, dims, disc_x, radius, d));
     let remove = |file: &MeshFile<PolyMesh<D>>| {
         AtomChange::Remove(nearest_cell(file, centre(disc_x + 2.0 * d)))
     };
     let moved = edit_and_check(&edited_in, &moved_disc, remove(&edited_in));
-    let at_new = disc_coverage(&moved, dims, (disc_x - 3.0, radius), d);
-    let at_old = disc_coverage(&moved, dims, (disc_x, radius), d);
+    let at_new = disc_coverage(&moved, dims, disc_x - 3.0, radius, d);
+    let at_old = disc_coverage(&moved, dims, disc_x, radius, d);
     let taken_out = edit_and_check(&edited_in, &no_disc, remove(&edited_in));
-    let after = disc_coverage(&taken_out, dims, (disc_x, radius), d);
+    let after = disc_coverage(&taken_out, dims, disc_x, radius, d);
     let figures = format!(
         "{D}-D before {before:?}, edited in {by_edit:?}, meshed again {remeshed:?}, moved: there {at_new:?}, here \
          {at_old:?}, taken out {after:?}"

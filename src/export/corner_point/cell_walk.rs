@@ -1,8 +1,7 @@
 //! Traces straight lines through the cells of a model, from cell to cell through their faces.
 
 use crate::geometry::{dot, sub};
-use crate::mesh::graph::Graph;
-use crate::mesh::poly::{Lists, PolyMesh};
+use crate::mesh::graph::{Graph, Locator};
 use crate::parallel::prelude::*;
 
 /// Maximum number of steps of a walk.
@@ -23,58 +22,19 @@ pub struct LineSegment {
 
 /// Walks through cells. Cells are assumed to be convex, and faces flat.
 pub struct CellWalker<'a> {
-    graph: &'a Graph<3>,
-    faces: Lists,
+    cells: Locator<'a, 3>,
     /// Distance within which a point lies in each cell, because coordinates are rounded.
     rounding: Vec<f64>,
 }
 
-/// Face of a cell, seen from the cell.
-struct CellSide {
-    point: [f64; 3],
-    /// Normal, outward.
-    normal: [f64; 3],
-    neighbour: Option<u32>,
-}
-
 impl<'a> CellWalker<'a> {
-    /// Creates a walker for the cells of a mesh and their graph.
-    pub fn new(mesh: &PolyMesh<3>, graph: &'a Graph<3>) -> Self {
+    /// Creates a walker for the cells of a graph.
+    pub fn new(graph: &'a Graph<3>) -> Self {
         let volumes = graph.volume.par_iter();
         Self {
-            graph,
-            faces: mesh.faces_of_cells(),
+            cells: Locator::new(graph),
             rounding: volumes.map(|volume| 1e-9 * volume.cbrt()).collect(),
         }
-    }
-
-    /// Returns the sides of a cell, each with its face number.
-    #[inline]
-    fn sides(&self, cell: u32) -> impl Iterator<Item = (u32, CellSide)> + '_ {
-        let (inner, outer) = (&self.graph.connections, &self.graph.boundary);
-        self.faces.get(cell as usize).iter().map(move |&f| {
-            let side = match inner.get(f as usize) {
-                Some(c) if c.cells[0] == cell => CellSide {
-                    point: c.point,
-                    normal: c.normal,
-                    neighbour: Some(c.cells[1]),
-                },
-                Some(c) => CellSide {
-                    point: c.point,
-                    normal: c.normal.map(|n| -n),
-                    neighbour: Some(c.cells[0]),
-                },
-                None => {
-                    let face = &outer[f as usize - inner.len()];
-                    CellSide {
-                        point: face.point,
-                        normal: face.normal,
-                        neighbour: None,
-                    }
-                }
-            };
-            (f, side)
-        })
     }
 
     /// Returns the cell that contains a point, walking from `start_cell`. For a point outside the
@@ -83,8 +43,8 @@ impl<'a> CellWalker<'a> {
         let mut cell = start_cell;
         for _ in 0..MAX_STEPS {
             let mut farthest = (self.rounding[cell as usize], None);
-            for (_, side) in self.sides(cell) {
-                let distance = dot(sub(point, side.point), side.normal);
+            for side in self.cells.sides(cell) {
+                let distance = side.offset(point);
                 if side.neighbour.is_some() && distance > farthest.0 {
                     farthest = (distance, side.neighbour);
                 }
@@ -109,7 +69,7 @@ impl<'a> CellWalker<'a> {
     ) -> (f64, f64, Option<(u32, Option<u32>)>) {
         let (mut enters, mut leaves) = (f64::NEG_INFINITY, (f64::INFINITY, None));
         let rounding = self.rounding[cell as usize];
-        for (f, side) in self.sides(cell) {
+        for side in self.cells.sides(cell) {
             let speed = dot(direction, side.normal);
             let distance = dot(sub(side.point, origin), side.normal);
             if speed.abs() <= parallel && distance < -rounding {
@@ -118,7 +78,7 @@ impl<'a> CellWalker<'a> {
             }
             let fraction = distance / speed;
             if speed > parallel && fraction < leaves.0 {
-                leaves = (fraction, Some((f, side.neighbour)));
+                leaves = (fraction, Some((side.face, side.neighbour)));
             } else if speed < -parallel && fraction > enters {
                 enters = fraction;
             }
@@ -211,7 +171,7 @@ mod tests {
     fn lines_go_from_cell_to_cell() {
         let mesh = two_cells::<3>(0.75);
         let graph = Graph::from_poly(&mesh);
-        let walker = CellWalker::new(&mesh, &graph);
+        let walker = CellWalker::new(&graph);
         assert_eq!(walker.cell_at([1.9, 0.1, 0.1], 0), 1);
         assert_eq!(walker.cell_at([-3.0, 0.1, 0.1], 1), 0);
         let is_close = |a: f64, b: f64| (a - b).abs() < 1e-12;

@@ -119,7 +119,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     let description = format!("a grid of {cells} cells");
     memory::ensure_available("grid", 350.0 * cells, description, "ask for fewer cells")?;
     let pillars = Pillars::new(&outline, [n, m], graph);
-    let walker = CellWalker::new(&model.mesh, graph);
+    let walker = CellWalker::new(graph);
     let layers = GridLayers::new(model, &walker, &pillars, layers);
     let rock = RockLogarithms::new(model, &pillars);
     let columns: Vec<Vec<CellSum>> = (0..m)

@@ -26,6 +26,7 @@ use crate::files::text::{FileWriter, WriteResult};
 use crate::files::text::{TextBuilder, write_items};
 use crate::geometry::{bounding_box, sorted};
 use crate::mesh::poly::Lists;
+use crate::mesh_file::formats::gmsh::{POINT_TYPE, PRISM_TYPE, SIMPLEX_TYPES};
 use crate::model::reservoir::Model;
 use crate::names::NameRules;
 
@@ -74,13 +75,6 @@ const GROUP_NAMES: NameRules = NameRules {
     is_allowed: |c| !c.is_control() && c != '"',
     ..NameRules::TEXT
 };
-/// Gmsh types of linear and of quadratic simplices, by their number of corners.
-const ELEMENT_TYPES: [[u8; 2]; 5] = [[0, 0], [0, 0], [1, 8], [2, 9], [4, 11]];
-/// Gmsh type of prisms.
-const PRISM_TYPE: u8 = 6;
-/// Gmsh type of nodes.
-const POINT_TYPE: u8 = 15;
-
 fn write_header(
     out: FileWriter,
     version: &str,
@@ -120,8 +114,11 @@ fn write_header(
 
 /// Returns the types of the cells and of their sides.
 fn element_types(mesh: &SimplexMesh) -> [u8; 2] {
-    let order = usize::from(mesh.is_quadratic());
-    [mesh.corner_count, mesh.corner_count - 1].map(|size| ELEMENT_TYPES[size][order])
+    [mesh.corner_count, mesh.corner_count - 1].map(|corners| {
+        let mut types = SIMPLEX_TYPES.iter().filter(|t| t.corners == corners);
+        let found = types.find(|t| (t.nodes > corners) == mesh.is_quadratic());
+        found.map_or(POINT_TYPE, |found| found.number)
+    })
 }
 
 /// Ends a line with the nodes of a cell or side. In Gmsh, the last two of ten nodes are in reverse

@@ -106,18 +106,12 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     if model.tets.is_none() {
         let cells = MixedCells::polyhedra(&model.mesh);
         let named_sides = NamedSides::from_model(model, &names.faces);
-        return cells_with_faces(
-            batch,
-            path,
-            (&model.mesh.nodes, cells),
-            &named_sides,
-            arrays,
-        );
+        return cells_with_faces(batch, path, &model.mesh.nodes, cells, &named_sides, arrays);
     }
     let mesh = &SimplexMesh::new(model, names, ERROR_PLACE)?;
     let mut cells = MixedCells::default();
     (0..mesh.len()).for_each(|t| cells.push(TETRAHEDRON_TYPE, mesh.get(t).iter().copied()));
-    cells_with_faces(batch, path, (mesh.nodes, cells), &mesh.named_sides, arrays)?;
+    cells_with_faces(batch, path, mesh.nodes, cells, &mesh.named_sides, arrays)?;
     match &model.split_mesh {
         Some(split) => write_fractures(mesh, split, batch, path),
         None => Ok(()),
@@ -135,7 +129,8 @@ fn node_set(name: &str, count: usize, nodes: &[u32]) -> DataArray {
 fn cells_with_faces(
     batch: &mut Batch,
     path: &Path,
-    (nodes, mut cells): (&[[f64; 3]], MixedCells),
+    nodes: &[[f64; 3]],
+    mut cells: MixedCells,
     named_sides: &[NamedSides],
     arrays: Vec<DataArray>,
 ) -> Result<()> {

@@ -37,6 +37,7 @@ use crate::feature::{Doubt, FeatureKind};
 use crate::files::codec::codec_fields;
 use crate::geometry::grid_index::block_rows;
 use crate::geometry::simd::dispatch_simd;
+use crate::geometry::statistics::lower_quantile;
 use crate::image::check::{
     MAX_DETECTED_LABELS, MIN_EQUAL_SHARE, are_whole_numbers, distinct_values, equal_neighbour_count,
 };
@@ -468,12 +469,8 @@ impl<const D: usize> LocalMeans<D> {
     fn percentiles(self) -> Percentiles {
         let means = self.means;
         let mut sorted = means.clone();
-        sorted.sort_by(f32::total_cmp);
-        let percentile = |share: f64| {
-            let index = (sorted.len().saturating_sub(1) as f64 * share) as usize;
-            sorted.get(index).copied().unwrap_or(0.0)
-        };
-        let (low, median, high) = (percentile(0.01), percentile(0.5), percentile(0.99));
+        let [low, median, high] =
+            [0.01, 0.5, 0.99].map(|share| lower_quantile(&mut sorted, share).unwrap_or(0.0));
         let middle = 0.5 * (low + high);
         let above = means.iter().filter(|m| **m > middle).count() as f64 / means.len() as f64;
         let is_upper_rarer = above < 0.5;

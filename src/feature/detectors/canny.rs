@@ -19,6 +19,7 @@ use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::non_max_suppression::gradient_maxima;
 use crate::feature::ridges::typical_strength;
 use crate::feature::volume::Volume;
+use crate::geometry::statistics::upper_median;
 
 /// Detector of edges at maxima of the gradient magnitude.
 pub struct Canny;
@@ -78,11 +79,9 @@ fn noise_thresholds<const D: usize>(magnitudes: &[f32]) -> [f32; 2] {
     // About 10^5 samples give the median to one per cent.
     let stride = (magnitudes.len() / 200_000).max(1) | 1;
     let mut subsample: Vec<f32> = magnitudes.iter().step_by(stride).copied().collect();
-    let middle = subsample.len() / 2;
-    if subsample.is_empty() {
+    let Some(median) = upper_median(&mut subsample) else {
         return [0.0; 2];
-    }
-    let median = *subsample.select_nth_unstable_by(middle, f32::total_cmp).1;
+    };
     let (median_quantile, exceeded) = noise_quantiles(D);
     exceeded.map(|e| e / median_quantile * median)
 }

@@ -146,7 +146,8 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             &samples,
             scale,
             thresholds.low,
-            (comm, self.input.live_mask),
+            comm,
+            self.input.live_mask,
             cancel,
         )?;
         let layers = Some(survey.layers.clone());
@@ -325,7 +326,8 @@ impl<const D: usize> RidgeSurvey<D> {
         samples: &Samples<'_, D>,
         scale: f64,
         low: f32,
-        (comm, live_mask): (&dyn Comm, Option<&LiveMask<D>>),
+        comm: &dyn Comm,
+        live_mask: Option<&LiveMask<D>>,
         cancel: &CancelToken<'_>,
     ) -> Result<Self> {
         let (stride, shell) = (

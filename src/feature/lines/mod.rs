@@ -48,8 +48,8 @@ const FIT_EXCLUSION_RADIUS: f64 = 5.0;
 const FIT_ROUNDS: usize = 3;
 /// Smallest number of points per term of the fit.
 const MIN_POINTS_PER_TERM: usize = 2;
-/// Smallest cosine between normals of one surface near a place.
-const SAME_SURFACE_COSINE: f32 = 0.9;
+/// Smallest cosine (26 degrees) between normals of one surface near a line.
+const NEAR_LINE_COSINE: f32 = 0.9;
 
 /// Distances (samples) from a line at which a surface is looked for on either side. A detector may
 /// carry a surface that ends at another one slightly past it.
@@ -162,7 +162,7 @@ impl LinePoint {
     /// or of one of them and a surface that continues the other (one surface that is cut in two).
     fn can_join(&self, other: &Self) -> bool {
         let parallel = |i: usize, j: usize| {
-            dot(self.normals[i], other.normals[j]).abs() >= f64::from(SAME_SURFACE_COSINE)
+            dot(self.normals[i], other.normals[j]).abs() >= f64::from(NEAR_LINE_COSINE)
         };
         let shares =
             |i: usize, j: usize| self.surfaces[i] == other.surfaces[j] && parallel(1 - i, 1 - j);
@@ -286,7 +286,7 @@ impl<const D: usize> SurfacePoints<'_, D> {
                 let c = &self.grid.candidates[i];
                 let offset = sub(c.position, position);
                 let cosine = dot(c.normal, normal).abs();
-                if cosine < SAME_SURFACE_COSINE
+                if cosine < NEAR_LINE_COSINE
                     || cosine <= dot(c.normal, other).abs()
                     || dot(offset, normal).abs() > 1.0 + 0.15 * dot(offset, offset).sqrt()
                 {
@@ -372,7 +372,7 @@ impl<const D: usize> SurfacePoints<'_, D> {
                 let offset = sub(c.position, at);
                 let cosine = dot(c.normal, own_normal).abs();
                 found |= dot(offset, offset) <= radius * radius
-                    && cosine >= SAME_SURFACE_COSINE
+                    && cosine >= NEAR_LINE_COSINE
                     && cosine > dot(c.normal, other_normal).abs();
             });
         found
@@ -396,7 +396,7 @@ impl<const D: usize> SurfacePoints<'_, D> {
             .for_each_around(self.grid.coordinates(c), END_RADIUS, |j| {
                 let other = &self.grid.candidates[j];
                 let offset = sub(other.position, c.position);
-                if dot(other.normal, c.normal).abs() >= SAME_SURFACE_COSINE
+                if dot(other.normal, c.normal).abs() >= NEAR_LINE_COSINE
                     && dot(offset, c.normal).abs() <= 1.0
                     && dot(offset, offset) <= reach * reach
                 {

@@ -3,7 +3,7 @@
 use super::ambiguity::{CELL_SIZE, MIXED_NORMALS, WIDE_RIDGES, cells_around, trace};
 use super::filters::{CLOSE_SHAPE, CROSSING_SHAPE, OrientedFilters};
 use super::row_ranges::RowRanges;
-use super::{OrientedSearch, SAME_SURFACE_COSINE};
+use super::{OrientedSearch, SAME_COLUMN_COSINE};
 use crate::feature::candidate::Candidate;
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LAYER_MULTIPLE, LayerWindow};
@@ -318,7 +318,7 @@ fn deduplicate<const D: usize>(mut found: Vec<Candidate<D>>) -> Vec<Candidate<D>
             .iter()
             .rev()
             .take_while(is_same_column)
-            .any(|k| dot(k.normal, c.normal).abs() > SAME_SURFACE_COSINE);
+            .any(|k| dot(k.normal, c.normal).abs() > SAME_COLUMN_COSINE);
         if !is_duplicate {
             kept.push(c);
         }

@@ -57,7 +57,7 @@ const DUPLICATE_DISTANCE: f32 = 0.75;
 const DUPLICATE_COSINE: f32 = 0.95;
 
 /// Smallest cosine (10 degrees) between the normals of points of one surface in one column.
-const SAME_SURFACE_COSINE: f32 = 0.985;
+const SAME_COLUMN_COSINE: f32 = 0.985;
 /// Distance (samples, along each axis) within which points smooth each other.
 const SMOOTHING_RADIUS: i32 = 4;
 /// Mean square distance (samples squared) along a surface of the places that a filter averages, for
@@ -185,7 +185,7 @@ impl<const D: usize> OrientedSearch<'_, D> {
             grid.for_each_around(grid.coordinates(c), SMOOTHING_RADIUS, |j| {
                 let other = &points[j];
                 let offset = sub(other.position, c.position);
-                if dot(other.normal, c.normal).abs() >= SAME_SURFACE_COSINE
+                if dot(other.normal, c.normal).abs() >= SAME_COLUMN_COSINE
                     && dot(offset, c.normal).abs() <= 0.4 + 0.08 * norm(offset)
                 {
                     neighbours.push(offset);
@@ -215,7 +215,7 @@ impl<const D: usize> OrientedSearch<'_, D> {
                 normal[(axis + k) % D] = -terms[k] as f32;
             }
             let normal = unit(normal);
-            if height.abs() > 0.75 || dot(normal, c.normal).abs() < SAME_SURFACE_COSINE {
+            if height.abs() > 0.75 || dot(normal, c.normal).abs() < SAME_COLUMN_COSINE {
                 return *c;
             }
             let mut moved = *c;

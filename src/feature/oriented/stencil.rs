@@ -175,11 +175,12 @@ pub fn weighted_sums<const N: usize, const W: usize>(
     let (chunks, remainder) = taps.as_chunks::<W>();
     for chunk in chunks {
         for w in 0..W {
-            add_weighted(&mut sums[w], samples, at, chunk[w]);
+            let (offset, weight) = chunk[w];
+            add_weighted(&mut sums[w], samples, at, offset, weight);
         }
     }
-    for (sum, tap) in sums.iter_mut().zip(remainder) {
-        add_weighted(sum, samples, at, *tap);
+    for (sum, &(offset, weight)) in sums.iter_mut().zip(remainder) {
+        add_weighted(sum, samples, at, offset, weight);
     }
     let mut total = sums[0];
     for sum in &sums[1..] {
@@ -196,7 +197,8 @@ fn add_weighted<const N: usize>(
     sum: &mut [f32; N],
     samples: &[f32],
     at: isize,
-    (offset, weight): (isize, f32),
+    offset: isize,
+    weight: f32,
 ) {
     let start = (at + offset) as usize;
     let row = &samples[start..start + N];

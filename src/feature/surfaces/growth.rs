@@ -24,8 +24,8 @@ pub(super) const FRAGMENT: u32 = u32::MAX - 2;
 /// surfaces.
 pub(super) const NARROW: u32 = u32::MAX - 3;
 
-/// Smallest cosine between the normals of points around a point that belong to its surface.
-const SAME_SURFACE_COSINE: f32 = 0.8;
+/// Smallest cosine (37 degrees) between the normals of points around a point that belong to its surface.
+const GROWTH_COSINE: f32 = 0.8;
 /// Distance (samples) below which a parallel point is taken for part of the same surface.
 const SAME_SURFACE_DISTANCE: f32 = 1.5;
 
@@ -532,7 +532,7 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         let (mut sum, mut count) = ([0.0f32; D], 0);
         self.grid.for_each_around(self.grid.coordinates(c), 1, |j| {
             let other = &self.grid.candidates[j];
-            if self.state[j] < NARROW && dot(other.normal, c.normal).abs() >= SAME_SURFACE_COSINE {
+            if self.state[j] < NARROW && dot(other.normal, c.normal).abs() >= GROWTH_COSINE {
                 count += 1;
                 for k in 0..D {
                     sum[k] += other.position[k] - c.position[k];

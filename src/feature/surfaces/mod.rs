@@ -225,7 +225,8 @@ pub fn extract_surfaces<const D: usize>(
     layers: Option<Range<usize>>,
     step: [f64; D],
     rules: &SurfaceRules<D>,
-    (comm, cancel): (&dyn Comm, &CancelToken<'_>),
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
 ) -> Result<FeatureSurfaces<D>> {
     let halo = growth::halo_layers(&candidates, step, rules);
     let halos = comm.all_gather("halo of surfaces", halo)?;
@@ -308,8 +309,8 @@ mod tests {
         candidates: Vec<Candidate<3>>,
         rules: &SurfaceRules<3>,
     ) -> FeatureSurfaces<3> {
-        let comm_and_cancel = (&SelfComm as &dyn Comm, &CancelToken::never());
-        extract_surfaces(dims, candidates, None, step, rules, comm_and_cancel).unwrap()
+        let cancel = CancelToken::never();
+        extract_surfaces(dims, candidates, None, step, rules, &SelfComm, &cancel).unwrap()
     }
 
     /// Returns points of curved surfaces that cross and run close to each other, with gaps, and of
@@ -390,14 +391,14 @@ mod tests {
                         local_candidates.retain(|c| owned.contains(&layer(c)));
                         layers = Some(owned);
                     }
-                    let comm_and_cancel = (comm, &CancelToken::never());
                     let surfaces = extract_surfaces(
                         dims,
                         local_candidates,
                         layers,
                         step,
                         &rules,
-                        comm_and_cancel,
+                        comm,
+                        &CancelToken::never(),
                     );
                     let surfaces = surfaces.unwrap();
                     assert_eq!(surfaces.total_points, reference.points.len());

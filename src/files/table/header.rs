@@ -3,6 +3,7 @@
 use super::dialect::{Separator, is_number};
 use super::unit_text::UnitText;
 use super::{Column, Line, Measure, Term, has_number, plain_name};
+use crate::geometry::statistics::upper_median;
 use crate::units;
 
 /// The names of a table's columns, and where its rows begin.
@@ -95,8 +96,7 @@ fn first_row(text: &str, lines: &[Line], separator: Separator) -> (usize, usize)
     let mut widths: Vec<usize> = rows
         .map(|line| separator.split(line.text(text)).len())
         .collect();
-    widths.sort_unstable();
-    let usual = widths.get(widths.len() / 2).copied().unwrap_or(0);
+    let usual = upper_median(&mut widths).unwrap_or(0);
     let position = lines.iter().position(|line| {
         let fields = separator.split(line.text(text));
         is_row(&line) && (fields.len() == usual || is_number(&fields[0]))

@@ -77,7 +77,7 @@ impl<'a> Reader<'a> {
                 "METADATA" => self.skip_metadata(),
                 "FIELD" => self.field(&mut content, owner.0)?,
                 _ if owner.0 == Owner::Whole => self.geometry(&keyword, &mut content)?,
-                _ => self.attribute(&keyword, &mut content, owner)?,
+                _ => self.attribute(&keyword, &mut content, owner.0, owner.1)?,
             }
         }
         let kind = kind.ok_or("is a VTK file without a data set")?;
@@ -173,7 +173,8 @@ impl<'a> Reader<'a> {
         &mut self,
         keyword: &str,
         content: &mut XmlContent,
-        (owner, count): (Owner, usize),
+        owner: Owner,
+        count: usize,
     ) -> Result<(), String> {
         let name = decode_name(&self.word()?);
         let array = |components, values| DataArray {

@@ -8,6 +8,7 @@
 //! <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
 //!
 //! - `write`: a [`Document`], written array by array
+//! - `poly_data`: vertices, lines and polygons
 //! - `read`: a [`VtkFile`], whose arrays are decoded on demand
 //! - `pieces`: points, integers and whole values that meshes and surfaces share
 //! - `unpack`: decompression of blocks
@@ -17,12 +18,14 @@
 
 pub(crate) mod legacy;
 pub(crate) mod pieces;
+mod poly_data;
 pub(crate) mod read;
 mod unpack;
 pub(crate) mod write;
 pub(crate) mod xml;
 mod xml_content;
 
+pub use poly_data::PolyData;
 pub use read::VtkFile;
 pub use write::{ArrayPacking, ArraySource, Document};
 

@@ -107,7 +107,8 @@ impl<'a> ArraySource<'a> {
         self
     }
 
-    fn tuple_count(&self) -> usize {
+    /// Returns the number of tuples; 1 for a text.
+    pub(super) fn tuple_count(&self) -> usize {
         match self.element {
             ElementKind::Numbers => self.len / self.components.max(1),
             ElementKind::Text => 1,
@@ -218,6 +219,18 @@ impl<'a> Document<'a> {
             ));
         }
         self.arrays.push((offset, source));
+    }
+
+    /// Adds an element with arrays, and closes it.
+    pub fn add_element(
+        &mut self,
+        element: &'static str,
+        attributes: &[(&str, String)],
+        arrays: Vec<ArraySource<'a>>,
+    ) {
+        self.open(element, attributes);
+        arrays.into_iter().for_each(|array| self.add_array(array));
+        self.close();
     }
 
     fn indent(&mut self) {

@@ -7,9 +7,10 @@ use serde::Serialize;
 
 use super::samples;
 use super::stream::{ImageStream, MAX_SAMPLES_IN_MEMORY, OpenedImage, SlabSource};
-use super::{AnyImage, ImageFormat, LoadedImage, ReadOptions, SegyInfo, detect, open, segy};
+use super::{ImageFormat, LoadedImage, ReadOptions, SegyInfo, detect, open, segy};
 use crate::error::{Cause, Result, io_error};
 use crate::image::check::StatsAccumulator;
+use crate::image::formats::with_loaded;
 use crate::image::{Geometry, Image, LabelTable, LabelValue, Modality, Stats};
 
 /// Content of an image file.
@@ -169,10 +170,9 @@ impl Description {
                 stream
             }
             other => {
-                return Ok(match other.load(path)? {
-                    AnyImage::Plane(loaded) => Self::from_loaded(path, loaded),
-                    AnyImage::Space(loaded) => Self::from_loaded(path, loaded),
-                });
+                return Ok(
+                    with_loaded!(other.load(path)?, loaded => Self::from_loaded(path, loaded)),
+                );
             }
         };
         let mut tally = StatsAccumulator::default();

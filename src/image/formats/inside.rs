@@ -10,6 +10,7 @@ use crate::files::vtk::VtkFile;
 use crate::files::vtk::pieces::{read_cell_integers, read_count, read_nodes};
 use crate::geometry::grid_index::index_at;
 use crate::image::Image;
+use crate::image::formats::with_loaded;
 use crate::image::time::metres_per_unit;
 use crate::parallel::prelude::*;
 
@@ -309,10 +310,7 @@ pub(super) fn any_without_outside(
     path: &Path,
     fit: FitMask<'_>,
 ) -> Result<AnyImage> {
-    Ok(match image {
-        AnyImage::Plane(loaded) => AnyImage::Plane(without_outside(loaded, path, fit)?),
-        AnyImage::Space(loaded) => AnyImage::Space(without_outside(loaded, path, fit)?),
-    })
+    Ok(with_loaded!(image, loaded => without_outside(loaded, path, fit)?.into()))
 }
 
 #[cfg(test)]

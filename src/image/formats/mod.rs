@@ -224,22 +224,40 @@ impl<const D: usize> From<Image<D>> for LoadedImage<D> {
     }
 }
 
+/// Runs the same code with an image of any dimension: `with_loaded!(image, loaded => ...)`.
+macro_rules! with_loaded {
+    ($image:expr, $loaded:pat => $run:expr) => {
+        match $image {
+            $crate::image::formats::AnyImage::Plane($loaded) => $run,
+            $crate::image::formats::AnyImage::Space($loaded) => $run,
+        }
+    };
+}
+
+pub(crate) use with_loaded;
+
+impl From<LoadedImage<2>> for AnyImage {
+    fn from(loaded: LoadedImage<2>) -> Self {
+        Self::Plane(loaded)
+    }
+}
+
+impl From<LoadedImage<3>> for AnyImage {
+    fn from(loaded: LoadedImage<3>) -> Self {
+        Self::Space(loaded)
+    }
+}
+
 impl AnyImage {
     /// Returns the image if it has `D` axes.
     pub fn into_image<const D: usize>(self) -> Option<Image<D>> {
-        let image: Box<dyn Any> = match self {
-            Self::Plane(loaded) => Box::new(loaded.image),
-            Self::Space(loaded) => Box::new(loaded.image),
-        };
+        let image: Box<dyn Any> = with_loaded!(self, loaded => Box::new(loaded.image));
         image.downcast().ok().map(|image| *image)
     }
 
     /// Returns the number of samples along each axis, x first.
     pub fn dims(&self) -> Vec<usize> {
-        match self {
-            Self::Plane(loaded) => loaded.image.dims().to_vec(),
-            Self::Space(loaded) => loaded.image.dims().to_vec(),
-        }
+        with_loaded!(self, loaded => loaded.image.dims().to_vec())
     }
 
     /// Writes the image in the format that the ending of `path` names, with the line numbers of a
@@ -248,10 +266,7 @@ impl AnyImage {
     /// # Errors
     /// Returns the errors of [`write()`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        match self {
-            Self::Plane(loaded) => write_survey(path, &loaded.image, loaded.line_numbers),
-            Self::Space(loaded) => write_survey(path, &loaded.image, loaded.line_numbers),
-        }
+        with_loaded!(self, loaded => write_survey(path, &loaded.image, loaded.line_numbers))
     }
 }
 
@@ -385,10 +400,7 @@ fn masked(image: AnyImage, path: &Path, mask: &Path, fit: inside::FitMask<'_>) -
         Ok(loaded)
     }
     let flags = fit(read_any(mask, &ReadOptions::default())?)?;
-    Ok(match image {
-        AnyImage::Plane(loaded) => AnyImage::Plane(apply(loaded, path, flags.into_image(), mask)?),
-        AnyImage::Space(loaded) => AnyImage::Space(apply(loaded, path, flags.into_image(), mask)?),
-    })
+    Ok(with_loaded!(image, loaded => apply(loaded, path, flags.into_image(), mask)?.into()))
 }
 
 /// Opens an image with the geometry that its file gives.

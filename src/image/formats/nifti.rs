@@ -281,7 +281,7 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
     }
     let by_sform = by_sform.filter(spans_space);
     if let (Some(used), Some(other)) = (&by_sform, &by_qform) {
-        notes.extend(note_on_forms(fields, (used, sform), (other, qform), unit));
+        notes.extend(note_on_forms(fields, used, sform, other, qform, unit));
     }
     match by_sform.or(by_qform) {
         Some(geometry) => {
@@ -305,8 +305,10 @@ fn geometry(fields: &NiftiHeader<'_>, notes: &mut Vec<String>) -> Geometry<3> {
 /// code.
 fn note_on_forms(
     fields: &NiftiHeader<'_>,
-    (used, sform): (&Geometry<3>, i64),
-    (other, qform): (&Geometry<3>, i64),
+    used: &Geometry<3>,
+    sform: i64,
+    other: &Geometry<3>,
+    qform: i64,
     unit: &str,
 ) -> Option<String> {
     let last = dims(fields).ok()?.map(|n| n.saturating_sub(1) as f64);

@@ -4,11 +4,12 @@
 use std::path::PathBuf;
 
 use super::stream::{ImageHeader, OpenedImage};
-use super::{AnyImage, SegyBytes, open};
+use super::{SegyBytes, open};
 use crate::error::{Error, Result, cause};
 use crate::geometry::{dot, unit};
 use crate::image::Geometry;
 use crate::image::formats::ReadOptions;
+use crate::image::formats::with_loaded;
 use crate::units::{self, Quantity};
 
 /// End of the note that a reader writes for a file without geometry.
@@ -109,16 +110,11 @@ impl ImagePlacement {
                 stream.header = self.place_header(stream.header, reference)?;
                 OpenedImage::Stream(stream)
             }
-            OpenedImage::InMemory(AnyImage::Plane(loaded)) => {
+            OpenedImage::InMemory(image) => with_loaded!(image, loaded => {
                 let reference = reference.map(OpenedImage::into_header);
                 let header = self.place_header(loaded.header(), reference)?;
-                OpenedImage::InMemory(AnyImage::Plane(header.with_image(loaded.image)))
-            }
-            OpenedImage::InMemory(AnyImage::Space(loaded)) => {
-                let reference = reference.map(OpenedImage::into_header);
-                let header = self.place_header(loaded.header(), reference)?;
-                OpenedImage::InMemory(AnyImage::Space(header.with_image(loaded.image)))
-            }
+                OpenedImage::InMemory(header.with_image(loaded.image).into())
+            }),
         })
     }
 
@@ -389,6 +385,7 @@ fn expand_to_axes<T: Clone, const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::formats::AnyImage;
     use crate::image::formats::{InputOptions, LoadedImage, read_any};
     use crate::image::{ExactLabels, Image};
 

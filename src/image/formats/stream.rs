@@ -14,6 +14,7 @@ use super::samples::{self, Encoding};
 use super::segy::{LineNumbers, SegyInfo};
 use super::{AnyImage, ImageFormat, LoadedImage, into_any_image};
 use crate::error::{Result, io_error};
+use crate::image::formats::with_loaded;
 use crate::image::nulls::is_null;
 use crate::image::{ExactLabels, Geometry, Image};
 use crate::memory;
@@ -412,10 +413,7 @@ impl OpenedImage {
                 ..stream
             }),
             Self::InMemory(mut loaded) => {
-                let samples = match &mut loaded {
-                    AnyImage::Plane(loaded) => &mut loaded.image.samples,
-                    AnyImage::Space(loaded) => &mut loaded.image.samples,
-                };
+                let samples = with_loaded!(&mut loaded, loaded => &mut loaded.image.samples);
                 samples.iter_mut().for_each(|s| null_to_nan(s, nulls));
                 Self::InMemory(loaded)
             }
@@ -426,8 +424,7 @@ impl OpenedImage {
     pub fn into_header<const D: usize>(self) -> Option<ImageHeader<D>> {
         let header: Box<dyn std::any::Any> = match self {
             Self::Stream(stream) => Box::new(stream.header),
-            Self::InMemory(AnyImage::Plane(loaded)) => Box::new(loaded.header()),
-            Self::InMemory(AnyImage::Space(loaded)) => Box::new(loaded.header()),
+            Self::InMemory(image) => with_loaded!(image, loaded => Box::new(loaded.header())),
         };
         header.downcast().ok().map(|head| *head)
     }

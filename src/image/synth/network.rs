@@ -99,7 +99,7 @@ impl DrawnFault {
         let free_normal = random_normal(random, is_2d);
         if earlier.is_empty() {
             let waves = draw_waves(random, extent, is_2d);
-            return Self::new(random, dims, earlier, (middle, free_normal, waves), None);
+            return Self::new(random, dims, earlier, middle, free_normal, waves, None);
         }
         let parent = &earlier[(random.draw() * earlier.len() as f64) as usize % earlier.len()];
         let meeting_point = parent.points[(random.draw() * parent.points.len() as f64) as usize];
@@ -132,8 +132,7 @@ impl DrawnFault {
                 let gap = sign * random.range(3.0, 12.0);
                 let n = parent.normal;
                 let centre = std::array::from_fn(|k| parent.centre[k] + gap * n[k]);
-                let shape = (centre, n, parent.waves.clone());
-                Self::new(random, dims, earlier, shape, None)
+                Self::new(random, dims, earlier, centre, n, parent.waves.clone(), None)
             }
             Relation::Crossing | Relation::Splay => {
                 let max_angle = if relation == Relation::Splay {
@@ -151,7 +150,9 @@ impl DrawnFault {
                     random,
                     dims,
                     earlier,
-                    (meeting_point.point, normal, waves),
+                    meeting_point.point,
+                    normal,
+                    waves,
                     end,
                 )
             }
@@ -167,7 +168,9 @@ impl DrawnFault {
                     random,
                     dims,
                     earlier,
-                    (meeting_point.point, normal, waves),
+                    meeting_point.point,
+                    normal,
+                    waves,
                     None,
                 )
             }
@@ -178,7 +181,9 @@ impl DrawnFault {
         random: &mut Random,
         dims: [usize; 3],
         earlier: &[DrawnFault],
-        (centre, normal, waves): ([f64; 3], [f64; 3], Vec<Wave>),
+        centre: [f64; 3],
+        normal: [f64; 3],
+        waves: Vec<Wave>,
         end: Option<Termination>,
     ) -> Self {
         let mut surface = ImplicitSurface::sheet(centre, normal, waves.clone());

@@ -54,7 +54,8 @@ const NODE_HEIGHTS: [f64; 8] = [0.5, 0.3, 0.1, 0.03, 1e-2, 1e-3, 1e-5, 1e-7];
 pub fn improve_beside(
     delaunay: Delaunay,
     kinds: &[AtomKind],
-    (axis, triangles): (usize, &[[u32; 3]]),
+    axis: usize,
+    triangles: &[[u32; 3]],
     context: ImproveContext<'_>,
     cancel: &CancelToken<'_>,
 ) -> Result<(TetMesh, Vec<AtomKind>, ImproveReport)> {
@@ -359,10 +360,9 @@ mod tests {
                     ..Target::default()
                 },
             };
-            let side = (2, &expected[..]);
             let cancel = CancelToken::never();
             let (mesh, kinds, _) =
-                improve_beside(delaunay, &kinds, side, context, &cancel).unwrap();
+                improve_beside(delaunay, &kinds, 2, &expected, context, &cancel).unwrap();
             assert_eq!(triangles(&mesh), expected);
             assert_eq!(mesh.nodes[..49], nodes[..49]);
             assert_eq!(kinds.len(), mesh.nodes.len());

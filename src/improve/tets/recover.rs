@@ -163,7 +163,7 @@ impl TetImprover<'_> {
             &edges,
             |s, edge, scratch| {
                 let is_cancelled = cancel.is_cancelled();
-                (!is_cancelled).then(|| s.find_recovery(edge, floor, may_split, scratch))
+                (!is_cancelled).then(|| s.find_recovery(edge.0, edge.1, floor, may_split, scratch))
             },
         )?;
         let mut changed = ChangedTets::new(self);
@@ -193,7 +193,8 @@ impl TetImprover<'_> {
     /// the edge needs none, and `None` if no change is possible.
     fn find_recovery(
         &self,
-        (a, b): (u32, u32),
+        a: u32,
+        b: u32,
         floor: f64,
         may_split: bool,
         scratch: &mut SearchScratch,

@@ -5,8 +5,7 @@ use std::path::Path;
 
 use crate::Result;
 use crate::feature::FeatureLine;
-use crate::files::atomic_write;
-use crate::files::vtk::{ArraySource, Document};
+use crate::files::vtk::{ArraySource, PolyData};
 use crate::geometry::to_3d;
 use crate::report::AcuteLine;
 
@@ -98,37 +97,18 @@ fn write_poly_lines<'a, const D: usize>(
             end
         })
         .collect();
-    let mut document = Document::new("PolyData", &[]);
-    let shape = if D == 2 { "Verts" } else { "Lines" };
-    document.open(
-        "Piece",
-        &[
-            ("NumberOfPoints", points.len().to_string()),
-            (&format!("NumberOf{shape}"), ends.len().to_string()),
-        ],
-    );
-    document.open("PointData", &[]);
-    point_arrays
-        .into_iter()
-        .for_each(|array| document.add_array(array));
-    document.close();
-    document.open("CellData", &[]);
-    line_arrays
-        .into_iter()
-        .for_each(|array| document.add_array(array));
-    document.close();
-    document.open("Points", &[]);
-    document.add_array(ArraySource::slice("Points", 3, points.as_flattened()));
-    document.close();
-    document.open(shape, &[]);
-    document.add_array(ArraySource::computed(
-        "connectivity",
-        1,
-        points.len(),
-        |i| i as i64,
-    ));
-    document.add_array(ArraySource::slice("offsets", 1, &ends));
-    atomic_write(path, |out| document.write(out))
+    let (element, counted): (_, &[_]) = if D == 2 {
+        ("Verts", &["Verts"])
+    } else {
+        ("Lines", &["Lines"])
+    };
+    PolyData {
+        counted,
+        point_data: Some(point_arrays),
+        cell_data: Some(line_arrays),
+        ..PolyData::new(element, points, ends.len(), |i| ends[i])
+    }
+    .write(path)
 }
 
 /// Returns the angle at each node of a line: the mean of the adjacent edges.

@@ -229,8 +229,7 @@ where
         let file = with_optional_image(simplex_mesh_file(self, annotated), image)?;
         Ok(match &self.padding {
             Some(padding) => {
-                let position = (&self.geometry, self.step);
-                with_padding(file, &annotated.mesh, padding, position)
+                with_padding(file, &annotated.mesh, padding, &self.geometry, self.step)
             }
             None => file,
         })

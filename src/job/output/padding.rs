@@ -49,7 +49,8 @@ pub fn with_padding<const D: usize, M: Simplices<D>>(
     file: MeshFile<M>,
     lattice: &M,
     padding: &PaddingCells<D>,
-    (geometry, step): (&Geometry<D>, [f64; D]),
+    geometry: &Geometry<D>,
+    step: [f64; D],
 ) -> MeshFile<M> {
     let MeshFile {
         mesh,

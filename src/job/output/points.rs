@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::Result;
 use crate::feature::{FeatureKind, Features};
 use crate::files::atomic_write;
-use crate::files::vtk::{ArraySource, Document};
+use crate::files::vtk::{ArraySource, PolyData};
 use crate::geometry::{add_scaled, dot, to_3d, unit};
 use crate::image::Geometry;
 use crate::surface_file::has_extension;
@@ -61,33 +61,17 @@ pub fn write_feature_points<const D: usize>(
             Ok(())
         });
     }
-    let count = positions.len();
-    let counts =
-        ["Lines", "Strips", "Polys"].map(|element| (format!("NumberOf{element}"), "0".to_string()));
-    let mut attributes = vec![
-        ("NumberOfPoints", count.to_string()),
-        ("NumberOfVerts", count.to_string()),
-    ];
-    attributes.extend(counts.iter().map(|(name, n)| (name.as_str(), n.clone())));
-    let mut document = Document::new("PolyData", &[]);
-    document.open("Piece", &attributes);
-    document.open("PointData", &[]);
-    document.add_array(ArraySource::slice("normal", 3, normals.as_flattened()));
-    document.add_array(ArraySource::slice("strength", 1, &strengths));
-    document.add_array(ArraySource::slice("strength_over_threshold", 1, &ratios));
-    document.add_array(ArraySource::slice("surface", 1, &features.surface));
-    document.add_array(ArraySource::slice("horizon", 1, &horizons));
-    document.close();
-    document.open("Points", &[]);
-    document.add_array(ArraySource::slice("Points", 3, positions.as_flattened()));
-    document.close();
-    document.open("Verts", &[]);
-    document.add_array(ArraySource::computed("connectivity", 1, count, |i| {
-        i as i64
-    }));
-    document.add_array(ArraySource::computed("offsets", 1, count, |i| i as i64 + 1));
-    document.close();
-    atomic_write(path, |out| document.write(out))
+    PolyData {
+        point_data: Some(vec![
+            ArraySource::slice("normal", 3, normals.as_flattened()),
+            ArraySource::slice("strength", 1, &strengths),
+            ArraySource::slice("strength_over_threshold", 1, &ratios),
+            ArraySource::slice("surface", 1, &features.surface),
+            ArraySource::slice("horizon", 1, &horizons),
+        ]),
+        ..PolyData::new("Verts", &positions, positions.len(), |i| i as i64 + 1)
+    }
+    .write(path)
 }
 
 /// Returns for each image axis the increase of its index along each coordinate.

@@ -12,17 +12,15 @@ use super::grading::limit_gradient_in_layers;
 use super::{CellPosition, Distance, GridCell, density_sum, max_slopes};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
+use crate::geometry::NONE;
 use crate::geometry::grid_index::{index_at, offset_of};
 use crate::geometry::{morphology, norm};
-use crate::image::{MissFlag, ScalarField};
+use crate::image::ScalarField;
+use crate::image::bricks::{BRICK_CELLS, MissFlag, brick_counts, fetch_bricks};
 use crate::progress::CancelToken;
 
-/// Cells along an edge of a brick.
-const BRICK_CELLS: usize = 8;
 /// Samples along an edge of a brick.
 const BRICK_SAMPLES: usize = BRICK_CELLS + 1;
-/// Marks a brick that is not local.
-const NOT_LOCAL: u32 = u32::MAX;
 
 /// The nominal distance between atoms, local or distributed over ranks.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +59,7 @@ pub(super) struct DistanceSummary {
 pub struct DistanceBricks<const D: usize> {
     dims: [usize; D],
     step: [f64; D],
-    /// For each brick, x fastest, its index among the local bricks, or [`NOT_LOCAL`].
+    /// For each brick, x fastest, its index among the local bricks, or [`NONE`].
     local_indices: Vec<u32>,
     samples: Vec<f32>,
     pub(super) summary: DistanceSummary,
@@ -109,18 +107,13 @@ fn summarise<const D: usize>(
     })
 }
 
-/// Returns the count of bricks along each axis.
-fn bricks_per_axis<const D: usize>(dims: [usize; D]) -> [usize; D] {
-    dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK_CELLS))
-}
-
 /// Returns the layers of bricks that one of `count` ranks owns, and its layers of samples.
 fn owned_layers<const D: usize>(
     dims: [usize; D],
     rank: usize,
     count: usize,
 ) -> (Range<usize>, Range<usize>) {
-    let brick_layers = bricks_per_axis(dims)[D - 1];
+    let brick_layers = brick_counts(dims)[D - 1];
     let bricks = partition_range(brick_layers, rank, count);
     let layers = if bricks.is_empty() {
         0..0
@@ -226,47 +219,29 @@ impl<const D: usize> DistanceLayers<D> {
 
     /// Returns d in the bricks that are marked in `is_requested`, whichever rank owns them.
     fn fetch_bricks(&self, is_requested: &[bool], comm: &dyn Comm) -> Result<Distance<D>> {
-        let brick_dims = bricks_per_axis(self.dims);
+        let brick_dims = brick_counts(self.dims);
         let bricks_per_layer = is_requested.len() / brick_dims[D - 1];
         let requested_of = |rank: usize| -> Vec<usize> {
             let (owned, _) = owned_layers(self.dims, rank, comm.size());
             let bricks = owned.start * bricks_per_layer..owned.end * bricks_per_layer;
             bricks.filter(|&brick| is_requested[brick]).collect()
         };
-        let requests: Vec<Vec<usize>> = comm.all_to_all(
-            "requested bricks of distances",
-            (0..comm.size()).map(requested_of).collect(),
-        )?;
-        let sent = requests.iter().enumerate().map(|(rank, bricks)| {
-            let mut samples = Vec::new();
-            if rank != comm.rank() {
-                samples.reserve_exact(bricks.len() * BRICK_SAMPLES.pow(D as u32));
-                bricks
-                    .iter()
-                    .for_each(|&brick| self.copy_brick(brick, &mut samples));
-            }
+        let select = |bricks: &[usize]| -> Vec<f32> {
+            let mut samples = Vec::with_capacity(bricks.len() * BRICK_SAMPLES.pow(D as u32));
+            (bricks.iter()).for_each(|&brick| self.copy_brick(brick, &mut samples));
             samples
-        });
-        let received: Vec<Vec<f32>> = comm.all_to_all("bricks of distances", sent.collect())?;
-        let mut samples = Vec::new();
-        let count = is_requested.iter().filter(|flag| **flag).count();
-        samples.reserve_exact(count * BRICK_SAMPLES.pow(D as u32));
-        for (rank, message) in received.into_iter().enumerate() {
-            // Bricks of this rank need not be sent.
-            if rank == comm.rank() {
-                requests[rank]
-                    .iter()
-                    .for_each(|&brick| self.copy_brick(brick, &mut samples))
-            } else {
-                samples.extend(message)
-            }
-        }
+        };
+        let requested = (0..comm.size()).map(requested_of).collect();
+        let places = ["requested bricks of distances", "bricks of distances"];
+        let (own, mut received) = fetch_bricks(places, requested, select, comm)?;
+        received[comm.rank()] = select(&own);
+        let samples = received.concat();
         let mut next_index = 0..;
         let slot = |&is_requested: &bool| {
             if is_requested {
-                next_index.next().unwrap_or(NOT_LOCAL)
+                next_index.next().unwrap_or(NONE)
             } else {
-                NOT_LOCAL
+                NONE
             }
         };
         Ok(self.with_bricks(is_requested.iter().map(slot).collect(), samples))
@@ -285,7 +260,7 @@ impl<const D: usize> DistanceLayers<D> {
 
     /// Appends the samples of an owned brick. Beyond the box the outermost samples are repeated.
     fn copy_brick(&self, brick: usize, samples: &mut Vec<f32>) {
-        let low = index_at(bricks_per_axis(self.dims), brick).map(|i| i * BRICK_CELLS);
+        let low = index_at(brick_counts(self.dims), brick).map(|i| i * BRICK_CELLS);
         for number in 0..BRICK_SAMPLES.pow(D as u32) {
             let in_brick = index_at([BRICK_SAMPLES; D], number);
             let mut index: [usize; D] =
@@ -311,7 +286,7 @@ impl<const D: usize> DistributedDistance<D> {
         match self {
             Self::Global(distance) => Cow::Borrowed(distance),
             Self::Layers(layers) => {
-                let local_indices = vec![NOT_LOCAL; bricks_per_axis(layers.dims).iter().product()];
+                let local_indices = vec![NONE; brick_counts(layers.dims).iter().product()];
                 Cow::Owned(layers.with_bricks(local_indices, Vec::new()))
             }
         }
@@ -357,8 +332,9 @@ impl<const D: usize> DistributedDistance<D> {
         let is_requested = morphology::bricks_near(
             positions,
             radius,
-            bricks_per_axis(layers.dims),
-            (BRICK_CELLS, layers.step),
+            brick_counts(layers.dims),
+            BRICK_CELLS,
+            layers.step,
         );
         Ok(Cow::Owned(layers.fetch_bricks(&is_requested, comm)?))
     }
@@ -378,7 +354,7 @@ impl<const D: usize> DistributedDistance<D> {
             Self::Global(distance) => return Ok(Cow::Borrowed(distance)),
             Self::Layers(layers) => layers,
         };
-        let brick_dims = bricks_per_axis(layers.dims);
+        let brick_dims = brick_counts(layers.dims);
         let brick_at =
             |x: f64| ((x / layers.step[axis]) as usize / BRICK_CELLS).min(brick_dims[axis] - 1);
         let brick_range = brick_at(low)..brick_at(high) + 1;
@@ -405,7 +381,7 @@ impl<const D: usize> DistanceBricks<D> {
             corner = corner * BRICK_SAMPLES + position_in_cell.low[k] % BRICK_CELLS;
         }
         let local_index = self.local_indices[brick];
-        if local_index == NOT_LOCAL {
+        if local_index == NONE {
             self.misses.set();
             return None;
         }

@@ -103,7 +103,8 @@ pub fn redistribute<const D: usize>(
     mut sites: Vec<([f64; D], u32)>,
     curve: &MortonCurve<D>,
     extent: [f64; D],
-    (fixed, clearance): (&[[f64; D]], &Clearance<'_, D>),
+    fixed: &[[f64; D]],
+    clearance: &Clearance<'_, D>,
     comm: &dyn Comm,
 ) -> Result<OwnedAtoms<D>> {
     sites.retain(|(x, _)| clearance.allows(x));

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::comm::{SelfComm, run_threads};
+use crate::geometry::statistics::lower_quantile;
 use crate::image::ScalarField;
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::{Atoms, Seeding, fcc, seed_on_features};
@@ -30,8 +31,7 @@ pub fn spacing_quantiles<const D: usize>(atoms: &Atoms<D>, distance: &Distance<D
             nearest2.sqrt() / distance.value_at(*x)
         })
         .collect();
-    nearest.sort_by(f64::total_cmp);
-    [0.0, 0.01, 0.5, 0.99, 1.0].map(|p| nearest[((nearest.len() - 1) as f64 * p) as usize])
+    [0.0, 0.01, 0.5, 0.99, 1.0].map(|share| lower_quantile(&mut nearest, share).unwrap())
 }
 
 #[test]

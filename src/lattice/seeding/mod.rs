@@ -260,7 +260,7 @@ fn seed_regular<const D: usize>(
     let sites = grow::grow_lattice(extent, distance, fixed, alignment, cancel, comm)?;
     let curve = MortonCurve::new(extent, 2.0 * distance.min());
     let clearance = Clearance::new(fixed, extent, distance);
-    curve_order::redistribute(sites, &curve, extent, (fixed, &clearance), comm)
+    curve_order::redistribute(sites, &curve, extent, fixed, &clearance, comm)
 }
 
 /// Seeds a lattice as [`seed`] does and returns the atoms that this rank owns. If the lattice is

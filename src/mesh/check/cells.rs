@@ -3,9 +3,10 @@
 
 use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, flat};
 use crate::Result;
+use crate::geometry::NONE;
 use crate::geometry::dot;
 use crate::mesh::Mesh;
-use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, NO_CELL, PolyMesh};
+use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, PolyMesh};
 use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -46,7 +47,7 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
                 return Some(format!("face {f} has the nodes {ring:?}"));
             }
             let [a, b] = self.face_cells[f];
-            let known = b >= FIRST_SIDE && (b - FIRST_SIDE < 2 * D as u32 || b == NO_CELL);
+            let known = b >= FIRST_SIDE && (b - FIRST_SIDE < 2 * D as u32 || b == NONE);
             if a as usize >= cells || !(known || (a < b && (b as usize) < cells)) {
                 return Some(format!("face {f} lies between the cells {a} and {b}"));
             }
@@ -285,7 +286,7 @@ fn boundary_sides<const D: usize>(
         let max_offset = offsets.fold(0.0, f64::max);
         let area = mesh.face_shape(f).area_vector[axis];
         let area = if upper { area } else { -area };
-        sides.add((axis, upper), area, max_offset, bounds, report);
+        sides.add(axis, upper, area, max_offset, bounds, report);
     }
     Some(sides)
 }
@@ -333,7 +334,7 @@ mod tests {
                 },
                 " are not closed, the first is 1",
             ),
-            (&|m| m.face_cells[1][1] = NO_CELL, "lies in no side"),
+            (&|m| m.face_cells[1][1] = NONE, "lies in no side"),
             (&|m| m.sites.swap(0, 1), "contain their site"),
             (
                 &|m| m.nodes.iter_mut().for_each(|p| p[0] = -p[0]),

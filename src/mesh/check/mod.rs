@@ -343,7 +343,8 @@ impl<const D: usize> SideCoverage<D> {
     /// of its nodes from that side.
     fn add(
         &mut self,
-        (axis, upper): (usize, bool),
+        axis: usize,
+        upper: bool,
         area: f64,
         offset: f64,
         bounds: &BoxBounds<D>,

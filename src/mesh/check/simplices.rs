@@ -288,12 +288,12 @@ fn boundary_sides<const D: usize, M: Simplices<D>>(
     for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
         let face = mesh.face(i / (D + 1), i % (D + 1));
         let p = face.map(|n| mesh.nodes()[n as usize]);
-        let (side, offset) = nearest_side::<D>(&p, bounds);
+        let ((axis, upper), offset) = nearest_side::<D>(&p, bounds);
         let p = match bounds.bent_side {
-            Some(bent) if bent == 2 * side.0 + usize::from(side.1) => flattened(p, side.0),
+            Some(bent) if bent == 2 * axis + usize::from(upper) => flattened(p, axis),
             _ => p,
         };
-        sides.add(side, M::face_area(&p), offset, bounds, &mut local);
+        sides.add(axis, upper, M::face_area(&p), offset, bounds, &mut local);
     }
     let counts = [local.boundary_faces, local.faces_off_sides];
     let local = (counts, (local.flatness_error, sides.area));

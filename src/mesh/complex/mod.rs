@@ -29,14 +29,12 @@ use super::{FACES, TetMesh};
 use faces::OpenFaces;
 use neighbors::face_key;
 
+pub use crate::geometry::NONE;
 pub use neighbors::neighbors;
 pub use part::PartNumbering;
 
 /// Smallest number of slots that one parallel task renumbers.
 const MIN_TASK_SLOTS: usize = 1 << 14;
-
-/// Stands for no tetrahedron: beyond the box.
-pub const NONE: u32 = u32::MAX;
 
 /// Stands for a tetrahedron that is not in this part of a complex.
 pub const NOT_LOCAL: u32 = NONE - 1;

@@ -3,7 +3,8 @@
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
-use super::{DelaunayTets, OUTSIDE};
+use super::DelaunayTets;
+use crate::geometry::NONE;
 use crate::geometry::counting_sort::sort_by_group_into;
 use crate::parallel::prelude::*;
 
@@ -71,7 +72,7 @@ pub fn sort_canonical(points: usize, output: &mut DelaunayTets) {
     tasks.for_each(|(sorted, order)| {
         for (sorted, &old) in sorted.iter_mut().zip(order) {
             *sorted = neighbors[old as usize].map(|n| match n {
-                OUTSIDE => OUTSIDE,
+                NONE => NONE,
                 n => new_index[n as usize].load(Relaxed),
             });
         }
@@ -143,7 +144,7 @@ mod tests {
             for (k, &n) in after.neighbors[t]
                 .iter()
                 .enumerate()
-                .filter(|n| *n.1 != OUTSIDE)
+                .filter(|n| *n.1 != NONE)
             {
                 let shared = [1, 2, 3].map(|j| tet[(k + j) % 4]);
                 assert!(

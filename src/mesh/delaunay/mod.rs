@@ -36,6 +36,7 @@ use serde::{Deserialize, Serialize};
 use crate::comm::{Comm, SelfComm};
 use crate::error::{Result, cause};
 use crate::files::codec::codec_fields;
+pub use crate::geometry::NONE;
 use crate::geometry::{cross, dot};
 use crate::mesh::TetMesh;
 use crate::parallel::prelude::*;
@@ -45,9 +46,6 @@ pub use planar::{constrained_plane, delaunay_plane};
 
 /// Place of this module's errors.
 const PLACE: &str = "Delaunay triangulation";
-
-/// Stands for the outside, beyond a face of the hull.
-pub const OUTSIDE: u32 = u32::MAX;
 
 /// Smallest number of points that our own kernel triangulates by default, and of those that several
 /// threads or ranks share.
@@ -126,7 +124,7 @@ impl Display for DelaunayKernel {
 pub struct Delaunay {
     /// The points in their order as nodes, and the tetrahedra that fill their convex hull.
     pub mesh: TetMesh,
-    /// `neighbors[t][k]` shares with tetrahedron `t` the face opposite its node `k`; [`OUTSIDE`] on
+    /// `neighbors[t][k]` shares with tetrahedron `t` the face opposite its node `k`; [`NONE`] on
     /// the hull.
     pub neighbors: Vec<[u32; 4]>,
 }
@@ -136,7 +134,7 @@ pub struct Delaunay {
 pub struct DelaunayTets {
     /// Node numbers of each tetrahedron, positively oriented.
     pub tets: Vec<[u32; 4]>,
-    /// Index of the tetrahedron beyond the face opposite each node; [`OUTSIDE`] on the hull, and if
+    /// Index of the tetrahedron beyond the face opposite each node; [`NONE`] on the hull, and if
     /// that tetrahedron is not in this list. Empty if neighbours were not requested.
     pub neighbors: Vec<[u32; 4]>,
 }
@@ -203,7 +201,7 @@ pub(crate) fn distributed_delaunay_with_neighbors(
 /// Returns some of the tetrahedra of [`delaunay_with_neighbors`], in the same order. Space is cut
 /// into intervals along an axis at `cuts`. A tetrahedron belongs to the interval of its first point
 /// (the one with the lowest number). Returns the tetrahedra of `intervals`; neighbours in other
-/// intervals are [`OUTSIDE`]. Returns `None` if only a triangulation of all points can give the
+/// intervals are [`NONE`]. Returns `None` if only a triangulation of all points can give the
 /// result.
 ///
 /// Only the points in these intervals and in a halo around them are triangulated. `global` describes

@@ -21,13 +21,14 @@ use crate::parallel::prelude::*;
 
 use super::global_points::{GlobalPoints, INITIAL_HALO, MAX_HALO_TRIES};
 use super::native::predicates::orientation;
-use super::{DelaunayTets, Kernel, OUTSIDE};
+use super::{DelaunayTets, Kernel};
 use crate::comm::Comm;
 use crate::error::{Error, Result};
+use crate::geometry::NONE;
 use crate::geometry::{cross, dot, sub};
 
 /// Stands for a neighbour that another slab keeps.
-const IN_OTHER_SLAB: u32 = OUTSIDE - 1;
+const IN_OTHER_SLAB: u32 = NONE - 1;
 /// Largest number of faces of the hull at a slab's points that are not on sides of the box of all
 /// points, such as those that cut off a corner of the box.
 const MAX_HULL_TESTS: usize = 16;
@@ -133,7 +134,7 @@ pub fn tets_in_intervals(
 }
 
 /// Concatenates the tetrahedra of all parts, and connects neighbours across parts. Returns also the
-/// number of faces without a partner; these get the neighbour `OUTSIDE`.
+/// number of faces without a partner; these get the neighbour `NONE`.
 fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
     let mut all = DelaunayTets {
@@ -158,7 +159,7 @@ fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
         let cells = part.tets.par_iter().zip(&part.neighbors).enumerate();
         open_faces.par_extend(cells.flat_map_iter(open_faces_of));
         let global_index = |n: u32| match n {
-            IN_OTHER_SLAB | OUTSIDE => OUTSIDE,
+            IN_OTHER_SLAB | NONE => NONE,
             local => first as u32 + local,
         };
         let copied = (all.tets[first..end].par_iter_mut()).zip(part.tets.par_iter());
@@ -338,7 +339,7 @@ impl<'a> PointSlabs<'a> {
                 continue;
             }
             let corners = tet.map(|local| part.points[local as usize]);
-            let hull_is_real = (0..4).filter(|&k| neighbors[k] == OUTSIDE).all(|k| {
+            let hull_is_real = (0..4).filter(|&k| neighbors[k] == NONE).all(|k| {
                 let face = [1, 2, 3].map(|j| (k + j) % 4);
                 !face.iter().any(|&j| is_own[j])
                     || self.is_on_side(face.map(|j| corners[j]))
@@ -364,7 +365,7 @@ impl<'a> PointSlabs<'a> {
             }
             output.tets[kept] = output.tets[t].map(|local| part.members[local as usize]);
             output.neighbors[kept] = output.neighbors[t].map(|n| match n {
-                OUTSIDE => OUTSIDE,
+                NONE => NONE,
                 n => new_index[n as usize],
             });
             kept += 1;
@@ -553,10 +554,10 @@ mod tests {
             );
             for (adjacent, &t) in output.neighbors.iter().zip(&chosen) {
                 let expected = single.neighbors[t].map(|n| match n {
-                    OUTSIDE => OUTSIDE,
+                    NONE => NONE,
                     n => chosen
                         .binary_search(&(n as usize))
-                        .map_or(OUTSIDE, |n| n as u32),
+                        .map_or(NONE, |n| n as u32),
                 });
                 assert_eq!(*adjacent, expected, "{intervals:?}");
             }

@@ -48,7 +48,7 @@ fn assert_fills_box(d: &Delaunay, extent: [f64; 3]) {
         for k in 0..4 {
             let mut face: Vec<u32> = (0..4).filter(|&i| i != k).map(|i| tet[i]).collect();
             let n = d.neighbors[t][k];
-            if n == OUTSIDE {
+            if n == NONE {
                 let x: Vec<[f64; 3]> = face.iter().map(|&i| d.mesh.nodes[i as usize]).collect();
                 let side = (0..6)
                     .find(|&s| {
@@ -98,7 +98,7 @@ fn four_points_make_one_positive_tetrahedron() {
     let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let d = delaunay_with_neighbors(&points).unwrap();
     assert_eq!(d.mesh.nodes, points);
-    assert_eq!(d.neighbors, [[OUTSIDE; 4]]);
+    assert_eq!(d.neighbors, [[NONE; 4]]);
     assert_eq!(six_volumes(&d.mesh), [1.0]);
     assert_eq!(delaunay(&points).unwrap(), d.mesh);
 }
@@ -146,7 +146,7 @@ fn random_interior_in_a_regular_box_is_delaunay() {
     for (t, tet) in d.mesh.tets.iter().enumerate() {
         for k in 0..4 {
             let n = d.neighbors[t][k];
-            if n == OUTSIDE {
+            if n == NONE {
                 continue;
             }
             let opposite = d.mesh.tets[n as usize]

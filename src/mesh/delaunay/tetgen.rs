@@ -69,7 +69,7 @@ impl Drop for OwnedMesh {
 #[allow(unsafe_code)]
 impl OwnedMesh {
     /// Returns a copy of one of the mesh's arrays, with four numbers for each tetrahedron.
-    /// TetGen's orientation and numbering of neighbours equal ours; its -1 becomes `OUTSIDE`.
+    /// TetGen's orientation and numbering of neighbours equal ours; its -1 becomes `NONE`.
     fn copy_array(&self, array: *const i32) -> Vec<[u32; 4]> {
         if array.is_null() {
             return Vec::new();

@@ -6,6 +6,7 @@ use super::needles::{EdgePaths, merge_sides};
 use super::nodes::SimplexGroups;
 use super::rings::Rings;
 use crate::error::{Error, Result, cause};
+use crate::geometry::NONE;
 use crate::mesh::poly::{FIRST_SIDE, Lists, PolyMesh};
 
 /// Returns the mesh of the cells.
@@ -30,11 +31,11 @@ pub fn assemble<const D: usize>(
     }
     let paths = EdgePaths::new(&rings, &mut groups, &mut centres, extent, reach);
     // Nodes are numbered in the order of the atoms at which they first occur.
-    let mut node_numbers = vec![u32::MAX; centres.len()];
+    let mut node_numbers = vec![NONE; centres.len()];
     let mut nodes = Vec::with_capacity(centres.len());
     let mut node_number = |first: u32| {
         let number = &mut node_numbers[first as usize];
-        if *number == u32::MAX {
+        if *number == NONE {
             *number = nodes.len() as u32;
             nodes.push(centres[first as usize]);
         }

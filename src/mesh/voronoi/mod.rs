@@ -141,7 +141,7 @@ fn build_cells<const D: usize, const N: usize>(
         let simplices =
             rings::ordered_simplices(mirrored.atom_count, &triangulate(&mirrored.points)?);
         let nodes = nodes::centres(&mirrored, &simplices, extent, tolerance, &centre);
-        let mut faces = WeldedRings::new(&mirrored, &simplices, &nodes, (tolerance, weld), &[]);
+        let mut faces = WeldedRings::new(&mirrored, &simplices, &nodes, tolerance, weld, &[]);
         let mut is_complete = true;
         // A cell that extends beyond a side lacks its image in that side.
         for (simplex, node) in simplices.iter().zip(&nodes) {
@@ -179,13 +179,7 @@ fn build_cells<const D: usize, const N: usize>(
             if !has_new {
                 return Ok(mesh);
             }
-            faces = WeldedRings::new(
-                &mirrored,
-                &simplices,
-                &nodes,
-                (tolerance, weld),
-                &is_unwelded,
-            );
+            faces = WeldedRings::new(&mirrored, &simplices, &nodes, tolerance, weld, &is_unwelded);
         }
     }
 }
@@ -204,7 +198,8 @@ impl WeldedRings {
         mirrored: &MirroredAtoms<D>,
         simplices: &[[u32; N]],
         nodes: &[[f64; D]],
-        (tolerance, weld): (f64, f64),
+        tolerance: f64,
+        weld: f64,
         is_unwelded: &[bool],
     ) -> Self {
         let keeps_nodes = |n: &u32| {

@@ -41,7 +41,7 @@ use serde::Serialize;
 use crate::error::cause;
 use crate::geometry::sorted_distinct;
 use crate::mesh::complex::NONE;
-use crate::mesh::poly::{FIRST_SIDE, NO_CELL, PolyMesh};
+use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
 use crate::{Error, Result, memory};
 use fault_sides::{CrossingNodes, Level};
 use torn_map::TornMap;
@@ -208,7 +208,7 @@ impl Columns {
         let pairs = sorted_distinct(torn_edges.map(|(_, cells)| *cells));
         let mesh = &self.mesh;
         for (f, &[a, b]) in mesh.face_cells.iter().enumerate() {
-            if b == NO_CELL {
+            if b == NONE {
                 faces.exposed_area += mesh.face_shape(f).area();
             } else if b < FIRST_SIDE {
                 let mut columns = [a, b].map(|cell| self.column[cell as usize] as u32);
@@ -378,7 +378,7 @@ impl<'a> Builder<'a> {
                 let levels = [first, second].map(|edge| self.levels_upwards(edge));
                 for face in crossings.shared_faces(map_nodes, &levels[0], &levels[1]) {
                     let [a, b] = [(a, face.layers[0]), (b, face.layers[1])]
-                        .map(|(column, k)| k.map_or(NO_CELL, |k| cell_at(column, layer(k))));
+                        .map(|(column, k)| k.map_or(NONE, |k| cell_at(column, layer(k))));
                     faces.push(ColumnFace::new([a, b], face.ring, on_feature));
                 }
                 continue;

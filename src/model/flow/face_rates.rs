@@ -26,7 +26,7 @@ pub struct FaceRates<const D: usize = 3> {
     /// Rate out of the cell through each of its faces. The two numbers of an inner face have
     /// exactly opposite rates.
     pub outflow: Vec<f64>,
-    /// The cell on the other side of each face, also if the face lies on a fault; `u32::MAX` on the
+    /// The cell on the other side of each face, also if the face lies on a fault; `NONE` on the
     /// boundary.
     pub neighbors: Vec<u32>,
 }

@@ -8,9 +8,8 @@
 //! parallel and always gives the same bits.
 
 use super::sparse_matrix::{Matrix, dot, for_each};
+use crate::geometry::NONE;
 
-/// Marks an unknown that belongs to no aggregate; only the smoother treats it.
-const NO_AGGREGATE: u32 = u32::MAX;
 /// Smallest coupling |a_ij| / sqrt(a_ii a_jj) of two unknowns that may share an aggregate. It is
 /// halved on each coarser level.
 const MIN_COUPLING_STRENGTH: f64 = 0.08;
@@ -209,14 +208,14 @@ fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usi
             (j != i && is_strong(v, diagonal[i], diagonal[j], strength)).then_some((j, v.abs()))
         })
     };
-    let mut aggregate_of = vec![NO_AGGREGATE; n];
+    let mut aggregate_of = vec![NONE; n];
     let mut count = 0;
     // First pass: unknowns whose whole neighbourhood is free form an aggregate with it.
     for i in 0..n {
-        let (mut coupled, mut free) = (false, aggregate_of[i] == NO_AGGREGATE);
+        let (mut coupled, mut free) = (false, aggregate_of[i] == NONE);
         for (j, _) in neighbours(i) {
             coupled = true;
-            free &= aggregate_of[j] == NO_AGGREGATE;
+            free &= aggregate_of[j] == NONE;
         }
         if coupled && free {
             aggregate_of[i] = count;
@@ -227,8 +226,8 @@ fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usi
     // Second pass: each remaining unknown joins the aggregate of the neighbour with the strongest
     // coupling.
     let first_pass = aggregate_of.clone();
-    for i in (0..n).filter(|&i| first_pass[i] == NO_AGGREGATE) {
-        let aggregated = neighbours(i).filter(|&(j, _)| first_pass[j] != NO_AGGREGATE);
+    for i in (0..n).filter(|&i| first_pass[i] == NONE) {
+        let aggregated = neighbours(i).filter(|&(j, _)| first_pass[j] != NONE);
         if let Some((j, _)) = aggregated.max_by(|a, b| a.1.total_cmp(&b.1)) {
             aggregate_of[i] = first_pass[j];
         }
@@ -236,10 +235,10 @@ fn aggregate(matrix: &Matrix, diagonal: &[f64], strength: f64) -> (Vec<u32>, usi
     // Third pass: unknowns without an aggregated neighbour form aggregates with their free
     // neighbours.
     for i in 0..n {
-        if aggregate_of[i] == NO_AGGREGATE && neighbours(i).next().is_some() {
+        if aggregate_of[i] == NONE && neighbours(i).next().is_some() {
             aggregate_of[i] = count;
             for (j, _) in neighbours(i) {
-                if aggregate_of[j] == NO_AGGREGATE {
+                if aggregate_of[j] == NONE {
                     aggregate_of[j] = count;
                 }
             }
@@ -265,7 +264,7 @@ fn prolongation(
     } = smoother;
     let damping = 4.0 / (3.0 * max_eigenvalue);
     Matrix::from_rows(diagonal.len(), count, |i, row| {
-        if aggregate_of[i] == NO_AGGREGATE {
+        if aggregate_of[i] == NONE {
             return;
         }
         let (columns, values) = matrix.row(i);
@@ -286,9 +285,7 @@ fn prolongation(
             };
         row.add(aggregate_of[i], 1.0 - scale * lumped);
         for (j, v) in couplings() {
-            if j != i
-                && aggregate_of[j] != NO_AGGREGATE
-                && is_strong(v, diagonal[i], diagonal[j], strength)
+            if j != i && aggregate_of[j] != NONE && is_strong(v, diagonal[i], diagonal[j], strength)
             {
                 row.add(aggregate_of[j], -scale * v);
             }

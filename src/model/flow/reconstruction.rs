@@ -299,6 +299,7 @@ mod tests {
     use super::*;
     use crate::geometry::random::Random;
     use crate::mesh::TriMesh;
+    use crate::mesh::graph::Locator;
     use crate::mesh::voronoi::voronoi_plane;
     use crate::model::flow::{CellFlow, FaultLaw, Rock, Streamlines, Tensor};
     use crate::progress::CancelToken;
@@ -379,7 +380,8 @@ mod tests {
         let graph = Graph::from_poly(mesh);
         let rock = Rock::uniform(Tensor::isotropic(1.0), 1.0);
         let flow = CellFlow::new(&graph, &rock, FaultLaw::OPEN).unwrap();
-        let cells = [source, sink].map(|x| graph.cell_at(x).unwrap());
+        let locator = Locator::new(&graph);
+        let cells = [source, sink].map(|x| locator.cell_at(x).unwrap());
         let mut sources = vec![0.0; graph.volume.len()];
         (sources[cells[0]], sources[cells[1]]) = (1.0, -1.0);
         let solution = flow.solve(&sources, &[]).unwrap();

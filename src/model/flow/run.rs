@@ -13,6 +13,7 @@ use crate::mesh::{Dimension, Simplices, Space};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::input::{MeshInput, length_unit_warning, mesh_in_depth, time_warning};
 use crate::store::stored_mesh::read_live;
+use crate::store::with_mesh;
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
@@ -75,12 +76,10 @@ pub fn flow<'a>(
         read_image,
         progress,
     };
-    match mesh {
-        AnyMesh::Triangles(file) => run.through_elements(file, AnyMesh::Triangles),
-        AnyMesh::Tetrahedra(file) => run.through_elements(file, AnyMesh::Tetrahedra),
-        AnyMesh::Polygons(file) => run.through_cells(file, AnyMesh::Polygons),
-        AnyMesh::Polyhedra(file) => run.through_cells(file, AnyMesh::Polyhedra),
-    }
+    with_mesh!(mesh,
+        simplices file => run.through_elements(file),
+        cells file => run.through_cells(file)
+    )
 }
 
 /// The options and the progress of a computation.
@@ -97,8 +96,10 @@ impl FlowRun<'_> {
     fn through_elements<const D: usize, M: Simplices<D>>(
         mut self,
         file: MeshFile<M>,
-        any: fn(MeshFile<M>) -> AnyMesh,
-    ) -> Result<FlowOutcome> {
+    ) -> Result<FlowOutcome>
+    where
+        MeshFile<M>: Into<AnyMesh>,
+    {
         let mut stored = self.prepare(file)?;
         let rock = self.rock(&stored)?;
         let conditions = self.spec.conditions()?;
@@ -108,17 +109,14 @@ impl FlowRun<'_> {
         let computed = self.solve(|cancel| {
             flow_through_elements(stored, rock, &barriers, &conditions, lines, cancel)
         })?;
-        Ok(outcome(computed, any))
+        Ok(outcome(computed))
     }
 
     /// Computes the flow through Voronoi cells (or other polyhedra or polygons).
-    fn through_cells<const D: usize>(
-        mut self,
-        file: MeshFile<PolyMesh<D>>,
-        any: fn(MeshFile<PolyMesh<D>>) -> AnyMesh,
-    ) -> Result<FlowOutcome>
+    fn through_cells<const D: usize>(mut self, file: MeshFile<PolyMesh<D>>) -> Result<FlowOutcome>
     where
         Space<D>: Dimension<D>,
+        MeshFile<PolyMesh<D>>: Into<AnyMesh>,
     {
         let mut stored = self.prepare(file)?;
         let rock = self.rock(&stored)?;
@@ -129,7 +127,7 @@ impl FlowRun<'_> {
             flow_through_cells(stored, &rock, &barriers, &conditions, lines, cancel)
         })?;
         notes.iter().for_each(|note| self.progress.note(note));
-        Ok(outcome(computed, any))
+        Ok(outcome(computed))
     }
 
     /// Prepares the mesh and checks that its cells fill it. Warns if a coordinate is time.
@@ -237,12 +235,12 @@ impl FlowRun<'_> {
 }
 
 /// Returns the outcome for a mesh of any kind and dimension.
-fn outcome<const D: usize, M>(
-    computed: ComputedFlow<D, M>,
-    any: fn(MeshFile<M>) -> AnyMesh,
-) -> FlowOutcome {
+fn outcome<const D: usize, M>(computed: ComputedFlow<D, M>) -> FlowOutcome
+where
+    MeshFile<M>: Into<AnyMesh>,
+{
     FlowOutcome {
-        mesh: any(computed.file),
+        mesh: computed.file.into(),
         report: computed.report,
         streamlines: computed.streamlines.map(|lines| Streamlines {
             points: lines.points.into_iter().map(to_3d).collect(),

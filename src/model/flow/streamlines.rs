@@ -21,9 +21,8 @@ use super::reconstruction::CellReconstruction;
 use super::shape_functions::corners;
 use super::wells::{LocatedWell, barycentric};
 use crate::Result;
-use crate::files::atomic_write;
-use crate::files::vtk::{ArraySource, Document};
-use crate::geometry::distance2;
+use crate::files::vtk::{ArraySource, PolyData};
+use crate::geometry::{distance2, to_3d};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
@@ -173,41 +172,15 @@ impl<const D: usize> Streamlines<D> {
     /// # Errors
     /// Returns [`Error::Io`](crate::Error::Io) if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let mut document = Document::new("PolyData", &[]);
-        document.open(
-            "Piece",
-            &[
-                ("NumberOfPoints", self.points.len().to_string()),
-                ("NumberOfLines", self.ends.len().to_string()),
-            ],
-        );
-        document.open("PointData", &[]);
-        document.add_array(ArraySource::slice("time", 1, &self.time));
-        document.close();
-        document.open("CellData", &[]);
-        document.add_array(ArraySource::computed("rate", 1, self.ends.len(), |_| {
-            self.rate
-        }));
-        document.close();
-        document.open("Points", &[]);
-        document.add_array(ArraySource::computed(
-            "Points",
-            3,
-            3 * self.points.len(),
-            |i| self.points[i / 3].get(i % 3).copied().unwrap_or(0.0),
-        ));
-        document.close();
-        document.open("Lines", &[]);
-        document.add_array(ArraySource::computed(
-            "connectivity",
-            1,
-            self.points.len(),
-            |i| i as i64,
-        ));
-        document.add_array(ArraySource::computed("offsets", 1, self.ends.len(), |i| {
-            i64::from(self.ends[i])
-        }));
-        atomic_write(path, |out| document.write(out))
+        let points: Vec<[f64; 3]> = self.points.iter().map(|&point| to_3d(point)).collect();
+        let (count, rate) = (self.ends.len(), self.rate);
+        PolyData {
+            counted: &["Lines"],
+            point_data: Some(vec![ArraySource::slice("time", 1, &self.time)]),
+            cell_data: Some(vec![ArraySource::computed("rate", 1, count, |_| rate)]),
+            ..PolyData::new("Lines", &points, count, |i| i64::from(self.ends[i]))
+        }
+        .write(path)
     }
 }
 

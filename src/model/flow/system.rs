@@ -8,6 +8,7 @@
 use super::multigrid::Multigrid;
 use super::sparse_matrix::{Matrix, dot, for_each, sum};
 use crate::error::cause;
+use crate::geometry::NONE;
 use crate::progress::CancelToken;
 use crate::{Error, Result};
 
@@ -17,8 +18,6 @@ const RESIDUAL_TOLERANCE: f64 = 1e-12;
 const MAX_IMBALANCE: f64 = 1e-10;
 /// Largest number of iterations; some tens are usual.
 const MAX_ITERATIONS: usize = 2000;
-/// Marks an entry that is not an unknown.
-const NO_UNKNOWN: u32 = u32::MAX;
 
 /// Pressures and the statistics of their computation.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -84,7 +83,7 @@ pub fn solve(
     let is_floating = compartments.pin_pressures(rates, rate_scale, &mut pressure)?;
 
     // Fixed pressures are not unknowns of the reduced system.
-    let mut unknown_index = vec![NO_UNKNOWN; n];
+    let mut unknown_index = vec![NONE; n];
     let free: Vec<u32> = (0..n as u32)
         .filter(|&i| pressure[i as usize].is_nan())
         .collect();
@@ -95,7 +94,7 @@ pub fn solve(
     let reduced = Matrix::from_rows(free.len(), free.len(), |k, row| {
         let (columns, values) = matrix.row(free[k] as usize);
         for (&j, &v) in columns.iter().zip(values) {
-            if unknown_index[j as usize] != NO_UNKNOWN {
+            if unknown_index[j as usize] != NONE {
                 row.add(unknown_index[j as usize], v);
             }
         }
@@ -180,7 +179,7 @@ fn measure_balance(
 ) {
     let n = matrix.height();
     for_each(inflow, |i, q| {
-        *q = if unknown_index[i] == NO_UNKNOWN {
+        *q = if unknown_index[i] == NONE {
             matrix.row_dot(i, pressure)
         } else {
             rates[i]
@@ -191,7 +190,7 @@ fn measure_balance(
     let total = sum(n, |i| q[i]).abs();
     let mut imbalances = vec![0.0; n];
     for_each(&mut imbalances, |i, imbalance| {
-        if unknown_index[i] != NO_UNKNOWN {
+        if unknown_index[i] != NONE {
             *imbalance = (matrix.row_dot(i, pressure) - rates[i]).abs();
         }
     });
@@ -213,11 +212,11 @@ struct Compartments {
 impl Compartments {
     fn new(matrix: &Matrix) -> Self {
         let n = matrix.height();
-        let mut compartment_of = vec![NO_UNKNOWN; n];
+        let mut compartment_of = vec![NONE; n];
         let mut count = 0;
         let mut reached = Vec::new();
         for seed in 0..n {
-            if compartment_of[seed] != NO_UNKNOWN {
+            if compartment_of[seed] != NONE {
                 continue;
             }
             compartment_of[seed] = count;
@@ -225,7 +224,7 @@ impl Compartments {
             while let Some(i) = reached.pop() {
                 let (columns, values) = matrix.row(i);
                 for (&j, &v) in columns.iter().zip(values) {
-                    if v != 0.0 && compartment_of[j as usize] == NO_UNKNOWN {
+                    if v != 0.0 && compartment_of[j as usize] == NONE {
                         compartment_of[j as usize] = count;
                         reached.push(j as usize);
                     }
@@ -319,7 +318,9 @@ impl Compartments {
     }
 }
 
-/// Conjugate gradients with a multigrid cycle as preconditioner.
+/// Conjugate gradients for systems of many unknowns, with a multigrid cycle as preconditioner. It works on all
+/// threads and can be cancelled; `geometry::conjugate_gradients` is for small systems, with sums in the order of
+/// the unknowns.
 pub struct Solver<'a> {
     matrix: &'a Matrix,
     multigrid: Multigrid,

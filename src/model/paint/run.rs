@@ -15,6 +15,7 @@ use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagge
 use crate::model::surface::{AnySurfaces, SurfaceFile, SurfaceKind};
 use crate::progress::{Progress, Stage};
 use crate::store::input::{MeshInput, read_mesh_image};
+use crate::store::with_mesh;
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
 
@@ -105,12 +106,7 @@ pub fn paint<'a>(
         read_image,
         progress,
     };
-    match mesh {
-        AnyMesh::Triangles(file) => run.paint(file, AnyMesh::Triangles, AnySurfaces::Curves),
-        AnyMesh::Tetrahedra(file) => run.paint(file, AnyMesh::Tetrahedra, AnySurfaces::Surfaces),
-        AnyMesh::Polygons(file) => run.paint(file, AnyMesh::Polygons, AnySurfaces::Curves),
-        AnyMesh::Polyhedra(file) => run.paint(file, AnyMesh::Polyhedra, AnySurfaces::Surfaces),
-    }
+    with_mesh!(mesh, file => run.paint(file))
 }
 
 /// The options and the progress of a computation.
@@ -123,12 +119,11 @@ struct PaintRun<'a> {
 }
 
 impl PaintRun<'_> {
-    fn paint<const D: usize, M: Storable<D>>(
-        self,
-        file: MeshFile<M>,
-        any_mesh: fn(MeshFile<M>) -> AnyMesh,
-        any_surfaces: fn(SurfaceFile<D>) -> AnySurfaces,
-    ) -> Result<PaintOutcome> {
+    fn paint<const D: usize, M: Storable<D>>(self, file: MeshFile<M>) -> Result<PaintOutcome>
+    where
+        MeshFile<M>: Into<AnyMesh>,
+        SurfaceFile<D>: Into<AnySurfaces>,
+    {
         let spec = self.spec;
         let seeds = spec.seeds::<D>()?;
         let options = spec.grouping.options(Some(0.0))?;
@@ -175,10 +170,10 @@ impl PaintRun<'_> {
             None => None,
         };
         Ok(PaintOutcome {
-            mesh: any_mesh(file),
+            mesh: file.into(),
             regions: painted,
             blocks: block_count,
-            surfaces: surfaces.map(|s| any_surfaces(s.with_space(&space.geometry, z_up))),
+            surfaces: surfaces.map(|s| s.with_space(&space.geometry, z_up).into()),
         })
     }
 

@@ -6,9 +6,8 @@
 //! and arcs lie in two flat arrays; the arcs of a node are adjacent.
 
 use crate::error::{Error, Result, cause};
+use crate::geometry::NONE;
 
-/// Value that stands for no node.
-const NO_NODE: u32 = u32::MAX;
 /// Value of `parent` for a node in no tree.
 const FREE: u32 = u32::MAX;
 /// Value of `parent` for a node that is joined to the terminal itself.
@@ -106,8 +105,8 @@ impl Network {
             node.first_arc = end;
         }
         let unset = Arc {
-            head: NO_NODE,
-            sister: NO_NODE,
+            head: NONE,
+            sister: NONE,
             residual: 0,
         };
         let mut arcs = vec![unset; end as usize];
@@ -167,11 +166,11 @@ impl Network {
                 self.activate(i);
             }
         }
-        let mut current = NO_NODE;
+        let mut current = NONE;
         loop {
-            let previous = std::mem::replace(&mut current, NO_NODE);
+            let previous = std::mem::replace(&mut current, NONE);
             let i = match previous {
-                NO_NODE => match self.next_active() {
+                NONE => match self.next_active() {
                     Some(i) => i,
                     None => return self.flow,
                 },

@@ -15,6 +15,7 @@ use crate::model::surface::{AnySurfaces, SurfaceFile};
 use crate::progress::cost::cpu_seconds;
 use crate::progress::{Progress, Stage};
 use crate::store::input::{ImageInput, MeshInput, image_part, read_mesh_image};
+use crate::store::with_mesh;
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh};
 
 /// A segmented mesh.
@@ -127,30 +128,11 @@ pub fn segment<'a>(
         read_image,
         progress,
     };
-    let plane = AnyKinds {
-        surfaces: AnySurfaces::Curves,
-        image: AnyImage::Plane,
+    let mesh = match mesh {
+        AnyMesh::Tetrahedra(file) => image_part(file, &mut *run.progress).into(),
+        other => other,
     };
-    let space = AnyKinds {
-        surfaces: AnySurfaces::Surfaces,
-        image: AnyImage::Space,
-    };
-    match mesh {
-        AnyMesh::Triangles(file) => run.segment(file, AnyMesh::Triangles, plane),
-        AnyMesh::Tetrahedra(file) => {
-            let file = image_part(file, &mut *run.progress);
-            run.segment(file, AnyMesh::Tetrahedra, space)
-        }
-        AnyMesh::Polygons(file) => run.segment(file, AnyMesh::Polygons, plane),
-        AnyMesh::Polyhedra(file) => run.segment(file, AnyMesh::Polyhedra, space),
-    }
-}
-
-/// Conversions of results of one dimension to those of any.
-#[derive(Clone, Copy)]
-struct AnyKinds<const D: usize> {
-    surfaces: fn(SurfaceFile<D>) -> AnySurfaces,
-    image: fn(LoadedImage<D>) -> AnyImage,
+    with_mesh!(mesh, file => run.segment(file))
 }
 
 /// The input, the options and the progress of a segmentation.
@@ -164,12 +146,12 @@ struct SegmentRun<'a> {
 }
 
 impl SegmentRun<'_> {
-    fn segment<const D: usize, M: Storable<D>>(
-        self,
-        file: MeshFile<M>,
-        any_mesh: fn(MeshFile<M>) -> AnyMesh,
-        any: AnyKinds<D>,
-    ) -> Result<SegmentOutcome> {
+    fn segment<const D: usize, M: Storable<D>>(self, file: MeshFile<M>) -> Result<SegmentOutcome>
+    where
+        MeshFile<M>: Into<AnyMesh>,
+        SurfaceFile<D>: Into<AnySurfaces>,
+        LoadedImage<D>: Into<AnyImage>,
+    {
         let Self { spec, progress, .. } = self;
         let places = spec.places::<D>()?;
         let stored = StoredMesh::new(file, self.name)?;
@@ -245,11 +227,11 @@ impl SegmentRun<'_> {
                 Image::new(image.dims(), labels, image.geometry.clone())
             });
         Ok(SegmentOutcome {
-            mesh: any_mesh(file),
+            mesh: file.into(),
             cells,
             samples,
-            labels: labels.map(|labels| (any.image)(labels.into())),
-            surface: surface.map(any.surfaces),
+            labels: labels.map(|labels| LoadedImage::from(labels).into()),
+            surface: surface.map(Into::into),
         })
     }
 }

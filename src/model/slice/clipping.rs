@@ -9,29 +9,40 @@ use crate::mesh::complex::NONE;
 /// planes. Positions are fractions of the box.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ClipRegion {
-    /// For each plane, the axis perpendicular to it, its position, and `true` if points above it
-    /// are beyond it.
-    pub planes: Vec<(usize, f64, bool)>,
+    pub planes: Vec<ClipPlane>,
+}
+
+/// A plane that limits the part that is cut away.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ClipPlane {
+    /// The axis perpendicular to the plane.
+    pub axis: usize,
+    pub position: f64,
+    /// `true` if points above the plane are beyond it.
+    pub removes_above: bool,
 }
 
 impl ClipRegion {
     /// Returns `true` if a point is cut away.
     pub fn contains(&self, p: [f64; 3]) -> bool {
-        self.planes.iter().all(|&plane| is_beyond(p, plane))
+        self.planes.iter().all(|plane| plane.has_beyond(p))
     }
 
     /// Returns `true` if a point of plane `i` is on the boundary of the part that is cut away.
     pub fn is_on_rim(&self, i: usize, p: [f64; 3]) -> bool {
         let others = self.planes.iter().enumerate().filter(|(j, _)| *j != i);
-        others.into_iter().all(|(_, &plane)| is_beyond(p, plane))
+        others.into_iter().all(|(_, plane)| plane.has_beyond(p))
     }
 }
 
-fn is_beyond(p: [f64; 3], (axis, position, removes_above): (usize, f64, bool)) -> bool {
-    if removes_above {
-        p[axis] > position
-    } else {
-        p[axis] < position
+impl ClipPlane {
+    /// Returns `true` if a point is beyond the plane.
+    fn has_beyond(&self, p: [f64; 3]) -> bool {
+        if self.removes_above {
+            p[self.axis] > self.position
+        } else {
+            p[self.axis] < self.position
+        }
     }
 }
 
@@ -110,7 +121,13 @@ mod tests {
     #[test]
     fn a_corner_lies_beyond_all_its_planes() {
         let corner = ClipRegion {
-            planes: vec![(0, 0.5, true), (1, 0.5, false)],
+            planes: [(0, true), (1, false)]
+                .map(|(axis, removes_above)| ClipPlane {
+                    axis,
+                    position: 0.5,
+                    removes_above,
+                })
+                .to_vec(),
         };
         assert!(corner.contains([0.6, 0.4, 0.0]) && !corner.contains([0.6, 0.6, 0.0]));
         assert!(corner.is_on_rim(0, [0.5, 0.4, 0.9]) && !corner.is_on_rim(0, [0.5, 0.6, 0.9]));

@@ -1,5 +1,7 @@
 //! The map from samples to colours, and colours of lines that are visible on it.
 
+use crate::geometry::statistics::nearest_quantile;
+
 /// Colours for the samples of an image: grey from dark to bright, or blue, white and red for
 /// samples that oscillate around zero, as seismic amplitudes do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,11 +33,7 @@ impl ColorMap {
     /// Creates a colour map from selected samples.
     pub(crate) fn from_selected_samples(mut values: Vec<f32>) -> Self {
         values.retain(|v| v.is_finite());
-        values.sort_unstable_by(f32::total_cmp);
-        let quantile = |fraction: f64| {
-            let index = fraction * values.len().saturating_sub(1) as f64;
-            values.get(index.round() as usize).copied().unwrap_or(0.0)
-        };
+        let mut quantile = |share: f64| nearest_quantile(&mut values, share).unwrap_or(0.0);
         let (low, middle, high) = (quantile(0.005), quantile(0.5), quantile(0.995));
         let max_abs = low.abs().max(high.abs());
         // The values extend about as far below zero as above it, and most are near zero.

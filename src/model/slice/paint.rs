@@ -2,6 +2,7 @@
 
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
+use crate::geometry::statistics::nearest_quantile;
 use crate::mesh_file::array_names::array_unit;
 use crate::mesh_file::read_labels;
 use crate::store::read_named_regions;
@@ -176,12 +177,8 @@ fn magnitudes(array: &DataArray) -> (Vec<f64>, bool) {
 /// Returns the range from the 2nd to the 98th percentile. Extremes, e.g. at wells, would leave
 /// hardly any colours for the other values.
 fn percentile_range(values: &[f64]) -> [f64; 2] {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let quantile = |fraction: f64| {
-        let index = (fraction * sorted.len().saturating_sub(1) as f64).round() as usize;
-        sorted.get(index).copied().unwrap_or(0.0)
-    };
+    let mut finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let mut quantile = |share: f64| nearest_quantile(&mut finite, share).unwrap_or(0.0);
     let (inner, outer) = (
         [quantile(0.02), quantile(0.98)],
         [quantile(0.0), quantile(1.0)],

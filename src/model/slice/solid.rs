@@ -3,7 +3,7 @@
 
 use super::axes::draw_axis;
 use super::canvas::{Canvas, LETTER_SIZE};
-use super::clipping::{ClipRegion, cell_sections};
+use super::clipping::{ClipPlane, ClipRegion, cell_sections};
 use super::color_key::ColorKey;
 use super::color_map::ColorMap;
 use super::decorations::{BOTTOM_MARGIN, Caption, LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN};
@@ -238,7 +238,11 @@ impl SolidView<'_> {
         let planes = (0..3).filter(|k| cut_axis.is_none_or(|axis| axis == *k));
         Ok(ClipRegion {
             planes: planes
-                .map(|k| (k, fraction(k), projection[2][k] > 0.0))
+                .map(|axis| ClipPlane {
+                    axis,
+                    position: fraction(axis),
+                    removes_above: projection[2][axis] > 0.0,
+                })
                 .collect(),
         })
     }
@@ -297,8 +301,8 @@ impl SolidView<'_> {
                 .for_each(|kind| color_key.add_kind(kind, color_key.feature_color(kind)));
             return;
         }
-        for (i, &(k, position, _)) in clip_region.planes.iter().enumerate() {
-            for (_, ring) in cell_sections(faces, k, position, &value) {
+        for (i, plane) in clip_region.planes.iter().enumerate() {
+            for (_, ring) in cell_sections(faces, plane.axis, plane.position, &value) {
                 let is_kept = |p: [f64; 3]| clip_region.is_on_rim(i, p);
                 raster.draw_polygon(&ring, &|p, v| is_kept(p).then(|| color(p, v)), 1e-5);
             }
@@ -309,7 +313,7 @@ impl SolidView<'_> {
                 let nodes = faces.rings.get(face).iter();
                 let ring: Vec<ValuedPoint> =
                     nodes.map(|&n| (faces.nodes[n as usize], 0.0)).collect();
-                if let Some(ends) = shape::cut_polygon(&ring, k, position) {
+                if let Some(ends) = shape::cut_polygon(&ring, plane.axis, plane.position) {
                     let color = color_key.trace_color(kind);
                     raster.draw_tube(
                         ends.map(|(p, _)| p),

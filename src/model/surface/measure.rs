@@ -9,6 +9,7 @@ use super::Surfaces;
 use super::amplitude::AmplitudeMeasure;
 use super::facets::FacetComplex;
 use super::kind::{SurfaceKind, surface_kinds};
+use crate::geometry::NONE;
 use crate::geometry::eigen::{eigenvalues, eigenvector};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{
@@ -292,7 +293,7 @@ fn smooth_area<const D: usize>(
     for (number, facet) in (0u32..).zip(facets) {
         for omitted in 0..D {
             let mut ridge = *facet;
-            ridge[omitted] = u32::MAX;
+            ridge[omitted] = NONE;
             ridge.sort_unstable();
             ridges.push((ridge, number));
         }

@@ -14,11 +14,13 @@ use super::groups::{Group, GroupNames};
 use super::netcdf::NetcdfReader;
 use super::{FileProblem, ForeignMesh, NotedMesh, ReadResult};
 use crate::geometry::sorted_distinct;
+use crate::mesh_file::formats::exodus::{
+    COORDINATES, ELEMENT_BLOCKS, ELEMENT_TYPE, ELEMENT_VALUE_NAMES, ELEMENTS, ELEMENTS_OF_FACES,
+    NODE_SET_ARRAY, NODE_SETS, ObjectKind, SHELL_FACE_COUNT, SIDE_SET_ARRAYS, SIDE_SETS,
+    TETRAHEDRON_SIDES, TRIANGLE_SIDES,
+};
 use crate::names;
 use crate::store::named_sets::NamedSet;
-
-/// The corners of each side of a tetrahedron.
-const TET_SIDE_CORNERS: [[usize; 3]; 4] = [[0, 1, 3], [1, 2, 3], [0, 2, 3], [0, 1, 2]];
 
 /// Kind of the elements of a block.
 #[derive(Clone, Copy, PartialEq)]
@@ -43,8 +45,11 @@ impl BlockKind {
 /// Reads a mesh.
 pub fn read(path: &Path) -> ReadResult<NotedMesh> {
     let file = &NetcdfReader::open(path)?;
-    let blocks = ObjectList::new(file, "eb", "num_el_blk", "connect")?;
-    let has_face_lists = |block: usize| file.shape(&format!("facconn{}", block + 1)).is_some();
+    let blocks = ObjectList::new(file, &ELEMENT_BLOCKS, ELEMENTS.list)?;
+    let has_face_lists = |block: usize| {
+        file.shape(&format!("{}{}", ELEMENTS_OF_FACES.list, block + 1))
+            .is_some()
+    };
     let (mesh, mut notes) = if (0..blocks.ids.len()).any(has_face_lists) {
         polyhedra::read(file, &blocks)?
     } else {
@@ -57,7 +62,7 @@ pub fn read(path: &Path) -> ReadResult<NotedMesh> {
 /// Returns a note on values at times, which are not read.
 fn unread_values(file: &NetcdfReader) -> Option<String> {
     let mut names = Vec::new();
-    for list in ["name_nod_var", "name_elem_var", "name_glo_var"] {
+    for list in ["name_nod_var", ELEMENT_VALUE_NAMES, "name_glo_var"] {
         names.extend(file.texts(list).ok()?);
     }
     // Our own files have the regions as values.
@@ -74,12 +79,13 @@ struct ObjectList {
 }
 
 impl ObjectList {
-    /// Reads the list of objects whose arrays begin with `prefix`. Their number is the dimension
-    /// `count`; without it, those objects exist for which there is an array `array` with a number.
-    fn new(file: &NetcdfReader, prefix: &str, count: &str, array: &str) -> ReadResult<Self> {
+    /// Reads the list of objects of a kind. If the file does not count them, those objects exist for
+    /// which there is an array `array` with a number.
+    fn new(file: &NetcdfReader, kind: &ObjectKind, array: &str) -> ReadResult<Self> {
+        let prefix = kind.prefix;
         let is_there = |number: &usize| file.shape(&format!("{array}{number}")).is_some();
         let count = file
-            .dimension(count)
+            .dimension(kind.count)
             .unwrap_or_else(|| (1..).take_while(is_there).count());
         let ids = file.numbers(&format!("{prefix}_prop1"))?;
         let mut names = file.texts(&format!("{prefix}_names"))?.into_iter();
@@ -117,13 +123,13 @@ struct Side {
 
 /// Returns the sides of all side sets, and adds the names of the sets.
 fn side_sets(file: &NetcdfReader, names: &mut GroupNames) -> ReadResult<Vec<Side>> {
-    let list = ObjectList::new(file, "ss", "num_side_sets", "elem_ss")?;
+    let list = ObjectList::new(file, &SIDE_SETS, SIDE_SET_ARRAYS[0])?;
     let mut sides = Vec::new();
     for (set, &id) in list.ids.iter().enumerate() {
         let group = Group::Set(id);
         list.add_name(set, group, names);
-        let numbers = |part: &str| file.numbers(&format!("{part}_ss{}", set + 1));
-        for (element, side) in numbers("elem")?.into_iter().zip(numbers("side")?) {
+        let numbers = |k: usize| file.numbers(&format!("{}{}", SIDE_SET_ARRAYS[k], set + 1));
+        for (element, side) in numbers(0)?.into_iter().zip(numbers(1)?) {
             if element < 1.0 || side < 1.0 {
                 return Err(missing_element_error());
             }
@@ -139,10 +145,10 @@ fn side_sets(file: &NetcdfReader, names: &mut GroupNames) -> ReadResult<Vec<Side
 
 /// Reads the sets of nodes of a mesh with `count` nodes.
 fn node_sets(file: &NetcdfReader, count: usize) -> ReadResult<Vec<NamedSet>> {
-    let list = ObjectList::new(file, "ns", "num_node_sets", "node_ns")?;
+    let list = ObjectList::new(file, &NODE_SETS, NODE_SET_ARRAY)?;
     let mut sets = Vec::new();
     for (set, (id, name)) in list.ids.iter().zip(&list.names).enumerate() {
-        let numbers = file.numbers(&format!("node_ns{}", set + 1))?;
+        let numbers = file.numbers(&format!("{NODE_SET_ARRAY}{}", set + 1))?;
         if numbers.iter().any(|&n| n < 1.0 || n > count as f64) {
             return Err(FileProblem::damaged(
                 "has a node set with a node that does not exist",
@@ -201,19 +207,21 @@ fn simplices(file: &NetcdfReader, blocks: &ObjectList) -> ReadResult<ForeignMesh
         let combination = foreign.combinations.number(&[group]);
         // Triangles in space have two faces, and then three edges.
         let (edge, is_face) = match kind {
-            BlockKind::Triangle if is_solid => (side.wrapping_sub(2), side < 2),
+            BlockKind::Triangle if is_solid => {
+                (side.wrapping_sub(SHELL_FACE_COUNT), side < SHELL_FACE_COUNT)
+            }
             _ => (side, false),
         };
         match kind {
             BlockKind::Tet if side < 4 => {
-                let corners = TET_SIDE_CORNERS[side].map(|k| x[k]);
+                let corners = TETRAHEDRON_SIDES[side].map(|k| x[k]);
                 foreign.triangles.push((corners, combination));
             }
             BlockKind::Triangle if is_face => {
                 foreign.triangles.push(([x[0], x[1], x[2]], combination));
             }
             BlockKind::Triangle if edge < 3 => {
-                let ends = [x[edge], x[(edge + 1) % 3]];
+                let ends = TRIANGLE_SIDES[edge].map(|k| x[k]);
                 foreign.edges.push((ends, combination));
             }
             BlockKind::Edge | BlockKind::Point => {}
@@ -230,7 +238,7 @@ fn read_block(
     block: usize,
     node_count: usize,
 ) -> ReadResult<Option<(BlockKind, Vec<[u32; 4]>)>> {
-    let connect = format!("connect{}", block + 1);
+    let connect = format!("{}{}", ELEMENTS.list, block + 1);
     let Some(shape) = file.shape(&connect) else {
         return Ok(None);
     };
@@ -238,7 +246,7 @@ fn read_block(
         let problem = format!("has a block '{connect}' of {} dimensions", shape.len());
         return Err(FileProblem::damaged(problem));
     };
-    let name = file.attribute(&connect, "elem_type").unwrap_or_default();
+    let name = file.attribute(&connect, ELEMENT_TYPE).unwrap_or_default();
     if count == 0 || size == 0 {
         return Ok(None);
     }
@@ -276,11 +284,10 @@ fn nodes(file: &NetcdfReader) -> ReadResult<Vec<[f64; 3]>> {
             };
             [axis(0), axis(1), axis(2)]
         }
-        _ => [
-            file.numbers("coordx")?,
-            file.numbers("coordy")?,
-            file.numbers("coordz")?,
-        ],
+        _ => {
+            let [x, y, z] = COORDINATES.map(|axis| file.numbers(axis));
+            [x?, y?, z?]
+        }
     };
     let coordinate = |k: usize, n: usize| axes[k].get(n).copied().unwrap_or(0.0);
     let count = axes[0].len();

@@ -7,29 +7,23 @@ use std::collections::BTreeMap;
 
 use super::groups::{Combinations, Group, GroupNames};
 use super::{FileProblem, ForeignMesh, ReadResult};
+use crate::mesh_file::formats::gmsh::{OTHER_TYPES, SIMPLEX_TYPES};
 use crate::names;
 
 /// Returns the dimension, the number of nodes and the number of corners of one of Gmsh's element
 /// types. Types that are not simplices give an error.
 fn element_type(number: i64) -> ReadResult<(usize, usize, usize)> {
-    Ok(match number {
-        15 => (0, 1, 1),
-        1 => (1, 2, 2),
-        8 => (1, 3, 2),
-        2 => (2, 3, 3),
-        9 => (2, 6, 3),
-        4 => (3, 4, 4),
-        11 => (3, 10, 4),
-        3 | 16 | 10 => return Err(unsupported_elements("quadrilaterals")),
-        5 | 17 | 12 => return Err(unsupported_elements("hexahedra")),
-        6 | 18 | 13 => return Err(unsupported_elements("prisms")),
-        7 | 19 | 14 => return Err(unsupported_elements("pyramids")),
-        unknown => {
-            return Err(unsupported_elements(&format!(
-                "elements of Gmsh's type {unknown}"
-            )));
-        }
-    })
+    let mut known = SIMPLEX_TYPES.iter();
+    if let Some(simplex) = known.find(|simplex| i64::from(simplex.number) == number) {
+        return Ok((simplex.corners - 1, simplex.nodes, simplex.corners));
+    }
+    let mut others = OTHER_TYPES.iter();
+    Err(
+        match others.find(|(numbers, _)| numbers.contains(&number)) {
+            Some((_, name)) => unsupported_elements(name),
+            None => unsupported_elements(&format!("elements of Gmsh's type {number}")),
+        },
+    )
 }
 
 fn unsupported_elements(description: &str) -> FileProblem {

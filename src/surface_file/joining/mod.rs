@@ -15,6 +15,8 @@
 //!
 //! All of it is done in metres. Notes say which sticks were left out.
 
+use crate::geometry::statistics::lower_quantile;
+
 mod line;
 mod order;
 mod scattered;
@@ -143,8 +145,7 @@ fn join(mut lines: Vec<Line>, spacing: f64, notes: &mut Notes) -> Result<Vec<[Po
         return join_crossing_lines(&lines, spacing);
     }
     let mut steps: Vec<f64> = path.windows(2).map(|p| distances.get(p[0], p[1])).collect();
-    steps.sort_by(f64::total_cmp);
-    let usual = steps[(USUAL_STEP_SHARE * (steps.len() - 1) as f64) as usize];
+    let usual = lower_quantile(&mut steps, USUAL_STEP_SHARE).unwrap_or(0.0);
     let mut is_cut: Vec<bool> = (path.windows(2))
         .map(|p| distances.get(p[0], p[1]) > MAX_GAP_RATIO * usual)
         .collect();

@@ -3,6 +3,7 @@
 
 use super::line::{Line, Nearest, Offset, Point};
 use crate::geometry::eigen::{eigenvalues, eigenvector};
+use crate::geometry::statistics::lower_quantile;
 use crate::geometry::{dot, norm, sub};
 
 /// Distance, relative to the length of a stick, below which it repeats another.
@@ -102,9 +103,7 @@ pub(super) fn usual_spacing(lines: &[Line]) -> f64 {
     if spacings.is_empty() {
         spacings = lines.iter().map(|line| line.length).collect();
     }
-    spacings.sort_by(f64::total_cmp);
-    let index = 2 * spacings.len().saturating_sub(1) / 5;
-    spacings.get(index).copied().unwrap_or(0.0)
+    lower_quantile(&mut spacings, 0.4).unwrap_or(0.0)
 }
 
 /// Makes one line of lines that lie on one another or continue one another.
@@ -227,8 +226,7 @@ pub(super) fn find_misfit(lines: &[Line], spacing: f64) -> Option<Misfit> {
         let mut rest: Vec<f64> = others
             .map(|j| misfit_of(lines, j, Some(i), spacing)[0])
             .collect();
-        rest.sort_by(f64::total_cmp);
-        rest[(rest.len() - 1) / 2]
+        lower_quantile(&mut rest, 0.5).unwrap_or(0.0)
     };
     let line = clear
         .into_iter()

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Group, TableReadings, line_steps};
 use crate::files::table::Table;
+use crate::geometry::statistics::upper_median;
 use crate::image::stated::StatedCoordinates;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface};
 use crate::surface_file::place_columns::{PlaceReading, number_columns};
@@ -191,10 +192,7 @@ fn has_numbered_sticks(values: &[f64], width: usize, columns: [usize; 5]) -> boo
             (stick.len() > 1).then(|| (last[2] - first[2]).abs() / distance)
         })
         .collect();
-    slopes.sort_unstable_by(f64::total_cmp);
-    let is_steep = slopes
-        .get(slopes.len() / 2)
-        .is_some_and(|slope| *slope >= MIN_STICK_SLOPE);
+    let is_steep = upper_median(&mut slopes).is_some_and(|slope| slope >= MIN_STICK_SLOPE);
     is_steep || line_steps(&lines).is_none()
 }
 

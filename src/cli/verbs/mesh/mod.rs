@@ -21,7 +21,8 @@ use crate::comm::Comm;
 use crate::error::{cause, io_error};
 use crate::feature::FeatureKind;
 use crate::image::formats::stream::{ImageStream, OpenedImage};
-use crate::image::formats::{AnyImage, LoadedImage, into_any_image};
+use crate::image::formats::with_loaded;
+use crate::image::formats::{LoadedImage, into_any_image};
 use crate::image::{ImageSource, Modality};
 use crate::job::spec::NumberOrFile;
 use crate::job::{Checkpoint, MeshSpace, MeshSpec, Meshing, Params, Provenance, RunOptions};
@@ -94,8 +95,9 @@ pub(crate) fn mesh(
         comm,
     };
     match opened {
-        OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded, console),
-        OpenedImage::InMemory(AnyImage::Space(loaded)) => run.mesh_in_memory(loaded, console),
+        OpenedImage::InMemory(image) => {
+            with_loaded!(image, loaded => run.mesh_in_memory(loaded, console))
+        }
         OpenedImage::Stream(mut stream) => {
             let file_geometry = stream.header.geometry.clone();
             if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {

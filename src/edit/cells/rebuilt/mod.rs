@@ -30,6 +30,20 @@ const RENUMBER_RADIUS: f64 = 0.6;
 /// Number of a side of the window at which the image continues.
 const OPEN_SIDE: u32 = u32::MAX;
 
+/// The parts of a neighbourhood that are rebuilt, and those that stay.
+#[derive(Clone, Copy)]
+pub struct RebuildScope<'a, const D: usize> {
+    /// The present surface of the features.
+    pub surface: &'a FacetSurface<D>,
+    /// Where faces no longer fit the features.
+    pub changes: &'a FeatureChanges<D>,
+    pub preserved: &'a PreservedParts,
+    /// Distance from the edited places, in units of d, within which nodes are rebuilt.
+    pub range: f64,
+    /// `true` for each cell of the mesh whose atom is removed.
+    pub is_removed: &'a [bool],
+}
+
 /// New cells around an edit, together with the cells around them.
 pub struct RebuiltCells<'a, const D: usize> {
     neighbourhood: &'a CellNeighbourhood<'a, D>,
@@ -85,20 +99,21 @@ where
     ///
     /// # Errors
     /// Returns the errors of optimiser and triangulation.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "all inputs describe one neighbourhood"
-    )]
     pub fn new(
         neighbourhood: &'a CellNeighbourhood<'a, D>,
         fields: &'a LocalFields<D>,
-        (surface, changes): (&'a FacetSurface<D>, &'a FeatureChanges<D>),
-        (preserved, range): (&'a PreservedParts, f64),
-        is_removed: &[bool],
+        scope: RebuildScope<'a, D>,
         placed: &[PlacedAtom<D>],
         seed: u64,
         cancel: &CancelToken<'_>,
     ) -> Result<(Self, usize)> {
+        let RebuildScope {
+            surface,
+            changes,
+            preserved,
+            range,
+            is_removed,
+        } = scope;
         let (editable, extent) = (neighbourhood.editable, neighbourhood.window.extent());
         let cells = || {
             neighbourhood

@@ -2,11 +2,11 @@
 //! once. In a side set, the number of a side is the position of the face in the list of its cell.
 
 use super::{
-    Block, ExodusMesh, NFACED, NSIDED, PartCounts, RegionCells, SideSet, element_numbers,
-    order_by_region,
+    Block, ExodusMesh, PartCounts, RegionCells, SideSet, element_numbers, order_by_region,
 };
 use crate::export::meshers::groups::FaceGroup;
 use crate::export::names::ExportNames;
+use crate::mesh_file::formats::exodus::{NFACED, NSIDED};
 use crate::model::reservoir::Model;
 
 /// Returns the mesh with the cells of a model.

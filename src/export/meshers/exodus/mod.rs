@@ -32,6 +32,11 @@ use crate::export::format::ExportFormat;
 use crate::export::names::{ExportNames, FormatNames, TablePlace};
 use crate::export::values::scalar_columns;
 use crate::files::Batch;
+use crate::mesh_file::formats::exodus::{
+    COORDINATES, ELEMENT_BLOCKS, ELEMENT_TYPE, ELEMENT_VALUE_NAMES, ELEMENTS, ELEMENTS_OF_FACES,
+    FACE_BLOCKS, FACES, NFACED, NODE_SET_ARRAY, NODE_SETS, NSIDED, ObjectKind, SIDE_SET_ARRAYS,
+    SIDE_SETS,
+};
 use crate::model::reservoir::Model;
 use crate::names::NameRules;
 use crate::{Error, Result};
@@ -68,9 +73,6 @@ const ENTITY_NAMES: NameRules = NameRules {
 };
 /// Size of a name in bytes, with the final zero.
 const NAME_BYTES: usize = 129;
-/// Types of cells that are lists of faces, and of faces that are lists of nodes.
-const NFACED: &str = "NFACED";
-const NSIDED: &str = "NSIDED";
 
 /// Mesh in the form of Exodus.
 struct ExodusMesh {
@@ -187,7 +189,7 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     });
     file.variables
         .push(NetcdfVariable::new("elem_num_map", &["num_elem"], map));
-    for (k, axis) in ["coordx", "coordy", "coordz"][..*dim].iter().enumerate() {
+    for (k, axis) in COORDINATES[..*dim].iter().enumerate() {
         let numbers = LazyArray::from_fn(points.len(), move |i| points[i][k]);
         file.variables
             .push(NetcdfVariable::new(*axis, &["num_nodes"], numbers));
@@ -201,9 +203,9 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
     ));
     if let Some(faces) = &grid.faces {
         file.dimensions.push(("num_face".into(), faces.len()));
-        add_blocks(&mut file, "fa", "num_fa_blk", std::slice::from_ref(faces));
+        add_blocks(&mut file, &FACE_BLOCKS, std::slice::from_ref(faces));
     }
-    add_blocks(&mut file, "eb", "num_el_blk", blocks);
+    add_blocks(&mut file, &ELEMENT_BLOCKS, blocks);
     add_sets(&mut file, &grid.sets);
     add_node_sets(&mut file, &grid);
     add_values(&mut file, &columns, blocks, order);
@@ -276,9 +278,9 @@ fn new_file<'a>(nodes: usize, elements: usize, dim: usize) -> NetcdfFile<'a> {
     file
 }
 
-/// Adds the status, the numbers and the names of blocks or sets. `count` is the name of the
-/// dimension that counts them.
-fn add_list<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, entries: Vec<(i32, String)>) {
+/// Adds the status, the numbers and the names of blocks or sets.
+fn add_list(file: &mut NetcdfFile<'_>, kind: &ObjectKind, entries: Vec<(i32, String)>) {
+    let ObjectKind { prefix, count } = *kind;
     file.dimensions.push((count.into(), entries.len()));
     let (numbers, names): (Vec<i32>, Vec<String>) = entries.into_iter().unzip();
     let status = LazyArray::from_fn(numbers.len(), |_| 1i32);
@@ -301,43 +303,12 @@ fn add_list<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, entries: V
     file.variables.push(names);
 }
 
-/// Names in the file for a block's list of parts (nodes or faces), the number of parts of each
-/// element, the dimensions of both, and the types of the parts and of the elements.
-struct BlockNames {
-    list: &'static str,
-    counts: &'static str,
-    len: &'static str,
-    size: &'static str,
-    types: [&'static str; 2],
-}
-
-const ELEMENTS: BlockNames = BlockNames {
-    list: "connect",
-    counts: "ebepecnt",
-    len: "num_el_in_blk",
-    size: "num_nod_per_el",
-    types: ["NODE", "ELEM"],
-};
-const ELEMENTS_OF_FACES: BlockNames = BlockNames {
-    list: "facconn",
-    size: "num_fac_per_el",
-    types: ["FACE", "ELEM"],
-    ..ELEMENTS
-};
-const FACES: BlockNames = BlockNames {
-    list: "fbconn",
-    counts: "fbepecnt",
-    len: "num_fa_in_blk",
-    size: "num_nod_per_fa",
-    types: ["NODE", "FACE"],
-};
-
-/// Adds blocks of elements (`eb`) or of faces (`fa`).
-fn add_blocks<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, blocks: &'a [Block]) {
+/// Adds blocks of elements or of faces.
+fn add_blocks<'a>(file: &mut NetcdfFile<'a>, kind: &ObjectKind, blocks: &'a [Block]) {
     let entries = blocks
         .iter()
         .map(|block| (block.number, block.name.clone()));
-    add_list(file, prefix, count, entries.collect());
+    add_list(file, kind, entries.collect());
     for (k, block) in (1..).zip(blocks) {
         let block_names = match block.element_type {
             NFACED => ELEMENTS_OF_FACES,
@@ -353,8 +324,8 @@ fn add_blocks<'a>(file: &mut NetcdfFile<'a>, prefix: &str, count: &str, blocks: 
         let name = format!("{}{k}", block_names.list);
         let mut parts =
             NetcdfVariable::new(name, used_dims, LazyArray::from_slice(&block.connectivity));
-        let kind = NetcdfAttribute::Text(block.element_type.into());
-        parts.attributes.push(("elem_type".into(), kind));
+        let element_type = NetcdfAttribute::Text(block.element_type.into());
+        parts.attributes.push((ELEMENT_TYPE.into(), element_type));
         file.variables.push(parts);
         if let PartCounts::PerElement(counts) = &block.part_counts {
             let name = format!("{}{k}", block_names.counts);
@@ -380,15 +351,12 @@ fn add_sets<'a>(file: &mut NetcdfFile<'a>, sets: &'a [SideSet]) {
         return;
     }
     let entries = || sets.iter().map(|set| (set.number as i32, set.name.clone()));
-    add_list(file, "ss", "num_side_sets", entries().collect());
+    add_list(file, &SIDE_SETS, entries().collect());
     for (k, set) in (1..).zip(sets) {
         let sides = format!("num_side_ss{k}");
         file.dimensions.push((sides.clone(), set.elements.len()));
-        for (name, values) in [
-            (format!("elem_ss{k}"), &set.elements),
-            (format!("side_ss{k}"), &set.sides),
-        ] {
-            let values = LazyArray::from_slice(values);
+        for (array, values) in SIDE_SET_ARRAYS.iter().zip([&set.elements, &set.sides]) {
+            let (name, values) = (format!("{array}{k}"), LazyArray::from_slice(values));
             file.variables
                 .push(NetcdfVariable::new(name, &[&sides], values));
         }
@@ -411,13 +379,13 @@ fn add_node_sets<'a>(file: &mut NetcdfFile<'a>, grid: &'a ExodusMesh) {
     let entries = sets
         .iter()
         .map(|(number, name, _)| (*number, name.to_string()));
-    add_list(file, "ns", "num_node_sets", entries.collect());
+    add_list(file, &NODE_SETS, entries.collect());
     for (k, (_, _, nodes)) in (1..).zip(sets) {
         let points = format!("num_nod_ns{k}");
         file.dimensions.push((points.clone(), nodes.len()));
         let values = LazyArray::from_slice(nodes);
         file.variables.push(NetcdfVariable::new(
-            format!("node_ns{k}"),
+            format!("{NODE_SET_ARRAY}{k}"),
             &[&points],
             values,
         ));
@@ -438,13 +406,13 @@ fn add_values<'a>(
         .map(|block| i32::from(block.has_cell_values))
         .collect();
     let table = LazyArray::from_fn(count * width, move |i| has_values[i / width]);
-    let dims = ["num_el_blk", "num_elem_var"];
+    let dims = [ELEMENT_BLOCKS.count, "num_elem_var"];
     file.variables
         .push(NetcdfVariable::new("elem_var_tab", &dims, table));
     let names: Vec<String> = columns.iter().map(|(name, _)| name.clone()).collect();
     let dims = ["num_elem_var", "len_name"];
     file.variables.push(NetcdfVariable::from_texts(
-        "name_elem_var",
+        ELEMENT_VALUE_NAMES,
         &dims,
         NAME_BYTES,
         &names,
@@ -458,7 +426,7 @@ fn add_values<'a>(
             let block_cells = &order[start..][..block.len()];
             start += block.len();
             let name = format!("vals_elem_var{number}eb{k}");
-            let dims = ["time_step", &format!("num_el_in_blk{k}")];
+            let dims = ["time_step", &format!("{}{k}", ELEMENTS.len)];
             let numbers =
                 LazyArray::from_fn(block_cells.len(), |i| values[block_cells[i] as usize]);
             file.variables

@@ -7,13 +7,8 @@ use super::{
 use crate::export::meshers::groups::NamedSides;
 use crate::export::meshers::simplices::SimplexMesh;
 use crate::export::names::ExportNames;
+use crate::mesh_file::formats::exodus::{SHELL_FACE_COUNT, TETRAHEDRON_SIDES, TRIANGLE_SIDES};
 use crate::model::reservoir::Model;
-
-/// Side of an element opposite its corner k: of a tetrahedron, and of a triangle.
-const SIDE_OPPOSITE: [[i32; 4]; 2] = [[2, 3, 1, 4], [2, 3, 1, 0]];
-/// Number of faces of a shell, which come before its edges. A triangle outside the plane z = 0 is a
-/// shell.
-const SHELL_FACE_COUNT: i32 = 2;
 
 /// Returns the mesh with the simplices of a model.
 pub fn exodus_mesh(model: &Model, names: &ExportNames, mesh: &SimplexMesh) -> ExodusMesh {
@@ -87,8 +82,8 @@ pub fn exodus_mesh(model: &Model, names: &ExportNames, mesh: &SimplexMesh) -> Ex
 
 /// Returns the side set of a group. `elements` has the element number of each cell.
 fn side_set(mesh: &SimplexMesh, group: &NamedSides, elements: &[i32], dim: usize) -> SideSet {
-    let opposite = SIDE_OPPOSITE[usize::from(mesh.corner_count == 3)];
-    let shell_offset = if mesh.corner_count == 3 && dim == 3 {
+    let has_triangles = mesh.corner_count == 3;
+    let shell_offset = if has_triangles && dim == 3 {
         SHELL_FACE_COUNT
     } else {
         0
@@ -97,8 +92,13 @@ fn side_set(mesh: &SimplexMesh, group: &NamedSides, elements: &[i32], dim: usize
     for (i, &cell) in group.cells.iter().enumerate() {
         let side = group.sides.get(i);
         let corners = mesh.get(cell as usize);
-        let corner = corners.iter().position(|n| !side.contains(n));
-        let number = opposite[corner.unwrap_or(0)] + shell_offset;
+        let corner = corners.iter().position(|n| !side.contains(n)).unwrap_or(0);
+        let opposite = if has_triangles {
+            TRIANGLE_SIDES.iter().position(|s| !s.contains(&corner))
+        } else {
+            TETRAHEDRON_SIDES.iter().position(|s| !s.contains(&corner))
+        };
+        let number = (opposite.unwrap_or(0) + 1 + shell_offset) as i32;
         let mut nodes = Vec::new();
         mesh.visit_nodes(side, |n| nodes.push(n as i32 + 1));
         set.add(elements[cell as usize], number, nodes);

@@ -89,7 +89,8 @@ const MIN_STRONG_SHARE: f64 = 0.15;
 /// Returns the largest slope of scanned planes, whose horizontal normal is `normal` and which are sheared
 /// along the axis `crossed_axis`, at which the fault still dips by `min_dip` degrees.
 fn max_scan_slope<const D: usize>(
-    (dips, vertical): (&WorldDip<D>, usize),
+    dips: &WorldDip<D>,
+    vertical: usize,
     min_dip: f64,
     normal: [f64; D],
     crossed_axis: usize,
@@ -140,13 +141,13 @@ fn find_on_grid<const D: usize>(
                 Some(_) => (samples, rms.smoothed),
                 None => (input.samples(1.0)?, rms.unsmoothed),
             };
-            network::likelihood(&amplitude, (vertical, rms), cancel)?
+            network::likelihood(&amplitude, vertical, rms, cancel)?
         }
         FaultEvidence::Semblance => {
             let max_slope = |normal, crossed_axis| {
-                max_scan_slope((&dips, vertical), min_dip, normal, crossed_axis)
+                max_scan_slope(&dips, vertical, min_dip, normal, crossed_axis)
             };
-            semblance::likelihood(&samples, (&layers, rms.smoothed), live, max_slope, cancel)?
+            semblance::likelihood(&samples, &layers, rms.smoothed, live, max_slope, cancel)?
         }
     };
     notes.push(format!(
@@ -567,8 +568,7 @@ mod tests {
                 assert_eq!(normals.main_axis(), vertical);
                 let max_slope = |_, _| super::scan::MAX_DIP_SLOPE;
                 let likelihood =
-                    likelihood(&samples, (&normals, rms.smoothed), None, max_slope, cancel)
-                        .unwrap();
+                    likelihood(&samples, &normals, rms.smoothed, None, max_slope, cancel).unwrap();
                 let at = normals.normal_at([20.3, 17.7, 155.5]);
                 (likelihood.as_slice().to_vec(), rms, at)
             };

@@ -67,7 +67,8 @@ pub const HALO_LAYERS: usize =
 /// Returns the errors of reading layers of `amplitude`.
 pub fn likelihood<'a, const D: usize>(
     amplitude: &Samples<'a, D>,
-    (normals, rms): (&NormalField<D>, f32),
+    normals: &NormalField<D>,
+    rms: f32,
     live: Option<&LiveMask<D>>,
     max_slope: impl Fn([f64; D], usize) -> f64,
     cancel: &CancelToken<'_>,
@@ -89,10 +90,12 @@ pub fn likelihood<'a, const D: usize>(
             |fault_normal, stride| {
                 let weights = weights.as_deref();
                 side_energies(
-                    (balanced, weights),
+                    balanced,
+                    weights,
                     normals,
                     fault_normal,
-                    (vertical, stride),
+                    vertical,
+                    stride,
                     cancel,
                 )
             },
@@ -170,10 +173,12 @@ fn half_disc_taps<const D: usize>(axis: usize, fault_normal: [f64; D]) -> Vec<Di
 /// with the horizontal normal `fault_normal`, one through each sample of every `stride`-th plane
 /// along `vertical`.
 fn side_energies<const D: usize>(
-    (balanced, weights): (LayerStack<'_, D>, Option<&[f32]>),
+    balanced: LayerStack<'_, D>,
+    weights: Option<&[f32]>,
     normals: &NormalField<D>,
     fault_normal: [f64; D],
-    (vertical, stride): (usize, usize),
+    vertical: usize,
+    stride: usize,
     cancel: &CancelToken<'_>,
 ) -> [Vec<f32>; 2] {
     let amplitude = balanced.volume;

@@ -6,6 +6,7 @@
 
 use super::grid::TraceGrid;
 use super::survey_fit::SurveyFit;
+use crate::geometry::statistics::upper_median;
 use crate::geometry::{dot, norm, sub};
 
 /// Largest difference of a step from the first step of its line, relative to that step. Coordinates
@@ -43,8 +44,7 @@ pub fn line_numbers(positions: &[[f64; 2]]) -> Option<[Vec<i32>; 2]> {
     offsets.sort_by(f64::total_cmp);
     let gaps = offsets.windows(2).map(|pair| pair[1] - pair[0]);
     let mut gaps: Vec<f64> = gaps.filter(|gap| *gap > 0.05 * pitch).collect();
-    gaps.sort_by(f64::total_cmp);
-    let gap = *gaps.get(gaps.len() / 2)?;
+    let gap = upper_median(&mut gaps)?;
     let span = offsets[offsets.len() - 1] - offsets[0];
     let spacing = span / (span / gap).round().max(1.0);
     let cell = |p: &[f64; 2]| {

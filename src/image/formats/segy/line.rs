@@ -4,6 +4,7 @@ use super::bytes::SegyBytes;
 use super::grid::{LineNumbers, NO_TRACE, TraceGrid};
 use super::survey::{SegySurvey, scale_coordinates};
 use super::trace_headers::TraceHeaders;
+use crate::geometry::statistics::upper_median;
 use crate::geometry::{dot, norm};
 use crate::image::Geometry;
 
@@ -51,12 +52,10 @@ impl TraceSteps {
         let step = |p: &[[f64; 2]]| [p[1][0] - p[0][0], p[1][1] - p[0][1]];
         let steps: Vec<[f64; 2]> = positions.windows(2).map(step).collect();
         let lengths: Vec<f64> = steps.iter().map(|&step| norm(step)).collect();
-        let mut sorted = lengths.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        let jumps = sorted
-            .last()
-            .is_some_and(|&last| last > MAX_STEP_RATIO * median);
+        let median = upper_median(&mut lengths.clone()).unwrap_or(0.0);
+        let jumps = lengths
+            .iter()
+            .any(|&length| length > MAX_STEP_RATIO * median);
         let moves: Vec<[f64; 2]> = steps.into_iter().filter(|s| *s != [0.0; 2]).collect();
         let turns = moves
             .windows(2)

@@ -1,6 +1,7 @@
 //! Fits the affine map that places a survey to the coordinates of all traces.
 
 use crate::geometry::hypot;
+use crate::geometry::statistics::upper_median;
 use serde::Serialize;
 
 /// Largest share of the traces whose coordinates may be far off.
@@ -87,11 +88,9 @@ impl SurveyFit {
             let residuals: Vec<f64> = (known.iter())
                 .map(|&t| fit.residual(cells[t], positions[t]))
                 .collect();
-            let mut sorted = residuals.clone();
-            sorted.sort_by(f64::total_cmp);
+            let median = upper_median(&mut residuals.clone())?;
             let spacing = fit.line_spacing();
-            let limit = (OUTLIER_RATIO * sorted[sorted.len() / 2])
-                .max(OUTLIER_SPACING * spacing[0].min(spacing[1]));
+            let limit = (OUTLIER_RATIO * median).max(OUTLIER_SPACING * spacing[0].min(spacing[1]));
             let near: Vec<usize> = known
                 .iter()
                 .zip(&residuals)

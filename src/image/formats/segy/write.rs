@@ -81,7 +81,7 @@ pub fn write_like(
     let layout = &survey.file;
     let (sample_type, format_code) = written_format(float, layout.encoding.sample_type);
     let cell_of_trace = cell_of_trace(grid, layout.trace_count);
-    let notes = notes_on_samples(layout, image, &cell_of_trace, (float, sample_type));
+    let notes = notes_on_samples(layout, image, &cell_of_trace, float, sample_type);
     let (head, tail) = read_head_and_tail(layout, template, format_code)?;
     let encoding = Encoding {
         sample_type,
@@ -160,7 +160,8 @@ fn notes_on_samples(
     layout: &SegyFile,
     image: &Image<3>,
     cell_of_trace: &[usize],
-    (float, sample_type): (Option<SegyFloat>, SampleType),
+    float: Option<SegyFloat>,
+    sample_type: SampleType,
 ) -> Vec<String> {
     let mut notes = Vec::new();
     let original = layout.encoding.sample_type;

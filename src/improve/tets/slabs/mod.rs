@@ -244,8 +244,8 @@ pub fn slabs_of_rank(slabs: usize, comm: &dyn Comm) -> Range<usize> {
 /// Makes the slabs of each rank follow the features and removes their slivers, as [`improve`] does
 /// with a whole mesh.
 ///
-/// `delaunay` has the Delaunay tetrahedra of the known atoms, at least those of the rank's [own
-/// slabs](slabs_of_rank), and their neighbours. The first node of each tetrahedron must be the one
+/// `tets` are the Delaunay tetrahedra of the known atoms, at least those of the rank's [own
+/// slabs](slabs_of_rank), with their neighbours. The first node of each tetrahedron must be the one
 /// with the smallest index.
 ///
 /// # Errors
@@ -254,7 +254,8 @@ pub fn slabs_of_rank(slabs: usize, comm: &dyn Comm) -> Range<usize> {
 /// [`improve`]: super::improve
 pub fn improve_in_slabs(
     known: KnownAtoms,
-    delaunay: (Vec<[u32; 4]>, Vec<[u32; 4]>),
+    tets: Vec<[u32; 4]>,
+    neighbors: Vec<[u32; 4]>,
     cuts: &SlabCuts,
     context: ImproveContext<'_>,
     comm: &dyn Comm,
@@ -263,8 +264,14 @@ pub fn improve_in_slabs(
     let (slabs, bands) = (cuts.count(), cuts.positions.len());
     let own_slabs = slabs_of_rank(slabs, comm);
     let atom_count = known.global_count;
-    let (regions_of_rank, below_target_before) =
-        regions(delaunay, cuts, &own_slabs, known, context.target_sine());
+    let (regions_of_rank, below_target_before) = regions(
+        tets,
+        neighbors,
+        cuts,
+        &own_slabs,
+        known,
+        context.target_sine(),
+    );
     let (mut slab_parts, mut band_parts) = (Vec::new(), Vec::new());
     for (i, part) in regions_of_rank.into_iter().enumerate() {
         [&mut slab_parts, &mut band_parts][i % 2].push(part);
@@ -395,7 +402,8 @@ fn owner(slab: usize, slabs: usize, count: usize) -> usize {
 /// Returns the regions of some slabs and of the bands after them, each as a part, and the number of
 /// their tetrahedra whose smallest sine is below `sine`.
 fn regions(
-    (tets, neighbors): (Vec<[u32; 4]>, Vec<[u32; 4]>),
+    tets: Vec<[u32; 4]>,
+    neighbors: Vec<[u32; 4]>,
     cuts: &SlabCuts,
     own_slabs: &Range<usize>,
     known: KnownAtoms,

@@ -37,7 +37,9 @@ fn area_on_features(mesh: &TetMesh, marks: &[u8]) -> f64 {
 /// Checks that faces cover the planes as well as in a mesh that is not cut.
 fn assert_faces_cover_planes(
     cut: &SlabResult,
-    (mesh, neighbors, kinds): (&TetMesh, &[[u32; 4]], &[AtomKind]),
+    mesh: &TetMesh,
+    neighbors: &[[u32; 4]],
+    kinds: &[AtomKind],
     context: ImproveContext<'_>,
 ) {
     let (mut mesh, mut neighbors, mut kinds) = (mesh.clone(), neighbors.to_vec(), kinds.to_vec());
@@ -84,9 +86,9 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     };
     let improve = |comm: &dyn Comm| {
         let atoms = atoms();
-        let delaunay = (mesh.tets.clone(), neighbors.clone());
+        let (tets, neighbors) = (mesh.tets.clone(), neighbors.clone());
         let cancel = &CancelToken::never();
-        improve_in_slabs(atoms, delaunay, &cuts, context, comm, cancel).unwrap()
+        improve_in_slabs(atoms, tets, neighbors, &cuts, context, comm, cancel).unwrap()
     };
     let serial = improve(&SelfComm);
     let SlabResult {
@@ -106,7 +108,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     assert!(checked.passed(), "{:?}", checked.problems);
     assert!(report.below_target_before > 100 && report.counts.intersecting_before > 50);
     assert_eq!(report.below_target_after, 0);
-    assert_faces_cover_planes(&serial, (&mesh, &neighbors, &kinds), context);
+    assert_faces_cover_planes(&serial, &mesh, &neighbors, &kinds, context);
 
     for count in [2, 3, 5] {
         let results = run_threads(count, |comm| {

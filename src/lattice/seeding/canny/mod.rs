@@ -21,6 +21,7 @@ use crate::feature::voxel_index::CandidateIndex;
 use crate::geometry::dot;
 use crate::geometry::eigen::{SymmetricMatrix, eigenvalues};
 use crate::geometry::grid_index::{block_rows, index_at, offset_of};
+use crate::geometry::statistics::upper_quantile;
 use crate::image::ScalarField;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, from_atoms};
@@ -396,14 +397,9 @@ fn noise_level<const D: usize>(image: Volume<'_, D>, curvatures: &[f32]) -> f32 
     (NOISE_FACTORS[0] * quiet_level).min(NOISE_FACTORS[1] * laplacian_change)
 }
 
-/// Returns the value below which the given fraction of all values lies; 0 if there are no values.
-fn quantile(mut values: Vec<f32>, fraction: f64) -> f32 {
-    let rank = (fraction * values.len() as f64) as usize;
-    if values.is_empty() {
-        0.0
-    } else {
-        *values.select_nth_unstable_by(rank, f32::total_cmp).1
-    }
+/// Returns the value below which the given share of all values lies; 0 if there are no values.
+fn quantile(mut values: Vec<f32>, share: f64) -> f32 {
+    upper_quantile(&mut values, share).unwrap_or(0.0)
 }
 
 /// Adds points of a regular grid fitted to the box: its corners, those on its sides, and in the

@@ -16,8 +16,9 @@ mod sphere;
 pub mod triangulation;
 mod wide;
 
-use super::{DelaunayTets, Kernel, OUTSIDE, delaunay_error};
+use super::{DelaunayTets, Kernel, delaunay_error};
 use crate::error::Result;
+use crate::geometry::NONE;
 use crate::geometry::bounding_box;
 use crate::parallel::prelude::*;
 use insertion_order::insertion_order;
@@ -116,11 +117,7 @@ fn compacted(cells: Vec<Cell>, numbers: &[u32], with_neighbors: bool) -> Delauna
     for cell in &cells {
         let is_finite = cell.is_finite();
         if with_neighbors {
-            new_index.push(if is_finite {
-                tets.len() as u32
-            } else {
-                OUTSIDE
-            });
+            new_index.push(if is_finite { tets.len() as u32 } else { NONE });
         }
         if is_finite {
             tets.push(cell.vertices.map(|v| numbers[v as usize]));
@@ -128,7 +125,7 @@ fn compacted(cells: Vec<Cell>, numbers: &[u32], with_neighbors: bool) -> Delauna
     }
     let mut neighbors = Vec::with_capacity(if with_neighbors { tets.len() } else { 0 });
     if with_neighbors {
-        let finite = (cells.iter().zip(&new_index)).filter(|(_, index)| **index != OUTSIDE);
+        let finite = (cells.iter().zip(&new_index)).filter(|(_, index)| **index != NONE);
         neighbors
             .extend(finite.map(|(cell, _)| cell.neighbors.map(|n| new_index[(n >> 2) as usize])));
     }

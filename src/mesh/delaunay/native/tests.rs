@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::geometry::NONE;
 use crate::geometry::random::Random;
 use crate::mesh::delaunay::canonical::sort_canonical;
 
@@ -86,7 +87,7 @@ fn assert_is_delaunay(name: &str, points: &[[f64; 3]], all: &DelaunayTets) {
     for (t, (tet, neighbors)) in all.tets.iter().zip(&all.neighbors).enumerate() {
         assert_eq!(orientation(tet.map(|n| point(n).x)), 1, "{name}");
         for (k, &n) in neighbors.iter().enumerate() {
-            if n == OUTSIDE {
+            if n == NONE {
                 hull.push((t, k));
                 continue;
             }

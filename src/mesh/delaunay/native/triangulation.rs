@@ -16,16 +16,13 @@
 
 use super::predicates::{self, Grid, WeightedPoint, in_sphere, orientation};
 use super::sphere::{LinkVertex, Sphere};
+use crate::geometry::NONE;
 use crate::geometry::{sorted, sub};
 
 /// The vertex at infinity. Points have the vertices 1, 2, ...
 pub const GHOST: u32 = 0;
 /// Vertices of a removed cell. It counts as a ghost.
 const REMOVED: [u32; 4] = [GHOST; 4];
-/// Stands for a cell that does not exist.
-const NO_CELL: u32 = u32::MAX;
-/// Stands for a vertex that is not on the boundary of the cavity.
-const NOT_LOCAL: u32 = u32::MAX;
 /// Vertices of the cavity's boundary for which edges are found by a table; its size is the square
 /// of this.
 const MAX_TABLE_VERTICES: usize = 128;
@@ -175,7 +172,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
             self.weights.push(point.weight);
         }
         self.numbers.push(number);
-        self.local_index.push(NOT_LOCAL);
+        self.local_index.push(NONE);
         self.points.len() as u32 - 1
     }
 
@@ -261,7 +258,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
     /// Returns a cell that contains the point, or a ghost cell whose half-space does.
     fn locate(&self, x: [f64; 3], near: u32) -> u32 {
         let mut current = near;
-        let mut previous = NO_CELL;
+        let mut previous = NONE;
         let mut first_corner = 0;
         'walk: loop {
             let cell = &self.cells[current as usize];
@@ -413,7 +410,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
             self.connect_by_sorting();
         }
         for &v in &self.link {
-            self.local_index[v as usize] = NOT_LOCAL;
+            self.local_index[v as usize] = NONE;
         }
         for &slot in &self.cavity {
             self.cells[slot as usize].vertices = REMOVED;
@@ -497,7 +494,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
     #[inline(always)]
     fn link_index(&mut self, v: u32, vertex: u32, centre: [f64; 3]) -> u32 {
         let local = &mut self.local_index[v as usize];
-        if *local != NOT_LOCAL {
+        if *local != NONE {
             return *local;
         }
         *local = self.link.len() as u32;

@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 use super::super::facets::FacetComplex;
 use super::AmplitudeSpace;
 use crate::geometry::cell_list::CellList;
+use crate::geometry::statistics::upper_median;
 use crate::geometry::{add_scaled, distance2, dot, norm, normal, sub, unit};
-use crate::image::contrast::median;
 use crate::image::fault_traces::{FaultPoint, MAX_LAG};
 
 /// Distances (samples) of the faces of horizons from the fault.
@@ -242,7 +242,7 @@ fn add_votes(foot: &Cutoff, hanging: &Cutoff, votes: &mut Vec<Vote>) -> bool {
         })
         .collect();
     let mut sizes: Vec<f64> = throws.iter().map(|throw| throw.1.abs()).collect();
-    let median = median(&mut sizes);
+    let median = upper_median(&mut sizes);
     if throws.len() < MIN_BINS || median.is_none_or(|size| size > MAX_LAG as f64) {
         return false;
     }

@@ -23,6 +23,7 @@ use serde::Serialize;
 
 use super::facets::FacetComplex;
 use super::{SurfaceKind, Surfaces};
+use crate::geometry::statistics::weighted_quantiles;
 use crate::geometry::{dot, norm, normal, unit};
 use crate::image::contrast::{AmplitudeScale, fault_confidence, random_contrast};
 use crate::image::fault_traces::{FaultPoint, MAX_LAG, best_lag};
@@ -335,8 +336,7 @@ impl<'a, const D: usize> AmplitudeSpace<'a, D> {
             .filter_map(|(lag, &area)| lag.map(|(lag, peak)| [lag * scale, peak, area]))
             .filter(|m| m[1] >= MIN_CORRELATION)
             .collect();
-        let random_contrast =
-            random_contrast(&points, (self.image, self.vertical, self.scale.mean));
+        let random_contrast = random_contrast(&points, self.image, self.vertical, self.scale.mean);
         let confidence = |contrast: f64| fault_confidence(contrast, random_contrast);
         let contrasts = correlations.iter().zip(&areas);
         let (contrasts, contrast_areas): (Vec<f64>, Vec<f64>) = contrasts
@@ -466,25 +466,6 @@ fn horizon_throw_of(pairs: &PairThrows, areas: &[f64], scale: f64) -> Option<Hor
         pairs: pairs.pairs,
         area_share: known_area / areas.iter().sum::<f64>(),
     })
-}
-
-/// Returns the values below which these shares of the weight lie, from pairs of a value and its weight;
-/// `None` without any.
-fn weighted_quantiles<const N: usize>(
-    mut values: Vec<[f64; 2]>,
-    shares: [f64; N],
-) -> Option<[f64; N]> {
-    values.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let last = values.last()?[0];
-    let total: f64 = values.iter().map(|[_, weight]| weight).sum();
-    Some(shares.map(|share| {
-        let mut below = 0.0;
-        let found = values.iter().find(|[_, weight]| {
-            below += weight;
-            below >= share * total
-        });
-        found.map_or(last, |[value, _]| *value)
-    }))
 }
 
 /// Returns the faces that share a ridge with each face.

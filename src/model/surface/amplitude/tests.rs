@@ -365,13 +365,3 @@ fn throws_of_both_signs_are_doubtful_and_the_median_ignores_outliers() {
     assert!(!throw_of(&faces(-36.0), 200.0).unwrap().is_doubtful);
     assert_eq!(throw_of(&[], 200.0), None);
 }
-
-#[test]
-fn quantiles_are_weighted_by_area() {
-    let values = vec![[5.0, 1.0], [1.0, 3.0], [9.0, 1.0]];
-    assert_eq!(
-        weighted_quantiles(values, [0.05, 0.5, 0.95]),
-        Some([1.0, 1.0, 9.0])
-    );
-    assert_eq!(weighted_quantiles(Vec::new(), [0.5]), None);
-}

@@ -3,6 +3,7 @@
 use super::{ObjectList, missing_element_error, node_sets, nodes, side_sets};
 use crate::geometry::sorted;
 use crate::mesh::renumber::new_numbers;
+use crate::mesh_file::formats::exodus::{ELEMENT_TYPE, ELEMENTS, ELEMENTS_OF_FACES, FACES};
 use crate::store::foreign::groups::{CellGroups, Combinations, Group, GroupNames, GroupedFaces};
 use crate::store::foreign::netcdf::NetcdfReader;
 use crate::store::foreign::{
@@ -15,11 +16,15 @@ use crate::store::named_sets::NamedSets;
 pub fn read(file: &NetcdfReader, blocks: &ObjectList) -> ReadResult<NotedMesh> {
     let mut faces: Vec<Vec<u32>> = Vec::new();
     for block in 1.. {
-        let connect = format!("fbconn{block}");
+        let connect = format!("{}{block}", FACES.list);
         if file.shape(&connect).is_none() {
             break;
         }
-        faces.extend(read_lists(file, &connect, &format!("fbepecnt{block}"))?);
+        faces.extend(read_lists(
+            file,
+            &connect,
+            &format!("{}{block}", FACES.counts),
+        )?);
     }
     let mut combinations = Combinations::default();
     let mut block_names = GroupNames::new();
@@ -71,18 +76,20 @@ fn read_blocks(
     let (mut cells, mut groups): (Vec<Vec<u32>>, Vec<u32>) = (Vec::new(), Vec::new());
     for (block, &id) in blocks.ids.iter().enumerate() {
         let [face_array, node_array] =
-            ["facconn", "connect"].map(|name| format!("{name}{}", block + 1));
+            [&ELEMENTS_OF_FACES, &ELEMENTS].map(|names| format!("{}{}", names.list, block + 1));
         let group = Group::Physical(id);
         blocks.add_name(block, group, names);
         if file.shape(&face_array).is_some() {
             cells.extend(read_lists(
                 file,
                 &face_array,
-                &format!("ebepecnt{}", block + 1),
+                &format!("{}{}", ELEMENTS_OF_FACES.counts, block + 1),
             )?);
             groups.resize(cells.len(), combinations.number(&[group]));
         } else if file.shape(&node_array).is_some() {
-            let kind = file.attribute(&node_array, "elem_type").unwrap_or_default();
+            let kind = file
+                .attribute(&node_array, ELEMENT_TYPE)
+                .unwrap_or_default();
             return Err(FileProblem {
                 problem: format!(
                     "block {id} has elements '{kind}', but other blocks have cells that are lists of faces"

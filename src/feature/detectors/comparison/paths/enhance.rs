@@ -19,6 +19,7 @@ use super::marching::{Queue, fast_marching};
 use crate::error::{Error, Result, cause};
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
+use crate::geometry::NONE;
 use crate::geometry::random::uniform;
 use crate::geometry::sorted_distinct;
 use crate::image::Geometry;
@@ -40,9 +41,6 @@ const GRADIENT_WEIGHT: f32 = 0.1;
 
 /// Largest number of rejected draws per requested point.
 const MAX_REJECTED_DRAWS: usize = 10_000;
-
-/// Marks the absence of a sample.
-const NO_SAMPLE: u32 = u32::MAX;
 
 /// Enhances the edges of an object in the image `smoothed`.
 ///
@@ -177,7 +175,7 @@ fn path_counts<const D: usize>(
             let mut passed = Vec::new();
             for &sink in sinks {
                 let mut at = sink as u32;
-                while at != NO_SAMPLE {
+                while at != NONE {
                     passed.push(at);
                     at = previous[at as usize];
                 }
@@ -202,7 +200,7 @@ fn shortest_path_tree<const D: usize>(
     cancel: &CancelToken<'_>,
 ) -> Vec<u32> {
     let mut cost = vec![f32::INFINITY; weights.len()];
-    let mut previous = vec![NO_SAMPLE; weights.len()];
+    let mut previous = vec![NONE; weights.len()];
     let targets = sorted_distinct(sinks.iter().copied());
     let mut remaining = targets.len();
     let mut queue = Queue::default();
@@ -282,7 +280,7 @@ fn closed_path_through<const D: usize>(
     };
     // Sample i of the second copy has the index samples + i.
     let mut cost = vec![f32::INFINITY; 2 * samples];
-    let mut previous = vec![NO_SAMPLE; 2 * samples];
+    let mut previous = vec![NONE; 2 * samples];
     let mut queue = Queue::default();
     cost[first] = 0.0;
     queue.push(0.0, first);
@@ -309,12 +307,12 @@ fn closed_path_through<const D: usize>(
     }
     // The path is followed back to its start. If it meets a sample in both copies, it has gone
     // around once in between; the part before is the way to the loop and back.
-    let mut position_on_path = vec![NO_SAMPLE; samples];
+    let mut position_on_path = vec![NONE; samples];
     let mut path: Vec<usize> = Vec::new();
     let mut node = (samples + first) as u32;
-    while node != NO_SAMPLE {
+    while node != NONE {
         let i = node as usize % samples;
-        if position_on_path[i] != NO_SAMPLE {
+        if position_on_path[i] != NONE {
             return Some(path.split_off(position_on_path[i] as usize));
         }
         position_on_path[i] = path.len() as u32;

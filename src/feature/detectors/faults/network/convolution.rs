@@ -29,7 +29,8 @@ impl SourceWeights {
     /// channel and output; `taps` are the taps' numbers (x fastest).
     pub fn new(
         weights: &[f32],
-        (all, range): (usize, Range<usize>),
+        all: usize,
+        range: Range<usize>,
         outputs: usize,
         taps: &[usize],
     ) -> Self {

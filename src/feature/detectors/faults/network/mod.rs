@@ -53,7 +53,8 @@ pub const HALO_LAYERS: usize = NETWORK_REACH + super::semblance::BALANCE_REACH;
 /// Returns the errors of reading layers of `amplitude`.
 pub fn likelihood<'a, const D: usize>(
     amplitude: &Samples<'a, D>,
-    (vertical, rms): (usize, f32),
+    vertical: usize,
+    rms: f32,
     cancel: &CancelToken<'_>,
 ) -> Result<Samples<'a, D>> {
     if D == 2 {
@@ -192,7 +193,7 @@ impl WeightReader {
             .map(|count| {
                 let channels = first..first + count;
                 first += count;
-                SourceWeights::new(&weights, (all, channels), outputs, &self.taps)
+                SourceWeights::new(&weights, all, channels, outputs, &self.taps)
             })
             .collect();
         Convolution { sources, biases }

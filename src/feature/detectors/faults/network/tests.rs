@@ -136,7 +136,7 @@ fn convolution_adds_all_taps_and_channels_of_its_sources() {
         .map(|_| noise.normal() as f32)
         .collect();
     let taps: Vec<usize> = (0..27).collect();
-    let source = |range| SourceWeights::new(&weights, (inputs, range), outputs, &taps);
+    let source = |range| SourceWeights::new(&weights, inputs, range, outputs, &taps);
     let convolution = Convolution {
         sources: vec![source(0..2), source(2..5)],
         biases: vec![0.1, -0.2, 0.3],

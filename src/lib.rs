@@ -36,6 +36,7 @@
 //! edit          edits of a mesh: atoms are added, moved and removed
 //! assess        quality of a mesh from a file, and a page with it
 //! surfaces      surfaces of a mesh, also by the features of an image
+//! job_files     a job with the files that it reads and writes
 //! cli           the command line (feature `cli`)
 //! ```
 //!
@@ -83,6 +84,7 @@ pub(crate) mod geometry;
 pub mod image;
 pub mod improve;
 pub mod job;
+pub mod job_files;
 pub mod lattice;
 pub mod memory;
 pub mod mesh;
@@ -101,6 +103,9 @@ pub(crate) mod units;
 pub(crate) mod well_file;
 
 pub use assess::{QualitySpec, ReportSpec, quality, report};
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub use cli::option_table;
 pub use edit::{EditSpec, edit};
 pub use error::{Error, ErrorKind, Result};
 pub use export::convert::{ConvertSpec, convert};

@@ -3,11 +3,8 @@
 //! - [`args`]: the command line as a whole
 //! - [`verbs`]: the verbs, one file each with its arguments and its code
 //! - [`common`]: code that several verbs share
-//! - [`job_files`]: the files of a job of `mesh`
-//! - [`parse`]: parsers of option values
-//! - [`provenance`]: the hash of the input
-//! - [`console`]: the console, through which verbs read, write and print
-//! - [`host`]: the interface to other front ends
+//! - `option_table`: the options of all verbs as JSON
+//! - [`console`]: the console, on which verbs print
 //! - [`interrupts`]: handling of Ctrl-C
 //! - `time_left`: the progress of a mesh job, and an upper bound of its time left
 //! - [`allocator`]: the memory allocator, which also ends the process if there is no memory left
@@ -16,16 +13,14 @@ pub mod allocator;
 pub mod args;
 pub mod common;
 pub mod console;
-pub mod host;
 pub mod interrupts;
-pub mod job_files;
-pub mod parse;
-pub mod provenance;
+mod option_table;
 mod time_left;
 pub mod verbs;
 
 #[doc(hidden)]
 pub use crate::comm::world;
+pub use option_table::option_table;
 
 use std::mem::ManuallyDrop;
 use std::process::ExitCode;
@@ -140,16 +135,13 @@ fn run_process(line: &CommandLine, join: Option<world::JoinFn>) -> ExitCode {
 ///
 /// # Errors
 /// Returns the errors of the verb.
-pub fn run_with_console(
-    line: &CommandLine,
-    interrupts: &Interrupts,
-    console: &mut Console,
-) -> Result<VerbStatus> {
+pub fn run(line: &CommandLine) -> Result<VerbStatus> {
     let group = ProcessGroup {
         comm: &SelfComm,
         has_mpi: false,
     };
-    run_in_group(line, interrupts, console, group)
+    let console = &mut Console::new(&line.common, group.comm);
+    run_in_group(line, &Interrupts::default(), console, group)
 }
 
 /// Runs the parsed command line in one process of `group`.

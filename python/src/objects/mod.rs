@@ -8,25 +8,24 @@ mod surfaces;
 
 use std::sync::Arc;
 
-use atomesh::cli::host::MemoryOutput;
-use atomesh::image::formats::AnyImage;
+use atomesh::surface_file::AnySurfaces;
 use pyo3::prelude::*;
 
+use crate::memory::Output;
 pub use image::{Image, hash};
 pub use mesh::Mesh;
 pub use surfaces::Surfaces;
 
 /// Converts a result in memory to a Python object.
-pub fn to_python<'py>(py: Python<'py>, output: MemoryOutput) -> PyResult<Bound<'py, PyAny>> {
+pub fn to_python(py: Python<'_>, output: Output) -> PyResult<Bound<'_, PyAny>> {
     Ok(match output {
-        MemoryOutput::Mesh(mesh) => Bound::new(py, Mesh::from(*mesh))?.into_any(),
-        MemoryOutput::Plane(image) => {
-            Bound::new(py, Image(Arc::new(AnyImage::Plane(image.into()))))?.into_any()
+        Output::Mesh(mesh) => Bound::new(py, Mesh::from(mesh))?.into_any(),
+        Output::Image(image) => Bound::new(py, Image(Arc::new(image)))?.into_any(),
+        Output::Surfaces(AnySurfaces::Curves(file)) => {
+            Bound::new(py, Surfaces::from(&file))?.into_any()
         }
-        MemoryOutput::Space(image) => {
-            Bound::new(py, Image(Arc::new(AnyImage::Space(image.into()))))?.into_any()
+        Output::Surfaces(AnySurfaces::Surfaces(file)) => {
+            Bound::new(py, Surfaces::from(&file))?.into_any()
         }
-        MemoryOutput::Curves(file) => Bound::new(py, Surfaces::from(&file))?.into_any(),
-        MemoryOutput::Surfaces(file) => Bound::new(py, Surfaces::from(&file))?.into_any(),
     })
 }

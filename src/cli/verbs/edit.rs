@@ -1,15 +1,16 @@
 //! The verb `edit`: adds, moves and removes atoms, and meshes only their neighbourhood again.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
 use crate::Result;
 use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::{check_output, file_report, path_text};
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
 use crate::edit::{EditSpec, input_options};
+use crate::files::output::{file_report, path_text};
+use crate::image::formats::{InputOptions, file_hash, read_with_options};
 use crate::job::MeshSpec;
 use crate::progress::Stage;
 use crate::report::Clock;
@@ -33,19 +34,15 @@ pub struct EditArgs {
 
 /// Runs the verb.
 pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let spec = &args.spec;
-    let mut inputs: Vec<&Path> = vec![&args.mesh, &args.image];
-    inputs.extend(spec.edits.as_deref());
-    check_output(&args.output, "--output", &["vtu"], &inputs)?;
-    spec.validate()?;
+    let (spec, output) = (&args.spec, args.output.as_path());
+    spec.check_files(&args.mesh, &args.image, output)?;
     let mut clock = Clock::new();
     console.begin_stage(Stage::Reading);
     clock.begin(Stage::Reading);
     let mesh = console.read_mesh(&args.mesh)?;
-    let mesh_name = path_text(&args.mesh);
-    let input = input_options(&mesh, &mesh_name, &spec.input)?;
-    let image = console.read_image(&args.image, &input)?;
-    let sha256 = Some(console.hash(&args.image)?);
+    let input = input_options(&mesh, &path_text(&args.mesh), &spec.input)?;
+    let image = read_with_options(&args.image, &input).map_err(with_option_name::<InputOptions>)?;
+    let sha256 = Some(file_hash(&args.image)?);
     clock.end();
     let (mesh, image) = ((mesh, args.mesh.as_path()), (image, args.image.as_path()));
     let outcome = console.run_on_mesh_and_image(
@@ -61,15 +58,13 @@ pub fn edit(args: &EditArgs, interrupts: &Interrupts, console: &mut Console) -> 
     )?;
     console.begin_stage(Stage::Writing);
     clock.begin(Stage::Writing);
-    console.write_any_mesh(&args.output, outcome.mesh)?;
+    outcome.mesh.write(output)?;
     clock.end();
     let mut report = outcome.report;
-    let stages = &mut report.summary.stages;
-    stages.splice(0..0, clock.costs()[..1].iter().cloned());
-    stages.extend_from_slice(&clock.costs()[1..]);
+    report.add_costs(clock.costs());
     console.result(
-        format_args!("{}\nwrote {}", report.table(), args.output.display()),
-        &file_report(&args.output, report.to_json()),
+        format_args!("{}\nwrote {}", report.table(), output.display()),
+        &file_report(output, report.to_json()),
     );
     Ok(())
 }

@@ -3,18 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::{Value, json};
 
 use crate::Result;
 use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::{
-    IMAGE_EXTENSIONS, check_output, file_report, format_dims, path_text, potential_image,
-};
+use crate::cli::common::output::format_dims;
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::image::formats::{AnyImage, LoadedImage};
+use crate::files::output::file_report;
+use crate::image::formats::{self, AnyImage, LoadedImage, read_with_options};
 use crate::job::FeatureSpec;
-use crate::job::{write_feature_lines, write_feature_points};
 
 /// Arguments of `atomesh feature`.
 #[derive(Debug, Args)]
@@ -33,19 +30,9 @@ pub struct FeatureArgs {
 /// Runs the verb.
 pub fn feature(args: &FeatureArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
     let spec = &args.spec;
-    check_output(&args.output, "--output", &IMAGE_EXTENSIONS, &[&args.image])?;
-    let inputs = [args.image.as_path(), &args.output];
-    if let Some(path) = &spec.lines {
-        check_output(path, "--lines", &["vtp"], &inputs)?;
-    }
-    if let Some(path) = &spec.points {
-        check_output(path, "--points", &["csv", "vtp"], &inputs)?;
-    }
-    if let Some(path) = &spec.confidence_out {
-        check_output(path, "--confidence-out", &IMAGE_EXTENSIONS, &inputs)?;
-    }
-    spec.validate().map_err(with_option_name::<FeatureSpec>)?;
-    match console.read_image(&args.image, &spec.input)? {
+    spec.check_files(&args.image, &args.output)
+        .map_err(with_option_name::<FeatureSpec>)?;
+    match read_with_options(&args.image, &spec.input).map_err(with_option_name::<FeatureSpec>)? {
         AnyImage::Plane(loaded) => detect_features(args, &loaded, interrupts, console),
         AnyImage::Space(loaded) => detect_features(args, &loaded, interrupts, console),
     }
@@ -57,50 +44,21 @@ fn detect_features<const D: usize>(
     interrupts: &Interrupts,
     console: &mut Console,
 ) -> Result<()> {
-    let spec = &args.spec;
-    for note in &loaded.notes {
-        console.note(note);
-    }
+    let (spec, output) = (&args.spec, args.output.as_path());
+    loaded.notes.iter().for_each(|note| console.note(note));
     loaded.image.check(&args.image.display().to_string())?;
-    let outcome = console.run(interrupts, |_, progress| {
-        crate::features(loaded, spec, progress).map_err(with_option_name::<FeatureSpec>)
-    })?;
-    let features = &outcome.features;
-    let geometry = &loaded.image.geometry;
-    if let (Some(path), Some(confidence)) = (&spec.confidence_out, &features.confidence) {
-        console.write_image(path, potential_image(confidence.clone(), geometry))?;
+    let outcome = crate::features(loaded, spec, &mut console.progress(interrupts))
+        .map_err(with_option_name::<FeatureSpec>)?;
+    let (features, geometry) = (&outcome.features, &loaded.image.geometry);
+    let others = outcome.write_others(spec, geometry)?;
+    let potential = features.potential.to_dense().into_image(geometry);
+    formats::write(output, &potential)?;
+    let dims = format_dims(&potential.dims());
+    let mut text = features.notes.join("\n");
+    text += &format!("\nwrote {}: {dims} samples", output.display());
+    for file in others {
+        text += &format!("\nwrote {file}");
     }
-    let (mut lines_text, mut lines_json) = (String::new(), Value::Null);
-    if let (Some(path), Some(lines), Some((summary, counts))) =
-        (&spec.lines, &outcome.lines, outcome.lines_summary())
-    {
-        write_feature_lines(path, lines, |x| geometry.to_physical(x))?;
-        lines_text = format!("\nwrote {}: {summary}", path.display());
-        lines_json = file_report(path, counts);
-    }
-    if let Some(path) = &spec.points {
-        write_feature_points(path, features, geometry)?;
-        let count = features.points.len();
-        lines_text += &format!("\nwrote {}: {count} points", path.display());
-    }
-    let potential = potential_image(features.potential.to_dense(), geometry);
-    let dims = potential.dims().to_vec();
-    console.write_image(&args.output, potential)?;
-    console.result(
-        format_args!(
-            "{}\nwrote {}: {} samples{lines_text}",
-            features.notes.join("\n"),
-            args.output.display(),
-            format_dims(&dims),
-        ),
-        &json!({
-            "file": path_text(&args.output),
-            "dims": dims,
-            "points": features.points.len(),
-            "sigma": features.sigma,
-            "notes": features.notes,
-            "lines": lines_json,
-        }),
-    );
+    console.result(text, &file_report(output, outcome.to_json(spec)));
     Ok(())
 }

@@ -4,14 +4,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
 
-use crate::cli::common::output::path_text;
+use crate::Result;
 use crate::cli::console::Console;
 use crate::cli::interrupts::Interrupts;
-use crate::error::cause;
+use crate::files::output::{file_report, path_text};
 use crate::model::validate::CheckerVerdict;
-use crate::{Error, Result};
 
 /// Arguments of `atomesh validate`.
 #[derive(Debug, Args)]
@@ -27,19 +25,7 @@ pub fn validate(args: &ValidateArgs, interrupts: &Interrupts, console: &mut Cons
         crate::validate(mesh, progress)
     })?;
     let lines: Vec<String> = verdicts.iter().map(CheckerVerdict::summary_line).collect();
-    let failed = verdicts
-        .iter()
-        .find_map(|v| Some((v.checker, v.problem.clone()?)));
-    console.result(
-        lines.join("\n"),
-        &json!({ "file": path_text(&args.mesh), "valid": failed.is_none(), "checks": verdicts }),
-    );
-    match failed {
-        None => Ok(()),
-        Some((checker, problem)) => Err(Error::Mesh(cause(
-            args.mesh.display(),
-            format!("{checker} finds it invalid: {problem}"),
-            "mesh the image again",
-        ))),
-    }
+    let report = file_report(&args.mesh, CheckerVerdict::to_json(&verdicts));
+    console.result(lines.join("\n"), &report);
+    CheckerVerdict::require_valid(&verdicts, &path_text(&args.mesh))
 }

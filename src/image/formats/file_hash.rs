@@ -1,13 +1,13 @@
-//! The provenance of a result: the hash of its input.
+//! The hash of the file or the folder of an image or a mesh.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
+use super::file_of_data_set;
 use crate::Result;
 use crate::error::io_error;
-use crate::image::formats::file_of_data_set;
 
 /// Returns the SHA-256 of a file, as `sha256sum` prints it. For a folder, it is the hash of the
 /// sorted names of its files, each followed by the content of the file.

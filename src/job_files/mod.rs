@@ -1,0 +1,317 @@
+//! A job with the files that it reads and writes, as `atomesh mesh` runs it.
+//!
+//! - `check`: which files the job reads and writes, and whether it may
+//! - `trace`: the lattices of the job as files
+//! - `others`: the files beside the mesh: report, page, surfaces, lines, potential
+
+mod check;
+mod others;
+mod trace;
+
+use std::panic::resume_unwind;
+use std::path::Path;
+use std::thread::{self, JoinHandle};
+
+use serde_json::Value;
+
+use crate::comm::{Comm, SelfComm};
+use crate::feature::FeatureKind;
+use crate::image::formats::stream::ImageStream;
+use crate::image::formats::{
+    AnyImage, LoadedImage, OpenedImage, ReadImage, file_hash, into_any_image, open,
+};
+use crate::image::{self, Image, ImageSource, Modality};
+use crate::job::{
+    Checkpoint, MeshSpace, MeshSpec, Meshing, Params, Provenance, RunOptions, run_from,
+};
+use crate::lattice::optimize::StopReason;
+use crate::memory;
+use crate::mesh::Simplices;
+use crate::mesh_file::AnyMesh;
+use crate::mesh_file::pvtu::is_pvtu;
+use crate::option_text::NumberOrFile;
+use crate::progress::{Progress, Stage};
+use crate::report::{Clock, Input, Report};
+use crate::store::input::time_warning;
+use crate::{Error, Result};
+pub(crate) use check::{check_files, output_path};
+use trace::TracedProgress;
+
+/// The image of a job, and the images that its options name.
+pub struct JobInput<'a> {
+    /// The name of the image, such as the path of its file.
+    pub name: &'a Path,
+    /// The image with the SHA-256 of its samples if it is in memory, and not in a file of this name.
+    pub image: Option<(AnyImage, String)>,
+    /// Reads the images that options name.
+    pub read_image: ReadImage<'a>,
+}
+
+/// A job whose files are written.
+#[non_exhaustive]
+pub struct FinishedJob {
+    /// The mesh, if it is kept in memory.
+    pub mesh: Option<AnyMesh>,
+    /// The report.
+    pub report: Report,
+    /// The report as JSON.
+    pub json: Value,
+    /// A line for each file that is written: its name, and what it holds.
+    pub files: Vec<String>,
+    /// `true` if the job was stopped, so that the mesh is that of the lattice so far.
+    pub is_interrupted: bool,
+}
+
+/// Makes a mesh of an image, and writes the files that the options name. `keeps_mesh` keeps the mesh
+/// itself in memory. Checks the options and the names of the files first.
+///
+/// # Errors
+/// Returns the errors of the options, of files that cannot be read or written, and of
+/// [`run_from`].
+pub fn run(
+    input: JobInput<'_>,
+    spec: &MeshSpec,
+    keeps_mesh: bool,
+    progress: &mut dyn Progress,
+) -> Result<FinishedJob> {
+    check_files(input.name, spec, None, 1)?;
+    run_distributed(input, spec, keeps_mesh, &SelfComm, progress)
+}
+
+/// Does the same as [`run`] with the ranks of a communicator, after the names of the files have been
+/// checked. Only the root rank returns a report.
+pub(crate) fn run_distributed(
+    input: JobInput<'_>,
+    spec: &MeshSpec,
+    keeps_mesh: bool,
+    comm: &dyn Comm,
+    progress: &mut dyn Progress,
+) -> Result<FinishedJob> {
+    let mut clock = Clock::new();
+    progress.stage(Stage::Reading);
+    clock.begin(Stage::Reading);
+    let path = input.name;
+    let (opened, sha256) = match input.image {
+        Some((image, sha256)) => (OpenedImage::InMemory(image), Some(sha256)),
+        None => (open(path, &spec.input.read_options_for(path)?)?, None),
+    };
+    // Conversion to depth with a file of velocities resamples the traces in memory.
+    let resamples = matches!(spec.velocity, Some(NumberOrFile::File(_)));
+    let opened = match opened {
+        OpenedImage::Stream(stream) if resamples || !stream.stays_in_file(comm.size() > 1) => {
+            OpenedImage::InMemory(into_any_image(stream.into_loaded(path)?))
+        }
+        opened => opened,
+    };
+    clock.end();
+    let run = JobRun {
+        path,
+        sha256,
+        read_image: input.read_image,
+        spec,
+        keeps_mesh,
+        clock,
+        comm,
+        progress,
+    };
+    match opened {
+        OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded),
+        OpenedImage::InMemory(AnyImage::Space(loaded)) => run.mesh_in_memory(loaded),
+        OpenedImage::Stream(mut stream) => {
+            let file_geometry = stream.header.geometry.clone();
+            if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {
+                stream.header.geometry = file_geometry.to_depth(velocity)?.0;
+            }
+            let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
+            let mut params = Params {
+                modality: Modality::detect(stream.header.format, &stream.header.geometry),
+                ..Params::read_with(spec, run.read_image)?
+            };
+            params.note_time_unit(&file_geometry);
+            run.mesh(image, dims, params, &|| stream_notes(&stream))
+        }
+    }
+}
+
+/// Returns the notes on an image that is still in its file.
+fn stream_notes(stream: &ImageStream) -> Vec<String> {
+    let mut notes = stream.header.notes.clone();
+    notes.extend(stream.rounding_note());
+    notes.push("the image stays in its file and is read a few layers at a time".into());
+    notes
+}
+
+/// Starts to compute the hash of a file in a thread of its own.
+fn start_hash(path: &Path) -> Option<JoinHandle<Result<String>>> {
+    let path = path.to_path_buf();
+    thread::Builder::new().spawn(move || file_hash(&path)).ok()
+}
+
+/// A job whose image has been opened.
+struct JobRun<'a> {
+    path: &'a Path,
+    sha256: Option<String>,
+    read_image: ReadImage<'a>,
+    spec: &'a MeshSpec,
+    keeps_mesh: bool,
+    clock: Clock,
+    comm: &'a dyn Comm,
+    progress: &'a mut dyn Progress,
+}
+
+impl JobRun<'_> {
+    /// Meshes an image in memory.
+    fn mesh_in_memory<const D: usize, M: Simplices<D>>(
+        self,
+        loaded: LoadedImage<D>,
+    ) -> Result<FinishedJob>
+    where
+        MeshSpace<D>: Meshing<D, Mesh = M>,
+    {
+        let LoadedImage {
+            image,
+            mut notes,
+            format,
+            ..
+        } = loaded;
+        let dims = image.dims();
+        let place = self.path.display().to_string();
+        if self.spec.feature == FeatureKind::NoFeatures {
+            image.check_samples(&place)?;
+        } else {
+            image.check(&place)?;
+        }
+        let mut params = Params::<D>::read_with(self.spec, self.read_image)?;
+        params.modality = Modality::detect(format, &image.geometry);
+        params.note_time_unit(&image.geometry);
+        let velocity = self.spec.velocity.as_ref();
+        note_velocity_unit(&image, velocity, self.progress);
+        let is_labels = params.spec.feature.has_labels();
+        let (image, conversion) =
+            image::image_in_depth(image, velocity, is_labels, self.read_image)?;
+        if let Some(conversion) = conversion {
+            params.convert_to_depth(&conversion)?;
+            notes.extend(conversion.notes);
+        }
+        let source = ImageSource::InMemory(&image);
+        self.mesh(source, dims, params, &|| notes.clone())
+    }
+
+    /// Meshes an image. `notes` returns the notes on it, and `dims` are the dimensions of the image
+    /// in its file.
+    fn mesh<const D: usize, M: Simplices<D>>(
+        self,
+        image: ImageSource<'_, D>,
+        dims: [usize; D],
+        params: Params<D>,
+        notes: &dyn Fn() -> Vec<String>,
+    ) -> Result<FinishedJob>
+    where
+        MeshSpace<D>: Meshing<D, Mesh = M>,
+    {
+        let Self {
+            path,
+            spec,
+            mut clock,
+            comm,
+            progress,
+            ..
+        } = self;
+        let geometry = image.geometry();
+        let params = params.with_metric_for(geometry).into_owned();
+        let warning = time_warning(geometry);
+        warning.iter().for_each(|line| progress.note(line));
+        let needs_hash = comm.is_root() && self.sha256.is_none();
+        let hash_thread = needs_hash.then(|| start_hash(path)).flatten();
+        let output = output_path(path, spec);
+
+        let mut traced = TracedProgress::new(&params, spec, geometry, progress);
+        let checkpoint = spec
+            .checkpoint
+            .as_deref()
+            .map(Checkpoint::new)
+            .transpose()?;
+        let whole_mesh_outputs = [&spec.lines, &spec.page, &spec.surfaces, &spec.potential_out];
+        let run_options = RunOptions {
+            checkpoint: checkpoint.as_ref(),
+            may_partition: is_pvtu(&output) && whole_mesh_outputs.iter().all(|path| path.is_none()),
+            comm,
+        };
+        let outcome = run_from(image, &params, run_options, &mut traced);
+        let (trace_error, lattices) = (traced.error, traced.lattices);
+        let mut outcome = trace_error.map_or(outcome, Err).map_err(|error| {
+            // After an interruption, work that was left undone may look like another error.
+            if progress.keep_going() {
+                error
+            } else {
+                Error::Interrupted(error.cause().clone())
+            }
+        })?;
+
+        memory::trim();
+        progress.stage(Stage::Writing);
+        clock.begin(Stage::Writing);
+        let hash = || match (self.sha256, hash_thread) {
+            (Some(hash), _) => Ok(hash),
+            (None, Some(thread)) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            (None, None) => file_hash(path),
+        };
+        let input_sha256 = comm.broadcast_from_root("the image's hash", hash)?;
+        outcome.provenance = Provenance {
+            parameters: MeshSpec {
+                metric: params.spec.metric.clone(),
+                ..spec.clone().reproducible()
+            }
+            .to_toml()?,
+            input_sha256,
+        };
+        let mut finished = FinishedJob {
+            mesh: None,
+            report: Report::default(),
+            json: Value::Null,
+            files: Vec::new(),
+            is_interrupted: outcome.stop == StopReason::Interrupted || !progress.keep_going(),
+        };
+        if self.keeps_mesh {
+            finished.mesh = Some(outcome.mesh_file(image)?);
+        } else if comm.is_root() || is_pvtu(&output) {
+            outcome.write_distributed(&output, image, comm)?;
+        }
+        if comm.is_root() || outcome.share.is_some() {
+            let quality = outcome.quality_in_world(comm)?;
+            quality
+                .into_iter()
+                .for_each(|quality| outcome.report.set_physical_quality(quality));
+        }
+        if !comm.is_root() {
+            return Ok(finished);
+        }
+        outcome.report.set_angle_space(geometry);
+        outcome.report.input = Some(Input {
+            file: path.display().to_string(),
+            dims: dims.to_vec(),
+            hash: format!("sha256:{}", outcome.provenance.input_sha256),
+        });
+        outcome.report.trace = lattices;
+        outcome.report.notes.splice(0..0, notes());
+        others::write_others(spec, &output, outcome, image, clock, &mut finished)?;
+        Ok(finished)
+    }
+}
+
+/// Notes that the velocity is in m/s if the depth will be in another unit than metres.
+fn note_velocity_unit<const D: usize>(
+    image: &Image<D>,
+    velocity: Option<&NumberOrFile>,
+    progress: &mut dyn Progress,
+) {
+    if let (Some(NumberOrFile::Constant(v)), Ok(time)) = (velocity, image.geometry.two_way_time())
+        && time.depth_unit != "m"
+    {
+        let per_second = (v * time.depth_units_per_metre()).round();
+        let unit = time.depth_unit;
+        progress.note(&format!(
+            "depth is in {unit}, as x and y are; the velocity is in m/s: {v} m/s are {per_second} {unit}/s"
+        ));
+    }
+}

@@ -36,7 +36,7 @@
 //! edit          edits of a mesh: atoms are added, moved and removed
 //! assess        quality of a mesh from a file, and a page with it
 //! surfaces      surfaces of a mesh, also by the features of an image
-//! job_files     a job with the files that it reads and writes
+//! session       verbs on files, and on objects in memory in place of files
 //! cli           the command line (feature `cli`)
 //! ```
 //!
@@ -84,7 +84,6 @@ pub(crate) mod geometry;
 pub mod image;
 pub mod improve;
 pub mod job;
-pub mod job_files;
 pub mod lattice;
 pub mod memory;
 pub mod mesh;
@@ -96,6 +95,7 @@ pub(crate) mod option_text;
 pub(crate) mod parallel;
 pub mod progress;
 pub mod report;
+pub mod session;
 pub mod store;
 pub mod surface_file;
 pub mod surfaces;

@@ -1,19 +1,19 @@
 //! The extension module of the Python package `atomesh`. It calls the functions of the library with
 //! meshes and images in memory.
 //!
-//! - `verbs`: the verbs, each a call of the library
+//! - `call`: a call of a verb
 //! - `options`: options of the library from keyword arguments
-//! - `memory`: meshes, images and results in memory, and the progress of a verb
+//! - `progress`: the progress of a verb as events
 //! - `objects`: meshes, images and surfaces as Python objects, with their arrays without copies
 //! - `parts`: the arrays from which meshes and surfaces are made, for pickles and subsets
 //! - `errors`: exceptions for errors of the library
 
+mod call;
 mod errors;
-mod memory;
 mod objects;
 mod options;
 mod parts;
-mod verbs;
+mod progress;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -24,14 +24,15 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use atomesh::ErrorKind;
+use atomesh::session::Answer;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use call::Call;
 use errors::Error;
-use memory::{Answer, Event, EventProgress, Memory};
 use options::Options;
-use verbs::Call;
+use progress::{Event, EventProgress};
 
 /// Interval at which Python's signals are checked.
 const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -62,7 +63,7 @@ fn run<'py>(
         verb,
         arguments,
         options: Options(pythonize::depythonize(options)?),
-        memory: Memory::new(&objects)?,
+        objects: objects::by_name(&objects)?,
     };
     let pool = match threads {
         Some(count) => Some(
@@ -141,7 +142,7 @@ fn run<'py>(
     };
     match signal_error {
         Some(signal_error) if !answer.is_interrupted => Err(signal_error),
-        _ => answer.into_python(py, notes),
+        _ => answer_to_python(py, answer, notes),
     }
 }
 
@@ -182,19 +183,21 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(export_formats, module)?)
 }
 
-impl Answer {
-    /// Returns the messages of a verb and the result that is kept in memory.
-    fn into_python(self, py: Python<'_>, notes: Vec<String>) -> PyResult<Bound<'_, PyDict>> {
-        let dict = PyDict::new(py);
-        dict.set_item("text", errors::options_to_keywords(&self.text))?;
-        dict.set_item("json", self.json.to_string())?;
-        dict.set_item("notes", notes)?;
-        dict.set_item("interrupted", self.is_interrupted)?;
-        let kept = PyDict::new(py);
-        if let Some((name, output)) = self.kept {
-            kept.set_item(name, objects::to_python(py, output)?)?;
-        }
-        dict.set_item("kept", kept)?;
-        Ok(dict)
+/// Returns the messages of a verb and the result that is kept in memory.
+fn answer_to_python(
+    py: Python<'_>,
+    answer: Answer,
+    notes: Vec<String>,
+) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("text", errors::options_to_keywords(&answer.text))?;
+    dict.set_item("json", answer.json.to_string())?;
+    dict.set_item("notes", notes)?;
+    dict.set_item("interrupted", answer.is_interrupted)?;
+    let kept = PyDict::new(py);
+    if let Some((name, output)) = answer.kept {
+        kept.set_item(name, objects::to_python(py, output)?)?;
     }
+    dict.set_item("kept", kept)?;
+    Ok(dict)
 }

@@ -3,20 +3,17 @@
 use std::cell::RefCell;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
+use crate::Error;
 use crate::cli::common::global::CommonOptions;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::time_left::TimeLeft;
 use crate::comm::Comm;
-use crate::files::output::path_text;
-use crate::image::formats::{AnyImage, read_with_options};
 use crate::progress::{OptimizeStatus, Progress, SizeEstimate, Stage};
-use crate::store::{AnyMesh, ImageInput, MeshInput, read_any_mesh_with_notes};
-use crate::{Error, Result};
+use crate::session::Answer;
 
 /// The console of a verb: a terminal, or files to which its output is redirected.
 pub struct Console {
@@ -60,61 +57,12 @@ impl Console {
         }
     }
 
-    /// Reads the mesh that an argument names, and runs a function of the library on it.
-    ///
-    /// # Errors
-    /// Returns the errors of reading and of the function.
-    pub fn run_on_mesh<T>(
-        &mut self,
-        interrupts: &Interrupts,
-        path: &Path,
-        work: impl FnOnce(MeshInput<'_>, &mut dyn Progress) -> Result<T>,
-    ) -> Result<T> {
-        self.begin_stage(Stage::Reading);
-        let mesh = self.read_mesh(path)?;
-        let name = path_text(path);
-        let input = MeshInput {
-            mesh,
-            name: &name,
-            read_image: &read_with_options,
-        };
-        work(input, &mut self.progress(interrupts))
-    }
-
-    /// Runs a function of the library on a mesh and an image, which have these names.
-    ///
-    /// # Errors
-    /// Returns the errors of the function.
-    pub fn run_on_mesh_and_image<T>(
-        &mut self,
-        interrupts: &Interrupts,
-        (mesh, mesh_path): (AnyMesh, &Path),
-        (image, image_path): (AnyImage, &Path),
-        sha256: Option<String>,
-        work: impl FnOnce(MeshInput<'_>, ImageInput<'_>, &mut dyn Progress) -> Result<T>,
-    ) -> Result<T> {
-        let [mesh_name, image_name] = [mesh_path, image_path].map(path_text);
-        let mesh = MeshInput {
-            mesh,
-            name: &mesh_name,
-            read_image: &read_with_options,
-        };
-        let image = ImageInput {
-            image,
-            name: &image_name,
-            sha256,
-        };
-        work(mesh, image, &mut self.progress(interrupts))
-    }
-
-    /// Reads a mesh that an argument names, and prints notes on what is in the file.
-    ///
-    /// # Errors
-    /// Returns the errors of [`read_any_mesh_with_notes`].
-    pub fn read_mesh(&self, path: &Path) -> Result<AnyMesh> {
-        let (mesh, notes) = read_any_mesh_with_notes(path)?;
-        notes.iter().for_each(|note| self.note(note));
-        Ok(mesh)
+    /// Prints the report of a verb, and the names of the files that it wrote.
+    pub fn answer(&mut self, answer: &Answer) {
+        let files = answer.files.iter().map(|file| format!("wrote {file}"));
+        let text = Some(answer.text.clone()).filter(|text| !text.is_empty());
+        let lines: Vec<String> = text.into_iter().chain(files).collect();
+        self.result(lines.join("\n"), &answer.json);
     }
 
     /// Prints `json` with `--json`, otherwise `text` unless `--quiet` is given.
@@ -128,7 +76,7 @@ impl Console {
     }
 
     /// Prints a note: one line that the user should read but that stops nothing.
-    pub fn note(&self, line: impl Display) {
+    fn note(&self, line: impl Display) {
         self.log_line(format_args!("note: {line}"));
     }
 
@@ -144,7 +92,7 @@ impl Console {
     }
 
     /// Begins a stage. Shows a spinner, which may become a bar later, on a terminal, and prints a line elsewhere.
-    pub fn begin_stage(&mut self, stage: Stage) {
+    fn begin_stage(&mut self, stage: Stage) {
         let name = &stage.to_string();
         let continues = match self.job.get_mut() {
             Some((job, start)) => job.begin_stage(name, start.elapsed().as_secs_f64()),

@@ -153,17 +153,6 @@ impl SurfaceOutcome {
         self.len() == 0
     }
 
-    /// Writes the mesh with the names of its surfaces, if the options name its file.
-    ///
-    /// # Errors
-    /// Returns [`Error::Io`] if it cannot be written.
-    pub fn write_mesh(&self, spec: &SurfaceSpec) -> Result<()> {
-        match (&spec.mesh_out, &self.mesh) {
-            (Some(path), Some(mesh)) => mesh.write(path),
-            _ => Ok(()),
-        }
-    }
-
     /// Writes the surfaces in the format of the file's ending: surfaces as `.vtp`, `.obj` or GOCAD's
     /// `.ts`; faults as sticks: `.csv`, `.charisma`; horizons as grids of their heights, `.irap`, `.zmap`,
     /// `.cps3`, `.grd`, `.asc`, or as points, `.xyz`. The options `number` and `step` of `spec` apply to sticks, grids

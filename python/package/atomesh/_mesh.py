@@ -1042,8 +1042,7 @@ class Mesh:
 
     def __repr__(self) -> str:
         head = f"<atomesh.Mesh: {self.n_points} points, {self.n_cells} {_PLURAL[self.kind]}>"
-        table = self._text.split("\nwrote ")[0]
-        return f"{head}\n{table}" if table else head
+        return f"{head}\n{self._text}" if self._text else head
 
     def _repr_html_(self) -> str:
         picture = ""

@@ -4,16 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::Result;
-use crate::cli::common::options::with_option_name;
-use crate::cli::console::Console;
-use crate::cli::interrupts::Interrupts;
-use crate::files::output::{file_report, path_text};
-use crate::image::formats::{file_hash, read_with_options};
-use crate::model::columns::given::GivenHorizon;
-use crate::model::columns::{ColumnsInput, ColumnsSpec};
-use crate::progress::Stage;
-use crate::store::AnyMesh;
+use crate::model::columns::ColumnsSpec;
 
 /// Arguments of `atomesh columns`.
 #[derive(Debug, Args)]
@@ -33,37 +24,4 @@ pub struct ColumnsArgs {
     /// Options of the columns.
     #[command(flatten)]
     pub spec: ColumnsSpec,
-}
-
-/// Runs the verb.
-pub fn columns(args: &ColumnsArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let (spec, output) = (&args.spec, args.output.as_path());
-    spec.check_files(&args.map, &args.horizon, output)
-        .map_err(with_option_name::<ColumnsSpec>)?;
-    console.begin_stage(Stage::Reading);
-    let map = console.read_mesh(&args.map)?;
-    let sha256 = file_hash(&args.map)?;
-    let progress = &mut console.progress(interrupts);
-    let horizon =
-        |text: &String| GivenHorizon::read(text, &spec.input, &read_with_options, progress);
-    let horizons: Result<_> = args.horizon.iter().map(horizon).collect();
-    let outcome = horizons
-        .and_then(|horizons| {
-            let input = ColumnsInput {
-                map,
-                name: &path_text(&args.map),
-                sha256,
-                horizons,
-            };
-            crate::columns(input, spec, progress)
-        })
-        .map_err(with_option_name::<ColumnsSpec>)?;
-    console.begin_stage(Stage::Writing);
-    let (table, report) = (outcome.table(), outcome.to_json());
-    AnyMesh::Polyhedra(outcome.mesh).write(output)?;
-    console.result(
-        format_args!("{table}\nwrote {}", output.display()),
-        &file_report(output, report),
-    );
-    Ok(())
 }

@@ -3,14 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::json;
 
-use crate::Result;
-use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::report_written_image;
-use crate::cli::console::Console;
-use crate::export::convert::{ConvertSpec, open_with_options};
-use crate::files::output::file_report;
+use crate::export::convert::ConvertSpec;
 
 /// Arguments of `atomesh convert`.
 #[derive(Debug, Args)]
@@ -26,27 +20,4 @@ pub struct ConvertArgs {
     /// Options of the conversion.
     #[command(flatten)]
     pub spec: ConvertSpec,
-}
-
-/// Runs the verb.
-pub fn convert(args: &ConvertArgs, console: &mut Console) -> Result<()> {
-    let (input, output, spec) = (&args.input_file, args.output.as_path(), &args.spec);
-    spec.check_files(input, output)
-        .map_err(with_option_name::<ConvertSpec>)?;
-    let (converted, notes) = crate::convert(input, output, spec, &open_with_options)
-        .map_err(with_option_name::<ConvertSpec>)?;
-    notes.iter().for_each(|note| console.note(note));
-    let notes = converted.write(output)?;
-    notes.iter().for_each(|note| console.note(note));
-    match &converted.dims()[..] {
-        [] => {
-            let surfaces = converted.surface_count();
-            console.result(
-                format_args!("wrote {}: {surfaces} surfaces", output.display()),
-                &file_report(output, json!({ "surfaces": surfaces })),
-            );
-        }
-        dims => report_written_image(console, output, dims),
-    }
-    Ok(())
 }

@@ -5,10 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 
-use crate::Result;
-use crate::cli::common::options::with_option_name;
-use crate::cli::console::Console;
-use crate::cli::interrupts::Interrupts;
 use crate::export::{ExportFormat, ExportSpec, formats};
 
 /// Arguments of `atomesh export`.
@@ -36,19 +32,4 @@ fn format_names() -> PossibleValuesParser {
             .aliases(format.programs())
     };
     PossibleValuesParser::new(formats().map(named))
-}
-
-/// Runs the verb.
-pub fn export(args: &ExportArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let (spec, output) = (&args.spec, args.output.as_path());
-    let format = ExportFormat::from_name(&args.to)?;
-    spec.validate(format)
-        .map_err(with_option_name::<ExportSpec>)?;
-    format.check_files(&args.mesh, output)?;
-    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
-        let outcome = crate::export(input, format, output, spec, progress);
-        outcome.map_err(with_option_name::<ExportSpec>)
-    })?;
-    console.result(outcome.table(), &outcome.to_json());
-    Ok(())
 }

@@ -10,9 +10,8 @@ use crate::cli::common::options::{Typed, with_option_name};
 use crate::cli::console::{Console, print};
 use crate::cli::interrupts::Interrupts;
 use crate::comm::Comm;
-use crate::image::formats::read_with_options;
 use crate::job::MeshSpec;
-use crate::job_files::{JobInput, check_files, run_distributed};
+use crate::session::{Objects, Session, check_files, run_distributed};
 
 /// Arguments of `atomesh mesh`.
 #[derive(Debug, Args)]
@@ -53,28 +52,16 @@ pub(crate) fn mesh(
         print(spec.to_toml()?.trim_end());
         return Ok(VerbStatus::Done);
     }
-    let input = JobInput {
-        name: image,
-        image: None,
-        read_image: &read_with_options,
+    let mut session = Session {
+        objects: &Objects::default(),
+        progress: &mut console.job_progress(interrupts, comm),
     };
-    let progress = &mut console.job_progress(interrupts, comm);
-    let finished = run_distributed(input, &spec, false, comm, progress)
+    let answer = run_distributed(&mut session, image, &spec, args.details, comm)
         .map_err(with_option_name::<MeshSpec>)?;
     if comm.is_root() {
-        let report = &finished.report;
-        let table = if args.details {
-            report.table()
-        } else {
-            report.summary()
-        };
-        let mut text = table.trim_end().to_string();
-        for file in &finished.files {
-            text += &format!("\nwrote {file}");
-        }
-        console.result(text, &finished.json);
+        console.answer(&answer);
     }
-    Ok(if finished.is_interrupted {
+    Ok(if answer.is_interrupted {
         VerbStatus::Interrupted
     } else {
         VerbStatus::Done

@@ -4,9 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::Result;
-use crate::cli::common::output::report_written_image;
-use crate::cli::console::Console;
 use crate::image::synth::{SynthSpec, SyntheticKind};
 
 /// Arguments of `atomesh synth`.
@@ -26,13 +23,4 @@ pub struct SynthArgs {
 
 fn synth_kind() -> clap::builder::PossibleValuesParser {
     SyntheticKind::ALL.map(|(name, _)| name).into()
-}
-
-/// Runs the verb.
-pub fn synth(args: &SynthArgs, console: &mut Console) -> Result<()> {
-    args.spec.check_files(&args.output)?;
-    let image = crate::synth(args.kind.parse()?, &args.spec)?;
-    SynthSpec::write(&image, &args.output)?;
-    report_written_image(console, &args.output, &image.dims());
-    Ok(())
 }

@@ -66,8 +66,8 @@ pub struct PageStats {
 }
 
 impl PageStats {
-    /// Returns a line with the name of the page and its size.
-    pub fn written_message(self, path: &Path) -> String {
+    /// Returns the size of the page as text.
+    pub fn size_text(self) -> String {
         let megabytes = self.bytes as f64 * 1e-6;
         let thinned = if self.is_thinned {
             format!(
@@ -79,7 +79,7 @@ impl PageStats {
         } else {
             String::new()
         };
-        format!("{}: {megabytes:.1} MB{thinned}", path.display())
+        format!("{megabytes:.1} MB{thinned}")
     }
 }
 

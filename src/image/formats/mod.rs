@@ -244,6 +244,15 @@ impl AnyImage {
         }
     }
 
+    /// Returns the SHA-256 of the samples, x fastest, as little-endian 32-bit floats.
+    pub fn hash(&self) -> String {
+        let samples = match self {
+            Self::Plane(loaded) => loaded.image.as_slice(),
+            Self::Space(loaded) => loaded.image.as_slice(),
+        };
+        file_hash::hash_of_samples(samples)
+    }
+
     /// Writes the image in the format that the ending of `path` names, with the line numbers of a
     /// survey where the format supports them.
     ///

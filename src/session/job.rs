@@ -1,103 +1,56 @@
-//! A job with the files that it reads and writes, as `atomesh mesh` runs it.
-//!
-//! - `check`: which files the job reads and writes, and whether it may
-//! - `trace`: the lattices of the job as files
-//! - `others`: the files beside the mesh: report, page, surfaces, lines, potential
-
-mod check;
-mod others;
-mod trace;
+//! The verb `mesh`: a job with the files that it reads and writes.
 
 use std::panic::resume_unwind;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
 
-use serde_json::Value;
-
+use super::check::{check_files, output_path};
+use super::trace::TracedProgress;
+use super::{Answer, Output, Session, others};
 use crate::comm::{Comm, SelfComm};
 use crate::feature::FeatureKind;
 use crate::image::formats::stream::ImageStream;
-use crate::image::formats::{
-    AnyImage, LoadedImage, OpenedImage, ReadImage, file_hash, into_any_image, open,
-};
-use crate::image::{self, Image, ImageSource, Modality};
+use crate::image::formats::{AnyImage, LoadedImage, OpenedImage, file_hash, into_any_image};
+use crate::image::{self, Geometry, Image, ImageSource, Modality};
 use crate::job::{
-    Checkpoint, MeshSpace, MeshSpec, Meshing, Params, Provenance, RunOptions, run_from,
+    Checkpoint, MeshSpace, MeshSpec, Meshing, Outcome, Params, Provenance, RunOptions, run_from,
 };
 use crate::lattice::optimize::StopReason;
-use crate::memory;
 use crate::mesh::Simplices;
-use crate::mesh_file::AnyMesh;
 use crate::mesh_file::pvtu::is_pvtu;
 use crate::option_text::NumberOrFile;
 use crate::progress::{Progress, Stage};
-use crate::report::{Clock, Input, Report};
+use crate::report::{Clock, Input};
 use crate::store::input::time_warning;
-use crate::{Error, Result};
-pub(crate) use check::{check_files, output_path};
-use trace::TracedProgress;
+use crate::{Error, Result, memory};
 
-/// The image of a job, and the images that its options name.
-pub struct JobInput<'a> {
-    /// The name of the image, such as the path of its file.
-    pub name: &'a Path,
-    /// The image with the SHA-256 of its samples if it is in memory, and not in a file of this name.
-    pub image: Option<(AnyImage, String)>,
-    /// Reads the images that options name.
-    pub read_image: ReadImage<'a>,
+impl Session<'_> {
+    /// Makes a mesh of an image. The options must be checked, as
+    /// [`MeshSpec::with_config`] does; they name the files that are written.
+    ///
+    /// # Errors
+    /// Returns the errors of files that cannot be read or written, and of [`run_from`].
+    pub fn mesh(&mut self, image: &Path, spec: &MeshSpec) -> Result<Answer> {
+        check_files(image, spec, None, 1)?;
+        run_distributed(self, image, spec, false, &SelfComm)
+    }
 }
 
-/// A job whose files are written.
-#[non_exhaustive]
-pub struct FinishedJob {
-    /// The mesh, if it is kept in memory.
-    pub mesh: Option<AnyMesh>,
-    /// The report.
-    pub report: Report,
-    /// The report as JSON.
-    pub json: Value,
-    /// A line for each file that is written: its name, and what it holds.
-    pub files: Vec<String>,
-    /// `true` if the job was stopped, so that the mesh is that of the lattice so far.
-    pub is_interrupted: bool,
-}
-
-/// Makes a mesh of an image, and writes the files that the options name. `keeps_mesh` keeps the mesh
-/// itself in memory. Checks the options and the names of the files first.
-///
-/// # Errors
-/// Returns the errors of the options, of files that cannot be read or written, and of
-/// [`run_from`].
-pub fn run(
-    input: JobInput<'_>,
-    spec: &MeshSpec,
-    keeps_mesh: bool,
-    progress: &mut dyn Progress,
-) -> Result<FinishedJob> {
-    check_files(input.name, spec, None, 1)?;
-    run_distributed(input, spec, keeps_mesh, &SelfComm, progress)
-}
-
-/// Does the same as [`run`] with the ranks of a communicator, after the names of the files have been
-/// checked. Only the root rank returns a report.
+/// Makes a mesh with the ranks of a communicator, after the names of the files have been checked. The
+/// text of the report has all its `details` or only a summary. Only the root rank returns a report.
 pub(crate) fn run_distributed(
-    input: JobInput<'_>,
+    session: &mut Session<'_>,
+    path: &Path,
     spec: &MeshSpec,
-    keeps_mesh: bool,
+    details: bool,
     comm: &dyn Comm,
-    progress: &mut dyn Progress,
-) -> Result<FinishedJob> {
+) -> Result<Answer> {
     let mut clock = Clock::new();
-    progress.stage(Stage::Reading);
+    session.progress.stage(Stage::Reading);
     clock.begin(Stage::Reading);
-    let path = input.name;
-    let (opened, sha256) = match input.image {
-        Some((image, sha256)) => (OpenedImage::InMemory(image), Some(sha256)),
-        None => (open(path, &spec.input.read_options_for(path)?)?, None),
-    };
     // Conversion to depth with a file of velocities resamples the traces in memory.
     let resamples = matches!(spec.velocity, Some(NumberOrFile::File(_)));
-    let opened = match opened {
+    let opened = match session.objects.open_image(path, &spec.input)? {
         OpenedImage::Stream(stream) if resamples || !stream.stays_in_file(comm.size() > 1) => {
             OpenedImage::InMemory(into_any_image(stream.into_loaded(path)?))
         }
@@ -106,13 +59,11 @@ pub(crate) fn run_distributed(
     clock.end();
     let run = JobRun {
         path,
-        sha256,
-        read_image: input.read_image,
         spec,
-        keeps_mesh,
+        details,
         clock,
         comm,
-        progress,
+        session,
     };
     match opened {
         OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded),
@@ -125,7 +76,7 @@ pub(crate) fn run_distributed(
             let (image, dims) = (ImageSource::Layered(&stream), stream.header.dims);
             let mut params = Params {
                 modality: Modality::detect(stream.header.format, &stream.header.geometry),
-                ..Params::read_with(spec, run.read_image)?
+                ..run.params()?
             };
             params.note_time_unit(&file_geometry);
             run.mesh(image, dims, params, &|| stream_notes(&stream))
@@ -148,23 +99,27 @@ fn start_hash(path: &Path) -> Option<JoinHandle<Result<String>>> {
 }
 
 /// A job whose image has been opened.
-struct JobRun<'a> {
+struct JobRun<'a, 'b> {
     path: &'a Path,
-    sha256: Option<String>,
-    read_image: ReadImage<'a>,
     spec: &'a MeshSpec,
-    keeps_mesh: bool,
+    details: bool,
     clock: Clock,
     comm: &'a dyn Comm,
-    progress: &'a mut dyn Progress,
+    session: &'a mut Session<'b>,
 }
 
-impl JobRun<'_> {
+impl JobRun<'_, '_> {
+    /// Reads the files that the options name.
+    fn params<const D: usize>(&self) -> Result<Params<D>> {
+        let objects = self.session.objects;
+        Params::read_with(self.spec, &|path, input| objects.read_image(path, input))
+    }
+
     /// Meshes an image in memory.
     fn mesh_in_memory<const D: usize, M: Simplices<D>>(
         self,
         loaded: LoadedImage<D>,
-    ) -> Result<FinishedJob>
+    ) -> Result<Answer>
     where
         MeshSpace<D>: Meshing<D, Mesh = M>,
     {
@@ -181,14 +136,17 @@ impl JobRun<'_> {
         } else {
             image.check(&place)?;
         }
-        let mut params = Params::<D>::read_with(self.spec, self.read_image)?;
+        let mut params = self.params::<D>()?;
         params.modality = Modality::detect(format, &image.geometry);
         params.note_time_unit(&image.geometry);
         let velocity = self.spec.velocity.as_ref();
-        note_velocity_unit(&image, velocity, self.progress);
+        note_velocity_unit(&image, velocity, self.session.progress);
         let is_labels = params.spec.feature.has_labels();
+        let objects = self.session.objects;
         let (image, conversion) =
-            image::image_in_depth(image, velocity, is_labels, self.read_image)?;
+            image::image_in_depth(image, velocity, is_labels, &|path, input| {
+                objects.read_image(path, input)
+            })?;
         if let Some(conversion) = conversion {
             params.convert_to_depth(&conversion)?;
             notes.extend(conversion.notes);
@@ -205,27 +163,28 @@ impl JobRun<'_> {
         dims: [usize; D],
         params: Params<D>,
         notes: &dyn Fn() -> Vec<String>,
-    ) -> Result<FinishedJob>
+    ) -> Result<Answer>
     where
         MeshSpace<D>: Meshing<D, Mesh = M>,
     {
         let Self {
             path,
             spec,
+            details,
             mut clock,
             comm,
-            progress,
-            ..
+            session: Session { objects, progress },
         } = self;
         let geometry = image.geometry();
         let params = params.with_metric_for(geometry).into_owned();
         let warning = time_warning(geometry);
         warning.iter().for_each(|line| progress.note(line));
-        let needs_hash = comm.is_root() && self.sha256.is_none();
+        let known_hash = objects.known_hash(path);
+        let needs_hash = comm.is_root() && known_hash.is_none();
         let hash_thread = needs_hash.then(|| start_hash(path)).flatten();
         let output = output_path(path, spec);
 
-        let mut traced = TracedProgress::new(&params, spec, geometry, progress);
+        let mut traced = TracedProgress::new(&params, spec, geometry, *progress);
         let checkpoint = spec
             .checkpoint
             .as_deref()
@@ -251,7 +210,7 @@ impl JobRun<'_> {
         memory::trim();
         progress.stage(Stage::Writing);
         clock.begin(Stage::Writing);
-        let hash = || match (self.sha256, hash_thread) {
+        let hash = || match (known_hash, hash_thread) {
             (Some(hash), _) => Ok(hash),
             (None, Some(thread)) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
             (None, None) => file_hash(path),
@@ -265,15 +224,13 @@ impl JobRun<'_> {
             .to_toml()?,
             input_sha256,
         };
-        let mut finished = FinishedJob {
-            mesh: None,
-            report: Report::default(),
-            json: Value::Null,
-            files: Vec::new(),
+        let mut answer = Answer {
             is_interrupted: outcome.stop == StopReason::Interrupted || !progress.keep_going(),
+            ..Answer::default()
         };
-        if self.keeps_mesh {
-            finished.mesh = Some(outcome.mesh_file(image)?);
+        if objects.keeps(&output) {
+            let mesh = Output::Mesh(outcome.mesh_file(image)?);
+            answer = answer.with_result(objects, &output, mesh)?;
         } else if comm.is_root() || is_pvtu(&output) {
             outcome.write_distributed(&output, image, comm)?;
         }
@@ -284,19 +241,30 @@ impl JobRun<'_> {
                 .for_each(|quality| outcome.report.set_physical_quality(quality));
         }
         if !comm.is_root() {
-            return Ok(finished);
+            return Ok(answer);
         }
-        outcome.report.set_angle_space(geometry);
-        outcome.report.input = Some(Input {
-            file: path.display().to_string(),
-            dims: dims.to_vec(),
-            hash: format!("sha256:{}", outcome.provenance.input_sha256),
-        });
+        set_input(&mut outcome, path, geometry, dims);
         outcome.report.trace = lattices;
         outcome.report.notes.splice(0..0, notes());
-        others::write_others(spec, &output, outcome, image, clock, &mut finished)?;
-        Ok(finished)
+        others::write_others(spec, &output, outcome, image, (clock, details), answer)
     }
+}
+
+/// Describes the image in the report.
+fn set_input<const D: usize>(
+    outcome: &mut Outcome<D>,
+    path: &Path,
+    geometry: &Geometry<D>,
+    dims: [usize; D],
+) where
+    MeshSpace<D>: Meshing<D>,
+{
+    outcome.report.set_angle_space(geometry);
+    outcome.report.input = Some(Input {
+        file: path.display().to_string(),
+        dims: dims.to_vec(),
+        hash: format!("sha256:{}", outcome.provenance.input_sha256),
+    });
 }
 
 /// Notes that the velocity is in m/s if the depth will be in another unit than metres.

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::FinishedJob;
+use super::Answer;
 use crate::Result;
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::image::{Image, ImageSource, formats};
@@ -15,15 +15,16 @@ use crate::report::{Clock, Report, StageCost};
 use crate::store::StoredMesh;
 use crate::surfaces::extract::default_surfaces;
 
-/// Writes the other files of a job whose mesh was written to `output`, and sets the report.
+/// Writes the other files of a job whose mesh was written to `output`, and returns the answer with the
+/// report.
 pub(super) fn write_others<const D: usize, M: Simplices<D>>(
     spec: &MeshSpec,
     output: &Path,
     mut outcome: Outcome<D>,
     image: ImageSource<'_, D>,
-    mut clock: Clock,
-    finished: &mut FinishedJob,
-) -> Result<()>
+    (mut clock, details): (Clock, bool),
+    mut answer: Answer,
+) -> Result<Answer>
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
@@ -43,18 +44,23 @@ where
     if let Some(path) = &spec.report {
         crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
     }
-    let files = &mut finished.files;
-    files.push(output.display().to_string());
+    answer = answer.with_file(output, "");
     if let Some(path) = &spec.page {
         let written = write_page(path, output, &*image.to_image()?, &outcome, json.clone())?;
-        files.push(written.written_message(path));
+        answer = answer.with_file(path, &written.size_text());
     }
     if let Some(path) = &spec.surfaces {
         let surfaces = write_surfaces(path, output, &outcome)?;
-        files.push(format!("{}: {surfaces} surfaces", path.display()));
+        answer = answer.with_file(path, &format!("{surfaces} surfaces"));
     }
-    (finished.report, finished.json) = (report, json);
-    Ok(())
+    let table = if details {
+        report.table()
+    } else {
+        report.summary()
+    };
+    answer.text = table.trim_end().to_string();
+    answer.json = json;
+    Ok(answer)
 }
 
 /// Adds the stages before and after the job.

@@ -36,6 +36,7 @@
 //! edit          edits of a mesh: atoms are added, moved and removed
 //! assess        quality of a mesh from a file, and a page with it
 //! surfaces      surfaces of a mesh, also by the features of an image
+//! session       verbs on files, and on objects in memory in place of files
 //! cli           the command line (feature `cli`)
 //! ```
 //!
@@ -94,6 +95,7 @@ pub(crate) mod option_text;
 pub(crate) mod parallel;
 pub mod progress;
 pub mod report;
+pub mod session;
 pub mod store;
 pub mod surface_file;
 pub mod surfaces;
@@ -101,6 +103,9 @@ pub(crate) mod units;
 pub(crate) mod well_file;
 
 pub use assess::{QualitySpec, ReportSpec, quality, report};
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub use cli::option_table;
 pub use edit::{EditSpec, edit};
 pub use error::{Error, ErrorKind, Result};
 pub use export::convert::{ConvertSpec, convert};

@@ -49,7 +49,7 @@ const LAYERS: [Layer; 4] = [
     },
     Layer {
         name: "roof",
-        modules: &["edit", "assess", "surfaces", "cli"],
+        modules: &["edit", "assess", "surfaces", "session", "cli"],
         below: &["ground", "mesher", "uses"],
     },
 ];

@@ -5,34 +5,10 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
-use atomesh::Result;
 use atomesh::cli::args::CommandLine;
-use atomesh::cli::console::{Console, error_line};
-use atomesh::cli::host::Host;
-use atomesh::cli::interrupts::Interrupts;
-use atomesh::cli::run_with_console;
+use atomesh::cli::console::error_line;
+use atomesh::cli::run;
 use clap::Parser;
-use serde_json::Value;
-
-/// A host that ignores all messages, so that verbs read and write files only.
-struct SilentHost;
-
-impl Host for SilentHost {
-    fn result(&mut self, _text: &str, _json: &Value) {}
-
-    fn note(&self, _line: &str) {}
-
-    fn log_line(&self, _line: &str) {}
-
-    fn begin_stage(&mut self, _name: &str) {}
-
-    fn progress(&self, _fraction: f64, _detail: &str) {}
-}
-
-fn run(line: &CommandLine) -> Result<()> {
-    let mut console = Console::with_host(SilentHost);
-    run_with_console(line, &Interrupts::default(), &mut console).map(drop)
-}
 
 /// Runs a verb and returns `true` if it succeeds.
 ///
@@ -50,7 +26,7 @@ pub fn run_verb(folder: &Path, arguments: &[String]) -> bool {
     };
     let before = file_names(folder);
     match run(&line) {
-        Ok(()) => {
+        Ok(_) => {
             let hidden = file_names(folder)
                 .into_iter()
                 .find(|name| name.as_encoded_bytes().starts_with(b"."));

@@ -1,37 +1,38 @@
-//! The extension module of the Python package `atomesh`. It runs the verbs of the command line on
+//! The extension module of the Python package `atomesh`. It calls the functions of the library with
 //! meshes and images in memory.
 //!
-//! - `calls`: verbs from keyword arguments
+//! - `call`: a call of a verb
+//! - `options`: options of the library from keyword arguments
+//! - `progress`: the progress of a verb as events
 //! - `objects`: meshes, images and surfaces as Python objects, with their arrays without copies
 //! - `parts`: the arrays from which meshes and surfaces are made, for pickles and subsets
-//! - `host`: the host that provides objects to verbs and receives their messages
-//! - `verbs`: descriptions of the verbs and their options
 //! - `errors`: exceptions for errors of the library
 
-mod calls;
+mod call;
 mod errors;
-mod host;
 mod objects;
+mod options;
 mod parts;
-mod verbs;
+mod progress;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use atomesh::ErrorKind;
-use atomesh::cli::common::global::VerbStatus;
-use atomesh::cli::console::Console;
-use atomesh::cli::interrupts::Interrupts;
+use atomesh::session::Answer;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use call::Call;
 use errors::Error;
-use host::{Event, MemoryHost, SharedResults};
+use options::Options;
+use progress::{Event, EventProgress};
 
 /// Interval at which Python's signals are checked.
 const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -39,7 +40,7 @@ const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Runs a verb with these positional arguments, and its options by their names on the command line.
 ///
 /// `objects` are meshes and images by the names under which arguments and options refer to them.
-/// Results that the verb writes under the names `keep` are returned. The calling thread calls `on_event(kind,
+/// A result with a name of the form `<name>` is returned. The calling thread calls `on_event(kind,
 /// fraction, text)` for stages, progress and notes.
 ///
 /// A thread of its own does the work. The calling thread waits for its events without the
@@ -51,15 +52,19 @@ const SIGNAL_POLL_INTERVAL: Duration = Duration::from_millis(50);
 )]
 fn run<'py>(
     py: Python<'py>,
-    verb: &str,
+    verb: String,
     arguments: Vec<PathBuf>,
     options: &Bound<'py, PyDict>,
     objects: HashMap<PathBuf, Bound<'py, PyAny>>,
-    keep: Vec<PathBuf>,
     on_event: Option<Bound<'py, PyAny>>,
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let line = calls::command_line(py, verb, &arguments, options)?;
+    let call = Call {
+        verb,
+        arguments,
+        options: Options(pythonize::depythonize(options)?),
+        objects: objects::by_name(&objects)?,
+    };
     let pool = match threads {
         Some(count) => Some(
             rayon::ThreadPoolBuilder::new()
@@ -71,16 +76,17 @@ fn run<'py>(
     };
     let (sender, events) = channel();
     let events = Mutex::new(events);
-    let (memory, results) = MemoryHost::new(&objects, keep, sender)?;
-    let interrupts = Interrupts::default();
-    let job_interrupts = interrupts.clone();
+    let is_stopped = Arc::new(AtomicBool::new(false));
+    let mut progress = EventProgress {
+        events: sender,
+        is_stopped: Arc::clone(&is_stopped),
+    };
     let job = std::thread::Builder::new()
         .name("atomesh".into())
         .spawn(move || {
-            let mut console = Console::with_host(memory);
-            let mut work = || atomesh::cli::run_with_console(&line, &job_interrupts, &mut console);
+            let work = || call.run(&mut progress);
             catch_unwind(AssertUnwindSafe(|| match &pool {
-                Some(pool) => pool.install(&mut work),
+                Some(pool) => pool.install(work),
                 None => work(),
             }))
         })
@@ -90,11 +96,15 @@ fn run<'py>(
     // other exception of a callback.
     let mut signal_error: Option<PyErr> = None;
     let mut callback_error: Option<PyErr> = None;
+    let mut notes: Vec<String> = Vec::new();
     loop {
         let event = py.detach(|| {
             let events = events.lock().unwrap_or_else(PoisonError::into_inner);
             events.recv_timeout(SIGNAL_POLL_INTERVAL)
         });
+        if let Ok(Event::Note(line)) = &event {
+            notes.push(line.clone());
+        }
         let forwarded = match (event, &on_event) {
             (Err(RecvTimeoutError::Disconnected), _) => break,
             (Ok(event), Some(on_event)) if callback_error.is_none() => {
@@ -108,7 +118,7 @@ fn run<'py>(
                 // already been asked to stop.
                 return Err(error);
             }
-            interrupts.request();
+            is_stopped.store(true, Ordering::SeqCst);
             if error.is_instance_of::<PyKeyboardInterrupt>(py) {
                 signal_error = Some(error);
             } else {
@@ -120,8 +130,8 @@ fn run<'py>(
     if let Some(error) = callback_error {
         return Err(error);
     }
-    let status = match joined {
-        Ok(Ok(Ok(status))) => status,
+    let answer = match joined {
+        Ok(Ok(Ok(answer))) => answer,
         Ok(Ok(Err(error))) => {
             return Err(match (signal_error, error.kind()) {
                 (Some(signal_error), ErrorKind::Interrupted) => signal_error,
@@ -131,8 +141,8 @@ fn run<'py>(
         _ => return Err(errors::panic_error(py)),
     };
     match signal_error {
-        Some(signal_error) if status == VerbStatus::Done => Err(signal_error),
-        _ => results.to_python(py, status == VerbStatus::Interrupted),
+        Some(signal_error) if !answer.is_interrupted => Err(signal_error),
+        _ => answer_to_python(py, answer, notes),
     }
 }
 
@@ -140,7 +150,9 @@ fn forward_event(on_event: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
     match event {
         Event::Stage(name) => on_event.call1(("stage", 0.0, name)),
         Event::Progress(fraction, detail) => on_event.call1(("progress", fraction, detail)),
-        Event::Note(line) => on_event.call1(("note", 0.0, errors::options_to_keywords(line))),
+        Event::Note(line) | Event::Line(line) => {
+            on_event.call1(("note", 0.0, errors::options_to_keywords(line)))
+        }
     }
     .map(|_| ())
 }
@@ -148,7 +160,7 @@ fn forward_event(on_event: &Bound<'_, PyAny>, event: &Event) -> PyResult<()> {
 /// Returns the verbs and their options as JSON.
 #[pyfunction]
 fn describe() -> String {
-    verbs::describe_verbs().to_string()
+    atomesh::option_table().to_string()
 }
 
 /// Returns the name, the description and the file extensions of each format of `atomesh export`.
@@ -171,20 +183,21 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(export_formats, module)?)
 }
 
-impl SharedResults {
-    /// Returns the messages of a verb and the results that were kept in memory.
-    fn to_python<'py>(&self, py: Python<'py>, interrupted: bool) -> PyResult<Bound<'py, PyDict>> {
-        let dict = PyDict::new(py);
-        let mut results = self.lock();
-        dict.set_item("text", errors::options_to_keywords(&results.text))?;
-        dict.set_item("json", results.json.to_string())?;
-        dict.set_item("notes", &results.notes)?;
-        dict.set_item("interrupted", interrupted)?;
-        let kept = PyDict::new(py);
-        for (name, result) in std::mem::take(&mut results.stored) {
-            kept.set_item(name, objects::to_python(py, result)?)?;
-        }
-        dict.set_item("kept", kept)?;
-        Ok(dict)
+/// Returns the messages of a verb and the result that is kept in memory.
+fn answer_to_python(
+    py: Python<'_>,
+    answer: Answer,
+    notes: Vec<String>,
+) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("text", errors::options_to_keywords(&answer.text))?;
+    dict.set_item("json", answer.json.to_string())?;
+    dict.set_item("notes", notes)?;
+    dict.set_item("interrupted", answer.is_interrupted)?;
+    let kept = PyDict::new(py);
+    if let Some((name, output)) = answer.kept {
+        kept.set_item(name, objects::to_python(py, output)?)?;
     }
+    dict.set_item("kept", kept)?;
+    Ok(dict)
 }

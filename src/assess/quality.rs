@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::image::synth::Truth;
 use crate::job::output::geometry_of_other_shapes;
 use crate::job::{cells, scaled_mesh, write_lines};
@@ -32,6 +33,21 @@ pub struct QualitySpec {
     /// 30 degrees, with their angles
     #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
     pub lines: Option<PathBuf>,
+}
+
+impl QualitySpec {
+    /// Checks that the output replaces no input.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, mesh: &Path) -> Result<()> {
+        let mut inputs = vec![mesh];
+        inputs.extend(self.truth.as_deref());
+        match &self.lines {
+            Some(path) => check_output(path, "--lines", &["vtp"], &inputs),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Measures the quality of a mesh, and with the option `truth` its fidelity, as `atomesh quality`

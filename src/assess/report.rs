@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::quality::{measure_cells, measure_simplices};
 use crate::error::{cause, io_error};
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
+use crate::files::output::check_output;
 use crate::image::formats::{AnyImage, InputOptions};
 use crate::progress::{Progress, Stage};
 use crate::report::{Input, Report};
@@ -34,6 +35,18 @@ pub struct ReportSpec {
         command(flatten, next_help_heading = "Reading the image")
     )]
     pub input: InputOptions,
+}
+
+impl ReportSpec {
+    /// Checks that the page replaces no input.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, image: &Path, mesh: &Path, output: &Path) -> Result<()> {
+        let mut inputs = vec![image, mesh];
+        inputs.extend(self.figures.as_deref());
+        check_output(output, "--output", &["html"], &inputs)
+    }
 }
 
 /// Writes a page with a mesh, its image and its figures, one HTML file for any browser, as `atomesh

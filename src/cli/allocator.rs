@@ -66,16 +66,6 @@ pub fn configure() {
     }
 }
 
-/// Returns the memory of small freed allocations to the operating system. The C library would keep
-/// it in a separate pool for each thread, where large arrays cannot use it.
-pub fn trim() {
-    // SAFETY: the call only releases pages without live allocations.
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    unsafe {
-        libc::malloc_trim(0);
-    }
-}
-
 /// Makes a thread that finds no memory to start with end the process in the same way. The standard
 /// library panics there, at a place where no panic can be caught.
 pub fn exit_on_thread_oom() {

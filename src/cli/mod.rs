@@ -1,13 +1,10 @@
 //! The command line.
 //!
 //! - [`args`]: the command line as a whole
-//! - [`verbs`]: the verbs, one file each with its arguments and its code
+//! - [`verbs`]: the verbs, one file each with its arguments
 //! - [`common`]: code that several verbs share
-//! - [`job_files`]: the files of a job of `mesh`
-//! - [`parse`]: parsers of option values
-//! - [`provenance`]: the hash of the input
-//! - [`console`]: the console, through which verbs read, write and print
-//! - [`host`]: the interface to other front ends
+//! - `option_table`: the options of all verbs as JSON
+//! - [`console`]: the console, on which verbs print
 //! - [`interrupts`]: handling of Ctrl-C
 //! - `time_left`: the progress of a mesh job, and an upper bound of its time left
 //! - [`allocator`]: the memory allocator, which also ends the process if there is no memory left
@@ -16,29 +13,32 @@ pub mod allocator;
 pub mod args;
 pub mod common;
 pub mod console;
-pub mod host;
 pub mod interrupts;
-pub mod job_files;
-pub mod parse;
-pub mod provenance;
+mod option_table;
 mod time_left;
 pub mod verbs;
 
 #[doc(hidden)]
 pub use crate::comm::world;
+pub use option_table::option_table;
 
 use std::mem::ManuallyDrop;
 use std::process::ExitCode;
 use std::thread;
 
-use clap::Parser;
+use clap::{Args, Parser};
 
 use crate::comm::{Comm, SelfComm, ranks_sharing_processors};
 use crate::error::cause;
+use crate::files::output::path_text;
 use crate::files::transaction;
+use crate::job::MeshSpec;
+use crate::model::validate::CheckerVerdict;
+use crate::session::{Answer, Objects, Session};
 use crate::{Error, ErrorKind, Result, memory};
 use args::{CommandLine, Verb, value_error};
 use common::global::VerbStatus;
+use common::options::with_option_name;
 use console::{Console, print_stderr};
 use interrupts::{INTERRUPTED_EXIT_CODE, Interrupts};
 
@@ -140,16 +140,13 @@ fn run_process(line: &CommandLine, join: Option<world::JoinFn>) -> ExitCode {
 ///
 /// # Errors
 /// Returns the errors of the verb.
-pub fn run_with_console(
-    line: &CommandLine,
-    interrupts: &Interrupts,
-    console: &mut Console,
-) -> Result<VerbStatus> {
+pub fn run(line: &CommandLine) -> Result<VerbStatus> {
     let group = ProcessGroup {
         comm: &SelfComm,
         has_mpi: false,
     };
-    run_in_group(line, interrupts, console, group)
+    let console = &mut Console::new(&line.common, group.comm);
+    run_in_group(line, &Interrupts::default(), console, group)
 }
 
 /// Runs the parsed command line in one process of `group`.
@@ -181,26 +178,55 @@ fn run_verb(
     }
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console, comm),
-        Verb::Quality(args) => verbs::quality::quality(args, interrupts, console)?,
-        Verb::Report(args) => verbs::report::report(args, interrupts, console)?,
-        Verb::Validate(args) => verbs::validate::validate(args, interrupts, console)?,
-        Verb::Slice(args) => verbs::slice::slice(args, interrupts, console)?,
-        Verb::Info(args) => verbs::info::info(args, console)?,
-        Verb::Feature(args) => verbs::feature::feature(args, interrupts, console)?,
-        Verb::Convert(args) => verbs::convert::convert(args, console)?,
-        Verb::Edit(args) => verbs::edit::edit(args, interrupts, console)?,
-        Verb::Flow(args) => verbs::flow::flow(args, interrupts, console)?,
-        Verb::Columns(args) => verbs::columns::columns(args, interrupts, console)?,
-        Verb::Export(args) => verbs::export::export(args, interrupts, console)?,
-        Verb::Paint(args) => verbs::paint::paint(args, interrupts, console)?,
-        Verb::Segment(args) => verbs::segment::segment(args, interrupts, console)?,
-        Verb::Surface(args) => verbs::surface::surface(args, interrupts, console)?,
-        Verb::Synth(args) => verbs::synth::synth(args, console)?,
         Verb::Doctor => verbs::setup::doctor(console, has_mpi)?,
         Verb::Completions(args) => verbs::setup::completions(args),
         Verb::Man(args) => verbs::setup::man(args, console)?,
+        verb => {
+            let session = Session {
+                objects: &Objects::default(),
+                progress: &mut console.progress(interrupts),
+            };
+            let (answer, checked) = run_session(verb, session)?;
+            console.answer(&answer);
+            checked?;
+        }
     }
     Ok(VerbStatus::Done)
+}
+
+/// Runs a verb on files. Also returns the error of a mesh that was found to be invalid.
+fn run_session(verb: &Verb, mut session: Session<'_>) -> Result<(Answer, Result<()>)> {
+    /// Returns the result with names of options as on the command line.
+    fn named<A: Args>(_: &A, result: Result<Answer>) -> Result<Answer> {
+        result.map_err(with_option_name::<A>)
+    }
+    let answer = match verb {
+        Verb::Quality(a) => named(a, session.quality(&a.mesh, &a.spec)),
+        Verb::Report(a) => named(a, session.report(&a.image, &a.mesh, &a.output, &a.spec)),
+        Verb::Slice(a) => named(a, session.slice(&a.files, &a.output, &a.spec)),
+        Verb::Info(a) => named(a, session.info(&a.file, &a.input)),
+        Verb::Feature(a) => named(a, session.feature(&a.image, &a.output, &a.spec)),
+        Verb::Convert(a) => named(a, session.convert(&a.input_file, &a.output, &a.spec)),
+        Verb::Edit(a) => named(a, session.edit(&a.mesh, &a.image, &a.output, &a.spec))
+            .map_err(with_option_name::<MeshSpec>),
+        Verb::Flow(a) => named(a, session.flow(&a.mesh, &a.output, &a.spec)),
+        Verb::Columns(a) => named(a, session.columns(&a.map, &a.horizon, &a.output, &a.spec)),
+        Verb::Export(a) => named(&**a, session.export(&a.mesh, &a.to, &a.output, &a.spec)),
+        Verb::Paint(a) => named(a, session.paint(&a.mesh, &a.output, &a.spec)),
+        Verb::Segment(a) => named(a, session.segment(&a.image, &a.mesh, &a.output, &a.spec)),
+        Verb::Surface(a) => named(a, session.surface(&a.mesh, &a.output, &a.spec)),
+        Verb::Synth(a) => named(a, session.synth(&a.kind, &a.output, &a.spec)),
+        Verb::Validate(a) => {
+            let (answer, verdicts) = session.validate(&a.mesh)?;
+            // Scripts notice a mesh that is not valid.
+            let checked = CheckerVerdict::require_valid(&verdicts, &path_text(&a.mesh));
+            return Ok((answer, checked));
+        }
+        Verb::Mesh(_) | Verb::Doctor | Verb::Completions(_) | Verb::Man(_) => {
+            unreachable!("they need more than files")
+        }
+    };
+    Ok((answer?, Ok(())))
 }
 
 /// Starts the threads: `count`, or one for each processor that no other rank uses.

@@ -14,7 +14,7 @@ use crate::job::output::{with_image, with_live};
 use crate::job::spec::{CellKind, DistanceSource, NominalDistance};
 use crate::job::{MeshSpec, Params};
 use crate::progress::Progress;
-use crate::report::Report;
+use crate::report::{Report, StageCost};
 use crate::store::input::{ImageInput, MeshInput};
 use crate::store::{AnyMesh, FieldValue, MeshFile, Storable, with_mesh};
 use crate::{Error, Result};
@@ -294,6 +294,13 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
 }
 
 impl EditReport {
+    /// Adds the costs of reading, which comes before the edit, and of writing, which comes after it.
+    pub fn add_costs(&mut self, costs: &[StageCost]) {
+        let (reading, writing) = costs.split_at(costs.len().min(1));
+        self.summary.stages.splice(0..0, reading.iter().cloned());
+        self.summary.stages.extend_from_slice(writing);
+    }
+
     /// Returns a table of the edits, the changed parts and their quality.
     pub fn table(&self) -> String {
         let Self {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{AtomChange, Edit};
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::files::table::Table;
 use crate::image::formats::InputOptions;
 use crate::option_text::serde_as_text;
@@ -106,6 +107,17 @@ impl Display for AtomMove {
 serde_as_text!(AtomNumber: [","; 2], AtomMove: [",", ":"]);
 
 impl EditSpec {
+    /// Checks that there is an edit, and that the output replaces no input.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, mesh: &Path, image: &Path, output: &Path) -> Result<()> {
+        let mut inputs = vec![mesh, image];
+        inputs.extend(self.edits.as_deref());
+        check_output(output, "--output", &["vtu"], &inputs)?;
+        self.validate()
+    }
+
     /// Checks that there is an edit.
     ///
     /// # Errors

@@ -9,14 +9,15 @@ use super::surfaces::AnySurfaces;
 use super::surfaces::vtp::read_surfaces;
 use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::image::Image;
 use crate::image::formats::grids::displacement_note;
 use crate::image::formats::segy::{SegyFloat, write_like};
 use crate::image::formats::stream::ImageStream;
 use crate::image::formats::with_loaded;
 use crate::image::formats::{
-    self, AnyImage, ImageFormat, InputOptions, LoadedImage, OpenedImage, ReadOptions, SegyBytes,
-    StreamedImage, can_stream, extension,
+    self, AnyImage, IMAGE_EXTENSIONS, ImageFormat, InputOptions, LoadedImage, OpenedImage,
+    ReadOptions, SegyBytes, StreamedImage, can_stream, extension,
 };
 use crate::image::image_in_depth;
 use crate::image::stated::StatedCoordinates;
@@ -56,13 +57,16 @@ pub struct ConvertSpec {
 }
 
 /// File endings of SEG-Y.
-pub(crate) const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
+const SEGY_EXTENSIONS: [&str; 2] = ["sgy", "segy"];
 
 /// File endings of surfaces that can be read.
 const SURFACE_EXTENSIONS: [&str; 8] = ["vtp", "ts", "pl", "csv", "charisma", "obj", "stl", "ply"];
 
+/// File endings of surfaces that can be written.
+const WRITTEN_SURFACE_EXTENSIONS: [&str; 5] = ["vtp", "obj", "ts", "pl", "csv"];
+
 /// Returns `true` if the file at `path` holds surfaces and no image, judged by its ending.
-pub(crate) fn holds_surfaces(path: &Path) -> bool {
+fn holds_surfaces(path: &Path) -> bool {
     SURFACE_EXTENSIONS.contains(&extension(path).as_str())
 }
 
@@ -108,6 +112,30 @@ impl ConvertSpec {
             return Err(Error::Job(cause(place, problem, remedy)));
         }
         Ok(())
+    }
+}
+
+impl ConvertSpec {
+    /// Checks that the options apply to the files, and that the output has the right ending and
+    /// replaces no input.
+    ///
+    /// # Errors
+    /// Returns the errors of [`validate`](Self::validate), and [`Error::Job`] or [`Error::Io`] that
+    /// names the output.
+    pub fn check_files(&self, input: &Path, output: &Path) -> Result<()> {
+        self.validate(input, output)?;
+        if holds_surfaces(input) {
+            return check_output(output, "OUT", &WRITTEN_SURFACE_EXTENSIONS, &[input]);
+        }
+        let mut inputs = vec![input];
+        inputs.extend(self.input.geometry_from.as_deref());
+        inputs.extend(self.like.as_deref());
+        inputs.extend(self.velocity.as_ref().and_then(NumberOrFile::file));
+        let endings = match &self.like {
+            Some(_) => &SEGY_EXTENSIONS[..],
+            None => &IMAGE_EXTENSIONS,
+        };
+        check_output(output, "OUT", endings, &inputs)
     }
 }
 
@@ -383,8 +411,7 @@ impl Converted {
     /// Returns the number of surfaces; 0 for images.
     pub fn surface_count(&self) -> usize {
         match self {
-            Self::Surfaces(AnySurfaces::Curves(file)) => file.names.len(),
-            Self::Surfaces(AnySurfaces::Surfaces(file)) => file.names.len(),
+            Self::Surfaces(surfaces) => surfaces.count(),
             Self::Sticks(sticks) => sticks.len(),
             _ => 0,
         }
@@ -430,8 +457,7 @@ impl Converted {
                 } = copy;
                 return write_like(path, image, template, bytes, *sample_format);
             }
-            Self::Surfaces(AnySurfaces::Curves(file)) => file.write(path)?,
-            Self::Surfaces(AnySurfaces::Surfaces(file)) => file.write(path)?,
+            Self::Surfaces(surfaces) => surfaces.write(path)?,
             Self::Sticks(sticks) => write_sticks(path, sticks)?,
         }
         Ok(Vec::new())

@@ -10,6 +10,7 @@ use super::companion::add_companion;
 use super::names::{ExportNames, FormatNames};
 use super::{corner_point, meshers, simulators};
 use crate::error::cause;
+use crate::files::output::same_file;
 use crate::files::{Batch, check_target};
 use crate::model::reservoir::Model;
 use crate::{Error, Result};
@@ -207,6 +208,24 @@ impl ExportFormat {
                 format!("give one of {}", names.join(", ")),
             ))
         })
+    }
+
+    /// Checks that a model of the mesh in the file `mesh` can be written to `path` without replacing
+    /// the mesh.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`], [`Error::Export`] or [`Error::Job`] that names the path.
+    pub fn check_files(&self, mesh: &Path, path: &Path) -> Result<()> {
+        self.check_target(path)?;
+        let companion = self.companion_path(path);
+        if same_file(path, mesh) || companion.is_some_and(|path| same_file(&path, mesh)) {
+            return Err(Error::Job(cause(
+                path.display(),
+                "would overwrite the mesh, directly or with its companion VTU",
+                "name another file",
+            )));
+        }
+        Ok(())
     }
 
     /// Checks that a model can be written to `path`, before the long work begins.

@@ -2,6 +2,7 @@
 //!
 //! - [`atomic`]: files and folders that appear completely or not at all
 //! - [`codec`]: binary encoding of values
+//! - [`output`]: checks of output files, and reports on them
 //! - [`table`]: tables in text files
 //! - `text`: numbers as text, fast
 //! - [`open`](fn@open), [`read`]: open or read regular files only, no folders and no pipes
@@ -11,6 +12,7 @@
 pub mod atomic;
 pub mod codec;
 mod open;
+pub mod output;
 mod read_at;
 pub mod table;
 pub(crate) mod text;

@@ -9,6 +9,7 @@
 //! repeats, and positions outside are moved to the nearest point of the box. The gradient is the
 //! exact derivative of the interpolant, so that a minimiser sees a consistent function and slope.
 
+use super::{Geometry, Image};
 use crate::geometry::grid_index::{index_at, strides};
 
 /// Samples of a scalar function over a box in lattice space, x fastest.
@@ -20,6 +21,13 @@ pub struct ScalarField<const D: usize> {
     pub step: [f64; D],
     /// Samples, x fastest.
     pub samples: Vec<f32>,
+}
+
+impl<const D: usize> ScalarField<D> {
+    /// Converts a field with a value for each sample to an image with this geometry.
+    pub fn into_image(self, geometry: &Geometry<D>) -> Image<D> {
+        Image::new(self.dims, self.samples, geometry.clone())
+    }
 }
 
 /// The four samples (taps) about a coordinate along one axis, and their weights.

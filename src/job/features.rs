@@ -1,12 +1,14 @@
 //! Detects the features of an image, as `atomesh feature` does.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::MeshSpec;
+use super::output::lines::write_feature_lines;
+use super::output::points::write_feature_points;
 use super::spec::{FeatureWeights, NominalDistance, PointValue};
 use crate::comm::SelfComm;
 use crate::error::cause;
@@ -14,8 +16,9 @@ use crate::feature::{
     FaultEvidence, FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP, MIN_LENGTH,
     detect_with_cancel, lines_with_cancel,
 };
-use crate::image::formats::{InputOptions, LoadedImage};
-use crate::image::{ImageSource, Modality};
+use crate::files::output::{check_output, file_report};
+use crate::image::formats::{self, IMAGE_EXTENSIONS, InputOptions, LoadedImage};
+use crate::image::{Geometry, ImageSource, Modality};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::{Error, Result};
 
@@ -131,6 +134,26 @@ impl Default for FeatureSpec {
 }
 
 impl FeatureSpec {
+    /// Checks the options, and that the outputs have the right endings and replace neither the image
+    /// nor the potential.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, image: &Path, output: &Path) -> Result<()> {
+        check_output(output, "--output", &IMAGE_EXTENSIONS, &[image])?;
+        let others = [
+            (&self.lines, "--lines", &["vtp"][..]),
+            (&self.points, "--points", &["csv", "vtp"]),
+            (&self.confidence_out, "--confidence-out", &IMAGE_EXTENSIONS),
+        ];
+        for (path, option, endings) in others {
+            if let Some(path) = path {
+                check_output(path, option, endings, &[image, output])?;
+            }
+        }
+        self.validate()
+    }
+
     /// Checks that the options make sense together.
     ///
     /// # Errors
@@ -228,6 +251,46 @@ pub fn features<const D: usize>(
 }
 
 impl<const D: usize> FeatureOutcome<D> {
+    /// Writes the files beside the potential that the options name. Returns a line for each file of
+    /// lines and points: its name, and what it holds.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] if a file cannot be written.
+    pub fn write_others(&self, spec: &FeatureSpec, geometry: &Geometry<D>) -> Result<Vec<String>> {
+        let features = &self.features;
+        if let (Some(path), Some(confidence)) = (&spec.confidence_out, &features.confidence) {
+            formats::write(path, &confidence.clone().into_image(geometry))?;
+        }
+        let mut files = Vec::new();
+        if let (Some(path), Some(lines), Some((summary, _))) =
+            (&spec.lines, &self.lines, self.lines_summary())
+        {
+            write_feature_lines(path, lines, |x| geometry.to_physical(x))?;
+            files.push(format!("{}: {summary}", path.display()));
+        }
+        if let Some(path) = &spec.points {
+            write_feature_points(path, features, geometry)?;
+            files.push(format!(
+                "{}: {} points",
+                path.display(),
+                features.points.len()
+            ));
+        }
+        Ok(files)
+    }
+
+    /// Returns the number of samples and of feature points, the scales, and the lines as JSON.
+    pub fn to_json(&self, spec: &FeatureSpec) -> Value {
+        let lines = spec.lines.as_deref().zip(self.lines_summary());
+        json!({
+            "dims": self.features.potential.dims.to_vec(),
+            "points": self.features.points.len(),
+            "sigma": self.features.sigma,
+            "notes": self.features.notes,
+            "lines": lines.map(|(path, (_, counts))| file_report(path, counts)),
+        })
+    }
+
     /// Returns the number and the total length of the lines of each kind in one line of text, and as
     /// JSON; `None` without lines.
     pub fn lines_summary(&self) -> Option<(String, Value)> {

@@ -52,7 +52,6 @@ impl<'a> MeshView<'a, 3, TetMesh> {
     }
 }
 
-#[cfg(feature = "cli")]
 impl<'a, const D: usize, M: super::Simplices<D>> MeshView<'a, D, M> {
     /// Creates a view of the cells of this rank for measurements cell by cell. `first_cell` is the
     /// global number of the first cell; `global_counts` are the numbers of nodes and of cells of

@@ -2,14 +2,16 @@
 //! they are built in, as `atomesh validate` does.
 
 use serde::Serialize;
+use serde_json::{Value, json};
 
-use crate::Result;
+use crate::error::cause;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::delaunay::{self, DelaunayKernel};
 use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
 use crate::progress::{Progress, Stage};
 use crate::store::MeshInput;
 use crate::store::{AnyMesh, StoredMesh};
+use crate::{Error, Result};
 
 /// Checks a mesh with each checker that is built in, as `atomesh validate` does. If atomesh's own
 /// checker finds a problem, the others do not run.
@@ -188,6 +190,30 @@ pub struct CheckerVerdict {
 }
 
 impl CheckerVerdict {
+    /// Returns the verdicts of all checkers as JSON.
+    pub fn to_json(verdicts: &[Self]) -> Value {
+        let is_valid = verdicts.iter().all(|verdict| verdict.problem.is_none());
+        json!({ "valid": is_valid, "checks": verdicts })
+    }
+
+    /// Returns the error of the first problem that a checker found in the mesh of this name.
+    ///
+    /// # Errors
+    /// Returns [`Error::Mesh`] if there is one.
+    pub fn require_valid(verdicts: &[Self], name: &str) -> Result<()> {
+        let failed = verdicts
+            .iter()
+            .find_map(|v| Some((v.checker, v.problem.as_ref()?)));
+        match failed {
+            None => Ok(()),
+            Some((checker, problem)) => Err(Error::Mesh(cause(
+                name,
+                format!("{checker} finds it invalid: {problem}"),
+                "mesh the image again",
+            ))),
+        }
+    }
+
     /// Returns the verdict as one line.
     pub fn summary_line(&self) -> String {
         match &self.problem {

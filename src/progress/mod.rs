@@ -16,6 +16,7 @@ use std::time::Instant;
 use serde::{Serialize, Serializer};
 
 use crate::error::cause;
+use crate::memory::Bytes;
 use crate::{Error, Result};
 pub use cost::{Clock, StageCost};
 
@@ -187,6 +188,42 @@ pub struct SizeEstimate {
     pub cells: f64,
     /// Memory in bytes that the mesh takes in addition to what is used already.
     pub bytes: f64,
+}
+
+impl fmt::Display for OptimizeStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "round {}, energy {:.4e}", self.round, self.energy)
+    }
+}
+
+impl OptimizeStatus {
+    /// Returns the fraction of the evaluations that are done.
+    pub fn fraction(&self) -> f64 {
+        self.evaluations as f64 / self.max_evaluations as f64
+    }
+}
+
+impl fmt::Display for SizeEstimate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "about {} atoms, {} cells, {} of memory",
+            round_to_two_digits(self.atoms),
+            round_to_two_digits(self.cells),
+            Bytes(self.bytes)
+        )
+    }
+}
+
+/// Formats a number with two significant digits.
+fn round_to_two_digits(number: f64) -> String {
+    match number {
+        n if n >= 1e6 => format!("{:.1} million", n / 1e6),
+        n => {
+            let step = 10f64.powf((n.max(10.0)).log10().floor() - 1.0);
+            format!("{:.0}", (n / step).round() * step)
+        }
+    }
 }
 
 /// Follows a job, and may stop it.

@@ -28,6 +28,7 @@ mod write;
 
 use std::path::Path;
 
+use crate::Result;
 use crate::files::vtk::DataArray;
 use crate::files::vtk::pieces::FieldValue;
 use crate::geometry::{sorted_distinct, to_3d};
@@ -158,5 +159,29 @@ impl From<SurfaceFile<2>> for AnySurfaces {
 impl From<SurfaceFile<3>> for AnySurfaces {
     fn from(file: SurfaceFile<3>) -> Self {
         Self::Surfaces(file)
+    }
+}
+
+/// File endings of the surface formats that can be written.
+pub(crate) const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
+
+impl AnySurfaces {
+    /// Writes the surfaces in the format of the file's ending.
+    ///
+    /// # Errors
+    /// Returns the errors of [`SurfaceFile::write`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        match self {
+            Self::Curves(file) => file.write(path),
+            Self::Surfaces(file) => file.write(path),
+        }
+    }
+
+    /// Returns the number of surfaces.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Curves(file) => file.names.len(),
+            Self::Surfaces(file) => file.names.len(),
+        }
     }
 }

@@ -454,7 +454,6 @@ fn drop_doubtful<const D: usize>(
 ///
 /// # Errors
 /// Returns no error with default options.
-#[cfg(feature = "cli")]
 pub(crate) fn default_surfaces<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
 ) -> Result<SurfaceFile<D>> {

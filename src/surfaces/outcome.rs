@@ -9,18 +9,15 @@ use super::table::{self, amplitude_table, interface_table, surface_table};
 use crate::error::cause;
 use crate::export::surfaces::heights::{bin_heights, height_grid, write_points};
 use crate::export::surfaces::survey_grid::SurveyGrid;
+use crate::files::output::{check_output, path_text};
 use crate::image::formats;
 use crate::image::formats::grids::{GRID_EXTENSIONS, displacement_note};
 use crate::model::surface::{SurfaceKind, SurfaceMeasure};
 use crate::names::NameRules;
 use crate::store::AnyMesh;
 use crate::surface_file::sticks::{FaultSticks, write_charisma, write_sticks};
-use crate::surface_file::{AnySurfaces, SurfaceFile, has_extension};
+use crate::surface_file::{AnySurfaces, SURFACE_EXTENSIONS, SurfaceFile, has_extension};
 use crate::{Error, Result};
-
-/// File endings of the surface formats that can be written.
-#[cfg(feature = "cli")]
-pub(crate) const SURFACE_EXTENSIONS: [&str; 3] = ["vtp", "obj", "ts"];
 
 /// File endings of fault sticks.
 pub(crate) const STICK_EXTENSIONS: [&str; 2] = ["csv", "charisma"];
@@ -88,6 +85,32 @@ impl InterfaceMeasure {
 }
 
 impl SurfaceSpec {
+    /// Checks the options, that the outputs have the right endings and replace neither an input nor
+    /// each other, and that each option has an effect.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, mesh: &Path, output: &Path) -> Result<()> {
+        let mut inputs = vec![mesh];
+        inputs.extend(self.image.as_deref());
+        inputs.extend(self.survey.as_deref());
+        inputs.extend(self.names_from.as_ref().map(|file| &*file.path));
+        let endings = [
+            &SURFACE_EXTENSIONS[..],
+            &STICK_EXTENSIONS,
+            &GRID_EXTENSIONS,
+            &POINT_EXTENSIONS,
+        ]
+        .concat();
+        check_output(output, "--output", &endings, &inputs)?;
+        if let Some(path) = &self.mesh_out {
+            inputs.push(output);
+            check_output(path, "--mesh-out", &["vtu"], &inputs)?;
+        }
+        self.check_target(output)?;
+        self.validate()
+    }
+
     /// Checks that no option is given that has no effect on a file of this name.
     ///
     /// # Errors
@@ -145,10 +168,7 @@ impl SurfaceOutcome {
             has_extension(path, &GRID_EXTENSIONS) || has_extension(path, &POINT_EXTENSIONS);
         let written = vec![path.to_path_buf()];
         if !is_horizon_file && !has_extension(path, &STICK_EXTENSIONS) {
-            match &self.surfaces {
-                AnySurfaces::Curves(file) => file.write(path)?,
-                AnySurfaces::Surfaces(file) => file.write(path)?,
-            }
+            self.surfaces.write(path)?;
             return Ok(written);
         }
         let refuse =
@@ -276,8 +296,8 @@ impl SurfaceOutcome {
     }
 
     /// Returns the measures as JSON.
-    pub fn to_json(&self) -> Value {
-        match &self.report {
+    pub fn to_json(&self, spec: &SurfaceSpec) -> Value {
+        let mut json = match &self.report {
             SurfaceReport::Bends {
                 measures,
                 dropped_count,
@@ -300,7 +320,11 @@ impl SurfaceOutcome {
                 });
                 json!({ "surfaces": rows.collect::<Vec<_>>() })
             }
+        };
+        if let (Some(path), Some(_)) = (&spec.mesh_out, &self.mesh) {
+            json["mesh"] = path_text(path).into();
         }
+        json
     }
 }
 

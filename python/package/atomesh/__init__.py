@@ -99,7 +99,7 @@ def feature(volume: Volume, *, progress: Progress = False, **options: Unpack[Fea
     """
     objects = {_NAME: Image.of(volume)._native}
     output = "<potential>.vti"
-    answer = _call("feature", [_NAME], {"output": output, **options}, objects, [output], progress)
+    answer = _call("feature", [_NAME], {"output": output, **options}, objects, progress)
     image = Image(answer.kept[output])
     image.report = answer.report
     return image
@@ -135,7 +135,7 @@ def synth(kind: str, **options: Unpack[SynthOptions]) -> Image:
     (32, 36, 40)
     """
     output = "<image>.vti"
-    answer = _call("synth", [kind], {"output": output, **options}, keep=[output])
+    answer = _call("synth", [kind], {"output": output, **options})
     return Image(answer.kept[output])
 
 

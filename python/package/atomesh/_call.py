@@ -78,7 +78,6 @@ def call(
     arguments: Iterable[str | os.PathLike[str]],
     options: Mapping[str, Any],
     objects: Mapping[str, Any] | None = None,
-    keep: Iterable[str] = (),
     progress: Progress = False,
     threads: int | None = None,
 ) -> Answer:
@@ -91,11 +90,10 @@ def call(
     arguments
         Its positional arguments.
     options
-        Its options by their names as keyword arguments.
+        Its options by their names as keyword arguments. An output with a name such as `<mesh>.vtu` is returned and
+        not written to a file.
     objects
         Meshes and images in memory, by the names under which the arguments refer to them.
-    keep
-        Names of outputs that are returned and not written to files.
     progress
         True to show the progress, or a callable that receives the name of the stage and the fraction of it that is
         done.
@@ -125,7 +123,7 @@ def call(
                 values[option["name"]] = inputs.values(option, value)
         paths = [_path(path) for path in arguments]
         images = {**(objects or {}), **inputs.images}
-        results = _native.run(verb, paths, values, images, list(keep), display, threads)
+        results = _native.run(verb, paths, values, images, display, threads)
         return Answer(results, inputs.images)
 
 

@@ -279,7 +279,7 @@ def read(path: str | os.PathLike[str], **options: Any) -> Image:
     >>> atomesh.read("sphere.vti").samples.shape
     (20, 20, 20)
     """
-    answer = call("convert", [path, "<image>.vti"], options, keep=["<image>.vti"])
+    answer = call("convert", [path, "<image>.vti"], options)
     return Image(answer.kept["<image>.vti"])
 
 

@@ -790,7 +790,7 @@ class Mesh:
         if image is not None:
             arguments.append(NAME)
             objects[NAME] = Image.of(image)._native
-        answer = self._call("surface", arguments, {"output": FACETS, **options}, objects, keep=[FACETS])
+        answer = self._call("surface", arguments, {"output": FACETS, **options}, objects)
         kinds = [kind] if isinstance(kind, str) else kind
         return Surfaces(answer.kept[FACETS], answer.report, kinds)
 
@@ -1033,7 +1033,7 @@ class Mesh:
         image: Image | None = None, **call_options: Any,
     ) -> Mesh:
         """Runs a verb that makes a mesh of this one."""
-        answer = self._call(verb, arguments, {"output": RESULT, **options}, objects, keep=[RESULT], **call_options)
+        answer = self._call(verb, arguments, {"output": RESULT, **options}, objects, **call_options)
         made = Mesh(answer.kept[RESULT], answer, image or self._image)
         made._option_images = {**self._option_images, **made._option_images}
         return made
@@ -1042,8 +1042,7 @@ class Mesh:
 
     def __repr__(self) -> str:
         head = f"<atomesh.Mesh: {self.n_points} points, {self.n_cells} {_PLURAL[self.kind]}>"
-        table = self._text.split("\nwrote ")[0]
-        return f"{head}\n{table}" if table else head
+        return f"{head}\n{self._text}" if self._text else head
 
     def _repr_html_(self) -> str:
         picture = ""
@@ -1177,7 +1176,7 @@ def mesh(
     else:
         image = Image.of(volume, spacing, origin, units)
         name, objects = NAME, {NAME: image._native}
-    answer = call("mesh", [name], {"output": RESULT, **options}, objects, [RESULT], progress, threads)
+    answer = call("mesh", [name], {"output": RESULT, **options}, objects, progress, threads)
     warn_of_issue(answer.report.get("verdict"))
     return Mesh(answer.kept[RESULT], answer, image)
 

@@ -110,7 +110,6 @@ def run(
     arguments: Sequence[str],
     options: Mapping[str, Any],
     objects: Mapping[str, Mesh | Image],
-    keep: Sequence[str],
     on_event: Callable[[str, float, str], object] | None,
     threads: int | None,
 ) -> dict[str, Any]: ...

@@ -8,7 +8,6 @@ use numpy::PyReadonlyArrayDyn;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyType;
-use sha2::{Digest, Sha256};
 
 use super::arrays::view;
 use crate::parts::numbers;
@@ -166,22 +165,4 @@ impl Image {
             AnyImage::Space(loaded) => geometry_arrays(&loaded.image.geometry),
         }
     }
-}
-
-/// Returns the SHA-256 of an image's samples, x fastest, as little-endian 32-bit floats.
-pub fn hash(image: &AnyImage) -> String {
-    let samples = match image {
-        AnyImage::Plane(loaded) => loaded.image.as_slice(),
-        AnyImage::Space(loaded) => loaded.image.as_slice(),
-    };
-    let mut hasher = Sha256::new();
-    for chunk in samples.chunks(1 << 14) {
-        let bytes: Vec<u8> = chunk
-            .iter()
-            .flat_map(|sample| sample.to_le_bytes())
-            .collect();
-        hasher.update(&bytes);
-    }
-    let bytes = hasher.finalize();
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

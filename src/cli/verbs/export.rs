@@ -5,13 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 
-use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::same_file;
-use crate::cli::console::Console;
-use crate::cli::interrupts::Interrupts;
-use crate::error::cause;
 use crate::export::{ExportFormat, ExportSpec, formats};
-use crate::{Error, Result};
 
 /// Arguments of `atomesh export`.
 #[derive(Debug, Args)]
@@ -38,31 +32,4 @@ fn format_names() -> PossibleValuesParser {
             .aliases(format.programs())
     };
     PossibleValuesParser::new(formats().map(named))
-}
-
-/// Runs the verb.
-pub fn export(args: &ExportArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let (spec, output) = (&args.spec, args.output.as_path());
-    let format = ExportFormat::from_name(&args.to)?;
-    spec.validate(format)
-        .map_err(with_option_name::<ExportSpec>)?;
-    format.check_target(output)?;
-    let companion = format.companion_path(output);
-    if [Some(output), companion.as_deref()]
-        .into_iter()
-        .flatten()
-        .any(|path| same_file(path, &args.mesh))
-    {
-        return Err(Error::Job(cause(
-            output.display(),
-            "would overwrite the mesh, directly or with its companion VTU",
-            "name another file",
-        )));
-    }
-    let outcome = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
-        let outcome = crate::export(input, format, output, spec, progress);
-        outcome.map_err(with_option_name::<ExportSpec>)
-    })?;
-    console.result(outcome.table(), &outcome.to_json());
-    Ok(())
 }

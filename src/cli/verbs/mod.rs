@@ -1,4 +1,4 @@
-//! The verbs of the command line: one file per verb, with its arguments and its code.
+//! The verbs of the command line: one file per verb, with its arguments.
 
 pub mod columns;
 pub mod convert;

@@ -4,12 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::Result;
 use crate::assess::quality::QualitySpec;
-use crate::cli::common::options::with_option_name;
-use crate::cli::common::output::check_output;
-use crate::cli::console::Console;
-use crate::cli::interrupts::Interrupts;
 
 /// Arguments of `atomesh quality`.
 #[derive(Debug, Args)]
@@ -20,19 +15,4 @@ pub struct QualityArgs {
     /// Options of the measurement.
     #[command(flatten)]
     pub spec: QualitySpec,
-}
-
-/// Runs the verb.
-pub fn quality(args: &QualityArgs, interrupts: &Interrupts, console: &mut Console) -> Result<()> {
-    let spec = &args.spec;
-    if let Some(path) = &spec.lines {
-        let mut inputs = vec![args.mesh.as_path()];
-        inputs.extend(spec.truth.as_deref());
-        check_output(path, "--lines", &["vtp"], &inputs)?;
-    }
-    let report = console.run_on_mesh(interrupts, &args.mesh, |input, progress| {
-        crate::quality(input, spec, progress).map_err(with_option_name::<QualitySpec>)
-    })?;
-    console.result(report.table().trim_end(), &report.to_json());
-    Ok(())
 }

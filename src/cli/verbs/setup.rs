@@ -8,9 +8,9 @@ use clap_complete::Shell;
 use serde_json::json;
 
 use crate::cli::args::CommandLine;
-use crate::cli::common::output::path_text;
 use crate::cli::console::{Console, print};
 use crate::error::{cause, io_error};
+use crate::files::output::path_text;
 use crate::{Error, Result};
 
 /// Arguments of `atomesh completions`.

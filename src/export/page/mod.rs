@@ -65,6 +65,24 @@ pub struct PageStats {
     pub total_faces: usize,
 }
 
+impl PageStats {
+    /// Returns the size of the page as text.
+    pub fn size_text(self) -> String {
+        let megabytes = self.bytes as f64 * 1e-6;
+        let thinned = if self.is_thinned {
+            format!(
+                ", {} of {} faces: its cut stops at {} places along each axis",
+                self.faces,
+                self.total_faces,
+                self.cut_steps - 1
+            )
+        } else {
+            String::new()
+        };
+        format!("{megabytes:.1} MB{thinned}")
+    }
+}
+
 /// Maximum size of a page in bytes.
 pub const MAX_PAGE_BYTES: usize = 10_000_000;
 /// Numbers of steps along an axis that are tried, from the largest (a bin is stored as a byte) to

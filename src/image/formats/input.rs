@@ -6,9 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::placement::ImagePlacement;
-use super::{AnyImage, Crop, ImageFormat, ReadOptions, SegyBytes, detect};
-#[cfg(feature = "cli")]
-use super::{OpenedImage, restricted};
+use super::{AnyImage, Crop, ImageFormat, OpenedImage, ReadOptions, SegyBytes, detect, restricted};
 use crate::error::cause;
 use crate::option_text::deserialize_optional;
 use crate::{Error, Result};
@@ -206,13 +204,22 @@ impl InputOptions {
         self.crop.as_deref().map(str::parse).transpose()
     }
 
-    /// Returns the part of an image in memory that the options give.
+    /// Returns the part that the options give of an image in memory, which has the name `place`.
     ///
     /// # Errors
-    /// Returns the errors of [`read_options`](Self::read_options), and those of the files that the
-    /// options name.
-    #[cfg(feature = "cli")]
-    pub(crate) fn restrict(&self, image: AnyImage, place: &Path) -> Result<AnyImage> {
+    /// Returns [`Error::Job`] for options that are for files only, the errors of
+    /// [`read_options`](Self::read_options), and those of the files that the options name.
+    pub fn part_in_memory(&self, image: AnyImage, place: &Path) -> Result<AnyImage> {
+        let others = Self {
+            null: None,
+            crop: None,
+            inside: None,
+            ..self.clone()
+        };
+        others.refuse_unused(
+            "the image is in memory",
+            "omit it; spacing, origin and units are those of the image in memory",
+        )?;
         let options = ReadOptions {
             crop: self.crop()?,
             inside: self.inside.clone(),

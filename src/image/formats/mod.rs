@@ -32,6 +32,7 @@
 
 pub(crate) mod crop;
 pub(crate) mod describe;
+mod file_hash;
 mod foreign;
 pub(crate) mod grids;
 pub(crate) mod hdf5;
@@ -68,13 +69,14 @@ use crate::image::Image;
 
 pub use crop::Crop;
 pub use describe::{Description, describe};
+pub use file_hash::file_hash;
 pub use input::{InputOptions, ReadImage, SampleDomain, read_with_options};
 pub use placement::{AxisSpec, ImagePlacement};
 pub use raw::RawSpec;
 use same_place::in_place_of;
 pub use segy::{LineNumbers, SegyBytes, SegyInfo};
 pub use stream::OpenedImage;
-pub use write::write;
+pub use write::{IMAGE_EXTENSIONS, write};
 pub(crate) use write::{StreamedImage, can_stream, write_survey};
 
 /// Options for reading an image.
@@ -258,6 +260,15 @@ impl AnyImage {
     /// Returns the number of samples along each axis, x first.
     pub fn dims(&self) -> Vec<usize> {
         with_loaded!(self, loaded => loaded.image.dims().to_vec())
+    }
+
+    /// Returns the SHA-256 of the samples, x fastest, as little-endian 32-bit floats.
+    pub fn hash(&self) -> String {
+        let samples = match self {
+            Self::Plane(loaded) => loaded.image.as_slice(),
+            Self::Space(loaded) => loaded.image.as_slice(),
+        };
+        file_hash::hash_of_samples(samples)
     }
 
     /// Writes the image in the format that the ending of `path` names, with the line numbers of a

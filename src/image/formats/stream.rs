@@ -233,7 +233,6 @@ impl ImageStream {
     /// Returns `true` if the image should and can stay in its file. It should if it has many
     /// samples, if there is not enough memory for them, or if several ranks share them
     /// (`is_distributed`). It can if it has three axes and no missing rows.
-    #[cfg(feature = "cli")]
     pub fn stays_in_file(&self, is_distributed: bool) -> bool {
         let dims = self.header.dims;
         let count: usize = dims.iter().product();

@@ -57,6 +57,11 @@ pub(crate) fn write_survey<const D: usize>(
     }
 }
 
+/// Endings of the formats that verbs write.
+pub const IMAGE_EXTENSIONS: [&str; 13] = [
+    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3", "grd", "asc",
+];
+
 /// Endings of the formats that are written in parts, so that images may be larger than memory.
 const STREAMED_EXTENSIONS: [&str; 7] = ["npy", "raw", "bin", "nii", "nii.gz", "nrrd", "zarr"];
 

@@ -1,15 +1,18 @@
 //! The options of `atomesh synth`, as one value.
 
 use std::fmt::{self, Display, Formatter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{Options, SyntheticImage, SyntheticKind, layer_depths, make, make_2d};
-use crate::Result;
-use crate::image::formats::{self, AnyImage};
+use crate::error::cause;
+use crate::files::output::check_output;
+use crate::image::formats::segy::write_synthetic;
+use crate::image::formats::{self, AnyImage, IMAGE_EXTENSIONS};
 use crate::option_text::{deserialize_text, serde_as_text};
+use crate::{Error, Result};
 
 /// Options of `atomesh synth`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -162,6 +165,40 @@ pub fn synth(kind: SyntheticKind, spec: &SynthSpec) -> Result<AnyImage> {
 }
 
 impl SynthSpec {
+    /// Checks that the outputs have the right endings and names of their own.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`](crate::Error::Io) that names the option.
+    pub fn check_files(&self, output: &Path) -> Result<()> {
+        let endings = [&IMAGE_EXTENSIONS[..], &["sgy"]].concat();
+        check_output(output, "--output", &endings, &[])?;
+        let mut others = vec![output];
+        for (path, option) in [(&self.truth, "--truth"), (&self.layers, "--layers")] {
+            if let Some(path) = path {
+                check_output(path, option, &["npy"], &others)?;
+                others.push(path);
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes an image that [`synth`] made, also as a survey (.sgy).
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for a survey with two axes, and [`Error::Io`](crate::Error::Io) if the
+    /// file cannot be written.
+    pub fn write(image: &AnyImage, path: &Path) -> Result<()> {
+        match image {
+            _ if formats::extension(path) != "sgy" => image.write(path),
+            AnyImage::Space(loaded) => write_synthetic(path, &loaded.image),
+            AnyImage::Plane(_) => Err(Error::Job(cause(
+                format!("--output {}", path.display()),
+                "a survey has three axes, and this image has two",
+                "give three dimensions, or another ending",
+            ))),
+        }
+    }
+
     fn options(&self) -> Options {
         Options {
             dims: match self.dims {

@@ -23,7 +23,6 @@ use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 use crate::mesh::complex::NONE;
-#[cfg(feature = "cli")]
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
 use crate::mesh_file::array_names::{
@@ -38,10 +37,8 @@ use crate::mesh_file::{
     AnyMesh, FieldValue, LabelledRegion, LatticeSpace, MeshFile, face_bits_to_physical,
     to_physical, write_cells_vtu, write_vtu,
 };
-#[cfg(feature = "cli")]
 use crate::progress::CancelToken;
 use crate::report::smallest_angles;
-#[cfg(feature = "cli")]
 use crate::report::{Quality, quality, quality_of_partition};
 use crate::{Error, Result};
 use cells::cell_mesh_file;
@@ -206,7 +203,6 @@ where
     ///
     /// # Errors
     /// Returns the errors of [`write_with_image`](Self::write_with_image).
-    #[cfg(feature = "cli")]
     pub(crate) fn write_distributed(
         &self,
         path: &Path,
@@ -271,7 +267,6 @@ where
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    #[cfg(feature = "cli")]
     pub(crate) fn quality_in_world(&self, comm: &dyn Comm) -> Result<Option<Quality>> {
         let Some(annotated) = self.simplices() else {
             return Ok(None);

@@ -5,9 +5,11 @@
 //! keywords are all generated from this type. To add an option, add a field with its default,
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
+//! - `config`: options from a configuration file
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
+mod config;
 mod validate;
 mod values;
 

@@ -3,12 +3,18 @@
 use super::horizon::{Horizon, TriangleIndex};
 use crate::error::cause;
 use crate::geometry::grid_index::index_at;
+use crate::image::formats::{AnyImage, InputOptions, ReadImage};
 use crate::image::placing::{Frame, GivenFile, Region};
 use crate::image::point_nulls::{NullSearch, Pairs};
 use crate::image::stated::{CoordinateOptions, StatedCoordinates, ZDirection};
 use crate::image::{Geometry, Image};
+use crate::option_text::InvalidValue;
+use crate::progress::Progress;
 use crate::store::LatticeSpace;
-use crate::surface_file::interpretation::{PickedShape, PickedSurface, triangulate_points};
+use crate::surface_file::interpretation::{
+    PickedShape, PickedSurface, read_interpretation_as, triangulate_points,
+};
+use crate::surface_file::{FileOption, has_extension};
 use crate::units::{self, Quantity};
 use crate::{Error, Result};
 
@@ -18,6 +24,33 @@ const TURNED_RATIO: f64 = 4.0;
 
 /// Largest number of names in a message.
 const MAX_NAMES: usize = 20;
+
+/// Endings of files of surfaces and points. All others are images.
+const SURFACE_ENDINGS: [&str; 11] = [
+    "vtp", "ts", "obj", "pl", "vs", "csv", "xyz", "txt", "dat", "charisma", "asc",
+];
+
+/// Returns the error of an impossible value of `--horizon`.
+fn refused(text: &str, problem: &str, remedy: &str) -> Error {
+    Error::Job(cause(format!("--horizon {text}"), problem, remedy))
+}
+
+/// Returns the file that the value of `--horizon` names; `None` if it is a number.
+///
+/// # Errors
+/// Returns [`Error::Job`] for an impossible value.
+pub(super) fn horizon_file(text: &str) -> Result<Option<FileOption>> {
+    if text.parse::<f64>().is_ok() {
+        return Ok(None);
+    }
+    let option: FileOption = text
+        .parse()
+        .map_err(|error: InvalidValue| refused(text, &error.problem, &error.remedy))?;
+    if option.is_horizon == Some(false) {
+        return Err(refused(text, "is a horizon and no fault", "omit ,fault"));
+    }
+    Ok(Some(option))
+}
 
 /// A horizon as a user gives it.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +93,58 @@ impl GivenHorizon {
             shape: HorizonShape::Flat(z),
             options: CoordinateOptions::default(),
         }
+    }
+
+    /// Reads a horizon from the value `text` of the option: a number, an image of z, or a file of
+    /// surfaces or points.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for an impossible value, and the errors of reading the file.
+    pub fn read(
+        text: &str,
+        input: &InputOptions,
+        read_image: ReadImage<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Self> {
+        let nulls = input.point_nulls()?;
+        let given = |shape, options: &CoordinateOptions| Self {
+            place: text.to_string(),
+            shape,
+            options: options.with_nulls(nulls.clone()),
+        };
+        let Some(option) = horizon_file(text)? else {
+            let z = text.trim().parse().unwrap_or(f64::NAN);
+            if !f64::is_finite(z) {
+                return Err(refused(text, "is not a finite number", "give a finite z"));
+            }
+            return Ok(given(HorizonShape::Flat(z), &CoordinateOptions::default()));
+        };
+        let path = option.path.as_path();
+        if !has_extension(path, &SURFACE_ENDINGS) {
+            let AnyImage::Plane(loaded) = read_image(path, input)? else {
+                let remedy = "give an image of z over the map";
+                return Err(refused(text, "is a 3-D image", remedy));
+            };
+            loaded.notes.iter().for_each(|note| progress.note(note));
+            return Ok(given(
+                HorizonShape::Grid(Box::new(loaded.image)),
+                &option.coordinates,
+            ));
+        }
+        let mut surfaces = read_interpretation_as(path, &option.coordinates.columns)?;
+        if let Some(name) = &option.name {
+            let named = surfaces.iter().position(|surface| surface.name == *name);
+            let number = name.parse::<usize>().ok();
+            let by_number = number.and_then(|number| number.checked_sub(1));
+            let Some(k) = named.or(by_number.filter(|&k| k < surfaces.len())) else {
+                let names: Vec<&str> = surfaces.iter().map(|s| s.name.as_str()).collect();
+                let problem = format!("names no surface: the file has {}", names.join(", "));
+                let remedy = "give FILE, FILE:NAME or FILE:NUMBER";
+                return Err(refused(text, &problem, remedy));
+            };
+            surfaces = vec![surfaces.swap_remove(k)];
+        }
+        Ok(given(HorizonShape::Surfaces(surfaces), &option.coordinates))
     }
 
     /// Returns the statements of the file.

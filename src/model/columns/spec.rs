@@ -1,15 +1,19 @@
 //! The options of `atomesh columns`, as one value.
 
 use std::fmt::{self, Display, Formatter};
+use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use super::LayerDivision;
+use super::given::horizon_file;
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::image::formats::InputOptions;
 use crate::option_text::InvalidValue;
 use crate::option_text::serde_as_text;
+use crate::surface_file::FileOption;
 use crate::{Error, Result};
 
 /// Options of `atomesh columns`.
@@ -84,6 +88,22 @@ impl Display for LayerCounts {
 serde_as_text!(LayerCounts: [","; 2]);
 
 impl ColumnsSpec {
+    /// Checks the options, and that the output replaces neither the map nor a file of the
+    /// `horizons`.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, map: &Path, horizons: &[String], output: &Path) -> Result<()> {
+        self.validate()?;
+        let options: Vec<Option<FileOption>> = horizons
+            .iter()
+            .map(|text| horizon_file(text))
+            .collect::<Result<_>>()?;
+        let mut inputs = vec![map];
+        inputs.extend(options.iter().flatten().map(|option| option.path.as_path()));
+        check_output(output, "--output", &["vtu"], &inputs)
+    }
+
     /// Checks that the options make sense together.
     ///
     /// # Errors

@@ -35,6 +35,19 @@ pub struct FlowOutcome {
     pub streamlines: Option<Streamlines<3>>,
 }
 
+impl FlowOutcome {
+    /// Writes the files beside the mesh that the options name: the streamlines.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
+    pub fn write_others(&self, spec: &FlowSpec) -> Result<()> {
+        match (&spec.streamlines, &self.streamlines) {
+            (Some(path), Some(lines)) => lines.write(path),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// Computes steady flow through a mesh, from sources to sinks, as `atomesh flow` does. Lengths of the
 /// mesh are assumed to be in metres.
 ///

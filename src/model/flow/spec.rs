@@ -1,15 +1,16 @@
 //! The options of `atomesh flow`, as one value.
 
 use std::fmt::{self, Display, Formatter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use super::driver::{BoundaryConditions, SIDE_NAMES};
-use super::faults::{FaultOptions, FaultResistance};
+use super::faults::{FaultMultiplier, FaultOptions, FaultResistance};
 use super::{PointWell, Rock, Tensor};
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::files::table::values_by_region;
 use crate::option_text::serde_as_text;
 use crate::option_text::{InvalidValue, NumberOrFile, joined, parse_number};
@@ -226,6 +227,34 @@ serde_as_text!(
 );
 
 impl FlowSpec {
+    /// Checks the options, and that the outputs have the right endings and replace neither an input
+    /// nor each other.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, mesh: &Path, output: &Path) -> Result<()> {
+        self.validate()?;
+        let mut inputs = vec![mesh];
+        if let FlowPermeability::Named(name) = &self.permeability {
+            inputs.push(Path::new(name));
+        }
+        for multiplier in &self.fault_options.fault_multiplier {
+            if let FaultMultiplier::File(path) = multiplier {
+                inputs.push(path);
+            }
+        }
+        check_output(output, "--output", &["vtu"], &inputs)?;
+        inputs.push(output);
+        match (&self.streamlines, self.lines) {
+            (Some(path), _) => check_output(path, "--streamlines", &["vtp"], &inputs),
+            (None, Some(_)) => {
+                let problem = "is the number of streamlines, but none are to be written";
+                Err(Error::Job(cause("--lines", problem, "omit it")))
+            }
+            (None, None) => Ok(()),
+        }
+    }
+
     /// Checks that the options make sense together, and reads the factors of faults.
     ///
     /// # Errors

@@ -1,10 +1,12 @@
 //! Paints a mesh as `atomesh paint` does.
 
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::spec::{PaintSeed, PaintSpec, Seeds};
 use super::{blocks, contrast_factors, grow};
 use crate::error::cause;
+use crate::files::output::path_text;
 use crate::image::ScalarField;
 use crate::image::formats::ReadImage;
 use crate::mesh::Mesh;
@@ -50,6 +52,26 @@ pub struct PaintedRegion {
 }
 
 impl PaintOutcome {
+    /// Writes the files beside the mesh that the options name: the surfaces around the regions.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] if a file cannot be written.
+    pub fn write_others(&self, spec: &PaintSpec) -> Result<()> {
+        match (&spec.surface_out, &self.surfaces) {
+            (Some(path), Some(surfaces)) => surfaces.write(path),
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns the regions, the number of blocks and the names of the files as JSON.
+    pub fn to_json(&self, spec: &PaintSpec) -> Value {
+        json!({
+            "surface": spec.surface_out.as_deref().map(path_text),
+            "blocks": self.blocks,
+            "regions": self.regions,
+        })
+    }
+
     /// Returns the regions as a table.
     pub fn table(&self) -> String {
         let volume = match self.mesh {

@@ -1,16 +1,18 @@
 //! The options of `atomesh paint`, as one value.
 
 use std::fmt::{self, Display, Formatter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::image::formats::InputOptions;
 use crate::model::surface::GroupingOptions;
 use crate::option_text::serde_as_text;
 use crate::option_text::{InvalidValue, PointValue};
+use crate::surface_file::SURFACE_EXTENSIONS;
 use crate::{Error, Result};
 
 /// Options of `atomesh paint`.
@@ -135,6 +137,22 @@ fn seed_remedy<const D: usize>() -> &'static str {
 pub(super) type Seeds<const D: usize> = Vec<([f64; D], u32)>;
 
 impl PaintSpec {
+    /// Checks the options, and that the outputs have the right endings and replace neither an input
+    /// nor each other.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, mesh: &Path, output: &Path) -> Result<()> {
+        let mut inputs = vec![mesh];
+        inputs.extend(self.image.as_deref());
+        check_output(output, "--output", &["vtu"], &inputs)?;
+        if let Some(path) = &self.surface_out {
+            inputs.push(output);
+            check_output(path, "--surface-out", &SURFACE_EXTENSIONS, &inputs)?;
+        }
+        self.validate()
+    }
+
     /// Checks that the options make sense together.
     ///
     /// # Errors

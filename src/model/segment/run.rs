@@ -1,12 +1,14 @@
 //! Segments a mesh as `atomesh segment` does.
 
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::places::Places;
 use super::spec::SegmentSpec;
 use super::superpixels::Superpixels;
 use super::{Options, boundary, cut_cells, cut_samples, dice};
 use crate::Result;
+use crate::files::output::path_text;
 use crate::files::vtk::DataArray;
 use crate::image::formats::{AnyImage, InputOptions, LoadedImage, ReadImage};
 use crate::image::{Geometry, Image};
@@ -70,6 +72,30 @@ impl CutResult {
 }
 
 impl SegmentOutcome {
+    /// Writes the files beside the mesh that the options name: the labels and the boundary.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`](crate::Error::Io) if a file cannot be written.
+    pub fn write_others(&self, spec: &SegmentSpec) -> Result<()> {
+        if let (Some(path), Some(labels)) = (&spec.labels_out, &self.labels) {
+            labels.write(path)?;
+        }
+        match (&spec.surface_out, &self.surface) {
+            (Some(path), Some(surface)) => surface.write(path),
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns the results of the cuts and the names of the files as JSON.
+    pub fn to_json(&self, spec: &SegmentSpec) -> Value {
+        json!({
+            "labels": spec.labels_out.as_deref().map(path_text),
+            "surface": spec.surface_out.as_deref().map(path_text),
+            "cells": self.cells,
+            "samples": self.samples,
+        })
+    }
+
     /// Returns the results of the cuts as a table.
     pub fn table(&self) -> String {
         let mut lines = vec![format!(

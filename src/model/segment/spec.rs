@@ -1,7 +1,7 @@
 //! The options of `atomesh segment`, as one value.
 
 use std::fmt::{self, Display, Formatter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -9,9 +9,11 @@ use serde::{Deserialize, Serialize};
 use super::Options;
 use super::places::{Place, Places};
 use crate::error::cause;
-use crate::image::formats::InputOptions;
+use crate::files::output::check_output;
+use crate::image::formats::{IMAGE_EXTENSIONS, InputOptions};
 use crate::option_text::serde_as_text;
 use crate::option_text::{InvalidValue, PointValue};
+use crate::surface_file::SURFACE_EXTENSIONS;
 use crate::{Error, Result};
 
 /// Options of `atomesh segment`.
@@ -137,6 +139,26 @@ fn place_remedy<const D: usize>() -> &'static str {
 }
 
 impl SegmentSpec {
+    /// Checks the options, and that the outputs have the right endings and replace neither an input
+    /// nor each other.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option.
+    pub fn check_files(&self, image: &Path, mesh: &Path, output: &Path) -> Result<()> {
+        let mut inputs = vec![image, mesh];
+        inputs.extend(self.truth.as_deref());
+        check_output(output, "--output", &["vtu"], &inputs)?;
+        inputs.push(output);
+        if let Some(path) = &self.labels_out {
+            check_output(path, "--labels-out", &IMAGE_EXTENSIONS, &inputs)?;
+            inputs.push(path);
+        }
+        if let Some(path) = &self.surface_out {
+            check_output(path, "--surface-out", &SURFACE_EXTENSIONS, &inputs)?;
+        }
+        self.validate()
+    }
+
     /// Checks that the options are possible.
     ///
     /// # Errors

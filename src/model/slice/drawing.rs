@@ -16,6 +16,7 @@ use crate::mesh::{Mesh, TetMesh, TriMesh};
 use crate::option_text::SignedAxis;
 use crate::progress::{Progress, Stage};
 use crate::store::{AnyMesh, MeshFile, Storable, StoredMesh, image_geometry_in_depth};
+use crate::surface_file::has_extension;
 use crate::{Error, Result};
 
 /// The objects that a picture shows.
@@ -42,7 +43,36 @@ pub struct InputNames {
     pub shapes: Vec<PathBuf>,
 }
 
+/// File endings by which a mesh is recognised if it is the only file.
+const MESH_EXTENSIONS: [&str; 5] = ["vtu", "msh", "e", "exo", "ex2"];
+
 impl InputNames {
+    /// Classifies files: surfaces and lines by their ending; of two other files, the first is the
+    /// image.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] if there are more.
+    pub fn classify(files: &[PathBuf]) -> Result<Self> {
+        let files = files.iter().cloned();
+        let (shapes, others): (Vec<_>, _) = files.partition(|path| has_extension(path, &["vtp"]));
+        let others: Vec<PathBuf> = others;
+        let (image, mesh) = match &others[..] {
+            [] => (None, None),
+            [mesh] if has_extension(mesh, &MESH_EXTENSIONS) => (None, Some(mesh.clone())),
+            [image] => (Some(image.clone()), None),
+            [image, mesh] => (Some(image.clone()), Some(mesh.clone())),
+            [.., last] => {
+                let problem = "is one file too many: there is an image and a mesh already";
+                return Err(Error::Job(cause(last.display(), problem, "omit it")));
+            }
+        };
+        Ok(Self {
+            image,
+            mesh,
+            shapes,
+        })
+    }
+
     fn image(&self) -> &Path {
         self.image.as_deref().unwrap_or(Path::new("the image"))
     }

@@ -1,11 +1,14 @@
 //! The options of `atomesh slice`, as one value.
 
 use std::fmt::{self, Display, Formatter};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::drawing::InputNames;
 use crate::error::cause;
+use crate::files::output::check_output;
 use crate::image::Geometry;
 use crate::image::formats::InputOptions;
 use crate::image::formats::stream::ImageHeader;
@@ -188,6 +191,19 @@ impl CutMode {
 }
 
 impl SliceSpec {
+    /// Checks the options for these files, and that the picture replaces none of them. Returns what
+    /// the files are.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] or [`Error::Io`] that names the option or the file.
+    pub fn check_files(&self, files: &[PathBuf], output: &Path) -> Result<InputNames> {
+        let inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+        check_output(output, "--output", &["png"], &inputs)?;
+        let names = InputNames::classify(files)?;
+        self.validate(names.image.is_some(), names.mesh.is_some())?;
+        Ok(names)
+    }
+
     /// Checks that every option has an effect with the others, and with the presence of an image and
     /// of a mesh.
     ///

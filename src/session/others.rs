@@ -3,12 +3,10 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::Answer;
 use crate::Result;
-use crate::cli::common::output::potential_image;
-use crate::cli::console::Console;
-use crate::cli::verbs::report::written_message;
 use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
-use crate::image::{Image, ImageSource};
+use crate::image::{Image, ImageSource, formats};
 use crate::job::output::cells::cell_mesh_file;
 use crate::job::output::{simplex_mesh_file, with_image};
 use crate::job::{MeshResult, MeshSpace, MeshSpec, Meshing, Outcome};
@@ -17,68 +15,52 @@ use crate::report::{Clock, Report, StageCost};
 use crate::store::StoredMesh;
 use crate::surfaces::extract::default_surfaces;
 
-/// A mesh that was written, with its report.
-pub(super) struct WrittenMesh<'a, const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
-    pub(super) spec: &'a MeshSpec,
-    pub(super) output: &'a Path,
-    /// `true` if the whole report is printed.
-    pub(super) shows_details: bool,
-    pub(super) outcome: Outcome<D>,
-}
-
-impl<const D: usize, M: Simplices<D>> WrittenMesh<'_, D>
+/// Writes the other files of a job whose mesh was written to `output`, and returns the answer with the
+/// report.
+pub(super) fn write_others<const D: usize, M: Simplices<D>>(
+    spec: &MeshSpec,
+    output: &Path,
+    mut outcome: Outcome<D>,
+    image: ImageSource<'_, D>,
+    (mut clock, details): (Clock, bool),
+    mut answer: Answer,
+) -> Result<Answer>
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
 {
-    /// Writes the other files of the job, and reports the result.
-    pub(super) fn write_others(
-        self,
-        image: ImageSource<'_, D>,
-        mut clock: Clock,
-        console: &mut Console,
-    ) -> Result<()> {
-        let Self {
-            spec,
-            output,
-            shows_details,
-            mut outcome,
-        } = self;
-        if let Some(path) = &spec.lines {
-            outcome.write_lines(path)?;
-        }
-        if let Some(path) = &spec.potential_out {
-            let potential = outcome.features.potential.to_dense();
-            console.write_image(path, potential_image(potential, image.geometry()))?;
-        }
-        clock.end();
-
-        let mut report = std::mem::take(&mut outcome.report);
-        report.parameters = serde_json::to_value(spec).unwrap_or_default();
-        add_own_stages(&mut report, clock.costs());
-        let json = report.to_json();
-        if let Some(path) = &spec.report {
-            crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
-        }
-        let table = if shows_details {
-            report.table()
-        } else {
-            report.summary()
-        };
-        let mut text = format!("{}\nwrote {}", table.trim_end(), output.display());
-        if let Some(path) = &spec.page {
-            let written = write_page(path, output, &*image.to_image()?, &outcome, json.clone())?;
-            text = format!("{text}\n{}", written_message(path, written));
-        }
-        if let Some(path) = &spec.surfaces {
-            let surfaces = write_surfaces(path, output, &outcome, console)?;
-            text = format!("{text}\nwrote {}: {surfaces} surfaces", path.display());
-        }
-        console.result(text, &json);
-        Ok(())
+    if let Some(path) = &spec.lines {
+        outcome.write_lines(path)?;
     }
+    if let Some(path) = &spec.potential_out {
+        let potential = outcome.features.potential.to_dense();
+        formats::write(path, &potential.into_image(image.geometry()))?;
+    }
+    clock.end();
+
+    let mut report = std::mem::take(&mut outcome.report);
+    report.parameters = serde_json::to_value(spec).unwrap_or_default();
+    add_own_stages(&mut report, clock.costs());
+    let json = report.to_json();
+    if let Some(path) = &spec.report {
+        crate::files::atomic_write(path, |out| writeln!(out, "{json:#}"))?;
+    }
+    answer = answer.with_file(output, "");
+    if let Some(path) = &spec.page {
+        let written = write_page(path, output, &*image.to_image()?, &outcome, json.clone())?;
+        answer = answer.with_file(path, &written.size_text());
+    }
+    if let Some(path) = &spec.surfaces {
+        let surfaces = write_surfaces(path, output, &outcome)?;
+        answer = answer.with_file(path, &format!("{surfaces} surfaces"));
+    }
+    let table = if details {
+        report.table()
+    } else {
+        report.summary()
+    };
+    answer.text = table.trim_end().to_string();
+    answer.json = json;
+    Ok(answer)
 }
 
 /// Adds the stages before and after the job.
@@ -93,7 +75,6 @@ fn write_surfaces<const D: usize, M: Simplices<D>>(
     path: &Path,
     output: &Path,
     outcome: &Outcome<D>,
-    console: &mut Console,
 ) -> Result<usize>
 where
     MeshSpace<D>: Meshing<D, Mesh = M>,
@@ -104,14 +85,14 @@ where
             let stored = StoredMesh::new(simplex_mesh_file(outcome, annotated), &place)?;
             let file = default_surfaces(&stored)?;
             let count = file.names.len();
-            console.write_surfaces(path, file)?;
+            file.write(path)?;
             Ok(count)
         }
         MeshResult::Voronoi { mesh, weld } => {
             let stored = StoredMesh::new(cell_mesh_file(outcome, mesh, *weld), &place)?;
             let file = default_surfaces(&stored)?;
             let count = file.names.len();
-            console.write_surfaces(path, file)?;
+            file.write(path)?;
             Ok(count)
         }
     }

@@ -1,13 +1,13 @@
-//! The provenance of a result: the hash of its input.
+//! The hash of the file or the folder of an image or a mesh, and of an image in memory.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
+use super::file_of_data_set;
 use crate::Result;
 use crate::error::io_error;
-use crate::image::formats::file_of_data_set;
 
 /// Returns the SHA-256 of a file, as `sha256sum` prints it. For a folder, it is the hash of the
 /// sorted names of its files, each followed by the content of the file.
@@ -23,11 +23,22 @@ pub fn file_hash(path: &Path) -> Result<String> {
     } else {
         add_file(path, &mut hasher)?;
     }
-    Ok(hasher
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect())
+    Ok(hexadecimal(hasher))
+}
+
+/// Returns the SHA-256 of samples as little-endian 32-bit floats.
+pub(super) fn hash_of_samples(samples: &[f32]) -> String {
+    let mut hasher = Sha256::new();
+    for chunk in samples.chunks(1 << 14) {
+        let bytes: Vec<[u8; 4]> = chunk.iter().map(|sample| sample.to_le_bytes()).collect();
+        hasher.update(bytes.as_flattened());
+    }
+    hexadecimal(hasher)
+}
+
+fn hexadecimal(hasher: Sha256) -> String {
+    let bytes = hasher.finalize();
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn add_folder(root: &Path, folder: &Path, hasher: &mut Sha256) -> Result<()> {

@@ -1,18 +1,11 @@
-//! Checks of output files, and the output of images.
+//! Checks of output files, and reports on them.
 
 use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::cli::console::Console;
 use crate::error::cause;
-use crate::image::{Geometry, Image, ScalarField};
 use crate::{Error, Result};
-
-/// File endings of the image formats that can be written.
-pub const IMAGE_EXTENSIONS: [&str; 13] = [
-    "vti", "npy", "png", "nrrd", "mha", "nii", "gz", "zarr", "irap", "zmap", "cps3", "grd", "asc",
-];
 
 /// Checks that a verb may write `path`: its ending, its folder, and that it is none of `inputs`.
 ///
@@ -59,23 +52,6 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
     a == b || resolve(a).is_some_and(|a| Some(a) == resolve(b))
 }
 
-/// Converts a potential, or another field with a value for every sample, to an image with this
-/// geometry.
-pub fn potential_image<const D: usize>(
-    potential: ScalarField<D>,
-    geometry: &Geometry<D>,
-) -> Image<D> {
-    Image::new(potential.dims, potential.samples, geometry.clone())
-}
-
-/// Reports the name and the number of samples of an image that was written.
-pub fn report_written_image(console: &mut Console, path: &Path, dims: &[usize]) {
-    console.result(
-        format_args!("wrote {}: {} samples", path.display(), format_dims(dims)),
-        &json!({ "file": path_text(path), "dims": dims.to_vec() }),
-    );
-}
-
 /// Returns the report on a file that was written, with these fields.
 pub fn file_report(path: &Path, fields: Value) -> Value {
     let mut report = json!({ "file": path_text(path) });
@@ -88,12 +64,6 @@ pub fn file_report(path: &Path, fields: Value) -> Value {
 /// Returns a path as text for JSON, which cannot hold names that are not UTF-8.
 pub fn path_text(path: &Path) -> String {
     path.display().to_string()
-}
-
-/// Formats dimensions as `3 x 4 x 5`.
-pub fn format_dims(dims: &[usize]) -> String {
-    let words: Vec<String> = dims.iter().map(usize::to_string).collect();
-    words.join(" x ")
 }
 
 #[cfg(test)]

@@ -1,14 +1,16 @@
-//! Descriptions of the verbs and their options, as the command line declares them.
+//! The verbs and their options as JSON, as the command line declares them: the names, types and help
+//! texts of the keywords in Python.
 
 use std::any::TypeId;
 use std::path::PathBuf;
 
-use atomesh::cli::args::CommandLine;
 use clap::{Arg, ArgAction, Command, CommandFactory};
 use serde_json::{Value, json};
 
-/// Returns descriptions of all verbs.
-pub fn describe_verbs() -> Value {
+use super::args::CommandLine;
+
+/// Returns the options of each verb by its name: names, types, help texts and defaults.
+pub fn option_table() -> Value {
     let line = CommandLine::command();
     // Of the options that every verb has, only this one is not an argument of the Python functions.
     let shared: Vec<&Arg> = (line.get_arguments())

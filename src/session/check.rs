@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::common::output::{check_output, same_file};
 use crate::error::cause;
+use crate::files::output::{check_output, same_file};
 use crate::job::MeshSpec;
 use crate::job::output::no_partitions_error;
 use crate::job::spec::{CellKind, DistanceSource, NumberOrFile};

@@ -161,6 +161,7 @@ fn closed_interfaces_face_outwards_from_the_region_that_they_enclose() {
     ];
     for (index, (label, volumes)) in cases.into_iter().enumerate() {
         for options in ["", "--cells voronoi", "--axes x,y,-z"] {
+            let mut first: Option<Vec<f64>> = None;
             for (command, surfaces) in interfaces(&label, options) {
                 let place = format!("case {index}: {command}");
                 assert_eq!(
@@ -179,15 +180,16 @@ fn closed_interfaces_face_outwards_from_the_region_that_they_enclose() {
                     found.push(volume(triangles));
                 }
                 found.sort_by(|a, b| b.total_cmp(a));
-                // Voronoi cells 4 samples apart follow a ball of 4 samples less well.
-                let tolerance = if options.contains("voronoi") {
-                    0.2
-                } else {
-                    0.15
-                };
+                // All files have the same triangles. Of a ball of 4 or 5 samples, with atoms 4 apart, a
+                // quarter may be missing.
+                let same = first.get_or_insert_with(|| found.clone());
+                assert!(
+                    (found.iter().zip(&*same)).all(|(a, b)| is_close(*a, *b, 1e-4)),
+                    "{place}: {found:?} {same:?}"
+                );
                 for (found, expected) in found.iter().zip(&volumes) {
                     assert!(
-                        is_close(*found, *expected, tolerance),
+                        is_close(*found, *expected, 0.25),
                         "{place}: {found} {expected}"
                     );
                 }
@@ -228,7 +230,7 @@ fn open_interfaces_face_one_way_from_the_smaller_number_to_the_larger() {
                 for (name, triangles) in &surfaces {
                     let excess = excess_of_directions(triangles);
                     assert_eq!(excess, 1, "{place} {name} is not turned one way");
-                    let (mut forward, mut backward) = (0, 0);
+                    let (mut forward, mut backward) = (0.0, 0.0);
                     for [a, b, c] in triangles {
                         let centre = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);
                         let edge = |to: &[f64; 3]| [0, 1, 2].map(|k| to[k] - a[k]);
@@ -244,11 +246,12 @@ fn open_interfaces_face_one_way_from_the_smaller_number_to_the_larger() {
                                     .clamp(0.0, 24.0) as usize
                             }))
                         };
-                        forward += i32::from(at(-1.5) < at(1.5));
-                        backward += i32::from(at(-1.5) > at(1.5));
+                        // Areas, since the smallest faces of Voronoi cells have any direction.
+                        forward += length * f64::from(u8::from(at(-1.5) < at(1.5)));
+                        backward += length * f64::from(u8::from(at(-1.5) > at(1.5)));
                     }
                     assert!(
-                        forward > 9 * backward,
+                        forward > 9.0 * backward,
                         "{place} {name}: {forward} {backward}"
                     );
                 }

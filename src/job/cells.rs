@@ -19,7 +19,8 @@ use super::{
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
 use crate::feature::{Features, LabelMap, lines_with_cancel};
-use crate::geometry::{add_scaled, dot, to_3d};
+use crate::geometry::cell_list::CellList;
+use crate::geometry::{add_scaled, distance2, dot, to_3d};
 use crate::image::{Geometry, ImageSource};
 use crate::improve::feature_planes::{LocalPlane, SAME_SURFACE_COSINE};
 use crate::improve::regions::{SamplePoints, Votes};
@@ -54,6 +55,9 @@ const FACE_OPENING_ROUNDS: usize = 6;
 const MAX_REMOVAL_ROUNDS: usize = 3;
 /// Largest number of rounds, after these, in which skew faces are removed.
 const MAX_SKEW_FACE_ROUNDS: usize = 8;
+
+/// Distance, in units of d, within which an atom is at the place of a site.
+const SAME_PLACE_DISTANCE: f64 = 1e-3;
 
 /// Largest distance between the nodes of surfaces, in units of the distance between atoms. At this
 /// distance, cells at surfaces, where each node has two sites on either side, are as large as other
@@ -485,7 +489,7 @@ pub(crate) fn relax_atoms<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<optimize::OptimizeResult> {
     let RelaxOptions { edited, seed } = relax;
-    remove_atoms_in_balls(atoms, sites);
+    remove_covered_atoms(atoms, sites, distance);
     let previous = atoms.positions.clone();
     atoms.positions.extend(sites.sites());
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
@@ -514,14 +518,30 @@ pub(crate) fn relax_atoms<const D: usize>(
             *x = previous_position;
         }
     }
-    remove_atoms_in_balls(atoms, sites);
+    remove_covered_atoms(atoms, sites, distance);
     Ok(result)
 }
 
-/// Removes the atoms inside balls, except for fixed ones.
-fn remove_atoms_in_balls<const D: usize>(atoms: &mut Atoms<D>, sites: &ConformingSites<D>) {
+/// Removes the atoms inside balls and those at the places of sites, except for fixed ones.
+fn remove_covered_atoms<const D: usize>(
+    atoms: &mut Atoms<D>,
+    sites: &ConformingSites<D>,
+    distance: &Distance<D>,
+) {
     let Atoms { positions, kinds } = atoms;
-    let is_kept = |(&x, &kind)| kind == AtomKind::Fixed || sites.is_free(x);
+    let site_positions = sites.sites();
+    let grid = CellList::new(&site_positions, distance.min());
+    let is_at_site = |x: [f64; D]| {
+        let mut is_at_site = false;
+        if !site_positions.is_empty() {
+            let reach = SAME_PLACE_DISTANCE * distance.min();
+            grid.visit_within(x, reach, |i| {
+                is_at_site |= distance2(&site_positions[i], &x) < reach * reach;
+            });
+        }
+        is_at_site
+    };
+    let is_kept = |(&x, &kind)| kind == AtomKind::Fixed || sites.is_free(x) && !is_at_site(x);
     let is_kept: Vec<bool> = positions.par_iter().zip(&*kinds).map(is_kept).collect();
     let mut flags = is_kept.iter();
     positions.retain(|_| flags.next() == Some(&true));

@@ -33,7 +33,10 @@ impl<T: FromArgMatches> FromArgMatches for Typed<T> {
 
     fn from_arg_matches_mut(matches: &mut ArgMatches) -> std::result::Result<Self, clap::Error> {
         let ids = matches.ids().map(clap::Id::as_str);
-        let is_typed = |id: &&str| matches.value_source(id) == Some(ValueSource::CommandLine);
+        // Structs of options are groups, which have the names of their types.
+        let is_group = |id: &str| id.starts_with(char::is_uppercase);
+        let is_typed =
+            |id: &&str| !is_group(id) && matches.value_source(id) == Some(ValueSource::CommandLine);
         let names = ids
             .filter(is_typed)
             .map(|id| id.replace('_', "-"))

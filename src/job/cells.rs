@@ -357,20 +357,10 @@ where
         let marks = &mut annotated.feature_faces;
         close_given_surfaces(&annotated.mesh, &neighbors, &scene, marks, cancel)
     })?;
-    if let Some(labelled) = &features.labels {
-        let angle = Some(target.min_dihedral);
-        stages.run_cancellable(|cancel| {
-            regions::assign_regions(
-                &mut annotated,
-                &neighbors,
-                &face_names,
-                &scene,
-                labelled,
-                angle,
-                cancel,
-            )
-        });
-    }
+    let (angle, names) = (Some(target.min_dihedral), &face_names);
+    stages.run_cancellable(|cancel| {
+        regions::assign_regions(&mut annotated, &neighbors, names, &scene, angle, cancel)
+    });
     let AnnotatedMesh {
         mesh,
         feature_faces,

@@ -7,7 +7,7 @@ use crate::parallel::prelude::*;
 
 use super::{AnnotatedMesh, MeshScene, MeshSpace, Meshing, named_faces};
 use crate::feature::components::{Components, for_each_sample};
-use crate::feature::label_map::{LabelMap, components};
+use crate::feature::label_map::components;
 use crate::feature::volume::Volume;
 use crate::feature::{LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
@@ -29,20 +29,20 @@ const MIN_KEPT_SHARE: f64 = 0.25;
 const CELLS_PER_TASK: usize = 1 << 12;
 
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
-/// index of each cell. The faces on features become those between labels, and those on given surfaces,
+/// index of each cell; `None` if the features are not labels. The faces on features become those between labels, and those on given surfaces,
 /// which have `face_names`; these surfaces stay where they are.
 pub(super) fn assign_regions<const D: usize>(
     annotated: &mut AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
     neighbors: &[u32],
     face_names: &[u32],
     scene: &MeshScene<'_, D>,
-    labelled: &LabelMap<D>,
     min_angle: Option<f64>,
     cancel: &CancelToken<'_>,
-) -> Vec<u32>
+) -> Option<Vec<u32>>
 where
     MeshSpace<D>: Meshing<D>,
 {
+    let labelled = scene.features.labels.as_ref()?;
     let mut regions = regions::assign_labels(&annotated.mesh, neighbors, labelled);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
@@ -62,7 +62,7 @@ where
     }
     let label_regions = labelled.regions();
     annotated.regions = regions.iter().map(|&n| label_regions[n as usize]).collect();
-    regions
+    Some(regions)
 }
 
 /// Returns the number of parts into which marked faces divide a mesh of simplices: cells are in one

@@ -202,10 +202,7 @@ where
     let comm = run_options.comm;
     params.spec.validate()?;
     let params = &*params.with_label_names(source)?;
-    let is_partitioned = run_options.may_partition
-        && comm.size() > 1
-        && params.spec.pad.is_none()
-        && params.spec.cell_kind() == CellKind::Simplices;
+    let is_partitioned = run_options.may_partition && can_be_partitioned(params, comm);
     let for_job = |checkpoint: &Checkpoint| checkpoint.for_job(source, params, comm);
     let checkpoint = run_options.checkpoint.map(for_job).transpose()?;
     let prepared = PreparedImage::new(source, params)?;
@@ -241,59 +238,69 @@ where
         may_distribute,
         &mut stages,
     )?;
-    let MadeMesh {
-        mesh,
-        face_names,
-        mut report,
-        share,
-        distance,
-        optimize_result,
-    } = make_mesh(source, params, &mut features, &frame, &mut stages)?;
-    if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, &mesh) {
-        // The potential at nodes is written to the mesh file.
-        let nodes = annotated.mesh.nodes();
-        features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
-    }
-    check_validity(&report)?;
-    report.distance_in_use = Some(distance_in_use);
-    report.shape_option = shape_option;
-    suggest_distance(&mut report, &features, &distance);
-    report.has_memory_for_finer = has_memory_for_finer(&mesh, params.spec.cell_kind());
-    add_optimisation(&mut report, optimize_result.as_ref());
-    let live = live::shares_in_job(source, &features, params, &mesh, step, share.is_some())?;
-    add_findings(&mut report, &prepared, &features, live.as_deref());
+    let mut made = make_mesh(source, params, &mut features, &frame, &mut stages)?;
+    gather_potential(&mut features, &made.mesh, comm)?;
+    let (mesh, distance, report) = (&made.mesh, &made.distance, &mut made.report);
+    check_validity(report)?;
+    (report.distance_in_use, report.shape_option) = (Some(distance_in_use), shape_option);
+    suggest_distance(report, &features, distance);
+    report.has_memory_for_finer = has_memory_for_finer(mesh, params.spec.cell_kind());
+    add_optimisation(report, made.optimize_result.as_ref());
+    let live = live::shares_in_job(source, &features, params, mesh, step, made.share.is_some())?;
+    add_findings(report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let notes = notes_on_points.into_iter().chain(notes_on_given);
     (report.notes).extend(notes.chain(placement::distance_note(source, params, &features)?));
-    let scene = scene_of(extent, &features, &distance);
+    let scene = scene_of(extent, &features, distance);
     let padding = pad(
         params,
         topography.as_ref(),
-        &mesh,
+        mesh,
         &scene,
         geometry,
-        &mut report,
+        report,
         &mut stages,
     )?;
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     Ok(Outcome {
-        stop: stop_reason(optimize_result.as_ref(), interrupted),
-        mesh,
+        stop: stop_reason(made.optimize_result.as_ref(), interrupted),
+        mesh: made.mesh,
         extent,
         step,
         geometry: geometry.clone(),
         padding,
-        share,
+        share: made.share,
         features,
-        face_names,
+        face_names: made.face_names,
         live,
-        distance,
-        optimize_result,
+        distance: made.distance,
+        optimize_result: made.optimize_result,
         provenance: Provenance::default(),
-        report,
+        report: made.report,
     })
+}
+
+/// Returns `true` if a job with these parameters can be distributed over ranks up to its mesh.
+fn can_be_partitioned<const D: usize>(params: &Params<D>, comm: &dyn Comm) -> bool {
+    comm.size() > 1 && params.spec.pad.is_none() && params.spec.cell_kind() == CellKind::Simplices
+}
+
+/// Gathers a distributed potential at the nodes of a mesh, as it is written to the mesh file.
+fn gather_potential<const D: usize>(
+    features: &mut Features<D>,
+    mesh: &MeshResult<D>,
+    comm: &dyn Comm,
+) -> Result<()>
+where
+    MeshSpace<D>: Meshing<D>,
+{
+    if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, mesh) {
+        let nodes = annotated.mesh.nodes();
+        features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
+    }
+    Ok(())
 }
 
 /// Finds the features of the image, and adds the given surfaces. The potential may be distributed over

@@ -73,20 +73,10 @@ where
         let marks = &mut annotated.feature_faces;
         close_given_surfaces(&annotated.mesh, &neighbors, scene, marks, cancel)
     })?;
-    let label_indices = scene.features.labels.as_ref().map(|labelled| {
-        let target = params.spec.target().filter(|_| improvement.is_some());
-        let angle = target.map(|target| target.min_dihedral);
-        stages.run_cancellable(|cancel| {
-            regions::assign_regions(
-                &mut annotated,
-                &neighbors,
-                &face_names,
-                scene,
-                labelled,
-                angle,
-                cancel,
-            )
-        })
+    let target = options.as_ref().filter(|_| improvement.is_some());
+    let (angle, names) = (target.map(|target| target.min_dihedral), &face_names);
+    let label_indices = stages.run_cancellable(|cancel| {
+        regions::assign_regions(&mut annotated, &neighbors, names, scene, angle, cancel)
     });
     stages.begin(Stage::Measuring);
     let label_image = (label_indices.is_some())
@@ -107,16 +97,9 @@ where
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbors, indices);
-            let labels = &params.spec.label;
-            report.regions = regions::report(
-                image,
-                labels,
-                &sample_points,
-                &contacts,
-                indices,
-                step,
-                cancel,
-            );
+            let (labels, points) = (&params.spec.label, &sample_points);
+            report.regions =
+                regions::report(image, labels, points, &contacts, indices, step, cancel);
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);

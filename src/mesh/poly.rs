@@ -239,7 +239,7 @@ impl<const D: usize> PolyMesh<D> {
         };
         let offset = add_scaled(to_face, -height / dot(normal, line), line);
         let distance = norm(offset);
-        if !(distance > 0.0) {
+        if distance.is_nan() || distance <= 0.0 {
             return 0.0;
         }
         let along =

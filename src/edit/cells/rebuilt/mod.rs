@@ -102,18 +102,17 @@ where
     pub fn new(
         neighbourhood: &'a CellNeighbourhood<'a, D>,
         fields: &'a LocalFields<D>,
-        scope: RebuildScope<'a, D>,
-        placed: &[PlacedAtom<D>],
-        seed: u64,
-        cancel: &CancelToken<'_>,
-    ) -> Result<(Self, usize)> {
-        let RebuildScope {
+        RebuildScope {
             surface,
             changes,
             preserved,
             range,
             is_removed,
-        } = scope;
+        }: RebuildScope<'a, D>,
+        placed: &[PlacedAtom<D>],
+        seed: u64,
+        cancel: &CancelToken<'_>,
+    ) -> Result<(Self, usize)> {
         let (editable, extent) = (neighbourhood.editable, neighbourhood.window.extent());
         let cells = || {
             neighbourhood

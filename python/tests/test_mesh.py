@@ -298,11 +298,11 @@ def test_quality_names_its_space_and_has_both():
 
 def test_time_coordinates_cause_a_warning():
     with pytest.warns(UserWarning, match="is time") as caught:
-        atomesh.mesh(ball(), distance=8, units=("m", "m", "ms"))
+        atomesh.mesh(ball(), distance=5, units=("m", "m", "ms"))
     assert caught[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        atomesh.mesh(ball(), distance=8, units="m")
+        atomesh.mesh(ball(), distance=5, units="m")
 
 
 def test_it_needs_nothing_but_numpy():

@@ -127,7 +127,6 @@ const FORMATS: &[Format] = &[
         "convert a grid of heights with gdal_translate -of AAIGrid, or give the samples with --raw",
     ),
     // Arrays.
-    ("a MATLAB 7.3 file", At(0, b"MATLAB 7.3 MAT-file"), "write the array to .npy, in Python with h5py and numpy.save"),
     (
         "a MATLAB file",
         At(0, b"MATLAB 5.0 MAT-file"),

@@ -379,6 +379,10 @@ def _():
 @reader("pyNastran, nastran", "pyNastran")
 def _():
     import re
+
+    # pyNastran 1.3.4 calls a function that NumPy 2.4 no longer has.
+    if not hasattr(np, "in1d"):
+        np.in1d = np.isin
     from pyNastran.bdf.bdf import BDF
 
     model = BDF(debug=None)

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn horizons_are_not_sought_in_a_body_without_layers() {
+    fn horizons_are_not_searched_for_in_a_body_without_layers() {
         let image = layers_with_body(18.0, 0.2);
         let run = |keep_chaos| {
             let options = DetectionOptions {

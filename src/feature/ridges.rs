@@ -75,7 +75,7 @@ pub struct RidgeStatistics {
 
 impl RidgeStatistics {
     /// Returns `true` if noise hides ridges at this scale.
-    pub fn is_drowned(&self) -> bool {
+    pub fn is_hidden_by_noise(&self) -> bool {
         self.noise > MAX_NOISE_RATIO * self.typical
     }
 
@@ -85,7 +85,7 @@ impl RidgeStatistics {
     pub fn thresholds(&self) -> (f32, f32) {
         let low = (1.75 * self.noise).max(0.25 * self.typical);
         let high = (2.5 * self.noise).max(0.5 * self.typical);
-        if !self.is_drowned() {
+        if !self.is_hidden_by_noise() {
             (low.min(0.5 * self.typical), high.min(0.9 * self.typical))
         } else {
             (low, high)

@@ -45,7 +45,7 @@ use crate::report::{self, Reference, Report};
 const MAX_EVALUATIONS: usize = 15;
 
 /// Number of rounds in which cells become more equal in size.
-const EVENING_ROUNDS: usize = 2;
+const RELAXATION_ROUNDS: usize = 2;
 /// Number of following rounds in which atoms are added in cells next to much smaller ones.
 const SPLITTING_ROUNDS: usize = 2;
 /// Number of following rounds in which atoms at tiny faces move. In the first of them, atoms are
@@ -224,12 +224,11 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let mut mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
-    let first_opening = EVENING_ROUNDS + SPLITTING_ROUNDS;
+    let first_opening = RELAXATION_ROUNDS + SPLITTING_ROUNDS;
     let first_removal = first_opening + FACE_OPENING_ROUNDS;
-    for round in 0..first_removal + MAX_REMOVAL_ROUNDS {
-        if !keep_going() {
-            break;
-        }
+    let first_skew = first_removal + MAX_REMOVAL_ROUNDS;
+    let mut round = 0;
+    while round < first_skew + MAX_SKEW_FACE_ROUNDS && keep_going() {
         let mut equaliser = CellEqualiser {
             atoms,
             sites,
@@ -237,37 +236,27 @@ where
             distance,
             extent,
         };
-        if round < EVENING_ROUNDS {
+        if round < RELAXATION_ROUNDS {
             equaliser.relax();
         } else if round < first_opening {
             equaliser.split_large_cells();
-        } else {
+        } else if round < first_skew {
             let is_equal = !equaliser.remove_small_sites();
             if round == first_opening {
                 equaliser.separate_sites();
             } else if round < first_removal {
                 equaliser.open_tiny_faces();
             } else if is_equal {
-                break;
+                round = first_skew;
+                continue;
             }
-        }
-        mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
-    }
-    for round in 0..MAX_SKEW_FACE_ROUNDS {
-        if !keep_going() {
-            break;
-        }
-        let mut equaliser = CellEqualiser {
-            atoms,
-            sites,
-            mesh: &mesh,
-            distance,
-            extent,
-        };
-        if !equaliser.remove_skew_faces() && (round == 0 || !equaliser.remove_small_sites()) {
+        } else if !equaliser.remove_skew_faces()
+            && (round == first_skew || !equaliser.remove_small_sites())
+        {
             break;
         }
         mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
+        round += 1;
     }
     if weld > 0.0 {
         cut_cells(atoms, sites, extent, weld, comm)

@@ -2,7 +2,7 @@
 //! is none, and moved to the centroids of their cells.
 
 use super::local_cells::{LocalCells, neighbours};
-use super::skew_faces::{Room, SkewFaces, steps};
+use super::skew_faces::SkewFaces;
 use super::{MeshSpace, Meshing};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
@@ -19,8 +19,9 @@ use crate::parallel::prelude::*;
 const CENTRING_STEP: f64 = 0.8;
 /// Ratio of a neighbour cell's volume to its own from which an atom is removed.
 const MAX_VOLUME_RATIO: f64 = 4.0;
-/// Ratio of a neighbour cell's volume to its own from which a site is removed in the final rounds.
-const MAX_SITE_VOLUME_RATIO: f64 = 5.8;
+/// Ratio of a neighbour cell's volume to its own from which a site is removed in the final rounds, and an
+/// atom at a skew face is not placed.
+pub(super) const MAX_SITE_VOLUME_RATIO: f64 = 5.8;
 /// Ratio of a cell's volume to that of a site next to it from which an atom is added in the cell.
 const MAX_UNSPLIT_VOLUME_RATIO: f64 = 4.5;
 /// Smallest distance of such an atom from others, in units of d.
@@ -42,6 +43,8 @@ const MIN_SITE_DISTANCE: f64 = 0.3;
 const MAX_REPLACED_DISTANCE: f64 = 0.7;
 /// Distances by which atoms at tiny faces may move, in units of d.
 const OPENING_SHIFTS: [f64; 2] = [0.04, 0.08];
+/// Distances, in units of d, of other positions from the centre of a skew face or from an atom near it.
+const SKEW_FACE_SHIFTS: [f64; 4] = [0.03, 0.06, 0.12, 0.2];
 
 /// Atoms and sites whose cells were cut. Sites do not move; the cells of atoms come first.
 pub(super) struct CellEqualiser<'a, const D: usize> {
@@ -176,10 +179,10 @@ impl<const D: usize> CellEqualiser<'_, D> {
     where
         MeshSpace<D>: Meshing<D>,
     {
-        let Some(skew_faces) = SkewFaces::find(self.mesh, self.extent) else {
+        let Some(found) = SkewFaces::find(self).map(|faces| faces.changes()) else {
             return false;
         };
-        let (count, found) = (self.atoms.len(), skew_faces.changes(&*self));
+        let count = self.atoms.len();
         for change in &found.changes {
             match change.atom {
                 Some(atom) => self.atoms.positions[atom] = change.position,
@@ -279,20 +282,11 @@ impl<const D: usize> CellEqualiser<'_, D> {
         let x = self.mesh.sites[atom];
         let d = self.distance.value_at(x);
         let (mut fewest, mut best) = (local.count_tiny_faces(x, usize::MAX), None);
-        for shift in OPENING_SHIFTS {
-            // All steps by -1, 0 or 1 along the axes.
-            for direction in 0..3usize.pow(D as u32) {
-                let step =
-                    std::array::from_fn(|k| (direction / 3usize.pow(k as u32) % 3) as f64 - 1.0);
-                let target = add_scaled(x, shift * d / norm(step).max(0.5), step);
-                if fewest > 0
-                    && self.side_distance(&target) >= self.side_distance(&x)
-                    && self.sites.is_free(target)
-                {
-                    let count = local.count_tiny_faces(target, fewest);
-                    if count < fewest {
-                        (fewest, best) = (count, Some(target));
-                    }
+        for target in positions_around(x, d, &OPENING_SHIFTS) {
+            if fewest > 0 && self.may_move_to(x, target) {
+                let count = local.count_tiny_faces(target, fewest);
+                if count < fewest {
+                    (fewest, best) = (count, Some(target));
                 }
             }
         }
@@ -304,6 +298,34 @@ impl<const D: usize> CellEqualiser<'_, D> {
     fn side_distance(&self, x: &[f64; D]) -> f64 {
         let distances = (0..D).map(|k| x[k].min(self.extent[k] - x[k]));
         distances.fold(MIN_SIDE_DISTANCE * self.distance.value_at(*x), f64::min)
+    }
+
+    /// Returns `true` if an atom at `x` may move to `target`.
+    fn may_move_to(&self, x: [f64; D], target: [f64; D]) -> bool {
+        self.side_distance(&target) >= self.side_distance(&x) && self.sites.is_free(target)
+    }
+
+    /// Returns the positions near a skew face to which an atom may move; `None` for a cell whose site may
+    /// not move.
+    pub(super) fn targets_of(&self, cell: usize) -> Option<impl Iterator<Item = [f64; D]>> {
+        let x = self.mesh.sites[cell];
+        let d = self.is_movable(cell).then(|| self.distance.value_at(x))?;
+        let targets = positions_around(x, d, &SKEW_FACE_SHIFTS);
+        Some(targets.filter(move |&target| self.may_move_to(x, target)))
+    }
+
+    /// Returns positions for a new atom at the centre of a skew face or near it. Where a ball covers one,
+    /// the nearest position on its sphere is returned, from which a cell reaches the surface's node.
+    pub(super) fn new_positions(&self, centre: [f64; D]) -> Vec<[f64; D]> {
+        let d = self.distance.value_at(centre);
+        let on_sphere = self.sites.nearest_sphere_point(centre);
+        let starts = [Some(centre), on_sphere].into_iter().flatten();
+        let others = positions_around(centre, d, &SKEW_FACE_SHIFTS)
+            .map(|x| self.sites.nearest_sphere_point(x).unwrap_or(x));
+        let is_inside = |x: &[f64; D]| self.side_distance(x) >= MIN_SIDE_DISTANCE * d;
+        let all = starts.chain(others);
+        all.filter(|x| is_inside(x) && self.sites.is_free(*x))
+            .collect()
     }
 
     /// Returns `true` if an atom may move.
@@ -382,29 +404,21 @@ fn common_cells(mut faces: Vec<Vec<usize>>, first: usize) -> Vec<usize> {
     }
 }
 
-impl<const D: usize> Room<D> for CellEqualiser<'_, D> {
-    fn distance(&self, cell: usize) -> Option<f64> {
-        (self.is_movable(cell)).then(|| self.distance.value_at(self.mesh.sites[cell]))
-    }
-
-    fn new_positions(&self, centre: [f64; D]) -> Vec<[f64; D]> {
-        let d = self.distance.value_at(centre);
-        let on_sphere = self.sites.nearest_sphere_point(centre);
-        let starts = [Some(centre), on_sphere].into_iter().flatten();
-        // Where a ball covers a position, the nearest one on its sphere reaches the surface's node.
-        let shifted = steps(d).map(|step| {
-            let x = add_scaled(centre, 1.0, step);
-            self.sites.nearest_sphere_point(x).unwrap_or(x)
-        });
-        let is_inside = |x: &[f64; D]| self.side_distance(x) >= MIN_SIDE_DISTANCE * d;
-        let all = starts.chain(shifted);
-        all.filter(|x| is_inside(x) && self.sites.is_free(*x))
-            .collect()
-    }
-
-    fn is_free(&self, x: [f64; D], target: [f64; D]) -> bool {
-        self.side_distance(&target) >= self.side_distance(&x) && self.sites.is_free(target)
-    }
+/// Returns positions at some distances from `x`, in units of d, along -1, 0 or 1 of each axis; the nearest
+/// come first.
+fn positions_around<const D: usize>(
+    x: [f64; D],
+    d: f64,
+    distances: &[f64],
+) -> impl Iterator<Item = [f64; D]> {
+    let directions = 3usize.pow(D as u32);
+    distances.iter().flat_map(move |distance| {
+        let others = (0..directions).filter(move |&i| 2 * i + 1 != directions);
+        others.map(move |i| {
+            let step = std::array::from_fn(|k| (i / 3usize.pow(k as u32) % 3) as f64 - 1.0);
+            add_scaled(x, distance * d / norm(step), step)
+        })
+    })
 }
 
 #[cfg(test)]

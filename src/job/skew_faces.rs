@@ -3,35 +3,21 @@
 //! Finite-volume programs interpolate between two centroids and take the value for the face between
 //! them; OpenFOAM's `checkMesh` refuses a mesh with a skewness above 4. Few faces are that skew (one in
 //! ten thousand), and most of them are tiny. The centre of such a face is farther from all sites than
-//! its two sites are from each other, so there is room for an atom, whose cell separates the two. Where
-//! an atom cannot be, the atoms nearby try some positions. The cells nearby are cut again each time.
+//! its two sites are from each other, so there is mostly room for an atom, whose cell separates the two.
+//! Where an atom cannot be, the atoms nearby try some positions. The cells nearby are cut again each time.
+//! Where no atom can move, a site of the face is removed.
 
+use super::equalise::{CellEqualiser, MAX_SITE_VOLUME_RATIO};
 use super::local_cells::neighbours;
 use super::{MeshSpace, Meshing};
 use crate::comm::SelfComm;
-use crate::geometry::{add_scaled, norm, sorted_distinct};
+use crate::geometry::sorted_distinct;
 use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, Lists, PolyMesh};
 use crate::parallel::prelude::*;
 
 /// Skewness from which a face is skew. It is below the 4 of `checkMesh`, since coordinates are rounded
 /// when they are written.
 const MAX_SKEWNESS: f64 = 3.95;
-/// Largest ratio of the volumes of an atom's cell and a neighbour after a change.
-const MAX_VOLUME_RATIO: f64 = 5.8;
-/// Distances, in units of d, from the centre of a skew face or from an atom near it, of other positions.
-const SHIFTS: [f64; 4] = [0.03, 0.06, 0.12, 0.2];
-
-/// Where atoms may be.
-pub(super) trait Room<const D: usize>: Sync {
-    /// Returns the nominal distance at an atom, or `None` for a cell whose site may not move.
-    fn distance(&self, cell: usize) -> Option<f64>;
-
-    /// Returns positions for a new atom at the centre of a face.
-    fn new_positions(&self, centre: [f64; D]) -> Vec<[f64; D]>;
-
-    /// Returns `true` if the atom at `x` may move to `target`.
-    fn is_free(&self, x: [f64; D], target: [f64; D]) -> bool;
-}
 
 /// A change after which fewer faces are skew: an atom moves, or there is a new one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,8 +28,8 @@ pub(super) struct Change<const D: usize> {
 
 /// The skew faces of cells.
 pub(super) struct SkewFaces<'a, const D: usize> {
+    equaliser: &'a CellEqualiser<'a, D>,
     mesh: &'a PolyMesh<D>,
-    extent: [f64; D],
     centroids: Vec<[f64; D]>,
     /// The skew faces, ascending.
     faces: Vec<usize>,
@@ -62,15 +48,16 @@ impl<'a, const D: usize> SkewFaces<'a, D>
 where
     MeshSpace<D>: Meshing<D>,
 {
-    /// Finds the skew faces of cells in the box `[0, extent]`; `None` if there are none.
-    pub fn find(mesh: &'a PolyMesh<D>, extent: [f64; D]) -> Option<Self> {
+    /// Finds the skew faces; `None` if there are none.
+    pub fn find(equaliser: &'a CellEqualiser<'a, D>) -> Option<Self> {
+        let mesh = equaliser.mesh;
         let centroids: Vec<[f64; D]> = mesh.cell_shapes().into_iter().map(|s| s.1).collect();
         let is_skew = |&f: &usize| mesh.face_skewness(f, |cell| centroids[cell]) > MAX_SKEWNESS;
         let all = (0..mesh.face_cells.len()).into_par_iter();
         let faces: Vec<usize> = all.filter(is_skew).collect();
         (!faces.is_empty()).then(|| Self {
+            equaliser,
             mesh,
-            extent,
             centroids,
             faces,
             neighbours: neighbours(mesh),
@@ -79,12 +66,9 @@ where
 
     /// Returns a change for each skew face, if there is one. Faces near an earlier change are left for
     /// the next time.
-    pub fn changes(&self, room: &impl Room<D>) -> Changes<D> {
+    pub fn changes(&self) -> Changes<D> {
         let best: Vec<Option<Change<D>>> = (self.faces.par_iter())
-            .map(|&f| {
-                self.new_atom(f, room)
-                    .or_else(|| self.move_of_atom(f, room))
-            })
+            .map(|&f| self.new_atom(f).or_else(|| self.move_of_atom(f)))
             .collect();
         let mut is_near_change = vec![false; self.mesh.sites.len()];
         let mut found = Changes {
@@ -109,10 +93,10 @@ where
     }
 
     /// Returns a new atom after which no face near face `f` is skew.
-    fn new_atom(&self, f: usize, room: &impl Room<D>) -> Option<Change<D>> {
+    fn new_atom(&self, f: usize) -> Option<Change<D>> {
         let local = RecutCells::new(self, None, &self.with_neighbours(&self.cells_of(f)));
         let centre = self.mesh.face_shape(f).centroid;
-        let positions = room.new_positions(centre).into_iter();
+        let positions = self.equaliser.new_positions(centre).into_iter();
         let mut positions = positions.filter(|&x| local.skew_faces(x) == Some(0));
         let position = positions.next()?;
         Some(Change {
@@ -122,17 +106,16 @@ where
     }
 
     /// Returns the first move of an atom near face `f` after which no face around the atom is skew.
-    fn move_of_atom(&self, f: usize, room: &impl Room<D>) -> Option<Change<D>> {
+    fn move_of_atom(&self, f: usize) -> Option<Change<D>> {
         let own = self.cells_of(f);
         let is_neighbour = |a: usize, b: usize| self.neighbours.get(a).contains(&(b as u32));
         let is_at_face = |&c: &usize| own.iter().all(|&cell| cell == c || is_neighbour(cell, c));
         let mut atoms = self.with_neighbours(&own).into_iter().filter(is_at_face);
         atoms.find_map(|atom| {
-            let (d, x) = (room.distance(atom)?, self.mesh.sites[atom]);
+            let targets = self.equaliser.targets_of(atom)?;
             let local = RecutCells::new(self, Some(atom), &self.with_neighbours(&[atom]));
-            let mut targets = steps(d).map(|step| add_scaled(x, 1.0, step));
-            let position = targets
-                .find(|&target| room.is_free(x, target) && local.skew_faces(target) == Some(0))?;
+            let mut targets = targets.filter(|&target| local.skew_faces(target) == Some(0));
+            let position = targets.next()?;
             Some(Change {
                 atom: Some(atom),
                 position,
@@ -154,19 +137,6 @@ where
         let adjacent = cells.iter().flat_map(|&c| self.neighbours.get(c));
         sorted_distinct(adjacent.map(|&c| c as usize).chain(cells.iter().copied()))
     }
-}
-
-/// Returns steps in the directions of -1, 0 or 1 along the axes, the shortest first.
-pub(super) fn steps<const D: usize>(d: f64) -> impl Iterator<Item = [f64; D]> {
-    let directions = 3usize.pow(D as u32);
-    SHIFTS.into_iter().flat_map(move |shift| {
-        let directions = (0..directions).filter(move |&i| 2 * i + 1 != directions);
-        directions.map(move |i| {
-            let step: [f64; D] =
-                std::array::from_fn(|k| (i / 3usize.pow(k as u32) % 3) as f64 - 1.0);
-            step.map(|c| c * shift * d / norm(step))
-        })
-    })
 }
 
 /// Cells that are cut again for each position of one atom.
@@ -208,7 +178,9 @@ where
     fn skew_faces(&self, x: [f64; D]) -> Option<usize> {
         let sites = self.cells.iter().map(|&c| self.whole.mesh.sites[c]);
         let sites: Vec<[f64; D]> = [x].into_iter().chain(sites).collect();
-        let mesh = MeshSpace::<D>::voronoi_cells(&sites, self.whole.extent, 0.0, &SelfComm).ok()?;
+        let mesh =
+            MeshSpace::<D>::voronoi_cells(&sites, self.whole.equaliser.extent, 0.0, &SelfComm)
+                .ok()?;
         let faces = mesh.faces_of_cells();
         let shapes: Vec<(f64, [f64; D])> = (0..=self.changing)
             .map(|i| mesh.cell_shape(i, faces.get(i)))
@@ -216,7 +188,7 @@ where
         let is_similar = |&f: &u32| match mesh.face_neighbour(f as usize) {
             FaceNeighbour::Cell(other) => shapes.get(other).is_some_and(|shape| {
                 let ratio = shape.0 / shapes[0].0;
-                ratio.max(1.0 / ratio) <= MAX_VOLUME_RATIO
+                ratio.max(1.0 / ratio) <= MAX_SITE_VOLUME_RATIO
             }),
             _ => true,
         };

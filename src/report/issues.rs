@@ -161,11 +161,11 @@ impl Report {
                 suggestion: "accepts weaker features, too",
             });
         }
-        let was_sought = |kind: &FeatureKind| {
+        let was_searched = |kind: &FeatureKind| {
             options["feature"] == kind.to_string() || self.outcomes.iter().any(|o| o.kind == *kind)
         };
         let kinds = [FeatureKind::Edges, FeatureKind::Ridges];
-        let other = kinds.into_iter().find(|kind| !was_sought(kind));
+        let other = kinds.into_iter().find(|kind| !was_searched(kind));
         Some(Issue {
             message: issue,
             option: other.map(|kind| format!("--feature {kind}")),

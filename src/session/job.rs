@@ -10,7 +10,7 @@ use super::{Answer, Output, Session, others};
 use crate::comm::{Comm, SelfComm};
 use crate::feature::FeatureKind;
 use crate::image::formats::stream::ImageStream;
-use crate::image::formats::{AnyImage, LoadedImage, OpenedImage, file_hash, into_any_image};
+use crate::image::formats::{LoadedImage, OpenedImage, file_hash, into_any_image, with_loaded};
 use crate::image::{self, Geometry, Image, ImageSource, Modality};
 use crate::job::{
     Checkpoint, MeshSpace, MeshSpec, Meshing, Outcome, Params, Provenance, RunOptions, run_from,
@@ -66,8 +66,9 @@ pub(crate) fn run_distributed(
         session,
     };
     match opened {
-        OpenedImage::InMemory(AnyImage::Plane(loaded)) => run.mesh_in_memory(loaded),
-        OpenedImage::InMemory(AnyImage::Space(loaded)) => run.mesh_in_memory(loaded),
+        OpenedImage::InMemory(image) => {
+            with_loaded!(image, loaded => run.mesh_in_memory(loaded))
+        }
         OpenedImage::Stream(mut stream) => {
             let file_geometry = stream.header.geometry.clone();
             if let Some(NumberOrFile::Constant(velocity)) = spec.velocity {

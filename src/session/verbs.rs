@@ -12,7 +12,7 @@ use crate::export::convert::{ConvertSpec, Converted};
 use crate::export::surfaces::vtp::read_shapes;
 use crate::export::{ExportFormat, ExportSpec};
 use crate::files::output::{file_report, path_text};
-use crate::image::formats::{AnyImage, InputOptions, LoadedImage, OpenedImage};
+use crate::image::formats::{AnyImage, InputOptions, LoadedImage, OpenedImage, with_loaded};
 use crate::image::synth::SynthSpec;
 use crate::job::FeatureSpec;
 use crate::model::columns::given::GivenHorizon;
@@ -65,24 +65,20 @@ impl Session<'_> {
     /// Returns the errors of the options, of the files, and of [`features`](crate::features).
     pub fn feature(&mut self, image: &Path, output: &Path, spec: &FeatureSpec) -> Result<Answer> {
         spec.check_files(image, output)?;
-        match self.objects.read_image(image, &spec.input)? {
-            AnyImage::Plane(loaded) => {
-                self.features_of(&loaded, AnyImage::Plane, image, output, spec)
-            }
-            AnyImage::Space(loaded) => {
-                self.features_of(&loaded, AnyImage::Space, image, output, spec)
-            }
-        }
+        with_loaded!(self.objects.read_image(image, &spec.input)?,
+            loaded => self.features_of(&loaded, image, output, spec))
     }
 
     fn features_of<const D: usize>(
         &mut self,
         loaded: &LoadedImage<D>,
-        any: fn(LoadedImage<D>) -> AnyImage,
         name: &Path,
         output: &Path,
         spec: &FeatureSpec,
-    ) -> Result<Answer> {
+    ) -> Result<Answer>
+    where
+        AnyImage: From<LoadedImage<D>>,
+    {
         self.notes(&loaded.notes);
         loaded.image.check(&path_text(name))?;
         let outcome = crate::features(loaded, spec, self.progress)?;
@@ -96,7 +92,7 @@ impl Session<'_> {
             .with_result(
                 self.objects,
                 output,
-                Output::Image(Box::new(any(potential.into()))),
+                Output::Image(Box::new(LoadedImage::from(potential).into())),
             )?;
         answer.files.extend(others);
         Ok(answer)

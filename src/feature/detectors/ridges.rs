@@ -7,7 +7,7 @@
 //! [`boundary_extension`](mod@crate::feature::boundary_extension).
 //!
 //! Scale: 1.5 samples at first. Where noise hides the ridges at this scale (see
-//! [`RidgeStatistics::is_drowned`]), it is increased by factors of 1.25 up to 3 samples.
+//! [`RidgeStatistics::is_hidden_by_noise`]), it is increased by factors of 1.25 up to 3 samples.
 //! Assumptions: a surface is a few samples wide, bends little within three times the scale, and is
 //! higher than its surroundings within that distance. Two surfaces that are nearer than twice their
 //! width after smoothing are seen as one.
@@ -252,7 +252,7 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         let mut scale = self.scale.unwrap_or(self.min_scale);
         samples.smooth(scale, cancel);
         let mut statistics = ridges::statistics(samples, scale, self.input.live_mask, cancel)?;
-        while self.scale.is_none() && statistics.is_drowned() && scale < MAX_SCALE {
+        while self.scale.is_none() && statistics.is_hidden_by_noise() && scale < MAX_SCALE {
             let coarser = (1.25 * scale).min(MAX_SCALE);
             samples.smooth((coarser * coarser - scale * scale).sqrt(), cancel);
             scale = coarser;

@@ -102,7 +102,7 @@ impl<const D: usize> OrientedFilters<D> {
         modes: &[[f64; D]],
         is_wide: bool,
     ) -> Self {
-        let mut is_sought = [false; ANGLE_COUNT];
+        let mut is_searched = [false; ANGLE_COUNT];
         let max_steps = MAX_ANGLE_STEPS[usize::from(is_wide || modes.len() > 1)];
         for mode in modes {
             let [a, b] = [1, 2].map(|k: usize| dot(frame[k], *mode));
@@ -111,14 +111,16 @@ impl<const D: usize> OrientedFilters<D> {
                 let bin = (-a).atan2(b) / PI * ANGLE_COUNT as f64;
                 for turn in -max_steps..=max_steps {
                     let index = (bin.round() as i32 + turn).rem_euclid(ANGLE_COUNT as i32);
-                    is_sought[index as usize] = true;
+                    is_searched[index as usize] = true;
                 }
             }
         }
         let mut filters = Self {
             shape,
             frame,
-            angles: (0..ANGLE_COUNT).filter(|&angle| is_sought[angle]).collect(),
+            angles: (0..ANGLE_COUNT)
+                .filter(|&angle| is_searched[angle])
+                .collect(),
             line_mean: match D {
                 3 => Stencil::gaussian(frame[0], shape.line, 0.5 * shape.line),
                 _ => Stencil::new(vec![([0.0; D], 1.0)]),
@@ -429,8 +431,8 @@ impl<const D: usize> OrientedFilters<D> {
                 let angle = self.angles[slots[1]];
                 let c = slots.map(|slot| &scratch.second_derivative[range_of(slot)]);
                 let d = slots.map(|slot| &scratch.first_derivative[range_of(slot)]);
-                let is_sought = &mask.samples[row * BLOCK_SIZE..(row + 1) * BLOCK_SIZE];
-                let mut maxima = maxima_bits(c, is_sought);
+                let is_searched = &mask.samples[row * BLOCK_SIZE..(row + 1) * BLOCK_SIZE];
+                let mut maxima = maxima_bits(c, is_searched);
                 while maxima != 0 {
                     let l = maxima.trailing_zeros() as usize;
                     maxima &= maxima - 1;
@@ -472,7 +474,7 @@ impl<const D: usize> OrientedFilters<D> {
 
 /// Returns one bit per sample of a row: 1 if the sample is to be searched and has its maximum at the middle
 /// one of three angles.
-fn maxima_bits([before, here, after]: [&[f32]; 3], is_sought: &[bool]) -> u32 {
+fn maxima_bits([before, here, after]: [&[f32]; 3], is_searched: &[bool]) -> u32 {
     let (mut bits, mut is_maximum) = (0, [false; BLOCK_SIZE]);
     for l in 0..BLOCK_SIZE {
         let [before, here, after] = [before[l], here[l], after[l]];
@@ -482,7 +484,7 @@ fn maxima_bits([before, here, after]: [&[f32]; 3], is_sought: &[bool]) -> u32 {
             & (here > after)
             & (before != 0.0)
             & (after != 0.0)
-            & is_sought[l];
+            & is_searched[l];
     }
     for (l, &is_maximum) in is_maximum.iter().enumerate() {
         bits |= u32::from(is_maximum) << l;

@@ -13,6 +13,7 @@ use crate::error::{Error, Result, cause, io_error};
 pub struct VtkFile {
     path: PathBuf,
     bytes: Vec<u8>,
+    is_legacy: bool,
     root: Element,
     big_endian: bool,
     has_u64_headers: bool,
@@ -46,6 +47,7 @@ impl VtkFile {
     pub fn from_bytes(path: &Path, bytes: Vec<u8>, kinds: &[&str]) -> Result<Self> {
         let file = Self {
             path: path.to_path_buf(),
+            is_legacy: bytes.starts_with(legacy::MAGIC),
             bytes,
             root: Element::default(),
             big_endian: false,
@@ -55,13 +57,18 @@ impl VtkFile {
         file.parse(kinds)
     }
 
+    /// Returns `true` if the file is in the legacy format.
+    pub fn is_legacy(&self) -> bool {
+        self.is_legacy
+    }
+
     fn parse(mut self, kinds: &[&str]) -> Result<Self> {
         let kinds_text = kinds.join(" or ");
         let remedy = format!("give a VTK XML file of type {kinds_text}");
         if self.bytes.is_empty() {
             return Err(self.error("is empty", remedy));
         }
-        if self.bytes.starts_with(legacy::MAGIC) {
+        if self.is_legacy {
             self.bytes = legacy::to_xml(&self.bytes)
                 .map_err(|why| self.error(why, "write it as a VTK XML file"))?;
         }

@@ -443,17 +443,7 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Tiff => tiff::read(path)?,
         ImageFormat::Inrimage => inrimage::read(path)?,
         ImageFormat::Hdf5 => hdf5::read(path)?,
-        ImageFormat::Vti => {
-            let (image, note) = vti::read(path)?;
-            LoadedImage {
-                image,
-                format: ImageFormat::Vti,
-                encoding: "VTK XML".into(),
-                notes: note.into_iter().collect(),
-                survey: None,
-                line_numbers: None,
-            }
-        }
+        ImageFormat::Vti => vti::read(path)?,
     };
     Ok(OpenedImage::InMemory(into_any_image(loaded)))
 }

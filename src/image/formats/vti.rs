@@ -9,7 +9,7 @@ use std::path::Path;
 use std::str::FromStr;
 use std::sync::Arc;
 
-use super::{samples, vtk_axes};
+use super::{ImageFormat, LoadedImage, samples, vtk_axes};
 use crate::error::Result;
 use crate::files::atomic_write;
 use crate::files::vtk::xml::Element;
@@ -17,14 +17,14 @@ use crate::files::vtk::{ArraySource, Document, Values, VtkFile};
 use crate::image::labels::LabelCollector;
 use crate::image::{ExactLabels, Geometry, Image};
 
-/// Reads the image of a `.vti` file, and a warning if its integers were rounded. The samples are
+/// Reads the image of a `.vti` file, with a note if its integers were rounded. The samples are
 /// the active scalars of the points, or the first array of the points if none is active. If the
 /// points have no data, the data of the cells are used, as samples in the centres of cells.
 ///
 /// # Errors
 /// Returns an [`Error::Io`](crate::Error::Io) if the file is not VTK image data, is damaged, or
 /// holds no 3-D scalars on points or cells.
-pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
+pub fn read(path: &Path) -> Result<LoadedImage> {
     let kinds = ["ImageData", "RectilinearGrid", "StructuredGrid"];
     let file = VtkFile::read_one_of(path, &kinds)?;
     let data_set = file.data_set();
@@ -106,7 +106,19 @@ pub fn read(path: &Path) -> Result<(Image<3>, Option<String>)> {
     }
     let is_wide = array.values.to_integers().is_some();
     let note = (is_rounded && is_wide).then(|| samples::ROUNDING_NOTE.to_string());
-    Ok((image, note))
+    let encoding = if file.is_legacy() {
+        "VTK legacy"
+    } else {
+        "VTK XML"
+    };
+    Ok(LoadedImage {
+        image,
+        format: ImageFormat::Vti,
+        encoding: encoding.into(),
+        notes: note.into_iter().collect(),
+        survey: None,
+        line_numbers: None,
+    })
 }
 
 /// Returns the samples as exact labels, or `None` if some have a fraction.
@@ -248,7 +260,7 @@ mod tests {
     #[test]
     fn every_variant_that_vtk_writes_is_read() {
         for variant in VARIANTS {
-            let image = read(&fixture(&format!("{variant}.vti"))).unwrap().0;
+            let image = read(&fixture(&format!("{variant}.vti"))).unwrap().image;
             assert_eq!(image.dims(), [3, 2, 2], "{variant}");
             let expected: Vec<f32> = (-5..7).map(|i| i as f32).collect();
             assert_eq!(image.as_slice(), expected, "{variant}");
@@ -266,7 +278,7 @@ mod tests {
     #[test]
     fn legacy_images_keep_their_origin_in_double_precision() {
         for name in ["legacy_ascii.vtk", "legacy_binary.vtk"] {
-            let image = read(&fixture(name)).unwrap().0;
+            let image = read(&fixture(name)).unwrap().image;
             assert_eq!(image.dims(), [3, 2, 2], "{name}");
             let expected: Vec<f32> = (-5..7).map(|i| i as f32).collect();
             assert_eq!(image.as_slice(), expected, "{name}");
@@ -281,7 +293,7 @@ mod tests {
         let path = folder.path().join("a.vti");
         let image = oblique_image();
         write(&path, &image, "a < b").unwrap();
-        let back = read(&path).unwrap().0;
+        let back = read(&path).unwrap().image;
         assert_eq!(back.as_slice(), image.as_slice());
         assert_eq!(back.geometry.origin, image.geometry.origin);
         assert_eq!(back.geometry.names, image.geometry.names);
@@ -302,7 +314,7 @@ mod tests {
             Geometry::with_spacing([0.1, 1e6 + 0.1, -3.3], [0.1, 12.7, 1.0 / 3.0]),
         );
         write(&path, &straight, "s").unwrap();
-        assert_eq!(read(&path).unwrap().0, straight);
+        assert_eq!(read(&path).unwrap().image, straight);
     }
 
     #[test]
@@ -397,7 +409,7 @@ mod tests {
             rectilinear_grid("Float64", "100 102.5 105", &on_points),
         )
         .unwrap();
-        let image = read(&path).unwrap().0;
+        let image = read(&path).unwrap().image;
         assert_eq!(image.dims(), [3, 2, 2]);
         assert_eq!(image.as_slice()[11], 11.0);
         let expected = Geometry::with_spacing([100.0, 20.0, -3.0], [2.5, -10.0, 4.0]);
@@ -409,13 +421,13 @@ mod tests {
             rectilinear_grid("Float64", "100 102.5 105", &on_cells),
         )
         .unwrap();
-        let image = read(&path).unwrap().0;
+        let image = read(&path).unwrap().image;
         assert_eq!(image.dims(), [2, 1, 1]);
         assert_eq!(image.geometry.origin, [101.25, 15.0, -1.0]);
         // Coordinates in single precision are rounded.
         let x = "6780000.5 6780003 6780005.5";
         std::fs::write(&path, rectilinear_grid("Float32", x, &on_points)).unwrap();
-        assert_eq!(read(&path).unwrap().0.geometry.axes[0][0], 2.5);
+        assert_eq!(read(&path).unwrap().image.geometry.axes[0][0], 2.5);
         for (x, expected) in [
             (
                 "0 1 2.1",

@@ -20,6 +20,7 @@ import shutil
 import subprocess
 import sys
 
+import h5py
 import nibabel
 import nrrd
 import numpy as np
@@ -425,6 +426,57 @@ def segy(case, path):
     return Expected(case, point, [unit, unit, "ms"], labels=[])
 
 
+def hdf5(case, path):
+    """A data set of h5py, or of MATLAB 7.3, whose first index is x; ilastik names its axes."""
+    names = case["order"]
+    data = volume(case)
+    if case["packing"] == "big":
+        data = data.astype(data.dtype.newbyteorder(">"))
+    array = np.transpose(data, ["zyx".index(n) for n in names if n in "xyz"])
+    for position, n in enumerate(names):
+        if n in "ct":
+            array = np.expand_dims(array, position)
+    inner = "study/volume" if case["layout"] == "deep" else "volume"
+    options = {"compression": "gzip", "shuffle": True, "chunks": True} if case["packing"] == "packed" else {}
+    is_matlab = case["layout"] == "matlab"
+    with h5py.File(path, "w", userblock_size=512 if is_matlab else 0) as file:
+        file.create_dataset(inner, data=array, **options)
+        if case["layout"] == "deep":
+            # Another data set of three axes, so that the path is needed.
+            file["study/other"] = np.zeros((3, 3, 3))
+        attributes = file[inner].attrs
+        if is_matlab:
+            attributes["MATLAB_class"] = np.bytes_("double")
+        elif names == "zyx":
+            attributes["element_size_um"] = STEP[::-1]
+        else:
+            axes = [{"key": n, "typeFlags": 2, "resolution": float(STEP["xyz".index(n)]) if n in "xyz" else 0,
+                     "description": ""} for n in names]
+            attributes["axistags"] = json.dumps({"axes": axes})
+    if is_matlab:
+        with open(path, "r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    with h5py.File(path, "r") as back:
+        index = tuple(MARKED["xyz".index(n)] if n in "xyz" else 0 for n in names)
+        assert back[inner][index] == LABELS[case["labels"]][2]
+    step, unit = (np.ones(3), "") if is_matlab else (STEP, "um" if names == "zyx" else "")
+    given = f"{path}:/{inner}" if case["layout"] == "deep" else path
+    return Expected(case, step * MARKED, [unit] * 3, path=given)
+
+
+def vtkhdf(case, path):
+    from vtkmodules.vtkIOHDF import vtkHDFReader, vtkHDFWriter
+
+    writer = vtkHDFWriter()
+    writer.SetFileName(path)
+    writer.SetInputData(vtk_image(case))
+    writer.Write()
+    reader = vtkHDFReader()
+    reader.SetFileName(path)
+    reader.Update()
+    return Expected(case, marked_by_vtk(case, reader.GetOutputDataObject(0)), [""] * 3)
+
+
 INTEGERS = ["u1", "i1", "u2", "i2", "i4", "u4", "i8", "u8"]
 TYPES = INTEGERS + ["f4", "f8"]
 ORDERS = ["zyx", "xyz", "yxz", "zxy", "yzx", "xzy"]
@@ -463,6 +515,11 @@ WRITERS = {
                        packing=["packed", "other"]),
     "ngff-zarr": writer(with_ngff_zarr, ".zarr", unit=["um", "nm", "mm"], order=["zyx", "xyz"], packing=["packed", "other"],
                         layout=["plain", "levels"]),
+    "h5py": writer(hdf5, ".h5", unit=[""], order=["zyx", "xyz", "yxz", "czyx", "xyzc", "tzyx"], packing=["plain", "packed", "big"],
+                   layout=["plain", "deep"]),
+    "matlab-7.3": writer(hdf5, ".mat", unit=[""], packing=["plain", "packed"], layout=["matlab"]),
+    "itk-hdf5": writer(itk, ".h5", unit=[""], direction=list(DIRECTIONS), packing=["plain", "packed"]),
+    "vtkhdf": writer(vtkhdf, ".vtkhdf", unit=[""], direction=list(DIRECTIONS)),
     "segyio": writer(segy, ".sgy", type=["f4", "i4", "i2", "i1"], unit=["m", "ft"], order=["zyx", "xyz"],
                      direction=["plain", "flipped", "turned"], packing=["plain", "other"]),
 }

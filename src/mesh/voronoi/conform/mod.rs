@@ -244,9 +244,7 @@ impl<const D: usize> ConformingSites<D> {
                 }
             });
         }
-        let centre = self.surface().nodes[node?];
-        let radius = self.balls.squared_radii[node?].sqrt();
-        let point = add_scaled(centre, radius, unit(sub(towards, centre)));
+        let point = self.point_on_sphere(node?, towards);
         self.is_free(point).then_some(point)
     }
 
@@ -263,10 +261,14 @@ impl<const D: usize> ConformingSites<D> {
                 nearest = Some((distance, n));
             }
         });
-        let n = nearest?.1;
-        let centre = self.surface().nodes[n];
-        let radius = self.balls.squared_radii[n].sqrt();
-        Some(add_scaled(centre, radius, unit(sub(x, centre))))
+        Some(self.point_on_sphere(nearest?.1, x))
+    }
+
+    /// Returns the point on the sphere around a node of the surface in the direction of another point.
+    fn point_on_sphere(&self, node: usize, towards: [f64; D]) -> [f64; D] {
+        let centre = self.surface().nodes[node];
+        let radius = self.balls.squared_radii[node].sqrt();
+        add_scaled(centre, radius, unit(sub(towards, centre)))
     }
 
     /// Removes the [`sites`](Self::sites) for which `is_unfit` holds, those of facets in pairs.

@@ -7,7 +7,7 @@
 use std::process::Command;
 use std::time::Instant;
 
-use atomesh::mesh::delaunay::{DelaunayKernel, delaunay_with_neighbors};
+use atomesh::mesh::delaunay::{DelaunayKernel, delaunay_with_neighbours};
 use atomesh::report::cost::{cpu_seconds, peak_mb};
 
 /// Sets of points, and how many of them per million points of the largest.
@@ -77,7 +77,7 @@ fn run_case(points: &[[f64; 3]], kernel: &str) {
         Some(kernel) => {
             (kernel.kernel(points.len()).triangulate(points, false)).map(|all| all.tets)
         }
-        None => delaunay_with_neighbors(points).map(|all| all.mesh.tets),
+        None => delaunay_with_neighbours(points).map(|all| all.mesh.tets),
     };
     let clock = clock.elapsed().as_secs_f64();
     let bytes = (peak_mb() - memory) * 1e6 / points.len() as f64;

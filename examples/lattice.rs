@@ -48,7 +48,7 @@ fn pair_graph() -> String {
         ("force f(u)", "#c04000", 130.0, pair::force),
         ("potential phi(u)", "#1050a0", 600.0, pair::potential),
     ];
-    for (line, (name, colour, scale, curve)) in curves.into_iter().enumerate() {
+    for (line, (name, color, scale, curve)) in curves.into_iter().enumerate() {
         let points = (0..=150).map(|i| i as f32 / 100.0);
         let points = points.map(|u| [x(u), 160.0 - scale * curve(u, 0.0)]);
         // Points above the graph are omitted.
@@ -58,8 +58,8 @@ fn pair_graph() -> String {
         let y = 30 + 18 * line;
         let _ = writeln!(
             svg,
-            "<polyline fill='none' stroke='{colour}' stroke-width='2' points='{}'/>\n\
-             <text x='360' y='{y}' fill='{colour}'>{name} x {scale}</text>",
+            "<polyline fill='none' stroke='{color}' stroke-width='2' points='{}'/>\n\
+             <text x='360' y='{y}' fill='{color}'>{name} x {scale}</text>",
             points.join(" ")
         );
     }

@@ -12,7 +12,7 @@ use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::{Beta, Energy, SampledEnergy};
-use atomesh::lattice::optimize::{self, NoProgress};
+use atomesh::lattice::optimise::{self, NoProgress};
 use atomesh::lattice::seeding::{self, Alignment, Atoms};
 use atomesh::model::slice::{self, Caption, Overlay};
 
@@ -42,8 +42,8 @@ fn main() -> anyhow::Result<()> {
 
     let mut energy = SampledEnergy::new(&distance, potential, Beta::Constant(BETA));
     draw(&mut energy, &atoms, before)?;
-    let options = optimize::OptimizeOptions::default();
-    optimize::optimize(
+    let options = optimise::OptimiseOptions::default();
+    optimise::optimise(
         &mut atoms,
         &mut energy,
         &distance,

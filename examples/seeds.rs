@@ -18,7 +18,7 @@ use atomesh::lattice::comparison::genetic;
 use atomesh::lattice::comparison::laplacian::DEFAULT_KAPPA;
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy};
-use atomesh::lattice::optimize::{self, Method, NoProgress, OptimizeOptions};
+use atomesh::lattice::optimise::{self, Method, NoProgress, OptimiseOptions};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
@@ -114,7 +114,7 @@ where
                 let mut atoms = case.seed(seeding, seed)?;
                 let seeded = cpu_seconds();
                 if let Some(method) = method {
-                    let options = optimize_options(seed).with_method(method, kappa < 1.0);
+                    let options = optimise_options(seed).with_method(method, kappa < 1.0);
                     case.move_atoms(&mut atoms, &options, kappa)?;
                 }
                 let seconds = match method {
@@ -153,11 +153,11 @@ where
         for method in [Method::Genetic, Method::Lbfgs] {
             let mut atoms = case.seed("guide", 1)?;
             if generations > 0 {
-                let options = OptimizeOptions {
+                let options = OptimiseOptions {
                     method,
                     tolerance: 1e-9,
                     max_evaluations: evaluations,
-                    ..optimize_options(1)
+                    ..optimise_options(1)
                 };
                 case.move_atoms(&mut atoms, &options, 1.0)?;
             }
@@ -213,13 +213,13 @@ fn draw_seedings(image: &Image<2>, d: f64) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn optimize_options(seed: u64) -> OptimizeOptions {
-    OptimizeOptions {
+fn optimise_options(seed: u64) -> OptimiseOptions {
+    OptimiseOptions {
         seed,
         tolerance: 1e-4,
         max_rounds: 1,
         max_evaluations: 60,
-        ..OptimizeOptions::default()
+        ..OptimiseOptions::default()
     }
 }
 
@@ -273,7 +273,7 @@ where
     fn move_atoms(
         &self,
         atoms: &mut Atoms<D>,
-        options: &OptimizeOptions,
+        options: &OptimiseOptions,
         kappa: f64,
     ) -> anyhow::Result<()> {
         let pairs = self.pairwise_energy()?.with_auto_stiffness();
@@ -286,7 +286,7 @@ where
             Box::new(pairs)
         };
         let (distance, extent) = (&self.distance, self.extent);
-        optimize::optimize(
+        optimise::optimise(
             atoms,
             &mut *energy,
             distance,

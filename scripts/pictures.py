@@ -61,15 +61,15 @@ class Picture:
         for row in self.rows:
             counts.update(zip(row[::3], row[1::3], row[2::3]))
         bins = collections.defaultdict(list)
-        for colour, count in counts.items():
-            bins[tuple(c >> 3 for c in colour)].append((count, colour))
+        for color, count in counts.items():
+            bins[tuple(c >> 3 for c in color)].append((count, color))
         common = sorted(bins.values(), key=lambda found: (-sum(count for count, _ in found), min(found)))
         palette = [max(found, key=lambda entry: (entry[0], entry[1]))[1] for found in common[:256]]
-        nearest = lambda colour: min(range(len(palette)), key=lambda i: sum((p - c) ** 2 for p, c in zip(palette[i], colour)))
+        nearest = lambda color: min(range(len(palette)), key=lambda i: sum((p - c) ** 2 for p, c in zip(palette[i], color)))
         numbers = {}
         for found in bins.values():
             number = nearest(max(found)[1])
-            numbers.update((colour, number) for _, colour in found)
+            numbers.update((color, number) for _, color in found)
         raw = b"".join(b"\0" + bytes(map(numbers.__getitem__, zip(r[::3], r[1::3], r[2::3]))) for r in self.rows)
         chunk = lambda name, data: struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
         path.write_bytes(b"\x89PNG\r\n\x1a\n"

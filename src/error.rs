@@ -99,7 +99,7 @@ kinds! {
     /// Atoms cannot be placed as requested.
     Seeding,
     /// The lattice energy or its minimisation received an impossible parameter.
-    Optimize,
+    Optimise,
     /// The Delaunay triangulation failed or cannot be run.
     Delaunay,
     /// A mesh is invalid, or its file is inconsistent.

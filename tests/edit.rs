@@ -168,7 +168,7 @@ fn cells_along_surfaces_are_edited_at_any_place() {
 }
 
 #[test]
-fn edits_use_the_evaluator_kappa_and_optimizer_of_the_mesh() {
+fn edits_use_the_evaluator_kappa_and_optimiser_of_the_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     run_args(

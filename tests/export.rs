@@ -513,11 +513,11 @@ fn toughio_reads_the_tough2_mesh() {
     for modifier in numbers(&result["modifier"]) {
         assert!(is_close(modifier, 100.0 * MILLIDARCY, 1e-4), "{modifier}");
     }
-    let centers = result["center"].as_array().unwrap();
-    assert_eq!(centers.len(), model.len());
-    for (center, expected) in centers.iter().zip(&graph.site) {
-        let center = numbers(center);
-        assert!((0..3).all(|k| (center[k] - expected[k]).abs() < 1e-5));
+    let centres = result["center"].as_array().unwrap();
+    assert_eq!(centres.len(), model.len());
+    for (centre, expected) in centres.iter().zip(&graph.site) {
+        let centre = numbers(centre);
+        assert!((0..3).all(|k| (centre[k] - expected[k]).abs() < 1e-5));
     }
     let connections = result["connections"].as_array().unwrap();
     assert_eq!(connections.len(), graph.connections.len());

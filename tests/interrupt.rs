@@ -6,7 +6,7 @@ use atomesh::image::{Geometry, Image};
 use atomesh::improve::Scheme;
 use atomesh::job::spec::{MeshSpec, NominalDistance};
 use atomesh::job::{self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params};
-use atomesh::lattice::optimize::StopReason;
+use atomesh::lattice::optimise::StopReason;
 use atomesh::mesh::check::{CheckHints, check, check_with_hints};
 use atomesh::progress::{Progress, Stage};
 

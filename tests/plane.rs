@@ -160,7 +160,7 @@ fn coverage_and_energy(width: f64, coarse_passes: usize) -> [f64; 2] {
     use atomesh::feature::FeatureKind;
     use atomesh::image::{Geometry, Image};
     use atomesh::job::{self, Params};
-    use atomesh::lattice::optimize::NoProgress;
+    use atomesh::lattice::optimise::NoProgress;
 
     let dims = [200, 180];
     let valley = |p: [f64; 2]| {

@@ -116,7 +116,7 @@ fn values_on_cells_are_samples_at_the_cell_centres() {
 }
 
 #[test]
-fn colour_palettes_give_indices_and_grey_palettes_give_grey_values() {
+fn color_palettes_give_indices_and_grey_palettes_give_grey_values() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for (depth, bits) in [

@@ -71,7 +71,7 @@ fn every_seeding_gives_a_valid_mesh_that_follows_the_faults() {
 }
 
 #[test]
-fn every_optimizer_gives_a_valid_mesh_near_the_minimum_energy() {
+fn every_optimiser_gives_a_valid_mesh_near_the_minimum_energy() {
     let folder = folder();
     let dir = folder.path();
     for image in ["plane.npy", "space.npy"] {

@@ -7,7 +7,7 @@ use atomesh::improve::Scheme;
 use atomesh::job::spec::{MeshSpec, NominalDistance, SeedingKind, Slivers};
 use atomesh::job::{self, MeshSpace, Meshing, Outcome, Params};
 use atomesh::lattice::AtomKind;
-use atomesh::lattice::optimize::NoProgress;
+use atomesh::lattice::optimise::NoProgress;
 use atomesh::mesh::{Mesh, Simplices};
 use serde_json::Value;
 

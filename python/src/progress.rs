@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
-use atomesh::progress::{OptimizeStatus, Progress, SizeEstimate, Stage};
+use atomesh::progress::{OptimiseStatus, Progress, SizeEstimate, Stage};
 
 /// An event while a verb runs.
 pub enum Event {
@@ -41,7 +41,7 @@ impl Progress for EventProgress {
         self.send(Event::Line(estimate.to_string()));
     }
 
-    fn optimize_step(&mut self, status: &OptimizeStatus) {
+    fn optimise_step(&mut self, status: &OptimiseStatus) {
         self.send(Event::Progress(status.fraction(), status.to_string()));
     }
 

@@ -12,7 +12,7 @@ use crate::cli::common::global::CommonOptions;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::time_left::TimeLeft;
 use crate::comm::Comm;
-use crate::progress::{OptimizeStatus, Progress, SizeEstimate, Stage};
+use crate::progress::{OptimiseStatus, Progress, SizeEstimate, Stage};
 use crate::session::Answer;
 
 /// The console of a verb: a terminal, or files to which its output is redirected.
@@ -219,7 +219,7 @@ impl Progress for VerbProgress<'_> {
         }
     }
 
-    fn optimize_step(&mut self, status: &OptimizeStatus) {
+    fn optimise_step(&mut self, status: &OptimiseStatus) {
         if self.job.is_some() {
             self.console
                 .show_progress(status.fraction(), &status.to_string());

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Range;
 
-use super::partition::{partition_range, weighted_partition_range};
+use super::partition_range::{partition_range, weighted_partition_range};
 use crate::error::{Error, Result, cause};
 use crate::files::codec::{Codec, checksum, encode_to_vec};
 

@@ -13,14 +13,14 @@
 //! - `mpi_comm`: [`MpiComm`], all ranks of MPI
 //! - `world`: the calls of MPI that [`MpiComm`] needs, as the program passes them in
 //! - `launch`: how this process was started
-//! - `partition`: how parts are divided among ranks
+//! - `partition_range`: how parts are divided among ranks
 //! - `selection`: values by their rank in sorted order, among those that all ranks have
 //! - `thread_comm`: threads in place of ranks, for tests
 
 mod collective;
 mod launch;
 mod mpi_comm;
-mod partition;
+mod partition_range;
 pub(crate) mod selection;
 #[cfg(test)]
 mod thread_comm;
@@ -30,6 +30,6 @@ pub use collective::{Comm, SelfComm, concatenate};
 #[cfg(feature = "cli")]
 pub use launch::ranks_sharing_processors;
 pub use mpi_comm::MpiComm;
-pub use partition::partition_range;
+pub use partition_range::partition_range;
 #[cfg(test)]
 pub(crate) use thread_comm::run_threads;

@@ -13,22 +13,22 @@
 //! - `spacing`: the nominal distance d(x) around an edit, from the nodes of the mesh
 //! - `neighbourhood`: the atoms and cells around an edit, and how they change
 //! - `editable_mesh`: a mesh of simplices whose nodes and cells can be replaced
-//! - `spec`: all options, as one value
-//! - `run`: the whole edit, from a mesh, its image and the options
+//! - `edit_spec`: all options, as one value
+//! - `edit_verb`: the whole edit, from a mesh, its image and the options
 //! - `cells`: local edits of Voronoi cells
 
 pub(crate) mod cells;
+mod edit_spec;
+mod edit_verb;
 pub(crate) mod editable_mesh;
 pub(crate) mod local_fields;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;
-mod run;
 pub(crate) mod spacing;
-mod spec;
 pub(crate) mod window;
 
-pub use run::{EditOutcome, EditReport, edit, input_options};
-pub use spec::{AtomMove, AtomNumber, EditSpec};
+pub use edit_spec::{AtomMove, AtomNumber, EditSpec};
+pub use edit_verb::{EditOutcome, EditReport, edit, input_options};
 
 use serde::Serialize;
 
@@ -101,7 +101,7 @@ pub struct EditedMesh<M> {
     pub summary: Summary,
 }
 
-/// Edits a mesh that [`job::run`](crate::job::run) made of `image` with the parameters `params`.
+/// Edits a mesh that [`job::mesh_verb`](crate::job::mesh_verb) made of `image` with the parameters `params`.
 ///
 /// Added and moved atoms stay exactly where the edits put them, unless `free` is `true`: then they
 /// start there and move like other atoms. `place` names the mesh in error messages.

@@ -16,7 +16,7 @@ use crate::job::{self, MeshScene, MeshSpace, Meshing, Params};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::Energy;
-use crate::lattice::optimize::{self, temperature};
+use crate::lattice::optimise::{self, temperature};
 use crate::lattice::seeding::{Atoms, kind_at, side_count};
 use crate::mesh::Simplices;
 use crate::progress::{CancelToken, TokenProgress};
@@ -202,7 +202,7 @@ where
         // Inserted atoms have the highest temperature.
         let temperature = |&i: &usize| self.temperatures.get(i).copied().unwrap_or(1.0);
         let params = context.params;
-        let mut options = job::optimize_options(params, &fields.distance);
+        let mut options = job::optimise_options(params, &fields.distance);
         options.temperature = remaining.iter().map(temperature).collect();
         options.temperature.extend(vec![0.0; frozen_count]);
         summary.movable_atoms += options.temperature.iter().filter(|t| **t > 0.0).count();
@@ -211,7 +211,7 @@ where
         let extent = self.window.extent();
         let mobility = atoms.mobility(extent);
         let mut energy = energy(params, fields, mobility, extent)?;
-        let outcome = optimize::optimize(
+        let outcome = optimise::optimise(
             &mut atoms,
             &mut *energy,
             &fields.distance,

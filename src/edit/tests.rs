@@ -7,7 +7,7 @@ use crate::image::Geometry;
 use crate::job::output::simplex_mesh_file;
 use crate::job::{self, BOX_TOLERANCE, FixedAtom};
 use crate::lattice::AtomKind;
-use crate::lattice::optimize::NoProgress;
+use crate::lattice::optimise::NoProgress;
 use crate::mesh::TriMesh;
 use crate::mesh::check::check;
 use crate::report::{Reference, fidelity, quality};

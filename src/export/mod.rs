@@ -20,8 +20,8 @@
 //! ```
 //!
 //! - [`format`](mod@format): the list of formats, and how to add one
-//! - `spec`: all options of an export, as one value
-//! - `run`: exports a mesh, from options to files
+//! - `export_spec`: all options of an export, as one value
+//! - `export_verb`: exports a mesh, from options to files
 //! - [`convert`](mod@convert): images and surfaces in other formats
 //! - [`simulators`]: models for flow simulators
 //! - [`corner_point`]: corner-point grids, sampled from cells of any shape
@@ -38,20 +38,20 @@ pub(crate) mod companion;
 pub(crate) mod containers;
 pub mod convert;
 pub mod corner_point;
+mod export_spec;
+mod export_verb;
 pub mod format;
 pub mod meshers;
 pub(crate) mod names;
 pub mod page;
-mod run;
 pub mod simulators;
-mod spec;
 pub mod surfaces;
 pub(crate) mod values;
 
 pub use crate::surface_file::obj::write_obj;
+pub use export_spec::{ExportSpec, GridCounts};
+pub use export_verb::{ExportOutcome, export};
 pub use format::{ExportContent, ExportFormat, formats};
-pub use run::{ExportOutcome, export};
-pub use spec::{ExportSpec, GridCounts};
 pub use surfaces::SurfaceFile;
 pub use surfaces::sticks::{FaultSticks, read_sticks, write_sticks};
 pub use surfaces::tsurf::{Gocad, read_gocad, write_tsurf};

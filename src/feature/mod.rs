@@ -45,7 +45,7 @@
 //! - `lines`: lines at which surfaces cross, branch and end
 //! - `local_feature_size`: lattice spacing between surfaces that run close to each other
 //! - `potential`: the potential b(x)
-//! - `partition`: feature points distributed over ranks
+//! - `distributed_points`: feature points distributed over ranks
 
 pub(crate) mod boundary_extension;
 pub(crate) mod candidate;
@@ -57,6 +57,7 @@ pub(crate) mod corners;
 mod detection;
 pub(crate) mod detectors;
 pub(crate) mod distance_transform;
+mod distributed_points;
 mod doubt;
 pub(crate) mod gaussian;
 pub(crate) mod given;
@@ -68,7 +69,6 @@ pub(crate) mod local_feature_size;
 pub(crate) mod non_max_suppression;
 pub(crate) mod oriented;
 mod outcome;
-mod partition;
 pub(crate) mod potential;
 pub(crate) mod quadric;
 pub(crate) mod resolved;
@@ -105,14 +105,14 @@ pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
 pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
+pub use distributed_points::PointCounts;
+pub(crate) use distributed_points::PointSubset;
 pub use doubt::Doubt;
 pub use given::{GivenPoints, GivenSurface, SurfaceName};
 pub use label_map::{LabelMap, LabelOptions};
 pub(crate) use lines::lines_with_cancel;
 pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
 pub use outcome::{FlatFaults, KindOutcome, MIN_FAULT_DIP, MissingData};
-pub use partition::PointCounts;
-pub(crate) use partition::PointSubset;
 pub use resolved::ResolvedOptions;
 pub use surfaces::DroppedPoints;
 

@@ -10,7 +10,7 @@ use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{bounding_box, distance2, norm, sub, to_3d};
 use crate::lattice::AtomKind;
 use crate::lattice::halo::OwnedAndGhosts;
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 
 /// Largest move of an atom, in units of the reach.

@@ -1,6 +1,6 @@
 //! Atoms at Canny's points.
 
-use super::frame::JobDomain;
+use super::job_domain::JobDomain;
 use super::placement::PlacedAtoms;
 use super::{MeshScene, MeshSpace, Meshing, Params};
 use crate::Result;
@@ -11,7 +11,7 @@ use crate::image::{Image, ScalarField};
 use crate::improve;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::DistributedDistance;
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::{self, Atoms};
 use crate::progress::{CancelToken, Stage};
 
@@ -42,7 +42,7 @@ where
     Ok(PlacedAtoms {
         atoms: OwnedAtoms::from_global(atoms, comm),
         distance: DistributedDistance::Global(distance),
-        optimize_result: None,
+        optimise_result: None,
     })
 }
 

@@ -9,7 +9,7 @@
 use crate::parallel::prelude::*;
 
 use super::equalise::CellEqualiser;
-use super::frame::JobDomain;
+use super::job_domain::JobDomain;
 use super::measure::measure_unless_cancelled;
 use super::named_faces::close_given_surfaces;
 use super::{
@@ -28,8 +28,8 @@ use crate::improve::{self, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, PairwiseEnergy};
-use crate::lattice::optimize::{self, StopReason, temperature};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::optimise::{self, StopReason, temperature};
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::line_atoms::{Projection, line_atoms};
 use crate::lattice::seeding::{self, Alignment, Atoms, fixed_atoms};
 use crate::mesh::check::{CheckHints, check_view};
@@ -82,7 +82,7 @@ where
     /// Nominal distance between atoms.
     pub distance: Distance<D>,
     /// Result of the optimiser.
-    pub optimize_result: optimize::OptimizeResult,
+    pub optimise_result: optimise::OptimiseResult,
 }
 
 /// Makes Voronoi cells that conform to features, and measures them.
@@ -111,7 +111,7 @@ where
 
     stages.begin(Stage::Conforming);
     let mut sites = ConformingSites::new(surface, extent, &fixed_atoms);
-    let (mut atoms, optimize_result) = relax_around_sites(
+    let (mut atoms, optimise_result) = relax_around_sites(
         &sites,
         &fixed_atoms,
         params,
@@ -175,7 +175,7 @@ where
         face_names,
         report,
         distance,
-        optimize_result,
+        optimise_result,
     })
 }
 
@@ -340,22 +340,22 @@ where
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
     let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
-    let (joined, neighbors) = simplices::seal_mesh(joined, &scene, stages)?;
+    let (joined, neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
     let mut annotated = joined.annotated_mesh;
     let face_names = stages.run_cancellable(|cancel| {
         let marks = &mut annotated.feature_faces;
-        close_given_surfaces(&annotated.mesh, &neighbors, &scene, marks, cancel)
+        close_given_surfaces(&annotated.mesh, &neighbours, &scene, marks, cancel)
     })?;
     let (angle, names) = (Some(target.min_dihedral), &face_names);
     stages.run_cancellable(|cancel| {
-        regions::assign_regions(&mut annotated, &neighbors, names, &scene, angle, cancel)
+        regions::assign_regions(&mut annotated, &neighbours, names, &scene, angle, cancel)
     });
     let AnnotatedMesh {
         mesh,
         feature_faces,
         ..
     } = &annotated;
-    let mut surface = FacetSurface::from_marked(mesh, &neighbors, feature_faces, &face_names);
+    let mut surface = FacetSurface::from_marked(mesh, &neighbours, feature_faces, &face_names);
     surface.regularise(extent);
     surface.flatten(extent);
     Ok(surface)
@@ -407,7 +407,7 @@ fn relax_around_sites<const D: usize>(
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<(Atoms<D>, optimize::OptimizeResult)> {
+) -> Result<(Atoms<D>, optimise::OptimiseResult)> {
     let extent = frame.extent;
     let positions = sites.sites();
     let fixed: Vec<[f64; D]> = fixed_atoms.iter().chain(&positions).copied().collect();
@@ -466,7 +466,7 @@ pub(crate) fn relax_atoms<const D: usize>(
     relax: RelaxOptions<'_, D>,
     comm: &dyn Comm,
     progress: &mut dyn Progress,
-) -> Result<optimize::OptimizeResult> {
+) -> Result<optimise::OptimiseResult> {
     let RelaxOptions { edited, seed } = relax;
     remove_covered_atoms(atoms, sites, distance);
     let previous = atoms.positions.clone();
@@ -476,17 +476,17 @@ pub(crate) fn relax_atoms<const D: usize>(
         [] => Vec::new(),
         _ => temperature::temperatures(&atoms.positions, edited),
     };
-    let options = optimize::OptimizeOptions {
+    let options = optimise::OptimiseOptions {
         seed,
         max_rounds: 1,
         max_evaluations: MAX_EVALUATIONS,
         temperature,
-        ..optimize::OptimizeOptions::default()
+        ..optimise::OptimiseOptions::default()
     };
     let energy = PairwiseEnergy::new(extent, distance, None, Beta::Constant(0.0))?;
     let energy = &mut energy.with_alignment(Alignment::AlongsideFeatures);
     let mut owned = OwnedAtoms::from_global(std::mem::take(atoms), comm);
-    let result = optimize::optimize_partition(
+    let result = optimise::optimise_partition(
         &mut owned, energy, distance, extent, &options, comm, progress,
     )?;
     *atoms = owned.all_gather(comm)?;

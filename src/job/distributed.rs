@@ -19,11 +19,11 @@ use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{self, ImproveContext, KnownAtoms, SlabCuts, SlabResult};
 use crate::improve::{self, SealReport, SliverMethod, Target};
 use crate::lattice::distance::{Distance, DistributedDistance};
-use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
+use crate::lattice::owned_atoms::{IndexedAtoms, OwnedAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
     Delaunay, DelaunayKernel, DelaunayTets, GlobalPoints, delaunay_in_intervals,
-    distributed_delaunay_with_neighbors,
+    distributed_delaunay_with_neighbours,
 };
 use crate::mesh::view::MeshView;
 use crate::progress::Stage;
@@ -84,7 +84,7 @@ pub fn make_partition(
     improve::snap_distributed(&mut atoms, extent, &planes, snap_distance, comm)?;
     drop(planes);
     stages.begin(Stage::Triangulating);
-    let (atoms, (tets, neighbors)) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
+    let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
     stages.begin(Stage::Improving);
     let (points, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
     let local_distance = distance_around(&atoms.atoms.positions, distance, cuts.axis, comm)?;
@@ -104,15 +104,15 @@ pub fn make_partition(
         mut feature_faces,
         report: improved,
     } = stages.run_cancellable(|cancel| {
-        tets::improve_in_slabs(atoms, tets, neighbors, &cuts, context, comm, cancel)
+        tets::improve_in_slabs(atoms, tets, neighbours, &cuts, context, comm, cancel)
     })?;
     drop(planes);
     let mut improvement = Improvement::from(&improved);
     let view = MeshView::from_partition(&partition, comm);
-    let neighbors = partition.neighbors.as_flattened();
+    let neighbours = partition.neighbours.as_flattened();
     improvement.sealed = seal_partition(
         &view,
-        neighbors,
+        neighbours,
         &points.points,
         extent,
         distance,
@@ -122,7 +122,7 @@ pub fn make_partition(
     stages.begin(Stage::Measuring);
     let measured = MeasuredMesh {
         view,
-        neighbors: Some(neighbors),
+        neighbours: Some(neighbours),
         tagged_faces: Some(&feature_faces),
         feature_faces: Some(&feature_faces),
         scene,
@@ -182,7 +182,7 @@ fn distance_around(
 /// Closes the holes in the features of a partition. Faces that close them are added to the marks.
 fn seal_partition(
     view: &MeshView<'_, 3, TetMesh>,
-    neighbors: &[u32],
+    neighbours: &[u32],
     points: &[FeaturePoint<3>],
     extent: [f64; 3],
     distance: &DistributedDistance<3>,
@@ -195,7 +195,7 @@ fn seal_partition(
         let max_distance = distance.max();
         improve::seal(
             view,
-            neighbors,
+            neighbours,
             points,
             extent,
             max_distance,
@@ -269,7 +269,7 @@ fn local_tetrahedra(
     let interval_tets =
         delaunay_in_intervals(&atoms.positions, points, cuts.axis, &ends, slabs, kernel)?;
     let has_tets: Vec<bool> = comm.all_gather("tetrahedra of slabs", interval_tets.is_some())?;
-    if let Some(DelaunayTets { tets, neighbors }) = interval_tets
+    if let Some(DelaunayTets { tets, neighbours }) = interval_tets
         && has_tets.iter().all(|&has| has)
     {
         let known = KnownAtoms {
@@ -277,16 +277,16 @@ fn local_tetrahedra(
             global_ids: Some(indices),
             global_count: atom_count,
         };
-        return Ok((known, (tets, neighbors)));
+        return Ok((known, (tets, neighbours)));
     }
     drop((indices, atoms));
     let atoms = owned.all_gather(comm)?;
-    let Delaunay { mesh, neighbors } =
-        distributed_delaunay_with_neighbors(&atoms.positions, kernel, comm)?;
+    let Delaunay { mesh, neighbours } =
+        distributed_delaunay_with_neighbours(&atoms.positions, kernel, comm)?;
     let known = KnownAtoms {
         atoms,
         global_ids: None,
         global_count: atom_count,
     };
-    Ok((known, (mesh.tets, neighbors)))
+    Ok((known, (mesh.tets, neighbours)))
 }

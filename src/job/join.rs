@@ -7,7 +7,7 @@ use super::distributed::{self, PartitionResult};
 use super::padding::{self, PaddingCells};
 use super::spec::Padding;
 use super::topography::Topography;
-use super::{Outcome, Params, RunOptions, StageRunner, run};
+use super::{Outcome, Params, RunOptions, StageRunner, mesh_verb};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{FeaturePoint, Features};
@@ -22,7 +22,7 @@ use crate::improve::{
 };
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::{self, Delaunay};
 use crate::mesh::poly::PolyMesh;
@@ -163,7 +163,7 @@ pub struct JoinedMesh<M> {
     /// The mesh.
     pub annotated_mesh: AnnotatedMesh<M>,
     /// For every cell and face, in order, the cell on the other side, if known.
-    pub neighbors: Option<Vec<u32>>,
+    pub neighbours: Option<Vec<u32>>,
     /// Report of the improvement, if there was one.
     pub improvement: Option<Improvement>,
     /// For exudation, the mesh that Joe's transformations make of the same atoms, and its faces on
@@ -176,7 +176,7 @@ impl<M> JoinedMesh<M> {
     fn unimproved<const D: usize>(
         mesh: M,
         kinds: Vec<AtomKind>,
-        neighbors: Option<Vec<u32>>,
+        neighbours: Option<Vec<u32>>,
     ) -> Self
     where
         M: Simplices<D>,
@@ -189,7 +189,7 @@ impl<M> JoinedMesh<M> {
                 regions: Vec::new(),
                 angle_assessment: AngleAssessment::default(),
             },
-            neighbors,
+            neighbours,
             improvement: None,
             baseline: None,
         }
@@ -245,7 +245,7 @@ pub(super) fn snap_distance<const D: usize>(scene: &MeshScene<'_, D>) -> f64 {
 /// this number alone.
 pub(super) fn close_holes<const D: usize>(
     mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
-    neighbors: &[u32],
+    neighbours: &[u32],
     scene: &MeshScene<'_, D>,
     surface: Option<u32>,
     marks: &mut [u8],
@@ -262,7 +262,7 @@ where
     );
     let distance = |_: &[[f64; D]]| Ok(Cow::Borrowed(scene.distance));
     improve::seal(
-        &view, neighbors, &points, extent, d_max, distance, marks, cancel,
+        &view, neighbours, &points, extent, d_max, distance, marks, cancel,
     )
 }
 
@@ -291,9 +291,10 @@ fn close_partition_holes<const D: usize>(
 where
     MeshSpace<D>: Meshing<D>,
 {
-    let neighbors = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
+    let neighbours = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
     let (marks, cancel) = (&mut part.feature_faces, CancelToken::never());
-    close_holes(&part.mesh, &neighbors, scene, None, marks, &cancel).map_err(ReshapeError::Mesh)?;
+    close_holes(&part.mesh, &neighbours, scene, None, marks, &cancel)
+        .map_err(ReshapeError::Mesh)?;
     Ok(part)
 }
 
@@ -302,7 +303,7 @@ where
 /// # Errors
 /// Returns [`Error::Mesh`] if a face belongs to more than two cells.
 pub(super) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
-    mesh.neighbors().map_err(|face| {
+    mesh.neighbours().map_err(|face| {
         Error::Mesh(cause(
             format!("face {face:?}"),
             format!("belongs to more than two {}", M::CELLS_NAME),
@@ -314,7 +315,7 @@ pub(super) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Resu
 /// Improves a whole mesh slab by slab, as [`tets::improve`] does it at once.
 fn improve_slabs(
     mesh: &mut TetMesh,
-    neighbors: &mut Vec<[u32; 4]>,
+    neighbours: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     cuts: &SlabCuts,
     context: ImproveContext<'_>,
@@ -322,7 +323,7 @@ fn improve_slabs(
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let TetMesh { nodes, tets } = std::mem::take(mesh);
-    let joined = std::mem::take(neighbors);
+    let joined = std::mem::take(neighbours);
     let atoms = KnownAtoms {
         global_count: nodes.len(),
         atoms: Atoms {
@@ -333,7 +334,7 @@ fn improve_slabs(
     };
     let improved = tets::improve_in_slabs(atoms, tets, joined, cuts, context, comm, cancel)?;
     let improved = improved.all_gather(comm)?;
-    (*mesh, *neighbors) = (improved.partition.mesh, improved.partition.neighbors);
+    (*mesh, *neighbours) = (improved.partition.mesh, improved.partition.neighbours);
     *kinds = improved.kinds;
     Ok((improved.report, improved.feature_faces))
 }
@@ -345,7 +346,7 @@ impl Meshing<3> for MeshSpace<3> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<3>> {
-        run::run_precompiled(source, params, run_options, progress)
+        mesh_verb::run_precompiled(source, params, run_options, progress)
     }
 
     fn join_distributed(
@@ -397,16 +398,16 @@ impl Meshing<3> for MeshSpace<3> {
         stages.begin(Stage::Triangulating);
         let Delaunay {
             mut mesh,
-            mut neighbors,
+            mut neighbours,
         } = stages.load_or_run("4-joined", |_| {
-            delaunay::distributed_delaunay_with_neighbors(&atoms.positions, kernel, comm)
+            delaunay::distributed_delaunay_with_neighbours(&atoms.positions, kernel, comm)
         })?;
         let mut kinds = atoms.kinds;
         let (Some(&target), Some(planes)) = (improvement, &planes) else {
             return Ok(JoinedMesh::unimproved(
                 mesh,
                 kinds,
-                Some(neighbors.into_flattened()),
+                Some(neighbours.into_flattened()),
             ));
         };
         let context = ImproveContext {
@@ -416,32 +417,32 @@ impl Meshing<3> for MeshSpace<3> {
             target,
         };
         let mut baseline = None;
-        let (neighbors, (outcome, feature_faces)) = match target.method {
+        let (neighbours, (outcome, feature_faces)) = match target.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
                 let result = stages.run_cancellable(|cancel| match &cuts {
                     Some(cuts) => {
-                        let (mesh, neighbors) = (&mut mesh, &mut neighbors);
-                        improve_slabs(mesh, neighbors, &mut kinds, cuts, context, comm, cancel)
+                        let (mesh, neighbours) = (&mut mesh, &mut neighbours);
+                        improve_slabs(mesh, neighbours, &mut kinds, cuts, context, comm, cancel)
                     }
                     None => {
-                        let (mesh, neighbors) = (&mut mesh, &mut neighbors);
-                        tets::improve(mesh, neighbors, &mut kinds, context, comm, cancel)
+                        let (mesh, neighbours) = (&mut mesh, &mut neighbours);
+                        tets::improve(mesh, neighbours, &mut kinds, context, comm, cancel)
                     }
                 })?;
-                (Some(neighbors.into_flattened()), result)
+                (Some(neighbours.into_flattened()), result)
             }
             SliverMethod::Exude | SliverMethod::ExudeCgal => {
                 stages.begin(Stage::ApplyingBaseline);
                 let (mut baseline_mesh, mut baseline_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = stages.run_cancellable(|cancel| {
-                    let (mesh, neighbors) = (&mut baseline_mesh, &mut neighbors.clone());
-                    tets::improve(mesh, neighbors, &mut baseline_kinds, context, comm, cancel)
+                    let (mesh, neighbours) = (&mut baseline_mesh, &mut neighbours.clone());
+                    tets::improve(mesh, neighbours, &mut baseline_kinds, context, comm, cancel)
                 })?;
                 baseline = Some((baseline_mesh, faces));
                 stages.begin(Stage::Improving);
                 let result = stages.run_cancellable(|cancel| {
-                    tets::exude(&mut mesh, neighbors, &mut kinds, context, comm, cancel)
+                    tets::exude(&mut mesh, neighbours, &mut kinds, context, comm, cancel)
                 })?;
                 (None, result)
             }
@@ -454,7 +455,7 @@ impl Meshing<3> for MeshSpace<3> {
                 regions: Vec::new(),
                 angle_assessment: AngleAssessment::default(),
             },
-            neighbors,
+            neighbours,
             improvement: Some(Improvement::from(&outcome)),
             baseline,
         })
@@ -506,7 +507,7 @@ impl Meshing<2> for MeshSpace<2> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<2>> {
-        run::run_precompiled(source, params, run_options, progress)
+        mesh_verb::run_precompiled(source, params, run_options, progress)
     }
 
     fn join(
@@ -565,7 +566,7 @@ impl Meshing<2> for MeshSpace<2> {
                 regions: Vec::new(),
                 angle_assessment: AngleAssessment::default(),
             },
-            neighbors: None,
+            neighbours: None,
             improvement: Some(Improvement::from(&outcome)),
             baseline: None,
         })

@@ -22,7 +22,7 @@ use crate::report::{
 pub(super) struct MeasuredMesh<'a, const D: usize, M> {
     /// The mesh, or this rank's partition of it.
     pub view: MeshView<'a, D, M>,
-    pub neighbors: Option<&'a [u32]>,
+    pub neighbours: Option<&'a [u32]>,
     /// The faces that the mesh declares to lie on features, if it declares any.
     pub tagged_faces: Option<&'a [u8]>,
     /// The faces on features, if the figures of the lattice and the acute lines are wanted.
@@ -106,7 +106,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
             },
             &|| {
                 let hints = CheckHints {
-                    neighbors: self.neighbors,
+                    neighbours: self.neighbours,
                     ..CheckHints::default()
                 };
                 let (low, high) = ([0.0; D], scene.extent);

@@ -4,8 +4,8 @@ use crate::feature::{DetectionOptions, FeaturePoint};
 use crate::geometry::random::Random;
 use crate::lattice::distance::{self, Distance};
 use crate::mesh::boxes::{faces_on, kuhn_box};
-use crate::mesh::complex::neighbors;
-use crate::mesh::partition::MeshPartition;
+use crate::mesh::complex::neighbours;
+use crate::mesh::mesh_partition::MeshPartition;
 use crate::mesh::{TetMesh, check};
 use crate::report::AcutePair;
 
@@ -114,10 +114,10 @@ impl TestCase {
     }
 
     fn global_figures(&self, with_tags: bool) -> MeshFigures {
-        let neighbors = self.neighbors();
+        let neighbours = self.neighbours();
         let measured = MeasuredMesh {
             view: MeshView::from_mesh(&self.mesh),
-            neighbors: Some(neighbors.as_flattened()),
+            neighbours: Some(neighbours.as_flattened()),
             tagged_faces: with_tags.then_some(&*self.tagged_faces),
             feature_faces: Some(&self.feature_faces),
             scene: &self.scene(),
@@ -126,8 +126,8 @@ impl TestCase {
         measured.figures(&SelfComm, &CancelToken::never()).unwrap()
     }
 
-    fn neighbors(&self) -> Vec<[u32; 4]> {
-        neighbors(self.mesh.nodes.len(), &self.mesh.tets).unwrap()
+    fn neighbours(&self) -> Vec<[u32; 4]> {
+        neighbours(self.mesh.nodes.len(), &self.mesh.tets).unwrap()
     }
 
     /// Returns the figures that each of `count` ranks measures; one rank may be cancelled.
@@ -137,7 +137,7 @@ impl TestCase {
         with_tags: bool,
         cancelled_rank: Option<usize>,
     ) -> Vec<MeshFigures> {
-        let partitions = MeshPartition::split(&self.mesh, &self.neighbors(), count);
+        let partitions = MeshPartition::split(&self.mesh, &self.neighbours(), count);
         run_threads(count, |comm| {
             let partition = &partitions[comm.rank()];
             let range = partition.first_cell..partition.first_cell + partition.mesh.tets.len();
@@ -154,7 +154,7 @@ impl TestCase {
             let near_points = near_points.unwrap().points;
             let measured = MeasuredMesh {
                 view: MeshView::from_partition(partition, comm),
-                neighbors: Some(partition.neighbors.as_flattened()),
+                neighbours: Some(partition.neighbours.as_flattened()),
                 tagged_faces,
                 feature_faces: Some(feature_faces),
                 scene: &scene,

@@ -4,14 +4,14 @@
 //! - [`spec`]: all options, as one value
 //! - `params`: the options, and the content of the files that they name
 //! - `depth`: converts the images among the parameters from two-way time to depth
-//! - `run`: runs all stages of a job
+//! - `mesh_verb`: runs all stages of a job
 //! - `checkpoint`: results of stages, stored in a folder so that an interrupted job can continue
 //! - `stages`: reports each stage to the clock and the caller
 //! - `estimate`: estimates of the size of a mesh
-//! - `frame`: lattice space, and its relation to the image
+//! - `job_domain`: lattice space, and its relation to the image
 //! - `given_surfaces`: surfaces that the user gives, in the image
 //! - `placement`: atoms at rest, on a lattice that has moved or on Canny's points
-//! - `optimise`: moves the atoms of a lattice
+//! - `minimisation`: moves the atoms of a lattice
 //! - `canny`: atoms at Canny's points
 //! - `simplices`: makes tetrahedra or triangles from atoms at rest
 //! - `distributed`: large meshes of which each rank has a part
@@ -43,22 +43,22 @@ mod distributed;
 mod equalise;
 mod estimate;
 mod features;
-mod frame;
 pub(crate) mod given_surfaces;
 pub(crate) mod horizons;
+mod job_domain;
 mod join;
 pub(crate) mod live;
 mod local_cells;
 mod measure;
+mod mesh_verb;
+mod minimisation;
 mod named_faces;
-mod optimise;
 pub(crate) mod output;
 pub(crate) mod padding;
 mod params;
 mod placed_points;
 mod placement;
 mod regions;
-mod run;
 mod simplices;
 mod skew_faces;
 pub mod spec;
@@ -76,17 +76,17 @@ pub use crate::mesh_file::{Burden, Provenance};
 pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
 pub use features::{FeatureOutcome, FeatureSpec, features};
-pub(crate) use frame::{lattice_beta, lattice_points, lattice_well_paths};
 pub use given_surfaces::FollowedSurface;
+pub(crate) use job_domain::{lattice_beta, lattice_points, lattice_well_paths};
 pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, Meshing};
 pub use measure::scaled_mesh;
-pub(crate) use optimise::{job_energy, optimize_options};
+pub use mesh_verb::{MeshResult, Outcome, RunOptions, run, run_from};
+pub(crate) use minimisation::{job_energy, optimise_options};
 pub use output::lines::{write_feature_lines, write_lines};
 pub use output::points::write_feature_points;
 pub use padding::PaddingCells;
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use placed_points::PointFile;
-pub use run::{MeshResult, Outcome, RunOptions, run, run_from};
 pub use spec::{CellKind, MeshSpec, Metric};
 pub use stages::StageRunner;
 
@@ -105,7 +105,7 @@ pub use stages::StageRunner;
 /// ```
 ///
 /// # Errors
-/// Returns the errors of reading these files and of [`run`].
+/// Returns the errors of reading these files and of [`mesh_verb`].
 pub fn mesh<const D: usize>(
     image: &Image<D>,
     spec: &MeshSpec,

@@ -26,7 +26,7 @@ use crate::progress::CancelToken;
 /// Returns the errors of [`seal`](crate::improve::seal).
 pub(super) fn close_given_surfaces<const D: usize>(
     mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
-    neighbors: &[u32],
+    neighbours: &[u32],
     scene: &MeshScene<'_, D>,
     marks: &mut [u8],
     cancel: &CancelToken<'_>,
@@ -38,7 +38,7 @@ where
     let mut names = face_names(mesh, &flags, scene.features);
     for (index, name) in (0..).zip(&scene.features.names) {
         let mut own = marks_of_name::<D>(&names, index);
-        close_holes(mesh, neighbors, scene, Some(name.number), &mut own, cancel)?;
+        close_holes(mesh, neighbours, scene, Some(name.number), &mut own, cancel)?;
         for (face, _) in marks_from_bits::<D>(&own).enumerate().filter(|f| f.1) {
             names[face] = names[face].min(index);
             marks[face / (D + 1)] |= 1 << (face % (D + 1));

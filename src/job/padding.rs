@@ -22,8 +22,8 @@ use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use crate::mesh::check::check;
-use crate::mesh::complex::{NONE, neighbors};
-use crate::mesh::delaunay::distributed_delaunay_with_neighbors;
+use crate::mesh::complex::{NONE, neighbours};
+use crate::mesh::delaunay::distributed_delaunay_with_neighbours;
 use crate::mesh::{FACES, TetMesh};
 use crate::mesh_file::Burden;
 use crate::parallel::prelude::*;
@@ -282,7 +282,7 @@ fn padding_report(mesh: &TetMesh, first: usize, burdens: &[Burden]) -> PaddingRe
 /// Returns the triangles of a mesh on a side of its box, the plane at `side` along `axis`, and their nodes in rising
 /// order.
 fn side_triangles(mesh: &TetMesh, axis: usize, side: f64) -> Result<(Vec<[u32; 3]>, Vec<u32>)> {
-    let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).map_err(|face| {
+    let neighbours = neighbours(mesh.nodes.len(), &mesh.tets).map_err(|face| {
         Error::Mesh(cause(
             format!("face {face:?}"),
             "belongs to more than two tetrahedra",
@@ -290,7 +290,7 @@ fn side_triangles(mesh: &TetMesh, axis: usize, side: f64) -> Result<(Vec<[u32; 3
         ))
     })?;
     let is_on_side = |n: u32| mesh.nodes[n as usize][axis] == side;
-    let faces = mesh.tets.iter().zip(&neighbors).flat_map(|(tet, around)| {
+    let faces = mesh.tets.iter().zip(&neighbours).flat_map(|(tet, around)| {
         let open = (0..4).filter(|&k| around[k] == NONE);
         open.map(|k| FACES[k].map(|i| tet[i]))
     });
@@ -463,7 +463,7 @@ impl LayerBuilder<'_> {
         };
         atoms.positions[..fixed.len()].copy_from_slice(&fixed);
         let delaunay =
-            distributed_delaunay_with_neighbors(&atoms.positions, stages.kernel, &SelfComm)?;
+            distributed_delaunay_with_neighbours(&atoms.positions, stages.kernel, &SelfComm)?;
         let local = |n: u32| side_nodes.partition_point(|&other| other < n) as u32;
         let triangles: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(local)).collect();
         let context = ImproveContext {

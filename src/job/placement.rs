@@ -1,8 +1,8 @@
 //! Placement of atoms: on a lattice that then moves onto the features, or at Canny's points, which
 //! lie on them from the start.
 
-use super::frame::JobDomain;
-use super::optimise::{self, optimise};
+use super::job_domain::JobDomain;
+use super::minimisation::{self, optimise};
 use super::spec::SeedingKind;
 use super::{MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
 use crate::comm::Comm;
@@ -11,8 +11,8 @@ use crate::feature::components::for_each_sample;
 use crate::feature::{Brightness, Features};
 use crate::image::{Image, ImageSource, LabelValue, ScalarField};
 use crate::lattice::distance::{self, DenseRegion, Distance, DistanceLimits, DistributedDistance};
-use crate::lattice::optimize::{self, StopReason};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::optimise::{self, StopReason};
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::{self, Alignment, Seeding, wells};
 use crate::progress::{CancelToken, Stage};
 use crate::{Error, Result};
@@ -27,7 +27,7 @@ pub(super) struct PlacedAtoms<const D: usize> {
     /// The nominal distance between them.
     pub distance: DistributedDistance<D>,
     /// Result of the optimiser's last pass, if it ran.
-    pub optimize_result: Option<optimize::OptimizeResult>,
+    pub optimise_result: Option<optimise::OptimiseResult>,
 }
 
 /// Places atoms and brings them to rest: on a lattice that moves, or at Canny's points, which do
@@ -67,7 +67,7 @@ where
 pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
     matches!(params.seeding(), Seeding::Fcc | Seeding::Grown)
         && !matches!(params.spacing(), Spacing::FromLaplacian { .. })
-        && optimise::needs_only_local_potential(params)
+        && minimisation::needs_only_local_potential(params)
 }
 
 /// Returns the nominal distance between atoms, also at wells. With wells or labels it is known
@@ -173,7 +173,7 @@ pub(super) fn optimised_lattice<const D: usize>(
     Ok(PlacedAtoms {
         atoms,
         distance,
-        optimize_result: Some(optimised),
+        optimise_result: Some(optimised),
     })
 }
 

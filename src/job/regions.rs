@@ -33,7 +33,7 @@ const CELLS_PER_TASK: usize = 1 << 12;
 /// which have `face_names`; these surfaces stay where they are.
 pub(super) fn assign_regions<const D: usize>(
     annotated: &mut AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
-    neighbors: &[u32],
+    neighbours: &[u32],
     face_names: &[u32],
     scene: &MeshScene<'_, D>,
     min_angle: Option<f64>,
@@ -43,13 +43,13 @@ where
     MeshSpace<D>: Meshing<D>,
 {
     let labelled = scene.features.labels.as_ref()?;
-    let mut regions = regions::assign_labels(&annotated.mesh, neighbors, labelled);
+    let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
-            neighbors,
+            neighbours,
             anchors: anchors.as_ref(),
             kinds: &annotated.node_kinds,
             extent: scene.extent,
@@ -57,7 +57,7 @@ where
         };
         regions::fit(&mut annotated.mesh, &fitting, cancel);
         regions = regions::remove_spikes(&annotated.mesh, &fitting);
-        let interfaces = regions::interface_marks::<D>(&regions, neighbors);
+        let interfaces = regions::interface_marks::<D>(&regions, neighbours);
         annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
     }
     let label_regions = labelled.regions();
@@ -67,10 +67,10 @@ where
 
 /// Returns the number of parts into which marked faces divide a mesh of simplices: cells are in one
 /// part if a path through other faces connects them.
-pub(super) fn part_count(faces_per_cell: usize, neighbors: &[u32], marks: &[u8]) -> usize {
+pub(super) fn part_count(faces_per_cell: usize, neighbours: &[u32], marks: &[u8]) -> usize {
     let mut parts = UnionFind::new(marks.len());
     for (c, &bits) in marks.iter().enumerate() {
-        let adjacent = &neighbors[faces_per_cell * c..faces_per_cell * (c + 1)];
+        let adjacent = &neighbours[faces_per_cell * c..faces_per_cell * (c + 1)];
         for (k, &n) in adjacent.iter().enumerate().filter(|(_, n)| **n != NONE) {
             if bits >> k & 1 == 0 {
                 parts.unite(c as u32, n);
@@ -86,13 +86,13 @@ pub(super) type Contacts = BTreeMap<[u32; 2], f64>;
 /// Returns the contacts of labels in a mesh of simplices.
 pub(super) fn contacts_of_simplices<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    neighbors: &[u32],
+    neighbours: &[u32],
     label_indices: &[u32],
 ) -> Contacts {
     let mut contacts = Contacts::new();
     for (c, &label) in label_indices.iter().enumerate() {
         for k in 0..=D {
-            let neighbour = neighbors[(D + 1) * c + k];
+            let neighbour = neighbours[(D + 1) * c + k];
             if neighbour != NONE && label < label_indices[neighbour as usize] {
                 let corners = mesh.face(c, k).map(|n| mesh.nodes()[n as usize]);
                 *contacts
@@ -463,7 +463,7 @@ mod tests {
             })
         };
         let mesh = kuhn_box([4, 4, 4], 1.0);
-        let neighbors = mesh.neighbors().unwrap();
+        let neighbours = mesh.neighbours().unwrap();
         // A mesh without the wall.
         let number = |c: usize| {
             let x: f64 = mesh
@@ -474,7 +474,7 @@ mod tests {
             if x < 2.0 { 0 } else { 2 }
         };
         let numbers: Vec<u32> = (0..mesh.tets.len()).map(number).collect();
-        let contacts = contacts_of_simplices(&mesh, &neighbors, &numbers);
+        let contacts = contacts_of_simplices(&mesh, &neighbours, &numbers);
         assert_eq!(contacts.keys().collect::<Vec<_>>(), [&[0, 2]]);
         assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
         let holes_of = |image: &Image<3>| {
@@ -525,8 +525,8 @@ mod tests {
                 );
             }
             let annotated = outcome.simplices().unwrap();
-            let neighbors = annotated.mesh.neighbors().unwrap();
-            for (face, &n) in neighbors.iter().enumerate() {
+            let neighbours = annotated.mesh.neighbours().unwrap();
+            for (face, &n) in neighbours.iter().enumerate() {
                 let (c, k) = (face / 4, face % 4);
                 let is_interface =
                     n != NONE && annotated.regions[c] != annotated.regions[n as usize];

@@ -57,7 +57,7 @@ where
     let options = params.spec.target();
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
-    let (joined, neighbors) = stages.load_or_run("5-improved", |stages| {
+    let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
         let joined =
             MeshSpace::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
         seal_mesh(joined, scene, stages)
@@ -71,12 +71,12 @@ where
     comm.ensure_identical("the mesh", &annotated)?;
     let face_names = stages.run_cancellable(|cancel| {
         let marks = &mut annotated.feature_faces;
-        close_given_surfaces(&annotated.mesh, &neighbors, scene, marks, cancel)
+        close_given_surfaces(&annotated.mesh, &neighbours, scene, marks, cancel)
     })?;
     let target = options.as_ref().filter(|_| improvement.is_some());
     let (angle, names) = (target.map(|target| target.min_dihedral), &face_names);
     let label_indices = stages.run_cancellable(|cancel| {
-        regions::assign_regions(&mut annotated, &neighbors, names, scene, angle, cancel)
+        regions::assign_regions(&mut annotated, &neighbours, names, scene, angle, cancel)
     });
     stages.begin(Stage::Measuring);
     let label_image = (label_indices.is_some())
@@ -84,7 +84,7 @@ where
         .transpose()?;
     let measured = MeasuredMesh {
         view: MeshView::from_mesh(&annotated.mesh),
-        neighbors: Some(&neighbors),
+        neighbours: Some(&neighbours),
         tagged_faces: improvement.is_some().then_some(&*annotated.feature_faces),
         feature_faces: Some(&annotated.feature_faces),
         scene,
@@ -96,7 +96,7 @@ where
         if let (Some(indices), Some(image)) = (&label_indices, &label_image) {
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
-            let contacts = regions::contacts_of_simplices(mesh, &neighbors, indices);
+            let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
             let (labels, points) = (&params.spec.label, &sample_points);
             report.regions =
                 regions::report(image, labels, points, &contacts, indices, step, cancel);
@@ -104,7 +104,7 @@ where
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);
                 let marks = &annotated.feature_faces;
-                improvement.sealed.compartments = regions::part_count(D + 1, &neighbors, marks);
+                improvement.sealed.compartments = regions::part_count(D + 1, &neighbours, marks);
             }
         }
         report.baseline = match &baseline {
@@ -131,7 +131,7 @@ fn measure_baseline<const D: usize, M: Simplices<D>>(
 ) -> Result<Option<Baseline>> {
     let baseline = MeasuredMesh {
         view: MeshView::from_mesh(mesh),
-        neighbors: None,
+        neighbours: None,
         tagged_faces: Some(faces),
         feature_faces: None,
         ..*measured
@@ -155,21 +155,21 @@ where
 {
     let JoinedMesh {
         annotated_mesh: annotated,
-        neighbors,
+        neighbours,
         improvement,
         ..
     } = &mut joined;
-    let neighbors = match neighbors.take() {
-        Some(neighbors) => neighbors,
+    let neighbours = match neighbours.take() {
+        Some(neighbours) => neighbours,
         None => cell_neighbours(&annotated.mesh)?,
     };
     if let Some(improvement) = improvement {
         improvement.sealed = stages.run_cancellable(|cancel| {
             let marks = &mut annotated.feature_faces;
-            close_holes(&annotated.mesh, &neighbors, scene, None, marks, cancel)
+            close_holes(&annotated.mesh, &neighbours, scene, None, marks, cancel)
         })?;
     }
-    Ok((joined, neighbors))
+    Ok((joined, neighbours))
 }
 
 /// Returns the options for smoothing triangles.

@@ -3,7 +3,7 @@
 use super::checkpoint::{Codec, JobCheckpoint, StoredStage};
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::progress::{CancelToken, Progress, Stage, interrupted_error};
@@ -224,7 +224,7 @@ mod tests {
     use crate::job::{
         self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Outcome, Params,
     };
-    use crate::lattice::optimize::{Method, StopReason};
+    use crate::lattice::optimise::{Method, StopReason};
     use crate::mesh::check::{CheckHints, check, check_with_hints};
 
     /// Counts polls by stage; stops the job from some poll of one stage on.

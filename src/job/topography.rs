@@ -314,7 +314,7 @@ mod tests {
     use crate::job::spec::NominalDistance;
     use crate::job::{MeshSpec, Outcome, Params, run};
     use crate::mesh::check::{CheckHints, check_with_hints};
-    use crate::mesh::complex::{NONE, neighbors};
+    use crate::mesh::complex::{NONE, neighbours};
     use crate::mesh::{FACES, TetMesh};
     use crate::progress::NoProgress;
     use crate::surface_file::interpretation::{PickedShape, PickedSurface};
@@ -391,11 +391,15 @@ mod tests {
         let mut with_hole = whole.clone();
         with_hole.tets.remove(mesh.tets.len() / 2);
         assert!(!check_with_hints(&with_hole, hints, low, high, 1e-9).passed());
-        let neighbors = neighbors(whole.nodes.len(), &whole.tets).unwrap();
-        let faces = whole.tets.iter().zip(&neighbors).flat_map(|(tet, around)| {
-            let open = (0..4).filter(|&k| around[k] == NONE);
-            open.map(|k| FACES[k].map(|i| whole.nodes[tet[i] as usize]))
-        });
+        let neighbours = neighbours(whole.nodes.len(), &whole.tets).unwrap();
+        let faces = whole
+            .tets
+            .iter()
+            .zip(&neighbours)
+            .flat_map(|(tet, around)| {
+                let open = (0..4).filter(|&k| around[k] == NONE);
+                open.map(|k| FACES[k].map(|i| whole.nodes[tet[i] as usize]))
+            });
         let is_flat = |face: &[[f64; 3]; 3]| {
             let is_in = |k: usize, plane: f64| face.iter().all(|x| x[k] == plane);
             (0..2).any(|k| is_in(k, low[k]) || is_in(k, high[k])) || is_in(2, high[2])

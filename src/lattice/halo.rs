@@ -12,7 +12,7 @@ use crate::comm::{Comm, SelfComm};
 use crate::error::Result;
 use crate::files::codec::{Codec, codec_fields};
 use crate::geometry::bounding_box;
-use crate::lattice::partition::{IndexedAtoms, OwnedAtoms};
+use crate::lattice::owned_atoms::{IndexedAtoms, OwnedAtoms};
 use crate::lattice::seeding::Atoms;
 
 /// The local atoms of a rank (owned atoms and ghosts), and the ranks that keep copies of its owned

@@ -4,17 +4,17 @@
 //! - [`distance`]: nominal distance d(x) between atoms
 //! - [`seeding`]: initial lattices that fill the image's box
 //! - [`energy`]: the energy of the lattice and its gradient
-//! - [`optimize`]: moves atoms to lower the energy
+//! - [`optimise`]: moves atoms to lower the energy
 //! - [`comparison`]: methods of others, kept to compare the default methods with them
-//! - `partition`: distribution of the atoms over ranks
+//! - `owned_atoms`: distribution of the atoms over ranks
 //! - `halo`: owned atoms and ghosts of a rank while atoms move
 
 pub mod comparison;
 pub mod distance;
 pub mod energy;
 pub(crate) mod halo;
-pub mod optimize;
-pub(crate) mod partition;
+pub mod optimise;
+pub(crate) mod owned_atoms;
 pub mod seeding;
 
 /// The constraint on an atom (mesh node): sides of the box on which it lies, or fixed by the user.

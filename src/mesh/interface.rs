@@ -160,7 +160,7 @@ pub trait Simplices<const D: usize>: Mesh<D> {
     ///
     /// # Errors
     /// Returns the nodes of a face that more than two cells share.
-    fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>>;
+    fn neighbours(&self) -> std::result::Result<Vec<u32>, Vec<u32>>;
 
     /// Returns the area of a face (in 2-D: the length of an edge).
     fn face_area(face: &[[f64; D]; D]) -> f64;
@@ -228,14 +228,14 @@ impl<const D: usize, M: Simplices<D>> Mesh<D> for M {
     }
 
     fn cells_of_faces(&self) -> Result<Vec<[u32; 2]>> {
-        let neighbors = self.neighbors().map_err(|face| {
+        let neighbours = self.neighbours().map_err(|face| {
             Error::Mesh(cause(
                 "mesh",
                 format!("more than two {} share the face {face:?}", M::CELLS_NAME),
                 "run atomesh validate",
             ))
         })?;
-        let cells = neighbors.into_iter().enumerate().map(|(face, beyond)| {
+        let cells = neighbours.into_iter().enumerate().map(|(face, beyond)| {
             let cell = (face / (D + 1)) as u32;
             // NONE is greater than every cell number.
             if beyond > cell {
@@ -342,9 +342,9 @@ impl Simplices<3> for TetMesh {
         volume6(&self.corners(c)) / 6.0
     }
 
-    fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
-        match complex::neighbors(self.nodes.len(), &self.tets) {
-            Ok(neighbors) => Ok(neighbors.into_flattened()),
+    fn neighbours(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
+        match complex::neighbours(self.nodes.len(), &self.tets) {
+            Ok(neighbours) => Ok(neighbours.into_flattened()),
             Err(face) => Err(face.to_vec()),
         }
     }
@@ -398,9 +398,9 @@ impl Simplices<2> for TriMesh {
         0.5 * tri::double_area(&self.corners(c))
     }
 
-    fn neighbors(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
-        match tri::neighbors(self.nodes.len(), &self.triangles) {
-            Ok(neighbors) => Ok(neighbors.into_flattened()),
+    fn neighbours(&self) -> std::result::Result<Vec<u32>, Vec<u32>> {
+        match tri::neighbours(self.nodes.len(), &self.triangles) {
+            Ok(neighbours) => Ok(neighbours.into_flattened()),
             Err(edge) => Err(edge.to_vec()),
         }
     }

@@ -6,7 +6,7 @@
 //! - `tri`: triangles in the plane
 //! - [`check`](mod@check): checks that a mesh is valid and fills its box
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
-//! - `partition`: tetrahedra that are distributed over several MPI ranks
+//! - `mesh_partition`: tetrahedra that are distributed over several MPI ranks
 //! - `view`: all of a mesh or one partition of it, for code that measures meshes
 //! - `renumber`: new numbers of the nodes or cells that are kept
 //! - `poly_columns`: geometry of cells that stand in columns
@@ -51,7 +51,7 @@ pub mod delaunay;
 pub(crate) mod dimension;
 pub mod graph;
 pub(crate) mod interface;
-pub(crate) mod partition;
+pub(crate) mod mesh_partition;
 pub mod poly;
 mod poly_columns;
 pub(crate) mod poly_convert;

@@ -32,7 +32,7 @@ impl<const D: usize> PolyMesh<D> {
             let problem = format!("{len} {noun} for {count} {}", M::CELLS_NAME);
             return Err(refuse(problem, "give one for each"));
         }
-        let neighbors = mesh.neighbors().map_err(|face| {
+        let neighbours = mesh.neighbours().map_err(|face| {
             let problem = format!("face {face:?} belongs to more than two {}", M::CELLS_NAME);
             refuse(problem, "give a mesh that atomesh validate passes")
         })?;
@@ -53,15 +53,15 @@ impl<const D: usize> PolyMesh<D> {
         let size = D + 1;
         for inner in [true, false] {
             for c in 0..count {
-                let cell_neighbors = &neighbors[size * c..size * (c + 1)];
-                let is_selected = |&k: &usize| match cell_neighbors[k] {
+                let cell_neighbours = &neighbours[size * c..size * (c + 1)];
+                let is_selected = |&k: &usize| match cell_neighbours[k] {
                     NONE => !inner,
                     other => inner && c < other as usize,
                 };
                 let mut faces: Vec<usize> = (0..size).filter(is_selected).collect();
-                faces.sort_unstable_by_key(|&k| cell_neighbors[k]);
+                faces.sort_unstable_by_key(|&k| cell_neighbours[k]);
                 for k in faces {
-                    let beyond = if inner { cell_neighbors[k] } else { NONE };
+                    let beyond = if inner { cell_neighbours[k] } else { NONE };
                     poly.faces.push(mesh.face(c, k));
                     poly.face_cells.push([c as u32, beyond]);
                     let bits = feature_faces.get(c).copied().unwrap_or(0);

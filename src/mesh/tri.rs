@@ -92,7 +92,7 @@ pub fn radius_edge_ratio(p: &[[f64; 2]; 3]) -> f64 {
 /// # Errors
 /// Returns the first edge (nodes ascending) that more than two triangles share, or that two
 /// triangles have in the same direction, so that they overlap.
-pub fn neighbors(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, [u32; 2]> {
+pub fn neighbours(node_count: usize, triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, [u32; 2]> {
     let side_of = |code: u32| SIDES[code as usize % 3].map(|i| triangles[code as usize / 3][i]);
     // A counting sort by the smaller node leaves only a few edges in each group.
     let smaller_nodes = (0..3 * triangles.len() as u32).map(|code| {
@@ -162,15 +162,15 @@ mod tests {
     #[test]
     fn neighbours_are_across_the_edge_opposite_the_node() {
         let square = [[0, 1, 2], [2, 1, 3]];
-        let adjacent = neighbors(4, &square).unwrap();
+        let adjacent = neighbours(4, &square).unwrap();
         assert_eq!(adjacent, [[1, NONE, NONE], [NONE, NONE, 0]]);
         // A third triangle on the shared edge, then two triangles that overlap.
         assert_eq!(
-            neighbors(5, &[[0, 1, 2], [2, 1, 3], [1, 2, 4]]),
+            neighbours(5, &[[0, 1, 2], [2, 1, 3], [1, 2, 4]]),
             Err([1, 2])
         );
-        assert_eq!(neighbors(4, &[[0, 1, 2], [1, 2, 3]]), Err([1, 2]));
-        assert_eq!(neighbors(0, &[]), Ok(vec![]));
+        assert_eq!(neighbours(4, &[[0, 1, 2], [1, 2, 3]]), Err([1, 2]));
+        assert_eq!(neighbours(0, &[]), Ok(vec![]));
     }
 
     proptest! {

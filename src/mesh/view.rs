@@ -1,7 +1,7 @@
 //! A view of a mesh for measurements: all of it, or the local part of a distributed mesh. With it
 //! each measurement is written once for both cases.
 
-use super::partition::MeshPartition;
+use super::mesh_partition::MeshPartition;
 use super::{Mesh, TetMesh};
 use crate::Result;
 use crate::comm::{Comm, SelfComm};

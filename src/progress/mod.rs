@@ -142,7 +142,7 @@ impl Serialize for Stage {
 
 /// The state of an optimisation that is running.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OptimizeStatus {
+pub struct OptimiseStatus {
     /// Number of the current round of perturbation, from 1.
     pub round: usize,
     /// Number of accepted steps, over all rounds.
@@ -190,13 +190,13 @@ pub struct SizeEstimate {
     pub bytes: f64,
 }
 
-impl fmt::Display for OptimizeStatus {
+impl fmt::Display for OptimiseStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "round {}, energy {:.4e}", self.round, self.energy)
     }
 }
 
-impl OptimizeStatus {
+impl OptimiseStatus {
     /// Returns the fraction of the evaluations that are done.
     pub fn fraction(&self) -> f64 {
         self.evaluations as f64 / self.max_evaluations as f64
@@ -263,7 +263,7 @@ pub trait Progress: Send {
     fn estimate(&mut self, _estimate: &SizeEstimate) {}
 
     /// Is called after each accepted step of the optimiser.
-    fn optimize_step(&mut self, _progress: &OptimizeStatus) {}
+    fn optimise_step(&mut self, _progress: &OptimiseStatus) {}
 
     /// Is called from time to time with the fraction of the stage that is done, in [0, 1], if it is
     /// known. The fraction never decreases within a stage.

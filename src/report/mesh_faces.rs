@@ -101,13 +101,13 @@ mod tests {
     use super::*;
     use crate::comm::{Comm, run_threads};
     use crate::mesh::boxes::kuhn_box;
-    use crate::mesh::complex::neighbors;
-    use crate::mesh::partition::MeshPartition;
+    use crate::mesh::complex::neighbours;
+    use crate::mesh::mesh_partition::MeshPartition;
 
     #[test]
     fn each_face_has_one_owner() {
         let mesh = kuhn_box([5, 4, 6], 1.0);
-        let around = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let around = neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
         // All faces of some cells, in two sets.
         let faces = |mesh: &crate::mesh::TetMesh, first: usize| {
             let mut faces = Vec::new();

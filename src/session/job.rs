@@ -15,7 +15,7 @@ use crate::image::{self, Geometry, Image, ImageSource, Modality};
 use crate::job::{
     Checkpoint, MeshSpace, MeshSpec, Meshing, Outcome, Params, Provenance, RunOptions, run_from,
 };
-use crate::lattice::optimize::StopReason;
+use crate::lattice::optimise::StopReason;
 use crate::mesh::Simplices;
 use crate::mesh_file::pvtu::is_pvtu;
 use crate::option_text::NumberOrFile;

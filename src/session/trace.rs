@@ -8,7 +8,7 @@ use crate::job::{MeshSpace, MeshSpec, Meshing, Params};
 use crate::memory;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
-use crate::progress::{LatticeSnapshot, OptimizeStatus, Progress, SizeEstimate, Stage};
+use crate::progress::{LatticeSnapshot, OptimiseStatus, Progress, SizeEstimate, Stage};
 use crate::report::{TracedLattice, quality, smallest_angles};
 use crate::store::{FieldValue, MeshFile, PvdSeries, to_physical};
 use crate::{Error, Result};
@@ -134,8 +134,8 @@ impl Progress for TracedProgress<'_> {
         self.progress.estimate(estimate);
     }
 
-    fn optimize_step(&mut self, status: &OptimizeStatus) {
-        self.progress.optimize_step(status);
+    fn optimise_step(&mut self, status: &OptimiseStatus) {
+        self.progress.optimise_step(status);
     }
 
     fn fraction_done(&mut self, fraction: f64) {

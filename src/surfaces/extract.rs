@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::outcome::{InterfaceMeasure, SurfaceOutcome, SurfaceReport};
-use super::spec::{GroupBy, SurfaceSpec};
+use super::surface_spec::{GroupBy, SurfaceSpec};
 use super::table::doubtful_throw_notes;
 use crate::error::cause;
 use crate::export::surfaces::survey_grid::SurveyGrid;

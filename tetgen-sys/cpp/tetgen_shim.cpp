@@ -53,7 +53,7 @@ extern "C" int tetgen_shim_run(const double *points, int32_t point_count, const 
     tetgenio output;
     tetrahedralize(&behavior, &lent.input, &output);
     mesh->tetrahedra = std::exchange(output.tetrahedronlist, nullptr);
-    mesh->neighbors = std::exchange(output.neighborlist, nullptr);
+    mesh->neighbours = std::exchange(output.neighborlist, nullptr);
     mesh->count = output.numberoftetrahedra;
     return TETGEN_SHIM_OK;
   } catch (int status) {
@@ -65,12 +65,12 @@ extern "C" int tetgen_shim_run(const double *points, int32_t point_count, const 
   }
 }
 
-extern "C" const char *tetgen_shim_switches(int with_neighbors) {
-  return with_neighbors ? "zQNFJn" : "zQNFJ";
+extern "C" const char *tetgen_shim_switches(int with_neighbours) {
+  return with_neighbours ? "zQNFJn" : "zQNFJ";
 }
 
 extern "C" void tetgen_shim_free(tetgen_shim_mesh *mesh) {
   delete[] mesh->tetrahedra;
-  delete[] mesh->neighbors;
+  delete[] mesh->neighbours;
   *mesh = tetgen_shim_mesh{nullptr, nullptr, 0};
 }

@@ -22,7 +22,7 @@ enum tetgen_shim_status {
 /* Tetrahedra, owned by the C++ side until tetgen_shim_free. */
 typedef struct tetgen_shim_mesh {
   int32_t *tetrahedra; /* 4 * count point indices from 0, or NULL */
-  int32_t *neighbors;  /* 4 * count tetrahedron indices, -1 outside; NULL without the switch `n` */
+  int32_t *neighbours;  /* 4 * count tetrahedron indices, -1 outside; NULL without the switch `n` */
   int64_t count;       /* number of tetrahedra */
 } tetgen_shim_mesh;
 
@@ -38,7 +38,7 @@ int tetgen_shim_run(const double *points, int32_t point_count, const char *switc
 /* Returns the switches with which atomesh runs TetGen. z: count from zero; Q: quiet; N, F: return no
  * copies of nodes and hull faces; J: do not renumber the nodes if one is left out; n (only with
  * neighbours): return neighbours. The default insertion order is the fastest. */
-const char *tetgen_shim_switches(int with_neighbors);
+const char *tetgen_shim_switches(int with_neighbours);
 
 /* Frees what tetgen_shim_run allocated; does nothing on an empty mesh. */
 void tetgen_shim_free(tetgen_shim_mesh *mesh);

@@ -36,7 +36,7 @@ mod tests {
         let null = std::ptr::null_mut();
         let mut mesh = tetgen_shim_mesh {
             tetrahedra: null,
-            neighbors: null,
+            neighbours: null,
             count: 0,
         };
         // SAFETY: the test fulfils the requirements of the header, and runs in one thread.
@@ -64,13 +64,13 @@ mod tests {
             for points in [&plane, &line] {
                 let (status, mesh) = run(points, c"zQNFJ");
                 assert_eq!(status, TETGEN_SHIM_BAD_INPUT as i32);
-                assert!(mesh.tetrahedra.is_null() && mesh.neighbors.is_null() && mesh.count == 0);
+                assert!(mesh.tetrahedra.is_null() && mesh.neighbours.is_null() && mesh.count == 0);
             }
         }
         let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let (status, mut mesh) = run(&corners, c"zQNFJn");
         assert_eq!((status, mesh.count), (TETGEN_SHIM_OK as i32, 1));
-        assert!(!mesh.tetrahedra.is_null() && !mesh.neighbors.is_null());
+        assert!(!mesh.tetrahedra.is_null() && !mesh.neighbours.is_null());
         // SAFETY: tetgen_shim_run filled the mesh; a second call on the emptied mesh does nothing.
         unsafe {
             tetgen_shim_free(&mut mesh);

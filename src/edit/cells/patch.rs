@@ -16,7 +16,7 @@ use crate::job::cells::feature_surface_in_box;
 use crate::job::{MeshScene, MeshSpace, Meshing, StageRunner};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::optimize::temperature::relative_distance;
+use crate::lattice::optimise::temperature::relative_distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::voronoi::conform::FacetSurface;
 use crate::progress::{CancelToken, TokenProgress};

@@ -3,7 +3,7 @@
 use super::patch::CellNeighbourhood;
 use crate::geometry::squared_distance_to_face;
 use crate::geometry::{add_scaled, distance2};
-use crate::lattice::optimize::temperature::relative_distance;
+use crate::lattice::optimise::temperature::relative_distance;
 use crate::mesh::Mesh;
 use crate::mesh::voronoi::conform::FacetSurface;
 

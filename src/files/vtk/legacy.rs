@@ -200,13 +200,13 @@ impl<'a> Reader<'a> {
             "COLOR_SCALARS" => {
                 let components = self.count()?;
                 self.end_line();
-                let values = self.colours(product(count, components)?)?;
+                let values = self.colors(product(count, components)?)?;
                 array(components, values)
             }
             "LOOKUP_TABLE" => {
                 let size = self.count()?;
                 self.end_line();
-                self.colours(product(size, 4)?)?;
+                self.colors(product(size, 4)?)?;
                 return Ok(());
             }
             "TEXTURE_COORDINATES" => {
@@ -319,7 +319,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads 8-bit values, which text files hold as shares of 255.
-    fn colours(&mut self, count: usize) -> Result<Values, String> {
+    fn colors(&mut self, count: usize) -> Result<Values, String> {
         if self.is_binary {
             return self.values("unsigned_char", count);
         }

@@ -514,7 +514,7 @@ fn geometry(header: &Header<'_>, axes: &[usize], directions: &Directions) -> Res
 }
 
 /// Sets the origin, and the spacing if only the ends of the axes are given, for axes without
-/// directions. `axis mins` and `axis maxs` are the positions of samples, or with cells as `centers`
+/// directions. `axis mins` and `axis maxs` are the positions of samples, or with cells as `centres`
 /// the ends of the intervals in whose middle the samples lie.
 fn place_along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry<3>) -> Result<()> {
     let words = |name: &str| -> Option<Vec<&str>> {
@@ -534,9 +534,9 @@ fn place_along_axes(header: &Header<'_>, axes: &[usize], geometry: &mut Geometry
     let (mins, maxs) = (numbers("axismins")?, numbers("axismaxs")?);
     let spacings = numbers("spacings")?;
     let counts = numbers("sizes")?;
-    let centers = words("centers").or_else(|| words("centerings"));
+    let centres = words("centers").or_else(|| words("centerings"));
     for (k, &axis) in axes.iter().take(3).enumerate() {
-        let in_cells = centers.as_ref().and_then(|c| c.get(axis)) == Some(&"cell");
+        let in_cells = centres.as_ref().and_then(|c| c.get(axis)) == Some(&"cell");
         let (Some(min), count) = (
             value_at(&mins, axis),
             value_at(&counts, axis).unwrap_or(1.0),
@@ -677,7 +677,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_not_layers() {
+    fn colors_are_not_layers() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.nrrd");
         let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 3 2 2\nkinds: RGB-color domain domain\nencoding: raw\n\n";

@@ -61,7 +61,7 @@ fn palette_error(path: &Path) -> Error {
 
 /// Returns `true` if all colours of a palette are greys.
 fn is_grey(palette: &[u8]) -> bool {
-    (palette.chunks_exact(3)).all(|colour| colour[0] == colour[1] && colour[1] == colour[2])
+    (palette.chunks_exact(3)).all(|color| color[0] == color[1] && color[1] == color[2])
 }
 
 /// Reads a picture with these `transformations`. Returns `None` if they would expand a palette of
@@ -83,10 +83,10 @@ fn read_transformed(
         return Err(Error::Io(cause(path.display(), problem, DAMAGED_REMEDY)));
     }
     let reads_indices = transformations == Transformations::IDENTITY;
-    let has_colours = |palette: &[u8]| !is_grey(palette);
+    let has_colors = |palette: &[u8]| !is_grey(palette);
     if color_type == ColorType::Indexed
         && !reads_indices
-        && info.palette.as_deref().is_some_and(has_colours)
+        && info.palette.as_deref().is_some_and(has_colors)
     {
         return Ok(None);
     }
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn every_colour_type_and_depth() {
+    fn every_color_type_and_depth() {
         use BitDepth::*;
         use ColorType::*;
         let red = 255.0 * LUMINANCE_WEIGHTS[0];
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn palettes_need_three_bytes_for_each_colour() {
+    fn palettes_need_three_bytes_for_each_color() {
         for whole in [3, 6, 768] {
             assert_eq!(palette_problem(whole), None);
             let problem = palette_problem(whole + 1).unwrap();

@@ -11,7 +11,7 @@
 //! - `exact_distance`: distance, direction and side of every sample
 //! - `amplitude`: layers, throws and a wavelet
 //! - `noise`: reproducible noise
-//! - `spec`: the options of `atomesh synth`, as one value
+//! - `synth_spec`: the options of `atomesh synth`, as one value
 //! - [`truth`]: the exact distance to the features, and its file format
 
 mod amplitude;
@@ -19,12 +19,12 @@ mod crossing;
 mod exact_distance;
 mod network;
 mod noise;
-mod spec;
 mod surface;
+mod synth_spec;
 pub mod truth;
 
 use crate::geometry::sorted_distinct;
-pub use spec::{SynthDims, SynthSpec, synth};
+pub use synth_spec::{SynthDims, SynthSpec, synth};
 pub use truth::Truth;
 
 use std::f64::consts::{PI, TAU};

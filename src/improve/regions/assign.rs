@@ -94,9 +94,9 @@ impl<'a, const D: usize> SamplePoints<'a, D> {
 /// Positions of sample points in polyhedra, as fractions of the way from the site to a node.
 const RADIAL_FRACTIONS: [f64; 2] = [0.5, 0.85];
 
-/// Returns the faces of each cell beyond which another label lies: bit k for face k. `neighbors`
+/// Returns the faces of each cell beyond which another label lies: bit k for face k. `neighbours`
 /// has the adjacent cell for each cell and face.
-pub fn interface_marks<const D: usize>(regions: &[u32], neighbors: &[u32]) -> Vec<u8> {
+pub fn interface_marks<const D: usize>(regions: &[u32], neighbours: &[u32]) -> Vec<u8> {
     let cell_marks = |(region, adjacent): (&u32, &[u32])| {
         let has_other_label = |n: u32| n != NONE && regions[n as usize] != *region;
         let bits = adjacent
@@ -107,7 +107,7 @@ pub fn interface_marks<const D: usize>(regions: &[u32], neighbors: &[u32]) -> Ve
     };
     regions
         .iter()
-        .zip(neighbors.chunks(D + 1))
+        .zip(neighbours.chunks(D + 1))
         .map(cell_marks)
         .collect()
 }
@@ -148,7 +148,7 @@ fn visit_compositions(
 /// then be a spike between cells of another label that covers nearly as much of it.
 pub fn assign_labels<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    neighbors: &[u32],
+    neighbours: &[u32],
     labelled: &LabelMap<D>,
 ) -> Vec<u32> {
     let votes = SamplePoints::from_simplices(mesh).votes(labelled);
@@ -168,7 +168,7 @@ pub fn assign_labels<const D: usize, M: Simplices<D>>(
         let mut changed = false;
         for c in 0..mesh.len() {
             let current = regions[c];
-            let adjacent = &neighbors[(D + 1) * c..][..D + 1];
+            let adjacent = &neighbours[(D + 1) * c..][..D + 1];
             let has_other_label = |n: u32| n != NONE && regions[n as usize] != current;
             if !adjacent.iter().any(|&n| has_other_label(n)) {
                 continue;

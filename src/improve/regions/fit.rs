@@ -59,7 +59,7 @@ pub struct InterfaceFit<'a, const D: usize> {
     /// Label of each cell.
     pub regions: &'a [u32],
     /// Adjacent cell for every cell and face, in order.
-    pub neighbors: &'a [u32],
+    pub neighbours: &'a [u32],
     /// Kind of each node.
     pub kinds: &'a [AtomKind],
     /// Nodes that stay on given surfaces, if there are any.
@@ -123,7 +123,7 @@ pub fn remove_spikes<const D: usize, M: Simplices<D>>(
             if current.labelled.label_at(middle) == label {
                 continue;
             }
-            let adjacent = &fitting.neighbors[(D + 1) * c..(D + 1) * (c + 1)];
+            let adjacent = &fitting.neighbours[(D + 1) * c..(D + 1) * (c + 1)];
             let separates_third = |&n: &u32| {
                 let label = if n == NONE {
                     tip.surrounding_label
@@ -228,8 +228,8 @@ impl<const D: usize> InterfaceFit<'_, D> {
     /// the face in that cell.
     fn interface_faces(&self) -> Vec<(u32, u32)> {
         let separates = |&(c, k): &(u32, u32)| {
-            let neighbor = self.neighbors[(D + 1) * c as usize + k as usize];
-            neighbor != NONE && self.regions[c as usize] < self.regions[neighbor as usize]
+            let neighbour = self.neighbours[(D + 1) * c as usize + k as usize];
+            neighbour != NONE && self.regions[c as usize] < self.regions[neighbour as usize]
         };
         (0..self.regions.len() as u32)
             .into_par_iter()
@@ -249,8 +249,8 @@ impl<const D: usize> InterfaceFit<'_, D> {
         }
         let area = norm(normal);
         let normal = unit(normal);
-        let neighbor = self.neighbors[(D + 1) * c + k];
-        let pair = [c, neighbor as usize].map(|c| self.regions[c]);
+        let neighbour = self.neighbours[(D + 1) * c + k];
+        let pair = [c, neighbour as usize].map(|c| self.regions[c]);
         let step = self.labelled.min_step();
         let mut sums = [(0.0, 0.0, 0.0); D];
         for weights in quadrature::<D>() {

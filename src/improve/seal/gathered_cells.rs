@@ -65,7 +65,7 @@ impl<const D: usize> GatheredCells<D> {
                 for (slot, &n) in nodes.iter_mut().zip(view.mesh.cell(c)) {
                     *slot = view.global_id(n);
                 }
-                let adjacent = &surface.neighbors[(D + 1) * c..(D + 1) * (c + 1)];
+                let adjacent = &surface.neighbours[(D + 1) * c..(D + 1) * (c + 1)];
                 GatheredCell {
                     global_id: view.first_cell + c,
                     nodes,
@@ -123,15 +123,15 @@ impl<const D: usize> GatheredCells<D> {
                 "mesh the image again",
             ))
         };
-        let mut neighbors = mesh.neighbors().map_err(shared_face_error)?;
-        for (adjacent, cell) in neighbors.chunks_exact_mut(D + 1).zip(&self.cells) {
-            for (k, neighbor) in adjacent.iter_mut().enumerate() {
-                if *neighbor == NONE && cell.boundary_faces >> k & 1 == 0 {
-                    *neighbor = NOT_LOCAL;
+        let mut neighbours = mesh.neighbours().map_err(shared_face_error)?;
+        for (adjacent, cell) in neighbours.chunks_exact_mut(D + 1).zip(&self.cells) {
+            for (k, neighbour) in adjacent.iter_mut().enumerate() {
+                if *neighbour == NONE && cell.boundary_faces >> k & 1 == 0 {
+                    *neighbour = NOT_LOCAL;
                 }
             }
         }
-        Ok((mesh, neighbors))
+        Ok((mesh, neighbours))
     }
 
     /// Returns the marks of the cells.

@@ -27,7 +27,7 @@ impl<const D: usize, M: Simplices<D>> LocalSurface<'_, D, M> {
         let count = self.view.comm.size();
         let mut faces = vec![Vec::new(); count];
         let mut sent = vec![Vec::new(); count];
-        for (face, &beyond) in (0..).zip(self.surface.neighbors) {
+        for (face, &beyond) in (0..).zip(self.surface.neighbours) {
             if beyond == NOT_LOCAL {
                 let mut key = self
                     .surface

@@ -83,7 +83,7 @@ pub struct SealReport {
 /// marked face on both of its sides. The mesh may be distributed; then every rank gets the report
 /// on the global mesh. Collective.
 ///
-/// `marks` has bit k of a cell for its face k. `neighbors` has, for every cell and face in order,
+/// `marks` has bit k of a cell for its face k. `neighbours` has, for every cell and face in order,
 /// the adjacent cell, `NONE` or `NOT_LOCAL`. `points` must contain at least the feature points near
 /// the local cells. `distance_near` returns d near some positions, and `max_distance` is its
 /// maximum.
@@ -101,7 +101,7 @@ pub struct SealReport {
 )]
 pub fn seal<'a, const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
-    neighbors: &[u32],
+    neighbours: &[u32],
     points: &[FeaturePoint<3>],
     extent: [f64; D],
     max_distance: f64,
@@ -113,7 +113,7 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
     let planes = FeaturePlanes::new(points, to_3d(extent), radius, radius);
     let surface = MarkedSurface {
         mesh: view.mesh,
-        neighbors,
+        neighbours,
         marks,
     };
     let mut local = LocalSurface { view, surface };
@@ -126,7 +126,7 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
         let mut marks = local.surface.marks.to_vec();
         let surface = MarkedSurface {
             mesh: view.mesh,
-            neighbors,
+            neighbours,
             marks: &mut marks,
         };
         let distance = distance_near(view.mesh.nodes())?;
@@ -145,11 +145,11 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
         for _ in 0..rings {
             pending_nodes = gathered.gather(&pending_nodes, &local)?;
         }
-        let (mesh, neighbors) = gathered.local_mesh::<M>()?;
+        let (mesh, neighbours) = gathered.local_mesh::<M>()?;
         let mut marks = gathered.local_marks();
         let surface = MarkedSurface {
             mesh: &mesh,
-            neighbors: &neighbors,
+            neighbours: &neighbours,
             marks: &mut marks,
         };
         // The distance is fetched for all gathered cells, whichever rank owns them.
@@ -315,14 +315,14 @@ impl<'a, const D: usize, M: Simplices<D>> Sealer<'a, D, M> {
                 .extend(find_planes(self, unseen.copied().collect())?);
             for &c in &cells {
                 for face in n * c..n * (c + 1) {
-                    let neighbor = self.surface.neighbors[face as usize];
+                    let neighbour = self.surface.neighbours[face as usize];
                     // If both cells of a face are new, only the second one adds the face.
-                    let seen = neighbor < NOT_LOCAL && is_visited[neighbor as usize];
-                    let twice = seen && neighbor > c && cells.binary_search(&neighbor).is_ok();
+                    let seen = neighbour < NOT_LOCAL && is_visited[neighbour as usize];
+                    let twice = seen && neighbour > c && cells.binary_search(&neighbour).is_ok();
                     if !seen
                         || twice
                         || self.surface.is_marked(face)
-                        || !self.are_separated(c, neighbor)
+                        || !self.are_separated(c, neighbour)
                     {
                         continue;
                     }

@@ -34,7 +34,7 @@ pub(super) struct MarkedSurface<'a, const D: usize, M> {
     pub mesh: &'a M,
     /// The adjacent cell for every cell and face, in order: `NONE` outside of the mesh, `NOT_LOCAL`
     /// if the cell is not local.
-    pub neighbors: &'a [u32],
+    pub neighbours: &'a [u32],
     /// Marks of the faces of each cell: bit k for face k.
     pub marks: &'a mut [u8],
 }
@@ -43,9 +43,9 @@ impl<const D: usize, M: Simplices<D>> MarkedSurface<'_, D, M> {
     /// Returns the index of a face on its other side, if the cell there is local.
     pub fn twin(&self, face: u32) -> Option<u32> {
         let n = D as u32 + 1;
-        let neighbor = self.neighbors[face as usize];
-        let back = |k: &u32| self.neighbors[(n * neighbor + k) as usize] == face / n;
-        (neighbor < NOT_LOCAL).then(|| n * neighbor + (0..n).find(back).unwrap_or(0))
+        let neighbour = self.neighbours[face as usize];
+        let back = |k: &u32| self.neighbours[(n * neighbour + k) as usize] == face / n;
+        (neighbour < NOT_LOCAL).then(|| n * neighbour + (0..n).find(back).unwrap_or(0))
     }
 
     /// Returns `true` if a face is marked on this side.
@@ -112,7 +112,7 @@ impl<const D: usize, M: Simplices<D>> MarkedSurface<'_, D, M> {
 
     /// Calls `visit` with the cells around a ridge of cell c. Returns how they end.
     pub fn visit_ridge_cells(&self, c: u32, ridge: Ridge, mut visit: impl FnMut(u32)) -> RidgeFan {
-        let neighbor = |c: u32, k: usize| self.neighbors[(D + 1) * c as usize + k];
+        let neighbour = |c: u32, k: usize| self.neighbours[(D + 1) * c as usize + k];
         let faces_at_ridge = |c: u32| {
             let nodes = self.mesh.cell(c as usize).iter().enumerate();
             nodes
@@ -122,11 +122,11 @@ impl<const D: usize, M: Simplices<D>> MarkedSurface<'_, D, M> {
         visit(c);
         let mut fan = RidgeFan::AtBoundary;
         for first in faces_at_ridge(c) {
-            let (mut previous, mut current) = (c, neighbor(c, first));
+            let (mut previous, mut current) = (c, neighbour(c, first));
             while current < NOT_LOCAL && current != c {
                 visit(current);
                 let next = faces_at_ridge(current)
-                    .map(|k| neighbor(current, k))
+                    .map(|k| neighbour(current, k))
                     .find(|&n| n != previous);
                 (previous, current) = (current, next.unwrap_or(NONE));
             }
@@ -155,14 +155,14 @@ impl<const D: usize, M: Simplices<D>> MarkedSurface<'_, D, M> {
     pub fn compartments(&self) -> (Vec<u32>, Vec<f64>) {
         let n = D as u32 + 1;
         let mut union = UnionFind::new(self.mesh.len());
-        let (neighbors, marks) = (self.neighbors, &*self.marks);
+        let (neighbours, marks) = (self.neighbours, &*self.marks);
         union.unite_neighbours(|c| {
-            let adjacent = &neighbors[(n * c) as usize..(n * (c + 1)) as usize];
-            let open_neighbor = move |(k, cell): (usize, &u32)| {
+            let adjacent = &neighbours[(n * c) as usize..(n * (c + 1)) as usize];
+            let open_neighbour = move |(k, cell): (usize, &u32)| {
                 let is_open = *cell < NOT_LOCAL && *cell > c && marks[c as usize] >> k & 1 == 0;
                 is_open.then_some(*cell)
             };
-            adjacent.iter().enumerate().filter_map(open_neighbor)
+            adjacent.iter().enumerate().filter_map(open_neighbour)
         });
         let (compartments, count) = union.into_labels();
         let mut volumes = vec![0.0; count];
@@ -187,9 +187,9 @@ impl<const D: usize, M: Simplices<D>> MarkedSurface<'_, D, M> {
         }
         let n = D as u32 + 1;
         for face in self.marked_faces() {
-            let neighbor = self.neighbors[face as usize];
-            if neighbor < NOT_LOCAL && neighbor > face / n {
-                let adjacent = [face / n, neighbor].map(&compartment_of);
+            let neighbour = self.neighbours[face as usize];
+            if neighbour < NOT_LOCAL && neighbour > face / n {
+                let adjacent = [face / n, neighbour].map(&compartment_of);
                 if opened.contains(adjacent) {
                     self.set_mark(face, false);
                 }

@@ -52,13 +52,13 @@ fn seal_box<const DIM: usize, M: Simplices<DIM>>(
         [SPACING * CELLS_PER_SIDE as f64; DIM],
         Distance::Constant(SPACING),
     );
-    let neighbors = mesh.neighbors().unwrap();
+    let neighbours = mesh.neighbours().unwrap();
     let cancel = CancelToken::never();
     let distance_near = |_: &[[f64; DIM]]| Ok(Cow::Borrowed(&distance));
     let view = MeshView::from_mesh(mesh);
     seal(
         &view,
-        &neighbors,
+        &neighbours,
         points,
         extent,
         SPACING,

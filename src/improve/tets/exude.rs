@@ -29,7 +29,7 @@ use crate::progress::CancelToken;
 /// Returns the errors of [`exude`](exude::exude), and an error if another rank fails.
 pub fn exude(
     mesh: &mut TetMesh,
-    neighbors: Vec<[u32; 4]>,
+    neighbours: Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     context: ImproveContext<'_>,
     comm: &dyn Comm,
@@ -37,7 +37,7 @@ pub fn exude(
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let (planes, target_sine) = (context.planes, context.target_sine());
     let owned_mesh = std::mem::take(mesh);
-    let mut improver = TetImprover::new(owned_mesh, neighbors, kinds, context, cancel);
+    let mut improver = TetImprover::new(owned_mesh, neighbours, kinds, context, cancel);
     improver.comm = comm;
     let below_target_before = improver.tets_below_target().len();
     improver.recover(cancel)?;

@@ -17,7 +17,7 @@ use crate::mesh::{FACES, TetMesh};
 /// A mesh after its improvement.
 pub(super) struct ImprovedTets {
     pub mesh: TetMesh,
-    pub neighbors: Vec<[u32; 4]>,
+    pub neighbours: Vec<[u32; 4]>,
     pub kinds: Vec<AtomKind>,
     /// Index of each node during the improvement.
     pub old_ids: Vec<u32>,
@@ -35,7 +35,7 @@ impl TetImprover<'_> {
             planes,
             ..
         } = self;
-        let (mesh, neighbors, kept) = complex.into_mesh();
+        let (mesh, neighbours, kept) = complex.into_mesh();
         let kinds = kept
             .iter()
             .map(|&i| match kinds.get(i as usize) {
@@ -53,7 +53,7 @@ impl TetImprover<'_> {
         ImprovedTets {
             feature_faces: faces_on_surfaces(&mesh, &constraints, planes),
             mesh,
-            neighbors,
+            neighbours,
             kinds,
             old_ids: kept,
             constraints,

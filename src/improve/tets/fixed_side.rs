@@ -59,8 +59,8 @@ pub fn improve_beside(
     context: ImproveContext<'_>,
     cancel: &CancelToken<'_>,
 ) -> Result<(TetMesh, Vec<AtomKind>, ImproveReport)> {
-    let Delaunay { mesh, neighbors } = delaunay;
-    let mut improver = TetImprover::new(mesh, neighbors, kinds, context, cancel);
+    let Delaunay { mesh, neighbours } = delaunay;
+    let mut improver = TetImprover::new(mesh, neighbours, kinds, context, cancel);
     let mut side = SideTriangles::new(&improver, axis);
     let edges = triangles.iter().flat_map(|t| edges_of(*t));
     for edge in sorted_distinct(edges.map(sorted)) {
@@ -101,8 +101,8 @@ impl SideTriangles {
             axis,
             opposite_nodes: HashMap::new(),
         };
-        for (tet, neighbors) in complex.tets.iter().zip(&complex.neighbors) {
-            for k in (0..4).filter(|&k| neighbors[k] == NONE) {
+        for (tet, neighbours) in complex.tets.iter().zip(&complex.neighbours) {
+            for k in (0..4).filter(|&k| neighbours[k] == NONE) {
                 let triangle = FACES[k].map(|i| tet[i]);
                 if triangle.iter().all(is_in_side) {
                     side.add(triangle);
@@ -294,8 +294,8 @@ mod tests {
     use crate::improve::feature_planes::FeaturePlanes;
     use crate::lattice::distance::Distance;
     use crate::mesh::check::check;
-    use crate::mesh::complex::neighbors;
-    use crate::mesh::delaunay::delaunay_with_neighbors;
+    use crate::mesh::complex::neighbours;
+    use crate::mesh::delaunay::delaunay_with_neighbours;
 
     const EXTENT: [f64; 3] = [6.0, 6.0, 4.0];
 
@@ -321,9 +321,9 @@ mod tests {
 
     /// Returns the triangles on the upper side, each with its nodes in rising order, sorted.
     fn triangles(mesh: &TetMesh) -> Vec<[u32; 3]> {
-        let neighbors = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+        let neighbours = neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
         let mut triangles = Vec::new();
-        for (tet, around) in mesh.tets.iter().zip(&neighbors) {
+        for (tet, around) in mesh.tets.iter().zip(&neighbours) {
             for k in (0..4).filter(|&k| around[k] == NONE) {
                 let mut face = FACES[k].map(|i| tet[i]);
                 face.sort_unstable();
@@ -340,7 +340,7 @@ mod tests {
     fn a_mesh_takes_any_triangles_on_its_side() {
         for seed in 1..6 {
             let nodes = nodes(seed);
-            let delaunay = delaunay_with_neighbors(&nodes).unwrap();
+            let delaunay = delaunay_with_neighbours(&nodes).unwrap();
             // Other triangles of the same nodes: the Delaunay triangles of a sheared side. The sums are exact.
             let sheared = nodes[..49].iter().map(|x| [x[0] + x[1], x[1]]);
             let sheared: Vec<[f64; 2]> = sheared.collect();

@@ -199,13 +199,13 @@ impl TetImprover<'_> {
 
     /// Finds the 2-3 swap at face k of `t`, if it helps.
     fn find_face_swap(&self, t: u32, k: usize, flip: &mut Flip) -> bool {
-        let Some(n) = self.complex.neighbor(t, k) else {
+        let Some(n) = self.complex.neighbour(t, k) else {
             return false;
         };
         let tet = self.complex.tets[t as usize];
         let [u, v, w] = FACES[k].map(|i| tet[i]);
         let p = tet[k];
-        let back = self.complex.neighbors[n as usize]
+        let back = self.complex.neighbours[n as usize]
             .iter()
             .position(|&x| x == t);
         let Some(back) = back else { return false };

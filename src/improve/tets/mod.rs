@@ -102,7 +102,7 @@ impl ImproveContext<'_> {
 
 /// Makes a Delaunay mesh follow the features and removes its slivers, in place.
 ///
-/// `neighbors` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and are updated.
+/// `neighbours` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and are updated.
 /// `kinds` are those of the nodes; nodes that are inserted or removed change it. The result also
 /// has, for every tetrahedron, its faces on features: bit k for face k (opposite node k). If
 /// `cancel` is cancelled, the mesh keeps the changes made so far. The ranks of `comm` share the
@@ -112,18 +112,18 @@ impl ImproveContext<'_> {
 /// Returns an error if another rank that shares the work fails.
 pub fn improve(
     mesh: &mut TetMesh,
-    neighbors: &mut Vec<[u32; 4]>,
+    neighbours: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     context: ImproveContext<'_>,
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
-    let (owned_mesh, owned_neighbors) = (std::mem::take(mesh), std::mem::take(neighbors));
-    let mut improver = TetImprover::new(owned_mesh, owned_neighbors, kinds, context, cancel);
+    let (owned_mesh, owned_neighbours) = (std::mem::take(mesh), std::mem::take(neighbours));
+    let mut improver = TetImprover::new(owned_mesh, owned_neighbours, kinds, context, cancel);
     improver.comm = comm;
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
-    (*mesh, *neighbors, *kinds) = (finished.mesh, finished.neighbors, finished.kinds);
+    (*mesh, *neighbours, *kinds) = (finished.mesh, finished.neighbours, finished.kinds);
     Ok((report, finished.feature_faces))
 }
 
@@ -181,7 +181,7 @@ struct TetImprover<'a> {
 impl<'a> TetImprover<'a> {
     fn new(
         mesh: TetMesh,
-        neighbors: Vec<[u32; 4]>,
+        neighbours: Vec<[u32; 4]>,
         kinds: &[AtomKind],
         context: ImproveContext<'a>,
         cancel: &CancelToken<'_>,
@@ -222,7 +222,7 @@ impl<'a> TetImprover<'a> {
                 }
             });
         Self {
-            complex: Complex::new(mesh, neighbors),
+            complex: Complex::new(mesh, neighbours),
             sines,
             constraints,
             proximities,

@@ -399,8 +399,8 @@ impl TetImprover<'_> {
     /// makes the smallest sine worse.
     fn force_split_face(&mut self, t: u32, k: usize) -> bool {
         let tet = self.complex.tets[t as usize];
-        self.complex.neighbor(t, k).is_some_and(|n| {
-            let back = self.complex.neighbors[n as usize]
+        self.complex.neighbour(t, k).is_some_and(|n| {
+            let back = self.complex.neighbours[n as usize]
                 .iter()
                 .position(|&x| x == t);
             back.is_some_and(|back| {

@@ -73,10 +73,10 @@ fn run(
     extent: [f64; 3],
     planes: &FeaturePlanes,
 ) -> (ImproveReport, Vec<u8>) {
-    let mut neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let mut neighbours = complex::neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
     improve(
         mesh,
-        &mut neighbors,
+        &mut neighbours,
         kinds,
         ImproveContext {
             extent,
@@ -98,14 +98,14 @@ fn improver<'a>(
     distance: &'a Distance<3>,
 ) -> TetImprover<'a> {
     let (mesh, cancel) = (mesh.clone(), CancelToken::never());
-    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let neighbours = complex::neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
     let context = ImproveContext {
         extent,
         planes,
         distance,
         target: Target::default(),
     };
-    let mut improver = TetImprover::new(mesh, neighbors, kinds, context, &cancel);
+    let mut improver = TetImprover::new(mesh, neighbours, kinds, context, &cancel);
     improver.target_sine = 0.5;
     improver
 }
@@ -235,11 +235,11 @@ fn a_plane_that_cuts_through_cells_is_recovered() {
 fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
     let (mesh, kinds, extent) = box_mesh([7, 6, 6], 4.0, 0.1, |x| x[0] != 12.0);
     let planes = FeaturePlanes::new(&plane_points(12.0, extent), extent, 3.0, 8.0);
-    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let neighbours = complex::neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
     let (mut exuded, mut exuded_kinds) = (mesh.clone(), kinds);
     let (report, marks) = exude::exude(
         &mut exuded,
-        neighbors,
+        neighbours,
         &mut exuded_kinds,
         ImproveContext {
             extent,
@@ -312,9 +312,9 @@ fn repair_in_patches_is_consistent_for_any_number_of_threads() {
         check_progress(&improver, 2, below_target.len());
         improver.complex.into_mesh()
     };
-    let (serial, neighbors, _) = repaired(1);
+    let (serial, neighbours, _) = repaired(1);
     assert!(check(&serial, [0.0; 3], extent, 1e-12).passed());
-    assert!(neighbors == complex::neighbors(serial.nodes.len(), &serial.tets).unwrap());
+    assert!(neighbours == complex::neighbours(serial.nodes.len(), &serial.tets).unwrap());
     let (parallel, ..) = repaired(3);
     assert!(serial.nodes == parallel.nodes && serial.tets == parallel.tets);
 }
@@ -347,9 +347,9 @@ fn smoothing_is_the_same_for_any_number_of_threads_and_groups_share_no_tetrahedr
         check_progress(&improver, 4, below_target.len());
         improver.complex.into_mesh()
     };
-    let (serial, neighbors, _) = improved(1);
+    let (serial, neighbours, _) = improved(1);
     assert!(check(&serial, [0.0; 3], extent, 1e-12).passed());
-    assert!(neighbors == complex::neighbors(serial.nodes.len(), &serial.tets).unwrap());
+    assert!(neighbours == complex::neighbours(serial.nodes.len(), &serial.tets).unwrap());
     let (parallel, ..) = improved(3);
     assert!(serial.nodes == parallel.nodes && serial.tets == parallel.tets);
 }

@@ -175,13 +175,13 @@ impl<'a> TriImprover<'a> {
             triangles: mut slots,
             nodes: mut node_ids,
         } = patch;
-        let mut outer_neighbors: Vec<([u32; 2], u32)> = Vec::new();
+        let mut outer_neighbours: Vec<([u32; 2], u32)> = Vec::new();
         for &t in &slots {
             for k in 0..3 {
-                let other = self.neighbors[t as usize][k];
+                let other = self.neighbours[t as usize][k];
                 if other != NONE && !slots.contains(&other) {
                     let edge = SIDES[k].map(|i| self.triangles[t as usize][i]);
-                    outer_neighbors.push((edge, other));
+                    outer_neighbours.push((edge, other));
                 }
             }
         }
@@ -214,22 +214,22 @@ impl<'a> TriImprover<'a> {
         while slots.len() < improver.triangles.len() {
             slots.push(self.triangles.len() as u32);
             self.triangles.push([NONE; 3]);
-            self.neighbors.push([NONE; 3]);
+            self.neighbours.push([NONE; 3]);
         }
         for t in improver.live_triangles().map(|t| t as usize) {
             self.triangles[slots[t] as usize] = improver.triangles[t].map(|n| node_ids[n as usize]);
         }
         for t in improver.live_triangles().map(|t| t as usize) {
             let triangle = self.triangles[slots[t] as usize];
-            let neighbors = std::array::from_fn(|k| match improver.neighbors[t][k] {
+            let neighbours = std::array::from_fn(|k| match improver.neighbours[t][k] {
                 NONE => {
                     let edge = SIDES[k].map(|i| triangle[i]);
-                    let other = outer_neighbors.iter().find(|(e, _)| *e == edge);
+                    let other = outer_neighbours.iter().find(|(e, _)| *e == edge);
                     other.map_or(NONE, |&(_, other)| other)
                 }
                 u => slots[u as usize],
             });
-            self.set_triangle(slots[t], triangle, neighbors);
+            self.set_triangle(slots[t], triangle, neighbours);
         }
         self.counts = improver.counts;
     }
@@ -239,7 +239,7 @@ impl<'a> TriImprover<'a> {
         let mut triangles = vec![t];
         for _ in 0..PATCH_RINGS {
             for i in 0..triangles.len() {
-                for other in self.neighbors[triangles[i] as usize] {
+                for other in self.neighbours[triangles[i] as usize] {
                     if other != NONE && !triangles.contains(&other) {
                         triangles.push(other);
                     }
@@ -250,10 +250,10 @@ impl<'a> TriImprover<'a> {
         let nodes = sorted_distinct(corners.clone().flatten());
         let local = |n: u32| nodes.partition_point(|&m| m < n) as u32;
         let local_triangle = |t: u32| triangles.iter().position(|&u| u == t);
-        let neighbors = triangles.iter().map(|&t| {
-            self.neighbors[t as usize].map(|u| local_triangle(u).map_or(NONE, |u| u as u32))
+        let neighbours = triangles.iter().map(|&t| {
+            self.neighbours[t as usize].map(|u| local_triangle(u).map_or(NONE, |u| u as u32))
         });
-        let neighbors: Vec<[u32; 3]> = neighbors.collect();
+        let neighbours: Vec<[u32; 3]> = neighbours.collect();
         let local_triangles: Vec<[u32; 3]> = corners.map(|c| c.map(local)).collect();
         let mut constraints: Vec<_> = nodes
             .iter()
@@ -264,7 +264,7 @@ impl<'a> TriImprover<'a> {
             for k in 0..3 {
                 triangle_of_node[triangle[k] as usize] = i as u32;
                 // Nodes that other triangles share must not move.
-                if neighbors[i][k] == NONE && self.neighbors[triangles[i] as usize][k] != NONE {
+                if neighbours[i][k] == NONE && self.neighbours[triangles[i] as usize][k] != NONE {
                     for n in SIDES[k].map(|i| triangle[i]) {
                         constraints[n as usize].fixed_axes = 7;
                     }
@@ -274,7 +274,7 @@ impl<'a> TriImprover<'a> {
         let improver = TriImprover {
             nodes: nodes.iter().map(|&n| self.nodes[n as usize]).collect(),
             triangles: local_triangles,
-            neighbors,
+            neighbours,
             triangle_of_node,
             constraints,
             kinds: nodes.iter().map(|&n| self.kinds[n as usize]).collect(),
@@ -300,7 +300,7 @@ impl<'a> TriImprover<'a> {
         Self {
             nodes: self.nodes.clone(),
             triangles: self.triangles.clone(),
-            neighbors: self.neighbors.clone(),
+            neighbours: self.neighbours.clone(),
             triangle_of_node: self.triangle_of_node.clone(),
             constraints: self.constraints.clone(),
             kinds: self.kinds.clone(),
@@ -343,8 +343,8 @@ impl<'a> TriImprover<'a> {
     /// Returns the operations that may help a triangle: collapses and splits of its edges and of
     /// those of its neighbours.
     fn candidate_operations(&self, t: u32) -> Vec<CompoundOperation> {
-        let neighbors = self.neighbors[t as usize];
-        let nearby = neighbors.into_iter().filter(|&t| t != NONE);
+        let neighbours = self.neighbours[t as usize];
+        let nearby = neighbours.into_iter().filter(|&t| t != NONE);
         let nearby = std::iter::once(t)
             .chain(nearby)
             .map(|t| self.triangles[t as usize]);

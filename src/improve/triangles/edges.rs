@@ -18,33 +18,33 @@ use crate::mesh::tri::SIDES;
 
 impl TriImprover<'_> {
     /// Returns the triangle across side `k` of `t`, and the side of it that is shared.
-    pub(super) fn neighbor(&self, t: u32, k: usize) -> Option<(u32, usize)> {
-        let other = self.neighbors[t as usize][k];
+    pub(super) fn neighbour(&self, t: u32, k: usize) -> Option<(u32, usize)> {
+        let other = self.neighbours[t as usize][k];
         if other == NONE {
             return None;
         }
-        let back = self.neighbors[other as usize].iter().position(|&n| n == t);
+        let back = self.neighbours[other as usize].iter().position(|&n| n == t);
         back.map(|j| (other, j))
     }
 
     /// Writes a triangle with its neighbours, and updates the neighbours' own entries.
-    pub(super) fn set_triangle(&mut self, t: u32, triangle: [u32; 3], neighbors: [u32; 3]) {
+    pub(super) fn set_triangle(&mut self, t: u32, triangle: [u32; 3], neighbours: [u32; 3]) {
         self.triangles[t as usize] = triangle;
-        self.neighbors[t as usize] = neighbors;
+        self.neighbours[t as usize] = neighbours;
         for k in 0..3 {
             self.triangle_of_node[triangle[k] as usize] = t;
             let [a, b] = SIDES[k].map(|i| triangle[i]);
-            self.set_neighbor(neighbors[k], [b, a], t);
+            self.set_neighbour(neighbours[k], [b, a], t);
         }
     }
 
     /// Sets `t` as the neighbour of `other` across its edge (a, b).
-    pub(super) fn set_neighbor(&mut self, other: u32, [a, b]: [u32; 2], t: u32) {
+    pub(super) fn set_neighbour(&mut self, other: u32, [a, b]: [u32; 2], t: u32) {
         if other != NONE {
             let triangle = self.triangles[other as usize];
             for k in 0..3 {
                 if SIDES[k].map(|i| triangle[i]) == [a, b] {
-                    self.neighbors[other as usize][k] = t;
+                    self.neighbours[other as usize][k] = t;
                 }
             }
         }
@@ -53,11 +53,11 @@ impl TriImprover<'_> {
     /// Exchanges the edge opposite node `k` of `t` for the other diagonal. The caller must make
     /// sure that both new triangles have a positive area.
     pub(super) fn flip(&mut self, t: u32, k: usize) {
-        let Some((u, j)) = self.neighbor(t, k) else {
+        let Some((u, j)) = self.neighbour(t, k) else {
             return;
         };
         let (tt, uu) = (self.triangles[t as usize], self.triangles[u as usize]);
-        let (nt, nu) = (self.neighbors[t as usize], self.neighbors[u as usize]);
+        let (nt, nu) = (self.neighbours[t as usize], self.neighbours[u as usize]);
         // The quadrilateral is apex c, then a, d, b anticlockwise; the old diagonal is (a, b).
         let (c, a, b) = (tt[k], tt[(k + 1) % 3], tt[(k + 2) % 3]);
         let d = uu[j];
@@ -76,7 +76,7 @@ impl TriImprover<'_> {
 
     /// Returns the two triangles that a flip of side `k` of `t` would create.
     pub(super) fn flip_result(&self, t: u32, k: usize) -> Option<[[u32; 3]; 2]> {
-        let (u, j) = self.neighbor(t, k)?;
+        let (u, j) = self.neighbour(t, k)?;
         let tt = self.triangles[t as usize];
         let (c, a, b) = (tt[k], tt[(k + 1) % 3], tt[(k + 2) % 3]);
         let d = self.triangles[u as usize][j];
@@ -112,7 +112,7 @@ impl TriImprover<'_> {
                 }
                 let triangle = self.triangles[t as usize];
                 let k = triangle.iter().position(|&n| n == node).unwrap_or(0);
-                t = self.neighbors[t as usize][(k + turn) % 3];
+                t = self.neighbours[t as usize][(k + turn) % 3];
                 if t == first {
                     return;
                 }
@@ -132,7 +132,7 @@ impl TriImprover<'_> {
     ) -> bool {
         let triangle = self.triangles[t as usize];
         let (c, a, b) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
-        let across = self.neighbor(t, k);
+        let across = self.neighbour(t, k);
         let node = self.nodes.len() as u32;
         let mut new_triangles = vec![[c, a, node], [c, node, b]];
         let opposite_node = across.map(|(u, j)| self.triangles[u as usize][j]);
@@ -173,17 +173,17 @@ impl TriImprover<'_> {
             });
         self.constraints.push(constraint);
         self.triangle_of_node.push(t);
-        let neighbors = self.neighbors[t as usize];
-        let (ca, cb) = (neighbors[(k + 2) % 3], neighbors[(k + 1) % 3]);
+        let neighbours = self.neighbours[t as usize];
+        let (ca, cb) = (neighbours[(k + 2) % 3], neighbours[(k + 1) % 3]);
         let second = self.triangles.len() as u32;
         self.triangles.push(new_triangles[1]);
-        self.neighbors.push([NONE; 3]);
+        self.neighbours.push([NONE; 3]);
         let other_side = across.map(|(u, j)| {
-            let neighbors = self.neighbors[u as usize];
+            let neighbours = self.neighbours[u as usize];
             let fourth = self.triangles.len() as u32;
             self.triangles.push(new_triangles[3]);
-            self.neighbors.push([NONE; 3]);
-            (u, fourth, neighbors[(j + 2) % 3], neighbors[(j + 1) % 3])
+            self.neighbours.push([NONE; 3]);
+            (u, fourth, neighbours[(j + 2) % 3], neighbours[(j + 1) % 3])
         });
         let (third, fourth) = other_side.map_or((NONE, NONE), |(u, fourth, ..)| (u, fourth));
         self.triangles[t as usize] = new_triangles[0];
@@ -230,15 +230,15 @@ impl TriImprover<'_> {
                 let triangle = self.triangles[t as usize];
                 let side = |n: u32| triangle.iter().position(|&m| m == n).unwrap_or(0);
                 let (over_a, over_b) = (
-                    self.neighbors[t as usize][side(b)],
-                    self.neighbors[t as usize][side(a)],
+                    self.neighbours[t as usize][side(b)],
+                    self.neighbours[t as usize][side(a)],
                 );
                 // The triangles across (a, c) and across (b, c) become neighbours.
-                for (outer, new_neighbor) in [(over_a, over_b), (over_b, over_a)] {
+                for (outer, new_neighbour) in [(over_a, over_b), (over_b, over_a)] {
                     if outer != NONE {
-                        for slot in &mut self.neighbors[outer as usize] {
+                        for slot in &mut self.neighbours[outer as usize] {
                             if *slot == t {
-                                *slot = new_neighbor;
+                                *slot = new_neighbour;
                             }
                         }
                         for n in self.triangles[outer as usize] {

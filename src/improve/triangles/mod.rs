@@ -46,7 +46,7 @@ use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::delaunay_plane;
 use crate::mesh::renumber::{new_numbers, used_items};
-use crate::mesh::tri::{SIDES, angles, neighbors, worst_cotangent};
+use crate::mesh::tri::{SIDES, angles, neighbours, worst_cotangent};
 use crate::progress::CancelToken;
 
 /// Returns the coordinates of each atom that may change while atoms on features stay there: 1 for
@@ -84,10 +84,11 @@ pub fn improve(
     min_angle: f64,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
-    let neighbors = adjacency(mesh)?;
+    let neighbours = adjacency(mesh)?;
     let taken = std::mem::take(mesh);
-    let mut improver =
-        TriImprover::new(taken, neighbors, kinds, extent, planes, distance, min_angle);
+    let mut improver = TriImprover::new(
+        taken, neighbours, kinds, extent, planes, distance, min_angle,
+    );
     let report = improver.improve(cancel);
     let finished = improver.finish();
     (*mesh, *kinds) = (finished.mesh, finished.kinds);
@@ -106,10 +107,10 @@ pub fn feature_edges(
     distance: &Distance<2>,
 ) -> Result<Vec<[u32; 2]>> {
     let mesh = delaunay_plane(&atoms.positions)?;
-    let neighbors = adjacency(&mesh)?;
+    let neighbours = adjacency(&mesh)?;
     let (kinds, min_angle) = (&atoms.kinds, UNUSABLE_ANGLE);
     let mut improver =
-        TriImprover::new(mesh, neighbors, kinds, extent, planes, distance, min_angle);
+        TriImprover::new(mesh, neighbours, kinds, extent, planes, distance, min_angle);
     improver.flip_intersecting_edges();
     let on_feature = |&[a, b]: &[u32; 2]| improver.is_on_feature(a, b);
     Ok(improver.edges().filter(on_feature).collect())
@@ -117,7 +118,7 @@ pub fn feature_edges(
 
 /// Returns the neighbours of every triangle.
 fn adjacency(mesh: &TriMesh) -> Result<Vec<[u32; 3]>> {
-    neighbors(mesh.nodes.len(), &mesh.triangles).map_err(|edge| {
+    neighbours(mesh.nodes.len(), &mesh.triangles).map_err(|edge| {
         Error::Mesh(cause(
             format!("edge {edge:?}"),
             "belongs to more than two triangles, or to two that overlap",
@@ -140,7 +141,7 @@ struct TriImprover<'a> {
     nodes: Vec<[f64; 2]>,
     /// Node indices of each triangle; the first is `NONE` in an empty slot.
     triangles: Vec<[u32; 3]>,
-    neighbors: Vec<[u32; 3]>,
+    neighbours: Vec<[u32; 3]>,
     triangle_of_node: Vec<u32>,
     constraints: Vec<NodeConstraint>,
     kinds: Vec<AtomKind>,
@@ -163,7 +164,7 @@ struct TriImprover<'a> {
 impl<'a> TriImprover<'a> {
     fn new(
         mesh: TriMesh,
-        neighbors: Vec<[u32; 3]>,
+        neighbours: Vec<[u32; 3]>,
         kinds: &[AtomKind],
         extent: [f64; 2],
         planes: &'a FeaturePlanes,
@@ -184,7 +185,7 @@ impl<'a> TriImprover<'a> {
             }
         }
         Self {
-            neighbors,
+            neighbours,
             nodes,
             triangles,
             triangle_of_node,
@@ -258,7 +259,7 @@ impl<'a> TriImprover<'a> {
             .flat_map(|t| (0..3).map(move |k| (t as usize, k)))
             .filter_map(|(t, k)| {
                 let [a, b] = SIDES[k].map(|i| self.triangles[t][i]);
-                (a < b || self.neighbors[t][k] == NONE).then_some([a, b])
+                (a < b || self.neighbours[t][k] == NONE).then_some([a, b])
             })
     }
 

@@ -72,9 +72,10 @@ pub fn reshape(
             "mesh the image again",
         ))));
     }
-    let neighbors = adjacency(&mesh).map_err(ReshapeError::Mesh)?;
-    let mut improver =
-        TriImprover::new(mesh, neighbors, &kinds, extent, planes, distance, min_angle);
+    let neighbours = adjacency(&mesh).map_err(ReshapeError::Mesh)?;
+    let mut improver = TriImprover::new(
+        mesh, neighbours, &kinds, extent, planes, distance, min_angle,
+    );
     let report = improver.improve(&CancelToken::never());
     let finished = improver.finish();
     // Nodes keep their indices in the request; nodes that improvement has inserted come after
@@ -99,9 +100,9 @@ pub fn reshape(
 /// Returns the outline of the part, except for edges in the sides of the box. The part is on the
 /// left of each edge.
 fn outer_edges(part: &TriMesh, extent: [f64; 2]) -> Result<Vec<[u32; 2]>> {
-    let neighbors = adjacency(part)?;
+    let neighbours = adjacency(part)?;
     let mut rim = Vec::new();
-    for (triangle, adjacent) in part.triangles.iter().zip(&neighbors) {
+    for (triangle, adjacent) in part.triangles.iter().zip(&neighbours) {
         for k in (0..3).filter(|&k| adjacent[k] == NONE) {
             let edge = SIDES[k].map(|i| triangle[i]);
             let ends = edge.into_iter().map(|n| part.nodes[n as usize]);
@@ -145,7 +146,7 @@ fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     }
     let sorted = sorted(rim.to_vec());
     let is_rim = |edge: [u32; 2]| sorted.binary_search(&edge).is_ok();
-    let neighbors = adjacency(&mesh)?;
+    let neighbours = adjacency(&mesh)?;
     let edge = |t: usize, k: usize| SIDES[k].map(|i| mesh.triangles[t][i]);
     let mut inside: Vec<bool> = (0..mesh.triangles.len())
         .map(|t| (0..3).any(|k| is_rim(edge(t, k))))
@@ -153,8 +154,8 @@ fn keep_inside_rim(mesh: TriMesh, rim: &[[u32; 2]]) -> Result<TriMesh> {
     let mut queue: Vec<usize> = (0..inside.len()).filter(|&t| inside[t]).collect();
     while let Some(t) = queue.pop() {
         for k in (0..3).filter(|&k| !is_rim(edge(t, k))) {
-            let next = neighbors[t][k] as usize;
-            if neighbors[t][k] != NONE && !inside[next] {
+            let next = neighbours[t][k] as usize;
+            if neighbours[t][k] != NONE && !inside[next] {
                 inside[next] = true;
                 queue.push(next);
             }

@@ -12,7 +12,7 @@ use crate::improve::{BlockedCell, OperationCounts, SealReport};
 use crate::job::{AnnotatedMesh, JoinedMesh};
 use crate::lattice::AtomKind;
 use crate::lattice::energy::{self, EnergyTerms};
-use crate::lattice::optimize::{OptimizeResult, StopReason};
+use crate::lattice::optimise::{OptimiseResult, StopReason};
 use crate::lattice::seeding::Atoms;
 use crate::mesh::delaunay::Delaunay;
 use crate::mesh::{TetMesh, TriMesh};
@@ -37,10 +37,10 @@ codec_fields! {
     @(const D: usize) Atoms<D> as Atoms { positions, kinds }
     energy::EnergyParts as EnergyParts { lattice, image }
     EnergyTerms as EnergyTerms { published, energy, stiffening, smoothing }
-    OptimizeResult as OptimizeResult { stop, rounds, iterations, evaluations, energy_before, energy_after, terms }
+    OptimiseResult as OptimiseResult { stop, rounds, iterations, evaluations, energy_before, energy_after, terms }
     TetMesh as TetMesh { nodes, tets }
     TriMesh as TriMesh { nodes, triangles }
-    Delaunay as Delaunay { mesh, neighbors }
+    Delaunay as Delaunay { mesh, neighbours }
     OperationCounts as OperationCounts {
         flips, moves, intersecting_before, intersecting_flipped, intersecting_snapped, intersecting_split, intersecting_left,
         collapses, insertions, released,
@@ -53,7 +53,7 @@ codec_fields! {
         tets, nodes_on_sides, nodes_on_features, nodes_on_crossings, smallest, largest,
     }
     Improvement as Improvement { below_target_before, below_target_after, counts, sealed, blockers, worst }
-    @(M: Codec) JoinedMesh<M> as JoinedMesh { annotated_mesh, neighbors, improvement, baseline }
+    @(M: Codec) JoinedMesh<M> as JoinedMesh { annotated_mesh, neighbours, improvement, baseline }
 }
 
 use energy::EnergyParts;

@@ -116,10 +116,10 @@ where
     file.cell_data.extend(live_array(outcome));
     file.cell_data.extend(physical_angles);
     if !outcome.face_names.is_empty()
-        && let Ok(neighbors) = lattice.neighbors()
+        && let Ok(neighbours) = lattice.neighbours()
     {
         let faces = (outcome.face_names.iter().enumerate()).filter_map(|(face, &name)| {
-            let (cell, other) = ((face / (D + 1)) as u32, neighbors[face]);
+            let (cell, other) = ((face / (D + 1)) as u32, neighbours[face]);
             (name != NONE && other != NONE).then(|| ([cell.min(other), cell.max(other)], name))
         });
         let fields = NamedSurfaces::new(&feature_names(outcome), faces.collect()).into_fields();

@@ -26,7 +26,7 @@ use crate::feature::{
 use crate::image::formats::InputOptions;
 use crate::improve::triangles::relax::Scheme;
 use crate::improve::{Effort, SliverMethod, Target};
-use crate::lattice::optimize::Method;
+use crate::lattice::optimise::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
 pub use crate::surface_file::FileOption;

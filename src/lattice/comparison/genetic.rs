@@ -8,7 +8,7 @@
 //!   each part is mostly one region of the box.
 //! - *mutation*: each atom of the child moves or not. One that moves goes, with equal probability,
 //!   in a random direction or down the gradient of the energy, by at most 0.1 d
-//!   ([`OptimizeOptions::perturbation`]).
+//!   ([`OptimiseOptions::perturbation`]).
 //!
 //! For each child, the fraction of atoms that move and the size of the random moves are themselves
 //! random: large changes pay while the lattice is far from its minimum, and small ones later. A
@@ -24,12 +24,12 @@ use crate::error::Result;
 use crate::geometry::random::uniform;
 use crate::lattice::energy::{Energy, EnergyParts};
 use crate::lattice::halo::OwnedAndGhosts;
-use crate::lattice::optimize::bounds::MoveBounds;
-use crate::lattice::optimize::minimise::{
+use crate::lattice::optimise::bounds::MoveBounds;
+use crate::lattice::optimise::minimise::{
     Budget, INITIAL_INVERSE_CURVATURE, Minimiser, check_finite,
 };
-use crate::lattice::optimize::{OptimizeOptions, StopReason, send_snapshot};
-use crate::progress::{CancelToken, OptimizeStatus, Progress};
+use crate::lattice::optimise::{OptimiseOptions, StopReason, send_snapshot};
+use crate::progress::{CancelToken, OptimiseStatus, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
 pub const POPULATION_SIZE: usize = 10;
@@ -52,7 +52,7 @@ pub fn evolve<const D: usize>(
     minimiser: &mut Minimiser<'_, D>,
     start: &[[f64; D]],
     energy: &mut dyn Energy<D>,
-    options: &OptimizeOptions,
+    options: &OptimiseOptions,
     round: usize,
     budget: &mut Budget,
     progress: &mut dyn Progress,
@@ -101,7 +101,7 @@ pub fn evolve<const D: usize>(
         } = population.parents[0];
         if is_better {
             budget.iterations += 1;
-            progress.optimize_step(&OptimizeStatus {
+            progress.optimise_step(&OptimiseStatus {
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
@@ -277,7 +277,7 @@ mod tests {
     use crate::image::{ScalarField, SparseField};
     use crate::lattice::distance::Distance;
     use crate::lattice::energy::{Beta, PairwiseEnergy, RegularisedEnergy};
-    use crate::lattice::optimize::{Method, NoProgress, OptimizeResult, optimize};
+    use crate::lattice::optimise::{Method, NoProgress, OptimiseResult, optimise};
     use crate::lattice::seeding::{Alignment, Atoms, Seeding, seed};
 
     const D: f64 = 5.0;
@@ -321,18 +321,18 @@ mod tests {
         method: Method,
         evaluations: usize,
         progress: &mut dyn Progress,
-    ) -> (Atoms<2>, OptimizeResult) {
+    ) -> (Atoms<2>, OptimiseResult) {
         let valley = valley();
         let mut atoms = random_lattice(&valley);
-        let options = OptimizeOptions {
+        let options = OptimiseOptions {
             method,
             max_rounds: 1,
             max_evaluations: evaluations,
             tolerance: 1e-5,
-            ..OptimizeOptions::default()
+            ..OptimiseOptions::default()
         };
         let energy = &mut evaluator(&valley);
-        let outcome = optimize(&mut atoms, energy, &DISTANCE, EXTENT, &options, progress).unwrap();
+        let outcome = optimise(&mut atoms, energy, &DISTANCE, EXTENT, &options, progress).unwrap();
         // The reported energy is the energy of the lattice.
         let mut gradient = vec![[0.0; 2]; atoms.len()];
         let recomputed = evaluator(&valley)
@@ -347,7 +347,7 @@ mod tests {
         #[derive(Default)]
         struct Energies(Vec<f64>);
         impl Progress for Energies {
-            fn optimize_step(&mut self, status: &OptimizeStatus) {
+            fn optimise_step(&mut self, status: &OptimiseStatus) {
                 self.0.push(status.energy);
             }
         }
@@ -402,7 +402,7 @@ mod tests {
         /// Stops after a given count of evaluations.
         struct Stopper(usize);
         impl Progress for Stopper {
-            fn optimize_step(&mut self, status: &OptimizeStatus) {
+            fn optimise_step(&mut self, status: &OptimiseStatus) {
                 self.0 = status.evaluations;
             }
             fn keep_going(&mut self) -> bool {
@@ -430,12 +430,12 @@ mod tests {
                 RegularisedEnergy::new(evaluator(&valley), &DISTANCE, beta, kappa, mobility)
                     .unwrap()
             };
-            let options = OptimizeOptions {
+            let options = OptimiseOptions {
                 max_rounds: 3,
-                ..OptimizeOptions::default().with_method(method, true)
+                ..OptimiseOptions::default().with_method(method, true)
             };
             let regularised = &mut energy(kappa);
-            optimize(
+            optimise(
                 &mut atoms,
                 regularised,
                 &DISTANCE,

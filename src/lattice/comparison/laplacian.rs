@@ -122,7 +122,7 @@ impl<'a, const D: usize> RegularisedEnergy<'a, D> {
     /// change ([`Atoms::mobility`](crate::lattice::seeding::Atoms::mobility)).
     ///
     /// # Errors
-    /// Returns [`Error::Optimize`] if kappa is not in [0, 1].
+    /// Returns [`Error::Optimise`] if kappa is not in [0, 1].
     pub fn new(
         pairs: PairwiseEnergy<'a, D>,
         distance: &'a Distance<D>,
@@ -131,7 +131,7 @@ impl<'a, const D: usize> RegularisedEnergy<'a, D> {
         mobility: Vec<[f64; D]>,
     ) -> Result<Self> {
         if !(0.0..=1.0).contains(&kappa) {
-            return Err(Error::Optimize(cause(
+            return Err(Error::Optimise(cause(
                 "kappa",
                 format!("{kappa} is not between 0 and 1"),
                 "1 omits Laplacian coordinates, 0.7 is typical with them",

@@ -11,7 +11,7 @@ use super::morton::MortonCurve;
 use crate::comm::{Comm, concatenate};
 use crate::error::Result;
 use crate::lattice::AtomKind;
-use crate::lattice::partition::{OwnedAtoms, owned_range};
+use crate::lattice::owned_atoms::{OwnedAtoms, owned_range};
 
 /// Most segments of the curve whose sites are counted.
 pub const MAX_SEGMENTS: usize = 1 << 16;

@@ -32,7 +32,7 @@ use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::image::{ScalarField, SparseField};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 

@@ -14,7 +14,7 @@ use super::morton::MortonCurve;
 use crate::comm::Comm;
 use crate::error::Result;
 use crate::lattice::distance::Distance;
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 
 /// Returns this rank's atoms of the densest lattice whose nearest neighbours are `distance` apart
 /// (constant), in the order of a space-filling curve. Fixed atoms come last; lattice atoms too near

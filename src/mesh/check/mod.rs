@@ -152,7 +152,7 @@ const NOT_FINITE: &str = "a node is not finite";
 pub struct CheckHints<'a> {
     /// For simplices: the cell on the other side of each face, for every cell and face in order, or
     /// `NONE`. The check verifies these numbers, which takes less time than finding them.
-    pub neighbors: Option<&'a [u32]>,
+    pub neighbours: Option<&'a [u32]>,
     /// For polyhedra and polygons: nodes are welded within this fraction of their distance to their
     /// sites. Faces need to be flat only to that distance.
     pub weld: f64,
@@ -404,17 +404,17 @@ mod tests {
     #[test]
     fn known_neighbours_are_checked() {
         let mesh = cube();
-        let expected = Simplices::neighbors(&mesh).unwrap();
-        let check_neighbors = |neighbors: &[u32]| {
+        let expected = Simplices::neighbours(&mesh).unwrap();
+        let check_neighbours = |neighbours: &[u32]| {
             let hints = CheckHints {
-                neighbors: Some(neighbors),
+                neighbours: Some(neighbours),
                 ..CheckHints::default()
             };
             check_with_hints(&mesh, hints, [0.0; 3], [1.0; 3], 1e-12)
         };
-        let problems = |neighbors: &[u32]| check_neighbors(neighbors).problems;
+        let problems = |neighbours: &[u32]| check_neighbours(neighbours).problems;
         assert_eq!(
-            check_neighbors(&expected),
+            check_neighbours(&expected),
             check(&mesh, [0.0; 3], [1.0; 3], 1e-12)
         );
         for i in 0..expected.len() {

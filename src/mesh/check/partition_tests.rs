@@ -4,8 +4,8 @@ use super::{Check, CheckHints, check_view, check_with_hints};
 use crate::comm::run_threads;
 use crate::mesh::TetMesh;
 use crate::mesh::boxes::kuhn_box;
-use crate::mesh::complex::{NONE, NOT_LOCAL, neighbors};
-use crate::mesh::partition::MeshPartition;
+use crate::mesh::complex::{NONE, NOT_LOCAL, neighbours};
+use crate::mesh::mesh_partition::MeshPartition;
 use crate::mesh::view::MeshView;
 use crate::progress::CancelToken;
 
@@ -18,9 +18,9 @@ fn check_both(
     count: usize,
     change: impl Fn(&mut [MeshPartition]),
 ) -> (Check, Vec<Check>) {
-    let adjacent = neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let adjacent = neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
     let hints = CheckHints {
-        neighbors: Some(adjacent.as_flattened()),
+        neighbours: Some(adjacent.as_flattened()),
         ..CheckHints::default()
     };
     let global = check_with_hints(mesh, hints, BOX[0], BOX[1], 1e-9);
@@ -30,7 +30,7 @@ fn check_both(
         let partition = &partitions[comm.rank()];
         let never = CancelToken::never();
         let hints = CheckHints {
-            neighbors: Some(partition.neighbors.as_flattened()),
+            neighbours: Some(partition.neighbours.as_flattened()),
             ..CheckHints::default()
         };
         let view = MeshView::from_partition(partition, comm);
@@ -98,12 +98,12 @@ fn partitions_that_do_not_match_are_found() {
     let expected = "its faces do not match its neighbours";
     // Flips the mark of one face: it is outside on one side only, or has one neighbour too few.
     let flip_first = |partition: &mut MeshPartition, sought: u32| {
-        let mut adjacent = partition.neighbors.as_flattened_mut().iter_mut();
+        let mut adjacent = partition.neighbours.as_flattened_mut().iter_mut();
         *adjacent.find(|n| **n == sought).unwrap() = NOT_LOCAL ^ NONE ^ sought;
     };
     assert!(problems(&|all| flip_first(&mut all[1], NOT_LOCAL)).contains(expected));
     assert!(problems(&|all| flip_first(&mut all[1], NONE)).contains(expected));
-    let isolated = |partitions: &mut [MeshPartition]| partitions[2].neighbors[10] = [NONE; 4];
+    let isolated = |partitions: &mut [MeshPartition]| partitions[2].neighbours[10] = [NONE; 4];
     assert!(problems(&isolated).contains(expected));
     // A tetrahedron with two nodes exchanged: its faces no longer match those of its
     // neighbours.
@@ -117,7 +117,7 @@ fn partitions_that_do_not_match_are_found() {
     let emptied = |partitions: &mut [MeshPartition]| {
         partitions[1] = MeshPartition {
             mesh: TetMesh::default(),
-            neighbors: vec![],
+            neighbours: vec![],
             ..partitions[1].clone()
         }
     };

@@ -60,21 +60,21 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
         report: &mut Check,
         cancel: &CancelToken<'_>,
     ) -> crate::Result<Option<SideCoverage<D>>> {
-        if let Some(neighbors) = hints.neighbors {
-            if let Some(cell) = first_mismatched_cell(view, neighbors, cancel)? {
+        if let Some(neighbours) = hints.neighbours {
+            if let Some(cell) = first_mismatched_cell(view, neighbours, cancel)? {
                 let name = singular_name(M::CELLS_NAME);
                 report.add_problem(format!(
                     "{name} {cell}: its faces do not match its neighbours"
                 ));
                 return Ok(None);
             }
-            return boundary_sides(view, neighbors, bounds, report).map(Some);
+            return boundary_sides(view, neighbours, bounds, report).map(Some);
         }
         if cancel.is_cancelled() {
             return Ok(None);
         }
-        match view.mesh.neighbors() {
-            Ok(neighbors) => boundary_sides(view, &neighbors, bounds, report).map(Some),
+        match view.mesh.neighbours() {
+            Ok(neighbours) => boundary_sides(view, &neighbours, bounds, report).map(Some),
             Err(face) => {
                 report.add_problem(format!(
                     "face {face:?} belongs to more than two {}",
@@ -91,16 +91,16 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
 /// meet there. Collective.
 fn first_mismatched_cell<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
-    neighbors: &[u32],
+    neighbours: &[u32],
     cancel: &CancelToken<'_>,
 ) -> crate::Result<Option<usize>> {
     let (mesh, comm) = (view.mesh, view.comm);
-    let (mismatched, unpaired) = match unpaired_count(mesh, neighbors, cancel) {
+    let (mismatched, unpaired) = match unpaired_count(mesh, neighbours, cancel) {
         Ok(unpaired) => (None, unpaired as i64),
         Err(cell) => (Some(view.first_cell + cell), 0),
     };
     let mut by_rank = vec![Vec::new(); comm.size()];
-    for (i, _) in neighbors
+    for (i, _) in neighbours
         .iter()
         .enumerate()
         .filter(|(_, n)| **n == NOT_LOCAL)
@@ -137,15 +137,15 @@ fn first_mismatched_cell<const D: usize, M: Simplices<D>>(
 /// after `cancel` is cancelled.
 fn unpaired_count<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    neighbors: &[u32],
+    neighbours: &[u32],
     cancel: &CancelToken<'_>,
 ) -> Result<isize, usize> {
-    if neighbors.len() != (D + 1) * mesh.len() {
+    if neighbours.len() != (D + 1) * mesh.len() {
         return Err(0);
     }
     let count_in_task = |task: usize| {
         let cells = task * TASK_SIZE..mesh.len().min((task + 1) * TASK_SIZE);
-        unpaired_count_in(mesh, neighbors, cells)
+        unpaired_count_in(mesh, neighbours, cells)
     };
     let counts: Vec<Result<isize, usize>> = (0..mesh.len().div_ceil(TASK_SIZE))
         .into_par_iter()
@@ -161,14 +161,14 @@ fn unpaired_count<const D: usize, M: Simplices<D>>(
 /// Performs [`unpaired_count`] for a range of cells.
 fn unpaired_count_in<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    neighbors: &[u32],
+    neighbours: &[u32],
     cells: Range<usize>,
 ) -> Result<isize, usize> {
     let faces = D + 1;
     let mut unpaired = 0;
     for c in cells {
         let cell = mesh.cell(c);
-        for (k, n) in neighbors[faces * c..faces * (c + 1)].iter().enumerate() {
+        for (k, n) in neighbours[faces * c..faces * (c + 1)].iter().enumerate() {
             if *n >= NOT_LOCAL {
                 continue;
             }
@@ -181,13 +181,13 @@ fn unpaired_count_in<const D: usize, M: Simplices<D>>(
                 continue;
             }
             unpaired += 1;
-            let (other_cell, other_neighbors) = (
+            let (other_cell, other_neighbours) = (
                 mesh.cell(beyond),
-                &neighbors[faces * beyond..faces * (beyond + 1)],
+                &neighbours[faces * beyond..faces * (beyond + 1)],
             );
             let mut pairs = 0;
             let mut shared = 0;
-            for (&node, &cell_beyond) in other_cell.iter().zip(other_neighbors) {
+            for (&node, &cell_beyond) in other_cell.iter().zip(other_neighbours) {
                 // The node opposite the shared face does not belong to it.
                 let is_apex = cell_beyond as usize == c;
                 pairs += usize::from(is_apex);
@@ -252,8 +252,8 @@ pub fn nodes_on_bent_side<const D: usize>(
 
 /// Returns the faces in the bent side of the box; none if no side is bent, or if more than two cells share a face.
 fn bent_faces<const D: usize>(mesh: &impl Simplices<D>, bounds: &BoxBounds<D>) -> Vec<[u32; D]> {
-    let neighbors = mesh.neighbors().unwrap_or_default();
-    let boundary = (neighbors.iter().enumerate()).filter(|(_, n)| **n == NONE);
+    let neighbours = mesh.neighbours().unwrap_or_default();
+    let boundary = (neighbours.iter().enumerate()).filter(|(_, n)| **n == NONE);
     let faces = boundary.map(|(i, _)| mesh.face(i / (D + 1), i % (D + 1)));
     let is_bent = |face: &[u32; D]| {
         let nodes = face.map(|n| mesh.nodes()[n as usize]);
@@ -275,7 +275,7 @@ fn flattened<const D: usize>(nodes: [[f64; D]; D], axis: usize) -> [[f64; D]; D]
 /// to it. Collective.
 fn boundary_sides<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
-    neighbors: &[u32],
+    neighbours: &[u32],
     bounds: &BoxBounds<D>,
     report: &mut Check,
 ) -> crate::Result<SideCoverage<D>> {
@@ -285,7 +285,7 @@ fn boundary_sides<const D: usize, M: Simplices<D>>(
         // The areas of the others depend on the bent side.
         sides.must_be_covered = std::array::from_fn(|k| k == side / 2);
     }
-    for (i, _) in neighbors.iter().enumerate().filter(|(_, n)| **n == NONE) {
+    for (i, _) in neighbours.iter().enumerate().filter(|(_, n)| **n == NONE) {
         let face = mesh.face(i / (D + 1), i % (D + 1));
         let p = face.map(|n| mesh.nodes()[n as usize]);
         let ((axis, upper), offset) = nearest_side::<D>(&p, bounds);

@@ -1,7 +1,7 @@
 //! Tetrahedra with neighbours, for local changes: rings of edges, stars of nodes, and the exchange
 //! of one set of tetrahedra for another that fills the same cavity.
 //!
-//! - `neighbors`(fn@neighbors): finds the tetrahedra that share a face
+//! - `neighbours`(fn@neighbours): finds the tetrahedra that share a face
 //! - `faces`: faces that still lack a tetrahedron on one side
 //! - `part`: a part of a complex as a complex of its own
 //!
@@ -16,7 +16,7 @@
 //! ```
 
 mod faces;
-mod neighbors;
+mod neighbours;
 mod part;
 
 use super::renumber::new_numbers;
@@ -27,10 +27,10 @@ use crate::parallel::prelude::*;
 
 use super::{FACES, TetMesh};
 use faces::OpenFaces;
-use neighbors::face_key;
+use neighbours::face_key;
 
 pub use crate::geometry::NONE;
-pub use neighbors::neighbors;
+pub use neighbours::neighbours;
 pub use part::PartNumbering;
 
 /// Smallest number of slots that one parallel task renumbers.
@@ -46,8 +46,8 @@ pub struct Complex {
     pub nodes: Vec<[f64; 3]>,
     /// Node indices, positively oriented; `NONE` first in a dead slot.
     pub tets: Vec<[u32; 4]>,
-    /// `neighbors[t][k]` is the tetrahedron across face k (opposite node k), or `NONE`.
-    pub neighbors: Vec<[u32; 4]>,
+    /// `neighbours[t][k]` is the tetrahedron across face k (opposite node k), or `NONE`.
+    pub neighbours: Vec<[u32; 4]>,
     tet_of_node: Vec<u32>,
     free_slots: Vec<u32>,
     slot_stamps: Vec<u32>,
@@ -61,7 +61,7 @@ pub struct Complex {
 #[derive(Debug, Clone, Copy)]
 enum JournalEntry {
     Tet(u32, [u32; 4], [u32; 4]),
-    Neighbor(u32, u8, u32),
+    Neighbour(u32, u8, u32),
     TetOfNode(u32, u32),
     NewSlot,
     Freed,
@@ -80,8 +80,8 @@ pub struct Ring {
 }
 
 impl Complex {
-    /// Creates a complex from a mesh and its neighbours (see [`neighbors`]).
-    pub fn new(mesh: TetMesh, neighbors: Vec<[u32; 4]>) -> Self {
+    /// Creates a complex from a mesh and its neighbours (see [`neighbours`]).
+    pub fn new(mesh: TetMesh, neighbours: Vec<[u32; 4]>) -> Self {
         let mut tet_of_node = vec![NONE; mesh.nodes.len()];
         for (t, tet) in mesh.tets.iter().enumerate() {
             for &n in tet {
@@ -92,7 +92,7 @@ impl Complex {
         Self {
             nodes: mesh.nodes,
             tets: mesh.tets,
-            neighbors,
+            neighbours,
             tet_of_node,
             slot_stamps,
             ..Self::default()
@@ -144,15 +144,15 @@ impl Complex {
         };
         for entry in journal.into_iter().rev() {
             match entry {
-                JournalEntry::Tet(t, tet, neighbors) => {
+                JournalEntry::Tet(t, tet, neighbours) => {
                     self.tets[t as usize] = tet;
-                    self.neighbors[t as usize] = neighbors;
+                    self.neighbours[t as usize] = neighbours;
                 }
-                JournalEntry::Neighbor(t, k, n) => self.neighbors[t as usize][usize::from(k)] = n,
+                JournalEntry::Neighbour(t, k, n) => self.neighbours[t as usize][usize::from(k)] = n,
                 JournalEntry::TetOfNode(n, t) => self.tet_of_node[n as usize] = t,
                 JournalEntry::NewSlot => {
                     self.tets.pop();
-                    self.neighbors.pop();
+                    self.neighbours.pop();
                     self.slot_stamps.pop();
                 }
                 JournalEntry::Freed => {
@@ -172,9 +172,9 @@ impl Complex {
 
     fn set_tet(&mut self, t: u32, tet: [u32; 4]) {
         let i = t as usize;
-        self.log(JournalEntry::Tet(t, self.tets[i], self.neighbors[i]));
+        self.log(JournalEntry::Tet(t, self.tets[i], self.neighbours[i]));
         self.tets[i] = tet;
-        self.neighbors[i] = [NONE; 4];
+        self.neighbours[i] = [NONE; 4];
     }
 
     fn set_tet_of_node(&mut self, n: u32, t: u32) {
@@ -193,8 +193,8 @@ impl Complex {
 
     /// Returns the tetrahedron across face k of `t`, if there is one.
     #[inline]
-    pub fn neighbor(&self, t: u32, k: usize) -> Option<u32> {
-        let n = self.neighbors[t as usize][k];
+    pub fn neighbour(&self, t: u32, k: usize) -> Option<u32> {
+        let n = self.neighbours[t as usize][k];
         if n == NOT_LOCAL {
             self.reached_nonlocal.store(true, Relaxed);
         }
@@ -216,7 +216,7 @@ impl Complex {
             for k in 0..4 {
                 // A linear search is fast enough: a star has about 24 tetrahedra.
                 if self.tets[t as usize][k] != node
-                    && let Some(n) = self.neighbor(t, k)
+                    && let Some(n) = self.neighbour(t, k)
                     && !star.contains(&n)
                 {
                     star.push(n);
@@ -267,7 +267,7 @@ impl Complex {
         let mut first = t;
         for _ in 0..=max_tets {
             let (_, d) = self.opposite_edge(first, a, b);
-            match self.neighbor(first, self.local_index(first, d)) {
+            match self.neighbour(first, self.local_index(first, d)) {
                 Some(previous) => first = previous,
                 None => {
                     self.walk_ring(first, [a, b], max_tets, ring);
@@ -292,7 +292,7 @@ impl Complex {
             if ring.tets.len() > max_tets {
                 return false;
             }
-            match self.neighbor(current, self.local_index(current, c)) {
+            match self.neighbour(current, self.local_index(current, c)) {
                 Some(next) if next == first => {
                     ring.is_closed = true;
                     return true;
@@ -329,7 +329,7 @@ impl Complex {
         faces.clear(old.len());
         for &t in old {
             for k in 0..4 {
-                let n = self.neighbors[t as usize][k];
+                let n = self.neighbours[t as usize][k];
                 if n < NOT_LOCAL && self.slot_stamps[n as usize] == stamp {
                     continue;
                 }
@@ -337,7 +337,7 @@ impl Complex {
                 let back_index = if n >= NOT_LOCAL {
                     0
                 } else {
-                    self.neighbors[n as usize]
+                    self.neighbours[n as usize]
                         .iter()
                         .position(|&x| x == t)
                         .unwrap_or(0) as u32
@@ -361,7 +361,7 @@ impl Complex {
             } else {
                 self.log(JournalEntry::NewSlot);
                 self.tets.push([NONE; 4]);
-                self.neighbors.push([NONE; 4]);
+                self.neighbours.push([NONE; 4]);
                 self.slot_stamps.push(0);
                 (self.tets.len() - 1) as u32
             };
@@ -381,14 +381,14 @@ impl Complex {
                 let key = face_key(FACES[k].map(|i| tet[i]));
                 if let Some((n, back_index)) = faces.remove(key) {
                     // The journal restores these neighbours together with the slot.
-                    self.neighbors[slot as usize][k] = n;
+                    self.neighbours[slot as usize][k] = n;
                     if n < NOT_LOCAL {
-                        self.log(JournalEntry::Neighbor(
+                        self.log(JournalEntry::Neighbour(
                             n,
                             back_index as u8,
-                            self.neighbors[n as usize][back_index as usize],
+                            self.neighbours[n as usize][back_index as usize],
                         ));
-                        self.neighbors[n as usize][back_index as usize] = slot;
+                        self.neighbours[n as usize][back_index as usize] = slot;
                     }
                 } else {
                     // This is an inner face: the other new tetrahedron that has it completes it.
@@ -415,7 +415,7 @@ impl Complex {
             .collect();
         let new_index = new_numbers(self.nodes.len(), &kept);
         let nodes = kept.iter().map(|&i| self.nodes[i as usize]).collect();
-        let (mut tets, mut neighbors) = (self.tets, self.neighbors);
+        let (mut tets, mut neighbours) = (self.tets, self.neighbours);
         // The new number of each slot.
         let mut live = 0;
         let renumbered: Vec<u32> = tets
@@ -427,19 +427,19 @@ impl Complex {
             })
             .collect();
         let mut slot = 0;
-        neighbors.retain(|_| {
+        neighbours.retain(|_| {
             slot += 1;
             tets[slot - 1][0] != NONE
         });
         tets.retain(|t| t[0] != NONE);
-        let pairs = tets.par_iter_mut().zip(&mut neighbors);
+        let pairs = tets.par_iter_mut().zip(&mut neighbours);
         pairs
             .with_min_len(MIN_TASK_SLOTS)
             .for_each(|(tet, adjacent)| {
                 *tet = tet.map(|i| new_index[i as usize]);
                 *adjacent = adjacent.map(|n| renumbered.get(n as usize).copied().unwrap_or(NONE));
             });
-        (TetMesh { nodes, tets }, neighbors, kept)
+        (TetMesh { nodes, tets }, neighbours, kept)
     }
 }
 
@@ -459,7 +459,7 @@ mod tests {
             [0.0, -1.0, 0.0],
         ];
         let tets = vec![[0, 1, 2, 3], [0, 1, 3, 4], [0, 1, 4, 5], [0, 1, 5, 2]];
-        let n = neighbors(6, &tets).unwrap();
+        let n = neighbours(6, &tets).unwrap();
         Complex::new(TetMesh { nodes, tets }, n)
     }
 
@@ -523,18 +523,18 @@ mod tests {
         for tet in new {
             assert!(volume6(&tet.map(|n| complex.nodes[n as usize])) > 0.0);
         }
-        let (tets, adjacent) = (complex.tets.clone(), complex.neighbors.clone());
+        let (tets, adjacent) = (complex.tets.clone(), complex.neighbours.clone());
         complex.begin();
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
         complex.exchange(&[slots[0]], &[new[0]], &mut slots);
         complex.rollback();
         assert_eq!(
             (tets, adjacent),
-            (complex.tets.clone(), complex.neighbors.clone())
+            (complex.tets.clone(), complex.neighbours.clone())
         );
         complex.exchange(&[0, 1, 2, 3], &new, &mut slots);
-        let expected = neighbors(6, &complex.tets).unwrap();
-        assert_eq!(expected, complex.neighbors);
+        let expected = neighbours(6, &complex.tets).unwrap();
+        assert_eq!(expected, complex.neighbours);
         // Two tetrahedra become three, and two again, which leaves a dead slot among the others.
         let (mut three, mut two) = (Vec::new(), Vec::new());
         let fresh = [[0, 1, 4, 2], [0, 1, 2, 3], [0, 1, 3, 4]];
@@ -543,7 +543,7 @@ mod tests {
         assert!(!complex.is_alive(three[1]) && complex.tets.len() == 5);
         let (mesh, adjacent, kept) = complex.into_mesh();
         assert_eq!(mesh.tets.len(), 4);
-        assert_eq!(adjacent, neighbors(6, &mesh.tets).unwrap());
+        assert_eq!(adjacent, neighbours(6, &mesh.tets).unwrap());
         assert_eq!(kept.len(), 6);
     }
 }

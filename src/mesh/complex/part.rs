@@ -64,7 +64,7 @@ impl Complex {
         local_slots.clear();
         self.nodes.clear();
         self.tets.clear();
-        self.neighbors.clear();
+        self.neighbours.clear();
         self.tet_of_node.clear();
         self.slot_stamps.clear();
         self.free_slots.clear();
@@ -87,8 +87,8 @@ impl Complex {
             });
             self.tets.push(tet);
             let is_complete = tet.map(|n| nodes[n as usize].1);
-            let adjacent = global.neighbors[slot as usize];
-            self.neighbors.push(std::array::from_fn(|k| {
+            let adjacent = global.neighbours[slot as usize];
+            self.neighbours.push(std::array::from_fn(|k| {
                 let n = adjacent[k];
                 if n == NONE {
                     return NONE;
@@ -110,9 +110,10 @@ impl Complex {
         // Links to neighbours that were added after this tetrahedron was visited.
         for t in 0..self.tets.len() {
             for k in 0..4 {
-                if self.neighbors[t][k] == NOT_LOCAL {
-                    let neighbor = global.neighbors[slots[t] as usize][k];
-                    self.neighbors[t][k] = local_slots.get(&neighbor).copied().unwrap_or(NOT_LOCAL);
+                if self.neighbours[t][k] == NOT_LOCAL {
+                    let neighbour = global.neighbours[slots[t] as usize][k];
+                    self.neighbours[t][k] =
+                        local_slots.get(&neighbour).copied().unwrap_or(NOT_LOCAL);
                 }
             }
         }
@@ -160,7 +161,7 @@ impl Complex {
 mod tests {
     use super::*;
     use crate::mesh::TetMesh;
-    use crate::mesh::complex::{Ring, neighbors};
+    use crate::mesh::complex::{Ring, neighbours};
 
     /// Returns an open fan of `count` tetrahedra around the axis (0, 1).
     fn fan(count: u32) -> Complex {
@@ -170,7 +171,7 @@ mod tests {
             nodes.push([cos, sin, 0.0]);
         }
         let tets: Vec<[u32; 4]> = (0..count).map(|i| [0, 1, i + 2, i + 3]).collect();
-        let adjacent = neighbors(nodes.len(), &tets).unwrap();
+        let adjacent = neighbours(nodes.len(), &tets).unwrap();
         Complex::new(TetMesh { nodes, tets }, adjacent)
     }
 
@@ -184,7 +185,7 @@ mod tests {
         assert_eq!(numbering.slots, [3, 2]);
         let global_nodes: Vec<u32> = numbering.nodes.iter().map(|n| n.0).collect();
         assert_eq!(global_nodes, [0, 1, 4, 5, 6]);
-        assert_eq!(part.neighbors[0], [NONE, NONE, NOT_LOCAL, 1]);
+        assert_eq!(part.neighbours[0], [NONE, NONE, NOT_LOCAL, 1]);
         let mut star = Vec::new();
         part.star(3, &mut star);
         star.sort_unstable();
@@ -205,6 +206,6 @@ mod tests {
         // A second part reuses the same memory.
         part.set_to_part(&global, &[0], |x| x == global.nodes[2], &mut numbering);
         assert_eq!((numbering.slots.len(), part.tets.len()), (1, 1));
-        assert_eq!(part.neighbors[0], [NONE, NONE, NOT_LOCAL, NONE]);
+        assert_eq!(part.neighbours[0], [NONE, NONE, NOT_LOCAL, NONE]);
     }
 }

@@ -18,9 +18,9 @@ const TASK_SIZE: usize = 1 << 14;
 /// with its orientation unchanged, to start with its lowest node and continue with the lowest of
 /// the others; then the tetrahedra are sorted by their nodes.
 pub fn sort_canonical(points: usize, output: &mut DelaunayTets) {
-    let DelaunayTets { tets, neighbors } = output;
+    let DelaunayTets { tets, neighbours } = output;
     let mut firsts = vec![0; tets.len()];
-    rotate_all(tets, neighbors, &mut firsts);
+    rotate_all(tets, neighbours, &mut firsts);
     // Group by the first node,
     let (mut starts, mut order) = (Vec::new(), Vec::new());
     sort_by_group_into(points, &firsts, &mut starts, &mut order);
@@ -55,7 +55,7 @@ pub fn sort_canonical(points: usize, output: &mut DelaunayTets) {
         }
     });
     *tets = sorted_tets;
-    if neighbors.is_empty() {
+    if neighbours.is_empty() {
         return;
     }
     let new_index: Vec<AtomicU32> = (0..order.len()).map(|_| AtomicU32::new(0)).collect();
@@ -65,40 +65,42 @@ pub fn sort_canonical(points: usize, output: &mut DelaunayTets) {
             new_index[old as usize].store(new as u32, Relaxed);
         }
     });
-    let mut sorted_neighbors = vec![[0; 4]; neighbors.len()];
-    let tasks = sorted_neighbors
+    let mut sorted_neighbours = vec![[0; 4]; neighbours.len()];
+    let tasks = sorted_neighbours
         .par_chunks_mut(TASK_SIZE)
         .zip(order.par_chunks(TASK_SIZE));
     tasks.for_each(|(sorted, order)| {
         for (sorted, &old) in sorted.iter_mut().zip(order) {
-            *sorted = neighbors[old as usize].map(|n| match n {
+            *sorted = neighbours[old as usize].map(|n| match n {
                 NONE => NONE,
                 n => new_index[n as usize].load(Relaxed),
             });
         }
     });
-    *neighbors = sorted_neighbors;
+    *neighbours = sorted_neighbours;
 }
 
 /// Rotates each tetrahedron to start with its lowest node and continue with the lowest of the
 /// others, and writes the lowest nodes to `firsts`.
-fn rotate_all(tets: &mut [[u32; 4]], neighbors: &mut [[u32; 4]], firsts: &mut [u32]) {
-    let has_neighbors = !neighbors.is_empty();
-    let mut neighbor_tasks = neighbors.chunks_mut(TASK_SIZE);
+fn rotate_all(tets: &mut [[u32; 4]], neighbours: &mut [[u32; 4]], firsts: &mut [u32]) {
+    let has_neighbours = !neighbours.is_empty();
+    let mut neighbour_tasks = neighbours.chunks_mut(TASK_SIZE);
     let tasks: Vec<_> = (tets.chunks_mut(TASK_SIZE))
         .zip(firsts.chunks_mut(TASK_SIZE))
-        .map(|(tets, firsts)| (tets, firsts, neighbor_tasks.next().unwrap_or_default()))
+        .map(|(tets, firsts)| (tets, firsts, neighbour_tasks.next().unwrap_or_default()))
         .collect();
-    tasks.into_par_iter().for_each(|(tets, firsts, neighbors)| {
-        for (i, (tet, first)) in tets.iter_mut().zip(firsts).enumerate() {
-            let rotation = canonical_rotation(tet);
-            *tet = rotation.map(|k| tet[usize::from(k)]);
-            *first = tet[0];
-            if has_neighbors {
-                neighbors[i] = rotation.map(|k| neighbors[i][usize::from(k)]);
+    tasks
+        .into_par_iter()
+        .for_each(|(tets, firsts, neighbours)| {
+            for (i, (tet, first)) in tets.iter_mut().zip(firsts).enumerate() {
+                let rotation = canonical_rotation(tet);
+                *tet = rotation.map(|k| tet[usize::from(k)]);
+                *first = tet[0];
+                if has_neighbours {
+                    neighbours[i] = rotation.map(|k| neighbours[i][usize::from(k)]);
+                }
             }
-        }
-    });
+        });
 }
 
 /// Returns the even permutation that puts the lowest node first and the lowest of the others
@@ -141,7 +143,7 @@ mod tests {
         for (t, tet) in after.tets.iter().enumerate() {
             let [a, b, c, d] = tet.map(|i| points[i as usize]);
             assert!(dot(cross(sub(b, a), sub(c, a)), sub(d, a)) > 0.0);
-            for (k, &n) in after.neighbors[t]
+            for (k, &n) in after.neighbours[t]
                 .iter()
                 .enumerate()
                 .filter(|n| *n.1 != NONE)
@@ -152,7 +154,7 @@ mod tests {
                         .iter()
                         .all(|node| after.tets[n as usize].contains(node))
                 );
-                assert!(after.neighbors[n as usize].contains(&(t as u32)));
+                assert!(after.neighbours[n as usize].contains(&(t as u32)));
             }
         }
     }

@@ -160,7 +160,7 @@ impl Exuder {
             let cell = self.triangulation.cell(slot);
             for k in (0..4).filter(|&k| cell.vertices[k] == vertex) {
                 let face = cell.face(k);
-                faces.push((cell.neighbors[k] >> 2, face, self.join_angle(vertex, face)));
+                faces.push((cell.neighbours[k] >> 2, face, self.join_angle(vertex, face)));
             }
             for v in cell.vertices.into_iter().filter(|&v| v != vertex) {
                 nearest2 = nearest2.min(distance2(&self.triangulation.point(v), &centre));
@@ -196,7 +196,7 @@ impl Exuder {
             // Faces between the cell and the star vanish.
             let cell = *self.triangulation.cell(slot);
             let (inner, outer): (Vec<usize>, Vec<usize>) =
-                (0..4).partition(|&k| cells.contains(&(cell.neighbors[k] >> 2)));
+                (0..4).partition(|&k| cells.contains(&(cell.neighbours[k] >> 2)));
             let is_kept = |k: &usize| self.kept_faces.contains(&sorted(cell.face(*k)));
             // A cell with only its apex outside keeps it on the boundary; one that is surrounded on
             // all sides but one hides a vertex.
@@ -206,7 +206,7 @@ impl Exuder {
             faces.retain(|face| face.0 != slot);
             for k in outer {
                 let face = cell.face(k);
-                faces.push((cell.neighbors[k] >> 2, face, self.join_angle(vertex, face)));
+                faces.push((cell.neighbours[k] >> 2, face, self.join_angle(vertex, face)));
             }
             cells.push(slot);
             reached = reached.max(weight);
@@ -221,9 +221,9 @@ impl Exuder {
             let cell = self.triangulation.cell(cells[next]);
             next += 1;
             for k in (0..4).filter(|&k| cell.vertices[k] != vertex) {
-                let neighbor = cell.neighbors[k] >> 2;
-                if self.triangulation.cell(neighbor).is_finite() && !cells.contains(&neighbor) {
-                    cells.push(neighbor);
+                let neighbour = cell.neighbours[k] >> 2;
+                if self.triangulation.cell(neighbour).is_finite() && !cells.contains(&neighbour) {
+                    cells.push(neighbour);
                 }
             }
         }

@@ -62,7 +62,7 @@ pub trait Kernel: Sync {
     /// # Errors
     /// Returns [`Error::Delaunay`](crate::Error::Delaunay) for points in one plane, or if memory
     /// runs out.
-    fn triangulate(&self, points: &[[f64; 3]], with_neighbors: bool) -> Result<DelaunayTets>;
+    fn triangulate(&self, points: &[[f64; 3]], with_neighbours: bool) -> Result<DelaunayTets>;
 }
 
 /// Programs that compute Delaunay triangulations in space.
@@ -124,9 +124,9 @@ impl Display for DelaunayKernel {
 pub struct Delaunay {
     /// The points in their order as nodes, and the tetrahedra that fill their convex hull.
     pub mesh: TetMesh,
-    /// `neighbors[t][k]` shares with tetrahedron `t` the face opposite its node `k`; [`NONE`] on
+    /// `neighbours[t][k]` shares with tetrahedron `t` the face opposite its node `k`; [`NONE`] on
     /// the hull.
-    pub neighbors: Vec<[u32; 4]>,
+    pub neighbours: Vec<[u32; 4]>,
 }
 
 /// Tetrahedra of a Delaunay triangulation, or some of them.
@@ -136,11 +136,11 @@ pub struct DelaunayTets {
     pub tets: Vec<[u32; 4]>,
     /// Index of the tetrahedron beyond the face opposite each node; [`NONE`] on the hull, and if
     /// that tetrahedron is not in this list. Empty if neighbours were not requested.
-    pub neighbors: Vec<[u32; 4]>,
+    pub neighbours: Vec<[u32; 4]>,
 }
 
 codec_fields! {
-    DelaunayTets as DelaunayTets { tets, neighbors }
+    DelaunayTets as DelaunayTets { tets, neighbours }
 }
 
 /// Returns the Delaunay triangulation of `points`.
@@ -182,15 +182,15 @@ pub(crate) fn distributed_delaunay(
 ///
 /// # Errors
 /// Returns the errors of [`delaunay`].
-pub fn delaunay_with_neighbors(points: &[[f64; 3]]) -> Result<Delaunay> {
-    distributed_delaunay_with_neighbors(points, DelaunayKernel::Auto, &SelfComm)
+pub fn delaunay_with_neighbours(points: &[[f64; 3]]) -> Result<Delaunay> {
+    distributed_delaunay_with_neighbours(points, DelaunayKernel::Auto, &SelfComm)
 }
 
 /// Returns the triangulation of [`distributed_delaunay`] with its adjacency.
 ///
 /// # Errors
 /// Returns the errors of [`distributed_delaunay`].
-pub(crate) fn distributed_delaunay_with_neighbors(
+pub(crate) fn distributed_delaunay_with_neighbours(
     points: &[[f64; 3]],
     kernel: DelaunayKernel,
     comm: &dyn Comm,
@@ -198,7 +198,7 @@ pub(crate) fn distributed_delaunay_with_neighbors(
     triangulate(points, true, kernel, comm)
 }
 
-/// Returns some of the tetrahedra of [`delaunay_with_neighbors`], in the same order. Space is cut
+/// Returns some of the tetrahedra of [`delaunay_with_neighbours`], in the same order. Space is cut
 /// into intervals along an axis at `cuts`. A tetrahedron belongs to the interval of its first point
 /// (the one with the lowest number). Returns the tetrahedra of `intervals`; neighbours in other
 /// intervals are [`NONE`]. Returns `None` if only a triangulation of all points can give the
@@ -244,7 +244,7 @@ pub fn delaunay_in_intervals(
 
 fn triangulate(
     points: &[[f64; 3]],
-    with_neighbors: bool,
+    with_neighbours: bool,
     kernel: DelaunayKernel,
     comm: &dyn Comm,
 ) -> Result<Delaunay> {
@@ -265,10 +265,10 @@ fn triangulate(
     };
     let mut output = match combined {
         Some(output) => output,
-        None => kernel.triangulate(points, with_neighbors)?,
+        None => kernel.triangulate(points, with_neighbours)?,
     };
-    if !with_neighbors {
-        output.neighbors = Vec::new();
+    if !with_neighbours {
+        output.neighbours = Vec::new();
     }
     canonical::sort_canonical(points.len(), &mut output);
     check_all_used(points, &output.tets)?;
@@ -277,7 +277,7 @@ fn triangulate(
             nodes: points.to_vec(),
             tets: output.tets,
         },
-        neighbors: output.neighbors,
+        neighbours: output.neighbours,
     })
 }
 

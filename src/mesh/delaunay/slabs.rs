@@ -139,7 +139,7 @@ fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
     let count = parts.iter().map(|part| part.tets.len()).sum();
     let mut all = DelaunayTets {
         tets: vec![[0; 4]; count],
-        neighbors: vec![[0; 4]; count],
+        neighbours: vec![[0; 4]; count],
     };
     // Faces beyond which another part continues.
     let mut open_faces: Vec<([u32; 3], u32, usize)> = Vec::new();
@@ -156,7 +156,7 @@ fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
                 (face, (first + t) as u32, k)
             })
         };
-        let cells = part.tets.par_iter().zip(&part.neighbors).enumerate();
+        let cells = part.tets.par_iter().zip(&part.neighbours).enumerate();
         open_faces.par_extend(cells.flat_map_iter(open_faces_of));
         let global_index = |n: u32| match n {
             IN_OTHER_SLAB | NONE => NONE,
@@ -164,7 +164,8 @@ fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
         };
         let copied = (all.tets[first..end].par_iter_mut()).zip(part.tets.par_iter());
         copied.for_each(|(target, tet)| *target = *tet);
-        let renumbered = (all.neighbors[first..end].par_iter_mut()).zip(part.neighbors.par_iter());
+        let renumbered =
+            (all.neighbours[first..end].par_iter_mut()).zip(part.neighbours.par_iter());
         renumbered.for_each(|(target, adjacent)| *target = adjacent.map(global_index));
         first = end;
     }
@@ -175,8 +176,8 @@ fn concatenate(parts: Vec<DelaunayTets>) -> (DelaunayTets, usize) {
         remaining = tail;
         match tail {
             [(other_face, b, l), tail @ ..] if face == other_face => {
-                all.neighbors[*a as usize][*k] = *b;
-                all.neighbors[*b as usize][*l] = *a;
+                all.neighbours[*a as usize][*k] = *b;
+                all.neighbours[*b as usize][*l] = *a;
                 remaining = tail;
             }
             _ => unmatched += 1,
@@ -330,8 +331,8 @@ impl<'a> PointSlabs<'a> {
         let mut new_index = vec![IN_OTHER_SLAB; output.tets.len()];
         let mut is_used = vec![false; part.points.len()];
         let (mut count, mut other_faces) = (0, 0);
-        for ((tet, neighbors), new_index) in
-            (output.tets.iter().zip(&output.neighbors)).zip(&mut new_index)
+        for ((tet, neighbours), new_index) in
+            (output.tets.iter().zip(&output.neighbours)).zip(&mut new_index)
         {
             let is_own = tet.map(|local| part.is_own[local as usize]);
             tet.iter().for_each(|&local| is_used[local as usize] = true);
@@ -339,7 +340,7 @@ impl<'a> PointSlabs<'a> {
                 continue;
             }
             let corners = tet.map(|local| part.points[local as usize]);
-            let hull_is_real = (0..4).filter(|&k| neighbors[k] == NONE).all(|k| {
+            let hull_is_real = (0..4).filter(|&k| neighbours[k] == NONE).all(|k| {
                 let face = [1, 2, 3].map(|j| (k + j) % 4);
                 !face.iter().any(|&j| is_own[j])
                     || self.is_on_side(face.map(|j| corners[j]))
@@ -364,14 +365,14 @@ impl<'a> PointSlabs<'a> {
                 continue;
             }
             output.tets[kept] = output.tets[t].map(|local| part.members[local as usize]);
-            output.neighbors[kept] = output.neighbors[t].map(|n| match n {
+            output.neighbours[kept] = output.neighbours[t].map(|n| match n {
                 NONE => NONE,
                 n => new_index[n as usize],
             });
             kept += 1;
         }
         output.tets.truncate(kept);
-        output.neighbors.truncate(kept);
+        output.neighbours.truncate(kept);
         Some(output)
     }
 
@@ -492,7 +493,7 @@ mod tests {
                 sort_canonical(points.len(), &mut parts);
                 assert!(parts.tets == single.tets, "scene {scene}, {count} parts");
                 assert!(
-                    parts.neighbors == single.neighbors,
+                    parts.neighbours == single.neighbours,
                     "scene {scene}, {count} parts"
                 );
             }
@@ -552,8 +553,8 @@ mod tests {
                     .eq(chosen.iter().map(|&t| &single.tets[t])),
                 "{intervals:?}"
             );
-            for (adjacent, &t) in output.neighbors.iter().zip(&chosen) {
-                let expected = single.neighbors[t].map(|n| match n {
+            for (adjacent, &t) in output.neighbours.iter().zip(&chosen) {
+                let expected = single.neighbours[t].map(|n| match n {
                     NONE => NONE,
                     n => chosen
                         .binary_search(&(n as usize))

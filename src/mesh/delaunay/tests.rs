@@ -47,7 +47,7 @@ fn assert_fills_box(d: &Delaunay, extent: [f64; 3]) {
     for (t, tet) in d.mesh.tets.iter().enumerate() {
         for k in 0..4 {
             let mut face: Vec<u32> = (0..4).filter(|&i| i != k).map(|i| tet[i]).collect();
-            let n = d.neighbors[t][k];
+            let n = d.neighbours[t][k];
             if n == NONE {
                 let x: Vec<[f64; 3]> = face.iter().map(|&i| d.mesh.nodes[i as usize]).collect();
                 let side = (0..6)
@@ -62,7 +62,7 @@ fn assert_fills_box(d: &Delaunay, extent: [f64; 3]) {
                         - (x[1][b] - x[0][b]) * (x[2][a] - x[0][a]))
                         .abs();
             } else {
-                let back_index = d.neighbors[n as usize]
+                let back_index = d.neighbours[n as usize]
                     .iter()
                     .position(|&b| b as usize == t);
                 let back_index = back_index.expect("neighbours are mutual");
@@ -96,9 +96,9 @@ fn error_message(points: &[[f64; 3]]) -> String {
 #[test]
 fn four_points_make_one_positive_tetrahedron() {
     let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let d = delaunay_with_neighbors(&points).unwrap();
+    let d = delaunay_with_neighbours(&points).unwrap();
     assert_eq!(d.mesh.nodes, points);
-    assert_eq!(d.neighbors, [[NONE; 4]]);
+    assert_eq!(d.neighbours, [[NONE; 4]]);
     assert_eq!(six_volumes(&d.mesh), [1.0]);
     assert_eq!(delaunay(&points).unwrap(), d.mesh);
 }
@@ -110,7 +110,7 @@ fn perfect_lattice_fills_its_box() {
     for m in [2, 3, 10] {
         // 0.7 is not a dyadic fraction: the planes are exact only because coordinates repeat.
         let h = 0.7;
-        let d = delaunay_with_neighbors(&if m == 3 {
+        let d = delaunay_with_neighbours(&if m == 3 {
             // For odd sizes the parity lattice lacks some corners, so all eight are added.
             let mut points = fcc(m, h);
             for corner in 0..8 {
@@ -140,12 +140,12 @@ fn random_interior_in_a_regular_box_is_delaunay() {
                 .for_each(|c| *c += (uniform(&mut state) - 0.5) * h);
         }
     }
-    let d = delaunay_with_neighbors(&points).unwrap();
+    let d = delaunay_with_neighbours(&points).unwrap();
     assert_fills_box(&d, [length; 3]);
     // Empty spheres: the node beyond each face is not inside the circumsphere (up to rounding).
     for (t, tet) in d.mesh.tets.iter().enumerate() {
         for k in 0..4 {
-            let n = d.neighbors[t][k];
+            let n = d.neighbours[t][k];
             if n == NONE {
                 continue;
             }
@@ -227,7 +227,7 @@ fn oblique_planes_and_lines_are_named_and_thin_slabs_are_not() {
         .iter()
         .flat_map(|p| [[p[0], p[1], 0.0], [p[0], p[1], 1e-6]])
         .collect();
-    let d = delaunay_with_neighbors(&slab).unwrap();
+    let d = delaunay_with_neighbours(&slab).unwrap();
     let volume = six_volumes(&d.mesh).iter().sum::<f64>() / 6.0;
     assert!((volume / (19.0 * 19.0 * 0.7 * 1e-6) - 1.0).abs() < 1e-9);
 }

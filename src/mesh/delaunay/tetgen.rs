@@ -18,8 +18,8 @@ use crate::parallel::prelude::*;
 pub struct Tetgen;
 
 impl Kernel for Tetgen {
-    fn triangulate(&self, points: &[[f64; 3]], with_neighbors: bool) -> Result<DelaunayTets> {
-        let (status, output) = run(points, with_neighbors);
+    fn triangulate(&self, points: &[[f64; 3]], with_neighbours: bool) -> Result<DelaunayTets> {
+        let (status, output) = run(points, with_neighbours);
         match status as sys::tetgen_shim_status {
             sys::TETGEN_SHIM_OK => {}
             sys::TETGEN_SHIM_BAD_INPUT => {
@@ -83,10 +83,10 @@ impl OwnedMesh {
 
 /// Runs TetGen. Returns its status, and the tetrahedra if that is `TETGEN_SHIM_OK`.
 #[allow(unsafe_code)]
-fn run(points: &[[f64; 3]], with_neighbors: bool) -> (i32, DelaunayTets) {
+fn run(points: &[[f64; 3]], with_neighbours: bool) -> (i32, DelaunayTets) {
     let mut mesh = OwnedMesh(sys::tetgen_shim_mesh {
         tetrahedra: std::ptr::null_mut(),
-        neighbors: std::ptr::null_mut(),
+        neighbours: std::ptr::null_mut(),
         count: 0,
     });
     // TetGen has no state that a panic could leave inconsistent, so a poisoned lock can be
@@ -99,14 +99,14 @@ fn run(points: &[[f64; 3]], with_neighbors: bool) -> (i32, DelaunayTets) {
         sys::tetgen_shim_run(
             points.as_ptr().cast(),
             points.len() as i32,
-            sys::tetgen_shim_switches(i32::from(with_neighbors)),
+            sys::tetgen_shim_switches(i32::from(with_neighbours)),
             &raw mut mesh.0,
         )
     };
     drop(lock);
     let output = DelaunayTets {
         tets: mesh.copy_array(mesh.0.tetrahedra),
-        neighbors: mesh.copy_array(mesh.0.neighbors),
+        neighbours: mesh.copy_array(mesh.0.neighbours),
     };
     (status, output)
 }

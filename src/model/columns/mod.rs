@@ -20,19 +20,19 @@
 //! - `given`: horizons in files, brought to one unit and direction of z
 //! - `horizon`: horizons, sampled at the nodes of a map
 //! - `file`: columns as a mesh file
-//! - `spec`: all options, as one value
-//! - `run`: the whole computation, from a map, horizons and the options
+//! - `columns_spec`: all options, as one value
+//! - `columns_verb`: the whole computation, from a map, horizons and the options
 
+mod columns_spec;
+mod columns_verb;
 mod fault_sides;
 pub mod file;
 pub mod given;
 pub mod horizon;
-mod run;
-mod spec;
 pub(crate) mod torn_map;
 
-pub use run::{ColumnsInput, ColumnsOutcome, columns};
-pub use spec::{ColumnsSpec, LayerCounts};
+pub use columns_spec::{ColumnsSpec, LayerCounts};
+pub use columns_verb::{ColumnsInput, ColumnsOutcome, columns};
 
 use std::collections::BTreeMap;
 

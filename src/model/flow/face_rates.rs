@@ -28,7 +28,7 @@ pub struct FaceRates<const D: usize = 3> {
     pub outflow: Vec<f64>,
     /// The cell on the other side of each face, also if the face lies on a fault; `NONE` on the
     /// boundary.
-    pub neighbors: Vec<u32>,
+    pub neighbours: Vec<u32>,
 }
 
 /// Rate and weight of a face before the correction.
@@ -53,7 +53,7 @@ impl<const D: usize> FaceRates<D> {
     #[inline]
     pub fn faces_of(&self, cell: usize) -> (&[f64], &[u32]) {
         let range = cell * (D + 1)..(cell + 1) * (D + 1);
-        (&self.outflow[range.clone()], &self.neighbors[range])
+        (&self.outflow[range.clone()], &self.neighbours[range])
     }
 }
 
@@ -73,15 +73,15 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         cancel: &CancelToken<'_>,
     ) -> Result<FaceRates<D>> {
         let count = self.split_mesh.mesh.len();
-        let (faces, neighbors) = self.mean_fluxes(pressure, fixed);
+        let (faces, neighbours) = self.mean_fluxes(pressure, fixed);
         // Unknown number `count` stands for everything outside the boundary.
         let unknown_of = |n: u32| n.min(count as u32);
         let face_range = |c: usize| c * (D + 1)..(c + 1) * (D + 1);
-        let is_open = |face: &usize| neighbors[*face] == NONE && faces[*face].weight > 0.0;
+        let is_open = |face: &usize| neighbours[*face] == NONE && faces[*face].weight > 0.0;
         let boundary: Vec<usize> = (0..faces.len()).filter(is_open).collect();
         let matrix = Matrix::from_rows(count + 1, count + 1, |c, row| {
             if c < count {
-                for (face, &n) in faces[face_range(c)].iter().zip(&neighbors[face_range(c)]) {
+                for (face, &n) in faces[face_range(c)].iter().zip(&neighbours[face_range(c)]) {
                     if face.weight > 0.0 {
                         row.add(c as u32, face.weight);
                         row.add(unknown_of(n), -face.weight);
@@ -111,11 +111,11 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         let phi = solve(&matrix, &deficit, &fixed, &volume, total_rate, cancel)?.pressure;
         let corrected = |face: usize| {
             let FaceFlux { rate, weight } = faces[face];
-            rate + weight * (phi[face / (D + 1)] - phi[unknown_of(neighbors[face]) as usize])
+            rate + weight * (phi[face / (D + 1)] - phi[unknown_of(neighbours[face]) as usize])
         };
         Ok(FaceRates {
             outflow: (0..faces.len()).into_par_iter().map(corrected).collect(),
-            neighbors,
+            neighbours,
         })
     }
 
@@ -125,15 +125,15 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         let mesh = &self.split_mesh.mesh;
         let face_index = |cell: u32, k: u8| cell as usize * (D + 1) + usize::from(k);
         // The split mesh comes from a checked mesh, so no face has three cells.
-        let mut neighbors = mesh.neighbors().unwrap_or_default();
+        let mut neighbours = mesh.neighbours().unwrap_or_default();
         let mut is_fixed = vec![false; mesh.nodes().len()];
         fixed.iter().for_each(|f| is_fixed[f.0 as usize] = true);
 
         let velocity = self.velocity(pressure);
-        let mut faces: Vec<FaceFlux> = (0..neighbors.len())
+        let mut faces: Vec<FaceFlux> = (0..neighbours.len())
             .into_par_iter()
             .map(|face| {
-                let (c, n) = (face / (D + 1), neighbors[face]);
+                let (c, n) = (face / (D + 1), neighbours[face]);
                 let (rate, conductance) = self.face_flux(&velocity, face);
                 if n == NONE {
                     let face_nodes = mesh.face(c, face % (D + 1));
@@ -148,7 +148,7 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
                     return FaceFlux::default();
                 }
                 let (opposite_rate, opposite_conductance) =
-                    self.face_flux(&velocity, opposite_face_index::<D>(&neighbors, face));
+                    self.face_flux(&velocity, opposite_face_index::<D>(&neighbours, face));
                 FaceFlux {
                     rate: 0.5 * (rate - opposite_rate),
                     weight: conductance * opposite_conductance
@@ -161,25 +161,25 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
         for ((face, weight), rate) in fault_faces.zip(fault_rates) {
             let [face_a, face_b] =
                 [0, 1].map(|side| face_index(face.cells[side], face.local_faces[side]));
-            neighbors[face_a] = face.cells[1];
-            neighbors[face_b] = face.cells[0];
+            neighbours[face_a] = face.cells[1];
+            neighbours[face_b] = face.cells[0];
             faces[face_a] = FaceFlux {
                 rate,
                 weight: *weight,
             };
             faces[face_b] = FaceFlux::default();
         }
-        for face in 0..neighbors.len() {
-            let n = neighbors[face];
+        for face in 0..neighbours.len() {
+            let n = neighbours[face];
             if n != NONE && face / (D + 1) > n as usize {
-                let FaceFlux { rate, weight } = faces[opposite_face_index::<D>(&neighbors, face)];
+                let FaceFlux { rate, weight } = faces[opposite_face_index::<D>(&neighbours, face)];
                 faces[face] = FaceFlux {
                     rate: -rate,
                     weight,
                 };
             }
         }
-        (faces, neighbors)
+        (faces, neighbours)
     }
 
     /// Returns the rate out of a cell through a face by the cell's own velocity, and the
@@ -197,9 +197,9 @@ impl<const D: usize, M: Simplices<D>> ElementFlow<D, M> {
 }
 
 /// Returns the number that a face has in the cell on its other side.
-fn opposite_face_index<const D: usize>(neighbors: &[u32], face: usize) -> usize {
-    let base = neighbors[face] as usize * (D + 1);
-    let cells_beyond = neighbors[base..=base + D].iter();
+fn opposite_face_index<const D: usize>(neighbours: &[u32], face: usize) -> usize {
+    let base = neighbours[face] as usize * (D + 1);
+    let cells_beyond = neighbours[base..=base + D].iter();
     base + cells_beyond
         .clone()
         .position(|&c| c as usize == face / (D + 1))
@@ -243,15 +243,15 @@ mod tests {
             for c in 0..mesh.len() {
                 let cell_wells = wells.iter().filter(|w| w.cell as usize == c);
                 let source: f64 = cell_wells.map(|w| w.rate).sum();
-                let (outflow, neighbors) = rates.faces_of(c);
+                let (outflow, neighbours) = rates.faces_of(c);
                 let sum: f64 = outflow.iter().sum();
                 assert!((sum - source).abs() < 2e-10, "{sum} {source}");
                 for k in 0..=D {
                     let face = c * (D + 1) + k;
-                    if neighbors[k] == NONE {
+                    if neighbours[k] == NONE {
                         through_side += outflow[k];
                     } else {
-                        let opposite = opposite_face_index::<D>(&rates.neighbors, face);
+                        let opposite = opposite_face_index::<D>(&rates.neighbours, face);
                         assert_eq!(outflow[k], -rates.outflow[opposite]);
                     }
                 }

@@ -33,9 +33,9 @@
 //! - `face_rates`: rates through faces that are conserved on every triangle or tetrahedron
 //! - `reconstruction`: conserved rates inside polyhedra and polygons
 //! - `streamlines`: paths of fluid through these rates
-//! - `spec`: all options, as one value
+//! - `flow_spec`: all options, as one value
 //! - `faults`: options that say how faults resist flow
-//! - `run`: the whole computation, from a mesh and its options
+//! - `flow_verb`: the whole computation, from a mesh and its options
 //! - `driver`: flow through a mesh from a file, with its boundary conditions and barriers
 //! - `report`: the report of a computed flow
 //! - `system`: the pressure system, conjugate gradients, and the mass balance
@@ -49,14 +49,14 @@ pub(crate) mod driver;
 pub(crate) mod elements;
 pub(crate) mod face_rates;
 pub(crate) mod faults;
+mod flow_spec;
+mod flow_verb;
 pub(crate) mod multigrid;
 pub(crate) mod reconstruction;
 pub mod report;
 pub(crate) mod rock;
-mod run;
 mod shape_functions;
 pub(crate) mod sparse_matrix;
-mod spec;
 pub(crate) mod split_mesh;
 pub(crate) mod streamlines;
 pub(crate) mod system;
@@ -69,10 +69,10 @@ pub use cells::CellFlow;
 pub use elements::ElementFlow;
 pub use face_rates::FaceRates;
 pub use faults::{FaultMultiplier, FaultOptions, FaultResistance};
+pub use flow_spec::{FlowPermeability, FlowPoint, FlowSpec, SidePressure};
+pub use flow_verb::{FlowOutcome, flow};
 pub use reconstruction::CellReconstruction;
 pub use rock::{FaultLaw, Rock, Tensor};
-pub use run::{FlowOutcome, flow};
-pub use spec::{FlowPermeability, FlowPoint, FlowSpec, SidePressure};
 pub use split_mesh::SplitMesh;
 pub use streamlines::Streamlines;
 pub use system::{Solution, SolveStats};

@@ -43,7 +43,7 @@ struct CellParts {
     /// Rates out of the parts through their faces.
     outflow: Vec<f64>,
     /// The part on the other side of each face.
-    neighbors: Vec<u32>,
+    neighbours: Vec<u32>,
 }
 
 /// Numbers of the parts, cell by cell.
@@ -120,11 +120,11 @@ impl PartNumbers {
                 parts.corners.extend(outer);
                 parts.outflow.push(sign * rate[f as usize] * share);
                 parts.outflow.extend([0.0; D]);
-                parts.neighbors.push(match opposite_part {
+                parts.neighbours.push(match opposite_part {
                     NONE => NONE,
                     first => first + facet as u32,
                 });
-                parts.neighbors.extend([NONE; D]);
+                parts.neighbours.extend([NONE; D]);
             }
         }
         parts
@@ -149,7 +149,7 @@ impl<const D: usize, M: Simplices<D>> CellReconstruction<D, M> {
         let mut all_parts = CellParts::default();
         all_parts.corners.reserve_exact(part_count * (D + 1));
         all_parts.outflow.reserve_exact(part_count * (D + 1));
-        all_parts.neighbors.reserve_exact(part_count * (D + 1));
+        all_parts.neighbours.reserve_exact(part_count * (D + 1));
         // In batches, because there are about thirty parts in each cell.
         for chunk_start in (0..count).step_by(CHUNK_CELLS) {
             let cells: Vec<CellParts> = (chunk_start..count.min(chunk_start + CHUNK_CELLS))
@@ -164,14 +164,14 @@ impl<const D: usize, M: Simplices<D>> CellReconstruction<D, M> {
             for parts in cells {
                 all_parts.corners.extend(parts.corners);
                 all_parts.outflow.extend(parts.outflow);
-                all_parts.neighbors.extend(parts.neighbors);
+                all_parts.neighbours.extend(parts.neighbours);
             }
         }
         Self {
             mesh: M::from_parts(nodes, all_parts.corners),
             rates: FaceRates {
                 outflow: all_parts.outflow,
-                neighbors: all_parts.neighbors,
+                neighbours: all_parts.neighbours,
             },
             cell_start: numbers.cell_start,
         }
@@ -201,7 +201,7 @@ fn solve_inner_rates<const D: usize>(
     first_part: u32,
     velocity: [f64; D],
 ) {
-    let count = parts.neighbors.len() / (D + 1);
+    let count = parts.neighbours.len() / (D + 1);
     // Faces between parts, each with its nodes other than the site.
     let mut inner_faces: Vec<([u32; 2], u32)> = Vec::with_capacity(count * D);
     let mut volume = vec![0.0; count];
@@ -244,8 +244,8 @@ fn solve_inner_rates<const D: usize>(
         // The two fluxes differ by rounding.
         let rate = 0.5 * (flux[a] - flux[b]);
         (parts.outflow[a], parts.outflow[b]) = (rate, -rate);
-        parts.neighbors[a] = first_part + j as u32;
-        parts.neighbors[b] = first_part + i as u32;
+        parts.neighbours[a] = first_part + j as u32;
+        parts.neighbours[b] = first_part + i as u32;
         excess[i] -= rate;
         excess[j] += rate;
         laplacian[i * count + i] += 1.0;
@@ -326,17 +326,17 @@ mod tests {
                 .map(|part| reconstruction.mesh.volume(part))
                 .sum();
             for part in parts {
-                let (outflow, neighbors) = reconstruction.rates.faces_of(part);
+                let (outflow, neighbours) = reconstruction.rates.faces_of(part);
                 let source = sources[cell] * reconstruction.mesh.volume(part) / total_volume;
                 assert!((outflow.iter().sum::<f64>() - source).abs() < 1e-9 * size);
-                for (k, &next) in neighbors
+                for (k, &next) in neighbours
                     .iter()
                     .enumerate()
                     .filter(|(_, next)| **next != NONE)
                 {
-                    let (opposite_outflow, opposite_neighbors) =
+                    let (opposite_outflow, opposite_neighbours) =
                         reconstruction.rates.faces_of(next as usize);
-                    let face = opposite_neighbors.iter().position(|&c| c as usize == part);
+                    let face = opposite_neighbours.iter().position(|&c| c as usize == part);
                     let face = face.expect("parts know one another");
                     assert!((opposite_outflow[face] + outflow[k]).abs() < 1e-9 * size);
                 }

@@ -41,7 +41,7 @@ impl<const D: usize, M: Simplices<D>> SplitMesh<D, M> {
     /// # Errors
     /// Returns [`Error::Mesh`] if more than two cells share a face.
     pub fn new(mesh: &M, barriers: &Barriers) -> Result<Self> {
-        let neighbors = mesh.neighbors().map_err(|face| {
+        let neighbours = mesh.neighbours().map_err(|face| {
             Error::Mesh(cause(
                 format!("face {face:?}"),
                 format!("belongs to more than two {}", M::CELLS_NAME),
@@ -53,8 +53,8 @@ impl<const D: usize, M: Simplices<D>> SplitMesh<D, M> {
             corners: mesh.connectivity().to_vec(),
             nodes: mesh.nodes().to_vec(),
             original_node: (0..mesh.nodes().len() as u32).collect(),
-            is_split: vec![false; neighbors.len()],
-            neighbors,
+            is_split: vec![false; neighbours.len()],
+            neighbours,
         };
         let mut pairs = splitter.mark_barrier_faces(barriers);
         splitter.double_nodes(&pairs);
@@ -76,7 +76,7 @@ struct FacePair {
 
 struct MeshSplitter<'a, const D: usize, M> {
     mesh: &'a M,
-    neighbors: Vec<u32>,
+    neighbours: Vec<u32>,
     /// `true` for split faces. Face k of a cell has the index (D + 1) cell + k.
     is_split: Vec<bool>,
     nodes: Vec<[f64; D]>,
@@ -88,17 +88,17 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
     /// Marks every face on a barrier from both of its cells, and returns these faces.
     fn mark_barrier_faces(&mut self, barriers: &Barriers) -> Vec<FacePair> {
         let mut pairs = Vec::new();
-        for face in 0..self.neighbors.len() {
+        for face in 0..self.neighbours.len() {
             let Some(label) = barriers.label(face).filter(|_| !self.is_split[face]) else {
                 continue;
             };
-            let (cell, other) = (face / (D + 1), self.neighbors[face]);
+            let (cell, other) = (face / (D + 1), self.neighbours[face]);
             if other == NONE {
                 continue;
             }
             let base = other as usize * (D + 1);
-            let neighbors = &self.neighbors[base..base + D + 1];
-            let Some(local_face) = neighbors.iter().position(|&c| c as usize == cell) else {
+            let neighbours = &self.neighbours[base..base + D + 1];
+            let Some(local_face) = neighbours.iter().position(|&c| c as usize == cell) else {
                 continue;
             };
             let opposite = base + local_face;
@@ -150,7 +150,7 @@ impl<const D: usize, M: Simplices<D>> MeshSplitter<'_, D, M> {
                 while let Some(index) = reached.pop() {
                     let base = star[index].1 as usize * (D + 1);
                     for corner in base..=base + D {
-                        let next = self.neighbors[corner];
+                        let next = self.neighbours[corner];
                         if mesh.connectivity()[corner] == node {
                             self.corners[corner] = node_copy;
                         } else if next != NONE

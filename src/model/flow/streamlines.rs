@@ -188,8 +188,8 @@ impl<const D: usize> Streamlines<D> {
 /// source.
 fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[(Range<u32>, f64)]) -> Vec<Inlet> {
     let mut inlets = Vec::new();
-    for (face, (&outflow, &neighbor)) in rates.outflow.iter().zip(&rates.neighbors).enumerate() {
-        if neighbor == NONE && outflow < 0.0 {
+    for (face, (&outflow, &neighbour)) in rates.outflow.iter().zip(&rates.neighbours).enumerate() {
+        if neighbour == NONE && outflow < 0.0 {
             inlets.push(Inlet {
                 cell: (face / (D + 1)) as u32,
                 face: (face % (D + 1)) as u8,
@@ -202,9 +202,9 @@ fn inlets<const D: usize>(rates: &FaceRates<D>, wells: &[(Range<u32>, f64)]) -> 
         let first = inlets.len();
         let mut leaving = 0.0;
         for cell in cells.clone() {
-            let (outflow, neighbors) = rates.faces_of(cell as usize);
-            for k in (0..=D).filter(|&k| outflow[k] > 0.0 && neighbors[k] != NONE) {
-                if !cells.contains(&neighbors[k]) {
+            let (outflow, neighbours) = rates.faces_of(cell as usize);
+            for k in (0..=D).filter(|&k| outflow[k] > 0.0 && neighbours[k] != NONE) {
+                if !cells.contains(&neighbours[k]) {
                     leaving += outflow[k];
                     inlets.push(Inlet {
                         cell,
@@ -266,11 +266,11 @@ fn trace_path<const D: usize, M: Simplices<D>>(
     let mut previous = NONE;
     for _ in 0..MAX_CROSSED_FACES {
         let p = corners(mesh, cell as usize);
-        let (outflow, neighbors) = rates.faces_of(cell as usize);
+        let (outflow, neighbours) = rates.faces_of(cell as usize);
         if is_flat(&p, mesh.volume(cell as usize)) {
             // The path crosses the cell in one point, where most of the fluid leaves it.
             let widest = (0..=D).max_by(|&a, &b| outflow[a].total_cmp(&outflow[b]));
-            match widest.map(|k| neighbors[k]) {
+            match widest.map(|k| neighbours[k]) {
                 Some(next) if next != NONE && next != previous => {
                     (previous, cell) = (cell, next);
                     continue;
@@ -308,7 +308,7 @@ fn trace_path<const D: usize, M: Simplices<D>>(
         };
         points.push(x);
         time.push(now);
-        let next = neighbors[k];
+        let next = neighbours[k];
         if next == NONE {
             return None;
         }

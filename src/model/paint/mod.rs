@@ -8,14 +8,14 @@
 //! clearance: neighbouring basins are merged if the saddle between them is at least `neck` times
 //! the lower peak. Paint then flows within the block of its seed.
 //!
-//! - `spec`: all options of `atomesh paint`, as one value
-//! - `run`: the whole computation, from a mesh and its options
+//! - `paint_spec`: all options of `atomesh paint`, as one value
+//! - `paint_verb`: the whole computation, from a mesh and its options
 
-mod run;
-mod spec;
+mod paint_spec;
+mod paint_verb;
 
-pub use run::{PaintOutcome, PaintedRegion, paint};
-pub use spec::{PaintSeed, PaintSpec};
+pub use paint_spec::{PaintSeed, PaintSpec};
+pub use paint_verb::{PaintOutcome, PaintedRegion, paint};
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};

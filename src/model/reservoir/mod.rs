@@ -9,7 +9,7 @@
 //! - `space_options`: options that place a model in space
 //! - `case_options`: options for the wells and fluids of a simulation
 //! - `well_options`: wells as options name them, and their places
-//! - `frame`: from a mesh's coordinates to metres and depth
+//! - `model_frame`: from a mesh's coordinates to metres and depth
 //! - `aquifer`: aquifers beyond a side
 //! - `averaging`: averages of an image over cells
 //! - `check`: checks of a model before it is written
@@ -31,8 +31,8 @@ pub(crate) mod closed_faults;
 pub(crate) mod completion;
 pub(crate) mod equilibrium;
 mod extended_faults;
-pub(crate) mod frame;
 pub(crate) mod gouge;
+pub(crate) mod model_frame;
 mod model_sets;
 pub(crate) mod prepared_model;
 pub(crate) mod region_shares;
@@ -73,8 +73,8 @@ pub use case_options::{CaseOptions, FluidChoice};
 pub use check::ModelChecks;
 pub use completion::Completion;
 pub use equilibrium::{CapillaryOption, ContactOption, DatumOption, Equilibrium};
-pub use frame::{DepthAxis, ModelFrame};
 pub use gouge::{FaultRock, FaultThrow, GougeOptions};
+pub use model_frame::{DepthAxis, ModelFrame};
 pub use rock_options::{
     CellPermeability, CellProperty, CellValue, CutOff, PermeabilityUnit, RockOptions,
 };

@@ -8,8 +8,8 @@
 //! minimum cut. Here costs of cells are weighted by volume and costs of faces by area, in samples,
 //! so that the sum approximates the same integral on any mesh and on the samples themselves.
 //!
-//! - `spec`: all options, as one value
-//! - `run`: the whole computation, from a mesh, an image and the options
+//! - `segment_spec`: all options, as one value
+//! - `segment_verb`: the whole computation, from a mesh, an image and the options
 //! - `places`: the cells and samples that the user assigned
 //! - `costs`: histograms, and the capacities that follow from them
 //! - `maxflow`: the minimum cut
@@ -22,12 +22,12 @@ pub(crate) mod costs;
 pub(crate) mod maxflow;
 mod places;
 pub(crate) mod raster;
-mod run;
-mod spec;
+mod segment_spec;
+mod segment_verb;
 pub(crate) mod superpixels;
 
-pub use run::{CutResult, SegmentOutcome, segment};
-pub use spec::{PlaceValue, SegmentSpec};
+pub use segment_spec::{PlaceValue, SegmentSpec};
+pub use segment_verb::{CutResult, SegmentOutcome, segment};
 
 use crate::Result;
 use crate::image::Image;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::captions::{cells_caption, crossing_caption, line_ruler, title};
-use super::spec::{SliceSpec, View};
+use super::slice_spec::{SliceSpec, View};
 use super::{
     Canvas, Caption, Overlay, OverlayShape, Paint, PaintedCells, Sections, Skeleton, SolidMesh,
     SolidView, draw_plane, draw_sections,

@@ -2,12 +2,12 @@
 //! in 3-D its sections with three orthogonal planes of samples, or a solid view with a part cut
 //! away.
 //!
-//! - `spec`: all options, as one value
+//! - `slice_spec`: all options, as one value
 //! - `drawing`: draws what the options ask for
 //! - `captions`: the texts above a picture
 //! - `skeleton`: the faces of any mesh, each once, and their sections with a plane
 //! - `faces`: the faces of any mesh, with the cells on either side
-//! - `frame`: the position of a mesh, and the projection of its box
+//! - `box_frame`: the position of a mesh, and the projection of its box
 //! - `panel`: a section on the canvas
 //! - `paint`: an array of the mesh that gives cells their colours
 //! - `shape`: surfaces and lines that are drawn with the mesh
@@ -24,6 +24,7 @@
 //! such as metres and milliseconds, samples are equally far apart along all axes.
 
 mod axes;
+pub(crate) mod box_frame;
 mod canvas;
 mod captions;
 mod clipping;
@@ -32,26 +33,25 @@ mod color_map;
 mod decorations;
 mod drawing;
 pub(crate) mod faces;
-pub(crate) mod frame;
 mod paint;
 mod panel;
 mod raster;
 mod shape;
 mod skeleton;
+mod slice_spec;
 mod solid;
-mod spec;
 
+pub(crate) use box_frame::BoxFrame;
 pub use canvas::Canvas;
 pub(crate) use color_map::ColorMap;
 pub use decorations::Caption;
 pub use drawing::{InputNames, SliceInput, slice};
 pub(crate) use faces::DrawableFaces;
-pub(crate) use frame::BoxFrame;
 pub use paint::Paint;
 pub use shape::OverlayShape;
 pub use skeleton::Skeleton;
+pub use slice_spec::{CutMode, SliceSpec, View};
 pub use solid::{SolidMesh, SolidView};
-pub use spec::{CutMode, SliceSpec, View};
 
 use std::path::Path;
 

@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_extremes_leave_colours_for_the_rest() {
+    fn a_few_extremes_leave_colors_for_the_rest() {
         let mut values: Vec<f64> = (0..=100).map(f64::from).collect();
         values[100] = 1e9;
         assert_eq!(percentile_range(&values), [2.0, 98.0]);

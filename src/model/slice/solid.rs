@@ -2,13 +2,13 @@
 //! lines.
 
 use super::axes::draw_axis;
+use super::box_frame::BoxFrame;
 use super::canvas::{Canvas, LETTER_SIZE};
 use super::clipping::{ClipPlane, ClipRegion, cell_sections};
 use super::color_key::ColorKey;
 use super::color_map::ColorMap;
 use super::decorations::{BOTTOM_MARGIN, Caption, LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN};
 use super::faces::DrawableFaces;
-use super::frame::BoxFrame;
 use super::paint::Paint;
 use super::raster::{Raster, ValuedPoint};
 use super::shape::{self, OverlayShape};

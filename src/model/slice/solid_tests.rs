@@ -133,7 +133,7 @@ fn features_are_dark_lines_where_a_plane_cuts_them() {
 }
 
 #[test]
-fn regions_have_colours_of_their_own_and_what_has_none_is_the_image() {
+fn regions_have_colors_of_their_own_and_what_has_none_is_the_image() {
     let image = half_dark_image();
     let regions = DataArray::scalars("region", vec![0_i32, 0, 1, 1, 2, 2]);
     let canvas = draw(&test_solid(Some(&image), Some(("cells", regions))));

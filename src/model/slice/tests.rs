@@ -95,7 +95,7 @@ fn polygons_are_cut_as_triangles_are() {
 }
 
 #[test]
-fn the_feature_edge_is_drawn_in_its_colour_where_it_is() {
+fn the_feature_edge_is_drawn_in_its_color_where_it_is() {
     let samples: Vec<f32> = (0..21 * 21).map(|i| (i % 21) as f32).collect();
     let image = Image::new(
         [21, 21],
@@ -230,7 +230,7 @@ fn sections_of_seismic_stand_upright_and_keep_the_shape_of_the_world() {
 }
 
 #[test]
-fn faults_and_horizons_have_colours_of_their_own() {
+fn faults_and_horizons_have_colors_of_their_own() {
     let image = Image::new([21, 21], vec![0.5; 441], Geometry::default());
     let skeleton = Skeleton::<2> {
         nodes: vec![[2.0, 5.0], [18.0, 5.0], [2.0, 15.0], [18.0, 15.0]],

@@ -111,7 +111,7 @@ impl ForeignMesh {
         for c in inverted {
             mesh.parts_mut().1.swap(N * c + N - 2, N * c + N - 1);
         }
-        let neighbors = mesh.neighbors().map_err(|face| {
+        let neighbours = mesh.neighbours().map_err(|face| {
             FileProblem::damaged(format!("more than two cells share the face {face:?}"))
         })?;
         let cell_combinations: Vec<u32> = cells.iter().map(|cell| cell.1).collect();
@@ -130,7 +130,7 @@ impl ForeignMesh {
         let (mut marks, mut horizons) = (vec![0u8; mesh.len()], vec![0u8; mesh.len()]);
         let mut named = Vec::new();
         for (c, k) in (0..mesh.len()).flat_map(|c| (0..N).map(move |k| (c, k))) {
-            let beyond = neighbors[N * c + k];
+            let beyond = neighbours[N * c + k];
             let is_inside = beyond != NONE;
             let found = grouped.find(&sorted(mesh.face(c, k)), is_inside);
             let Some(face) = found.filter(|_| is_inside) else {

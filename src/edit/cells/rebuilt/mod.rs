@@ -15,7 +15,7 @@ use crate::job::cells::{RelaxOptions, cut_even_cells, relax_atoms};
 use crate::job::horizons::horizon_flags;
 use crate::job::{MeshSpace, Meshing};
 use crate::lattice::AtomKind;
-use crate::lattice::optimize::temperature::relative_distance;
+use crate::lattice::optimise::temperature::relative_distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
 use crate::mesh::voronoi::conform::{ConformingSites, FacetGrid, FacetSurface, SiteRegion};

@@ -8,7 +8,7 @@ use crate::edit::resolve::INFLUENCE_RADIUS;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{distance2, sorted};
 use crate::job::{MeshSpace, Meshing};
-use crate::lattice::optimize::temperature::{EDIT_RADIUS, relative_distance};
+use crate::lattice::optimise::temperature::{EDIT_RADIUS, relative_distance};
 use crate::mesh::poly::{FIRST_SIDE, Lists};
 
 /// Distance, in units of d, within which a new node counts as an old one.

@@ -82,7 +82,7 @@ pub(super) fn parse(text: &str) -> Parsed<HeightGrid> {
         parse_count(value(&["nrows"]), "nrows")?,
     ];
     let (mut origin, mut step) = ([0.0; 2], [0.0; 2]);
-    for (k, [size, center, corner]) in [
+    for (k, [size, centre, corner]) in [
         ["dx", "xllcenter", "xllcorner"],
         ["dy", "yllcenter", "yllcorner"],
     ]
@@ -93,8 +93,8 @@ pub(super) fn parse(text: &str) -> Parsed<HeightGrid> {
         if step[k] <= 0.0 {
             return Err(format!("its cells have the size {}", step[k]));
         }
-        origin[k] = match value(&[center]) {
-            Some(word) => parse_number(Some(word), center)?,
+        origin[k] = match value(&[centre]) {
+            Some(word) => parse_number(Some(word), centre)?,
             None => parse_number(value(&[corner]), corner)? + 0.5 * step[k],
         };
     }

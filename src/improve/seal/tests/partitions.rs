@@ -6,7 +6,7 @@ use crate::geometry::bounding_box;
 use crate::improve::tets::ImproveContext;
 use crate::mesh::Mesh;
 use crate::mesh::boxes::kuhn_box;
-use crate::mesh::partition::MeshPartition;
+use crate::mesh::mesh_partition::MeshPartition;
 
 /// Distance, in samples, within which a rank has the feature points.
 const FEATURE_REACH: f64 = PATCH_RADIUS_RANGE[1] + 2.0;
@@ -21,17 +21,17 @@ struct MarkedMesh {
 }
 
 impl MarkedMesh {
-    fn neighbors(&self) -> Vec<[u32; 4]> {
-        self.mesh.neighbors().unwrap().as_chunks().0.to_vec()
+    fn neighbours(&self) -> Vec<[u32; 4]> {
+        self.mesh.neighbours().unwrap().as_chunks().0.to_vec()
     }
 
     /// Returns the report and the marks after the whole mesh is sealed.
     fn seal_whole(&self) -> (SealReport, Vec<u8>) {
         let (mut marks, cancel) = (self.marks.clone(), CancelToken::never());
-        let neighbors = self.neighbors();
+        let neighbours = self.neighbours();
         let report = seal(
             &MeshView::from_mesh(&self.mesh),
-            neighbors.as_flattened(),
+            neighbours.as_flattened(),
             &self.points,
             self.extent,
             self.distance.max(),
@@ -54,7 +54,7 @@ impl MarkedMesh {
         count: usize,
         keep_going: impl Fn(usize) -> P + Sync,
     ) -> (Vec<SealReport>, Vec<u8>) {
-        let partitions = MeshPartition::split(&self.mesh, &self.neighbors(), count);
+        let partitions = MeshPartition::split(&self.mesh, &self.neighbours(), count);
         let results = run_threads(count, |comm| {
             let partition = &partitions[comm.rank()];
             let mut marks =
@@ -70,7 +70,7 @@ impl MarkedMesh {
             let report = CancelToken::run(&mut keep_going(comm.rank()), |cancel| {
                 seal(
                     &MeshView::from_partition(partition, comm),
-                    partition.neighbors.as_flattened(),
+                    partition.neighbours.as_flattened(),
                     &points,
                     self.extent,
                     self.distance.max(),
@@ -89,10 +89,10 @@ impl MarkedMesh {
     fn closed_at_cut(&self, marks: &[u8]) -> usize {
         let half = self.mesh.len() / 2;
         let is_new = |c: usize, k: usize| (marks[c] & !self.marks[c]) >> k & 1 == 1;
-        let at_cut = self.neighbors().into_iter().take(half).enumerate();
+        let at_cut = self.neighbours().into_iter().take(half).enumerate();
         let faces = at_cut.flat_map(|(c, around)| (0..4).map(move |k| (c, k, around[k] as usize)));
-        let closed = faces.filter(|&(c, k, neighbor)| {
-            let crosses_cut = (half..self.mesh.len()).contains(&neighbor);
+        let closed = faces.filter(|&(c, k, neighbour)| {
+            let crosses_cut = (half..self.mesh.len()).contains(&neighbour);
             crosses_cut && is_new(c, k)
         });
         closed.count()
@@ -134,7 +134,7 @@ fn bumps_and_holes(seed: u64) -> MarkedMesh {
     let mut random = Random::for_purpose(seed, 5);
     let extent = [SPACING * CELLS_PER_SIDE as f64; 3];
     let mesh: TetMesh = jittered_box([CELLS_PER_SIDE; 3], extent, 0.2, |x| !x.contains(&PLANE_X));
-    let neighbors = mesh.neighbors().unwrap();
+    let neighbours = mesh.neighbours().unwrap();
     let centre = mesh.centres();
     // Sides of the planes on which each cell is. Some cells at a plane are assigned to its other
     // side.
@@ -161,14 +161,14 @@ fn bumps_and_holes(seed: u64) -> MarkedMesh {
     let mut marks = vec![0; mesh.len()];
     for c in 0..mesh.len() {
         for k in 0..4 {
-            let neighbor = neighbors[4 * c + k] as usize;
-            if neighbor >= mesh.len() || sides[neighbor] == sides[c] {
+            let neighbour = neighbours[4 * c + k] as usize;
+            if neighbour >= mesh.len() || sides[neighbour] == sides[c] {
                 continue;
             }
             let nodes = mesh.face(c, k).map(|n| mesh.nodes[n as usize]);
             let middle = std::array::from_fn(|k| nodes.iter().map(|x| x[k] / 3.0).sum());
             let in_hole = |(centre, radius): &([f64; 3], f64)| norm(sub(middle, *centre)) < *radius;
-            let hides = neighbor < c && random.draw() < 0.5;
+            let hides = neighbour < c && random.draw() < 0.5;
             if !hides && !holes.iter().any(in_hole) {
                 marks[c] |= 1 << k;
             }
@@ -190,7 +190,7 @@ fn improved_fault_network(seed: u64) -> MarkedMesh {
     use crate::image::synth::{self, SyntheticKind};
     use crate::improve::{Target, snap_to_features, tets};
     use crate::lattice::seeding::{self, Alignment};
-    use crate::mesh::delaunay::delaunay_with_neighbors;
+    use crate::mesh::delaunay::delaunay_with_neighbours;
 
     let dims = [52, 48, 44];
     let options = synth::Options {
@@ -216,10 +216,10 @@ fn improved_fault_network(seed: u64) -> MarkedMesh {
         &planes,
         0.35 * SPACING,
     );
-    let mut delaunay = delaunay_with_neighbors(&atoms.positions).unwrap();
+    let mut delaunay = delaunay_with_neighbours(&atoms.positions).unwrap();
     let (_, marks) = tets::improve(
         &mut delaunay.mesh,
-        &mut delaunay.neighbors,
+        &mut delaunay.neighbours,
         &mut atoms.kinds,
         ImproveContext {
             extent,

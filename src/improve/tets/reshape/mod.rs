@@ -38,7 +38,7 @@ pub fn reshape(
         is_removed,
     } = request;
     let count = part.nodes.len();
-    let neighbors = complex::neighbors(count, &part.tets).map_err(|face| {
+    let neighbours = complex::neighbours(count, &part.tets).map_err(|face| {
         ReshapeError::Mesh(Error::Mesh(cause(
             format!("face {face:?}"),
             "belongs to more than two tetrahedra",
@@ -47,7 +47,7 @@ pub fn reshape(
     })?;
     let mut improver = TetImprover::new(
         part,
-        neighbors,
+        neighbours,
         &kinds[..count],
         context,
         &CancelToken::never(),
@@ -195,7 +195,7 @@ impl TetImprover<'_> {
             let coordinates = self.scaled_barycentric(current, x);
             let next_face = (0..4)
                 .filter(|&k| coordinates[k] < 0.0)
-                .map(|k| (coordinates[k], self.complex.neighbors[current as usize][k]))
+                .map(|k| (coordinates[k], self.complex.neighbours[current as usize][k]))
                 .filter(|(_, next)| *next != NONE)
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             match next_face {
@@ -215,7 +215,7 @@ impl TetImprover<'_> {
         let mut found = vec![first];
         let mut next = 0;
         while next < found.len() {
-            for n in self.complex.neighbors[found[next] as usize] {
+            for n in self.complex.neighbours[found[next] as usize] {
                 if n != NONE
                     && !found.contains(&n)
                     && self.min_barycentric(n, x) > -ON_FACE_TOLERANCE
@@ -244,7 +244,7 @@ impl TetImprover<'_> {
         let mut next = 0;
         while use_circumspheres && next < cavity.len() {
             for k in 0..4 {
-                if let Some(n) = self.complex.neighbor(cavity[next], k)
+                if let Some(n) = self.complex.neighbour(cavity[next], k)
                     && !cavity.contains(&n)
                     && is_in_circumsphere(&self.complex.corners(n), x)
                 {
@@ -259,10 +259,10 @@ impl TetImprover<'_> {
             match self.first_invisible_face(&cavity, node, floor) {
                 None => return self.fills_cavity(&cavity).then_some(cavity),
                 Some((t, k)) if needed.contains(&t) => {
-                    let neighbor = self.complex.neighbor(t, k)?;
-                    needed.push(neighbor);
-                    if !cavity.contains(&neighbor) {
-                        cavity.push(neighbor);
+                    let neighbour = self.complex.neighbour(t, k)?;
+                    needed.push(neighbour);
+                    if !cavity.contains(&neighbour) {
+                        cavity.push(neighbour);
                     }
                 }
                 Some((t, _)) => cavity.retain(|&other| other != t),
@@ -283,14 +283,14 @@ impl TetImprover<'_> {
         self.new_tets.clear();
         for &t in cavity {
             for k in 0..4 {
-                let neighbor = self.complex.neighbors[t as usize][k];
-                if cavity.contains(&neighbor) {
+                let neighbour = self.complex.neighbours[t as usize][k];
+                if cavity.contains(&neighbour) {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
                 let [a, b, c] = FACES[k].map(|i| tet[i]);
                 // In a side of the box, the node lies in the plane of the face.
-                if neighbor == NONE && self.is_in_side(&[a, b, c, node]) {
+                if neighbour == NONE && self.is_in_side(&[a, b, c, node]) {
                     continue;
                 }
                 let mut spanned = tet;

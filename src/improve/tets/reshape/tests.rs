@@ -152,14 +152,14 @@ fn containing_tet_is_the_one_in_which_the_position_lies_deepest() {
         .collect();
     assert!(kept.len() < mesh.tets.len() - 10);
     mesh.tets = kept;
-    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let neighbours = complex::neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
     let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
     let tets = mesh.tets.clone();
     let nodes = mesh.nodes.clone();
     let context = context(&planes, &distance);
     let cancel = &CancelToken::never();
-    let mut improver = TetImprover::new(mesh, neighbors, &kinds, context, cancel);
+    let mut improver = TetImprover::new(mesh, neighbours, &kinds, context, cancel);
     improver.target_sine = 0.2;
     let mut random = Random::new(9);
     let mut position = || EXTENT.map(|l| l * random.draw());

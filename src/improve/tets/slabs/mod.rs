@@ -28,7 +28,7 @@ use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
-use crate::mesh::partition::MeshPartition;
+use crate::mesh::mesh_partition::MeshPartition;
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::progress::CancelToken;
@@ -163,8 +163,8 @@ impl SlabResult {
     pub fn all_gather(mut self, comm: &dyn Comm) -> Result<Self> {
         if comm.size() == 1 {
             // Done in place, as this is the largest of all arrays.
-            let neighbors = self.partition.neighbors.as_flattened_mut().par_iter_mut();
-            neighbors
+            let neighbours = self.partition.neighbours.as_flattened_mut().par_iter_mut();
+            neighbours
                 .filter(|n| **n == NOT_LOCAL)
                 .for_each(|n| *n = NONE);
             return Ok(self);
@@ -178,7 +178,7 @@ impl SlabResult {
         let (first_cell, global_counts) = (0, partition.global_counts);
         let submesh = SubMesh {
             constraints: Vec::new(),
-            neighbors: partition.local_neighbors(),
+            neighbours: partition.local_neighbours(),
             global_ids: partition.global_ids,
             nodes: partition.mesh.nodes,
             kinds,
@@ -194,7 +194,7 @@ impl SlabResult {
                     nodes: submesh.nodes,
                     tets: submesh.tets,
                 },
-                neighbors: submesh.neighbors,
+                neighbours: submesh.neighbours,
                 global_ids: submesh.global_ids,
                 first_cell,
                 global_counts,
@@ -255,7 +255,7 @@ pub fn slabs_of_rank(slabs: usize, comm: &dyn Comm) -> Range<usize> {
 pub fn improve_in_slabs(
     known: KnownAtoms,
     tets: Vec<[u32; 4]>,
-    neighbors: Vec<[u32; 4]>,
+    neighbours: Vec<[u32; 4]>,
     cuts: &SlabCuts,
     context: ImproveContext<'_>,
     comm: &dyn Comm,
@@ -266,7 +266,7 @@ pub fn improve_in_slabs(
     let atom_count = known.global_count;
     let (regions_of_rank, below_target_before) = regions(
         tets,
-        neighbors,
+        neighbours,
         cuts,
         &own_slabs,
         known,
@@ -325,7 +325,7 @@ pub fn improve_in_slabs(
         global_ids: merged.global_ids.iter().map(|&id| compact_id(id)).collect(),
         first_cell: tets[..comm.rank()].iter().sum(),
         global_counts: [id_end as usize - removed_nodes.len(), tets.iter().sum()],
-        neighbors: merged.neighbors,
+        neighbours: merged.neighbours,
         mesh: TetMesh {
             nodes: merged.nodes,
             tets: merged.tets,
@@ -403,7 +403,7 @@ fn owner(slab: usize, slabs: usize, count: usize) -> usize {
 /// their tetrahedra whose smallest sine is below `sine`.
 fn regions(
     tets: Vec<[u32; 4]>,
-    neighbors: Vec<[u32; 4]>,
+    neighbours: Vec<[u32; 4]>,
     cuts: &SlabCuts,
     own_slabs: &Range<usize>,
     known: KnownAtoms,
@@ -420,7 +420,7 @@ fn regions(
             .filter(|(_, region)| usize::from(**region) == index)
             .map(|(t, _)| t as u32)
             .collect();
-        let mut part = SubMesh::extract(&tets, &neighbors, &chosen, |n| {
+        let mut part = SubMesh::extract(&tets, &neighbours, &chosen, |n| {
             let n = n as usize;
             (positions[n], kinds[n], None)
         });
@@ -482,10 +482,10 @@ fn improve_part(
         kinds,
         constraints: known_constraints,
         tets,
-        neighbors,
+        neighbours,
     } = part;
     let mut is_fixed = vec![false; nodes.len()];
-    for (tet, around) in tets.iter().zip(&neighbors) {
+    for (tet, around) in tets.iter().zip(&neighbours) {
         for k in (0..4).filter(|&k| around[k] == NONE) {
             let face = FACES[k].map(|i| tet[i] as usize);
             if !context.is_in_side(face.map(|n| nodes[n])) {
@@ -494,7 +494,7 @@ fn improve_part(
         }
     }
     let mut improver =
-        TetImprover::new(TetMesh { nodes, tets }, neighbors, &kinds, context, cancel);
+        TetImprover::new(TetMesh { nodes, tets }, neighbours, &kinds, context, cancel);
     improver.axis_range = range;
     for (constraint, known) in improver.constraints.iter_mut().zip(known_constraints) {
         *constraint = known.unwrap_or(*constraint);
@@ -542,14 +542,14 @@ fn improve_part(
                 None => Vec::new(),
             },
             tets: finished.mesh.tets,
-            neighbors: finished.neighbors,
+            neighbours: finished.neighbours,
         },
     })
 }
 
 /// Marks the outer faces that are not in a side of the box as leading to another rank.
 fn mark_cut_faces(part: &mut SubMesh, context: ImproveContext<'_>) {
-    let tets = part.neighbors.par_iter_mut().zip(&part.tets);
+    let tets = part.neighbours.par_iter_mut().zip(&part.tets);
     tets.for_each(|(around, tet)| {
         for (face, n) in FACES.iter().zip(around).filter(|pair| *pair.1 == NONE) {
             if !context.is_in_side(face.map(|i| part.nodes[tet[i] as usize])) {

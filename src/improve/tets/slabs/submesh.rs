@@ -22,11 +22,11 @@ pub struct SubMesh {
     pub constraints: Vec<Option<NodeConstraint>>,
     pub tets: Vec<[u32; 4]>,
     /// Adjacent tetrahedra; `NONE` where the part ends.
-    pub neighbors: Vec<[u32; 4]>,
+    pub neighbours: Vec<[u32; 4]>,
 }
 
 codec_fields! {
-    SubMesh as SubMesh { global_ids, nodes, kinds, constraints, tets, neighbors }
+    SubMesh as SubMesh { global_ids, nodes, kinds, constraints, tets, neighbours }
 }
 
 impl SubMesh {
@@ -34,7 +34,7 @@ impl SubMesh {
     /// `node_data` returns the position, kind and constraints of a node.
     pub fn extract(
         tets: &[[u32; 4]],
-        neighbors: &[[u32; 4]],
+        neighbours: &[[u32; 4]],
         chosen: &[u32],
         node_data: impl Fn(u32) -> ([f64; 3], AtomKind, Option<NodeConstraint>),
     ) -> Self {
@@ -68,8 +68,8 @@ impl SubMesh {
             tets: (chosen.par_iter())
                 .map(|&t| tets[t as usize].map(|n| local_id[n as usize]))
                 .collect(),
-            neighbors: (chosen.par_iter())
-                .map(|&t| neighbors[t as usize].map(to_local))
+            neighbours: (chosen.par_iter())
+                .map(|&t| neighbours[t as usize].map(to_local))
                 .collect(),
             ..Self::default()
         };
@@ -102,7 +102,7 @@ impl SubMesh {
             let n = n as usize;
             (self.nodes[n], self.kinds[n], self.constraint(n))
         };
-        let mut part = Self::extract(&self.tets, &self.neighbors, &chosen, node_data);
+        let mut part = Self::extract(&self.tets, &self.neighbours, &chosen, node_data);
         for id in &mut part.global_ids {
             *id = self.global_ids[*id as usize];
         }
@@ -148,7 +148,7 @@ impl SubMesh {
         drop(nodes);
         let count = parts.iter().map(|part| part.tets.len()).sum();
         merged.tets.reserve_exact(count);
-        merged.neighbors.reserve_exact(count);
+        merged.neighbours.reserve_exact(count);
         // Each part is freed as soon as it has been copied.
         for (part, ids) in parts.into_iter().zip(merged_ids) {
             let first = merged.tets.len() as u32;
@@ -156,10 +156,10 @@ impl SubMesh {
             merged
                 .tets
                 .par_extend(tets.map(|tet| tet.map(|n| ids[n as usize])));
-            let around = part.neighbors.par_iter();
+            let around = part.neighbours.par_iter();
             let shift = |n: u32| if n == NONE { NONE } else { first + n };
             merged
-                .neighbors
+                .neighbours
                 .par_extend(around.map(|around| around.map(shift)));
         }
         merged.join_faces();
@@ -176,14 +176,14 @@ impl SubMesh {
                 (face, t as u32, k as u8)
             })
         };
-        let cells = self.tets.par_iter().zip(&self.neighbors).enumerate();
+        let cells = self.tets.par_iter().zip(&self.neighbours).enumerate();
         let mut open: Vec<([u32; 3], u32, u8)> = cells.flat_map_iter(open_faces).collect();
         open.par_sort_unstable();
         for pair in open.windows(2) {
             let [(face, t, k), (other, u, l)] = [pair[0], pair[1]];
             if face == other {
-                self.neighbors[t as usize][usize::from(k)] = u;
-                self.neighbors[u as usize][usize::from(l)] = t;
+                self.neighbours[t as usize][usize::from(k)] = u;
+                self.neighbours[u as usize][usize::from(l)] = t;
             }
         }
     }

@@ -38,15 +38,15 @@ fn area_on_features(mesh: &TetMesh, marks: &[u8]) -> f64 {
 fn assert_faces_cover_planes(
     cut: &SlabResult,
     mesh: &TetMesh,
-    neighbors: &[[u32; 4]],
+    neighbours: &[[u32; 4]],
     kinds: &[AtomKind],
     context: ImproveContext<'_>,
 ) {
-    let (mut mesh, mut neighbors, mut kinds) = (mesh.clone(), neighbors.to_vec(), kinds.to_vec());
+    let (mut mesh, mut neighbours, mut kinds) = (mesh.clone(), neighbours.to_vec(), kinds.to_vec());
     let (comm, cancel) = (&SelfComm, &CancelToken::never());
-    let (mesh, neighbors) = (&mut mesh, &mut neighbors);
+    let (mesh, neighbours) = (&mut mesh, &mut neighbours);
     let (_, marks) =
-        super::super::improve(mesh, neighbors, &mut kinds, context, comm, cancel).unwrap();
+        super::super::improve(mesh, neighbours, &mut kinds, context, comm, cancel).unwrap();
     let uncut_area = area_on_features(mesh, &marks);
     let cut_area = area_on_features(&cut.partition.mesh, &cut.feature_faces);
     assert!(
@@ -58,7 +58,7 @@ fn assert_faces_cover_planes(
 #[test]
 fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let (mesh, kinds, extent) = box_mesh([45, 7, 6], 4.0, 0.28, |_| true);
-    let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
+    let neighbours = complex::neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
     // One plane in the middle of a slab, and two planes that cross a cut.
     let points = [40.0, 72.0, 123.0]
         .map(|x0| plane_points(x0, extent))
@@ -86,9 +86,9 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     };
     let improve = |comm: &dyn Comm| {
         let atoms = atoms();
-        let (tets, neighbors) = (mesh.tets.clone(), neighbors.clone());
+        let (tets, neighbours) = (mesh.tets.clone(), neighbours.clone());
         let cancel = &CancelToken::never();
-        improve_in_slabs(atoms, tets, neighbors, &cuts, context, comm, cancel).unwrap()
+        improve_in_slabs(atoms, tets, neighbours, &cuts, context, comm, cancel).unwrap()
     };
     let serial = improve(&SelfComm);
     let SlabResult {
@@ -101,14 +101,14 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let all_nodes = 0..partition.global_counts[0] as u32;
     assert!(partition.global_ids.iter().copied().eq(all_nodes));
     let hints = CheckHints {
-        neighbors: Some(partition.neighbors.as_flattened()),
+        neighbours: Some(partition.neighbours.as_flattened()),
         ..CheckHints::default()
     };
     let checked = check_with_hints(&partition.mesh, hints, [0.0; 3], extent, 1e-12);
     assert!(checked.passed(), "{:?}", checked.problems);
     assert!(report.below_target_before > 100 && report.counts.intersecting_before > 50);
     assert_eq!(report.below_target_after, 0);
-    assert_faces_cover_planes(&serial, &mesh, &neighbors, &kinds, context);
+    assert_faces_cover_planes(&serial, &mesh, &neighbours, &kinds, context);
 
     for count in [2, 3, 5] {
         let results = run_threads(count, |comm| {

@@ -81,7 +81,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
     /// `image` potential the image has no part in the energy (b = 0).
     ///
     /// # Errors
-    /// Returns [`Error::Optimize`] if beta leaves [0, 1].
+    /// Returns [`Error::Optimise`] if beta leaves [0, 1].
     pub fn new(
         extent: [f64; D],
         distance: &'a Distance<D>,
@@ -99,7 +99,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
             Beta::Field(field) => field.samples.iter().all(|b| b.is_finite()),
         };
         if !(is_finite && range.0 >= 0.0 && range.1 <= 1.0) {
-            return Err(Error::Optimize(cause(
+            return Err(Error::Optimise(cause(
                 "beta",
                 format!("ranges from {} to {}", range.0, range.1),
                 "give a weight between 0 (lattice only) and 1 (image only)",

@@ -29,10 +29,10 @@ use triangulation::{Cell, Triangulation};
 pub struct Native;
 
 impl Kernel for Native {
-    fn triangulate(&self, points: &[[f64; 3]], with_neighbors: bool) -> Result<DelaunayTets> {
+    fn triangulate(&self, points: &[[f64; 3]], with_neighbours: bool) -> Result<DelaunayTets> {
         let triangulation: Triangulation<false> = incremental(&normalized(points))?;
         let (cells, numbers) = triangulation.into_cells();
-        Ok(compacted(cells, &numbers, with_neighbors))
+        Ok(compacted(cells, &numbers, with_neighbours))
     }
 }
 
@@ -111,25 +111,25 @@ fn put_simplex_first(points: &[[f64; 3]], order: &mut [u32]) -> Option<()> {
 }
 
 /// Returns the cells inside the hull, numbered consecutively, with the points' numbers.
-fn compacted(cells: Vec<Cell>, numbers: &[u32], with_neighbors: bool) -> DelaunayTets {
+fn compacted(cells: Vec<Cell>, numbers: &[u32], with_neighbours: bool) -> DelaunayTets {
     let mut tets = Vec::with_capacity(cells.len());
-    let mut new_index = Vec::with_capacity(if with_neighbors { cells.len() } else { 0 });
+    let mut new_index = Vec::with_capacity(if with_neighbours { cells.len() } else { 0 });
     for cell in &cells {
         let is_finite = cell.is_finite();
-        if with_neighbors {
+        if with_neighbours {
             new_index.push(if is_finite { tets.len() as u32 } else { NONE });
         }
         if is_finite {
             tets.push(cell.vertices.map(|v| numbers[v as usize]));
         }
     }
-    let mut neighbors = Vec::with_capacity(if with_neighbors { tets.len() } else { 0 });
-    if with_neighbors {
+    let mut neighbours = Vec::with_capacity(if with_neighbours { tets.len() } else { 0 });
+    if with_neighbours {
         let finite = (cells.iter().zip(&new_index)).filter(|(_, index)| **index != NONE);
-        neighbors
-            .extend(finite.map(|(cell, _)| cell.neighbors.map(|n| new_index[(n >> 2) as usize])));
+        neighbours
+            .extend(finite.map(|(cell, _)| cell.neighbours.map(|n| new_index[(n >> 2) as usize])));
     }
-    DelaunayTets { tets, neighbors }
+    DelaunayTets { tets, neighbours }
 }
 
 #[cfg(test)]

@@ -84,14 +84,14 @@ fn assert_is_delaunay(name: &str, points: &[[f64; 3]], all: &DelaunayTets) {
     };
     let grid = Grid::from_points(scaled.iter());
     let mut hull = Vec::new();
-    for (t, (tet, neighbors)) in all.tets.iter().zip(&all.neighbors).enumerate() {
+    for (t, (tet, neighbours)) in all.tets.iter().zip(&all.neighbours).enumerate() {
         assert_eq!(orientation(tet.map(|n| point(n).x)), 1, "{name}");
-        for (k, &n) in neighbors.iter().enumerate() {
+        for (k, &n) in neighbours.iter().enumerate() {
             if n == NONE {
                 hull.push((t, k));
                 continue;
             }
-            let back = all.neighbors[n as usize]
+            let back = all.neighbours[n as usize]
                 .iter()
                 .position(|&b| b == t as u32);
             let apex = all.tets[n as usize][back.expect("neighbours are mutual")];
@@ -148,7 +148,7 @@ fn points_without_ties_have_the_tetrahedra_of_cgal() {
         let tets = crate::mesh::delaunay::cgal::triangulate(&points).unwrap();
         let mut by_cgal = DelaunayTets {
             tets,
-            neighbors: Vec::new(),
+            neighbours: Vec::new(),
         };
         sort_canonical(points.len(), &mut by_cgal);
         assert!(triangulated(&points).tets == by_cgal.tets, "{name}");

@@ -40,7 +40,7 @@ pub struct Cell {
     pub vertices: [u32; 4],
     /// The neighbour beyond the face opposite each vertex: 4 times the cell plus the corner of it
     /// that is opposite the face.
-    pub neighbors: [u32; 4],
+    pub neighbours: [u32; 4],
 }
 
 impl Cell {
@@ -271,7 +271,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
             first_corner = (first_corner + 1) & 3;
             for i in 0..4 {
                 let k = (first_corner + i) & 3;
-                let next = cell.neighbors[k] >> 2;
+                let next = cell.neighbours[k] >> 2;
                 if next == previous {
                     continue;
                 }
@@ -337,7 +337,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         match orientation(vertices.map(|v| self.point(v))) {
             0 => {
                 // The neighbour is in the cavity already, or its sphere is known.
-                let inner = cell.neighbors[corner] >> 2;
+                let inner = cell.neighbours[corner] >> 2;
                 self.spheres[inner as usize].is_in_cavity() || self.is_in_conflict(inner, vertex)
             }
             side => side > 0,
@@ -361,19 +361,19 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
             next += 1;
             let cell = self.cells[in_cavity as usize];
             // All four are read before the first is needed, since each may be far away in memory.
-            let [a, b, c, d] = cell.neighbors;
+            let [a, b, c, d] = cell.neighbours;
             let sphere_of = |outer: u32| self.spheres[(outer >> 2) as usize];
             let spheres = [sphere_of(a), sphere_of(b), sphere_of(c), sphere_of(d)];
             for k in 0..4 {
-                let outer = cell.neighbors[k];
-                let neighbor = outer >> 2;
+                let outer = cell.neighbours[k];
+                let neighbour = outer >> 2;
                 if spheres[k].is_in_cavity() {
                     continue;
                 }
                 let is_in_conflict = spheres[k].contains(x, weight, self.extent);
-                if is_in_conflict.unwrap_or_else(|| self.is_in_conflict(neighbor, vertex)) {
-                    self.spheres[neighbor as usize] = Sphere::IN_CAVITY;
-                    self.cavity.push(neighbor);
+                if is_in_conflict.unwrap_or_else(|| self.is_in_conflict(neighbour, vertex)) {
+                    self.spheres[neighbour as usize] = Sphere::IN_CAVITY;
+                    self.cavity.push(neighbour);
                     continue;
                 }
                 let [a, b, c] = cell.face(k);
@@ -385,10 +385,10 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
                 let sphere = self.sphere([a, b, c], locals, x, weight);
                 let cell = Cell {
                     vertices: [vertex, a, b, c],
-                    neighbors: [outer, 0, 0, 0],
+                    neighbours: [outer, 0, 0, 0],
                 };
                 let slot = self.put_cell(cell, sphere);
-                self.cells[neighbor as usize].neighbors[(outer & 3) as usize] = 4 * slot;
+                self.cells[neighbour as usize].neighbours[(outer & 3) as usize] = 4 * slot;
                 self.new_cells.push(NewCell { slot, locals });
                 for (corner, from, to) in LINK_EDGES {
                     self.edge_table[edge_index(locals[from], locals[to])] = 4 * slot + corner;
@@ -400,9 +400,9 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         }
         if self.link.len() <= MAX_TABLE_VERTICES {
             for &NewCell { slot, locals } in &self.new_cells {
-                let neighbors = &mut self.cells[slot as usize].neighbors;
+                let neighbours = &mut self.cells[slot as usize].neighbours;
                 for (corner, from, to) in LINK_EDGES {
-                    neighbors[corner as usize] =
+                    neighbours[corner as usize] =
                         self.edge_table[edge_index(locals[to], locals[from])];
                 }
             }
@@ -430,7 +430,7 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         for &cell in removed {
             let cell = self.cells[cell as usize];
             for k in 0..4 {
-                let outer = cell.neighbors[k];
+                let outer = cell.neighbours[k];
                 if removed.contains(&(outer >> 2)) {
                     continue;
                 }
@@ -452,10 +452,10 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
         for ([a, b, c], outer) in faces {
             let cell = Cell {
                 vertices: [vertex, a, b, c],
-                neighbors: [outer, 0, 0, 0],
+                neighbours: [outer, 0, 0, 0],
             };
             let slot = self.put_cell(cell, Sphere::UNKNOWN);
-            self.cells[(outer >> 2) as usize].neighbors[(outer & 3) as usize] = 4 * slot;
+            self.cells[(outer >> 2) as usize].neighbours[(outer & 3) as usize] = 4 * slot;
             self.new_cells.push(NewCell {
                 slot,
                 locals: [0; 3],
@@ -472,8 +472,8 @@ impl<const WEIGHTED: bool> Triangulation<WEIGHTED> {
 
     /// Makes two faces, given as 4 times the cell plus the corner, those of neighbours.
     fn connect(&mut self, a: u32, b: u32) {
-        self.cells[(a >> 2) as usize].neighbors[(a & 3) as usize] = b;
-        self.cells[(b >> 2) as usize].neighbors[(b & 3) as usize] = a;
+        self.cells[(a >> 2) as usize].neighbours[(a & 3) as usize] = b;
+        self.cells[(b >> 2) as usize].neighbours[(b & 3) as usize] = a;
     }
 
     /// Stores a new cell and returns its slot. Slots of removed cells are used first.
@@ -556,14 +556,14 @@ fn first_cells(vertices: [u32; 4]) -> [Cell; 5] {
     ]
     .map(|vertices| Cell {
         vertices,
-        neighbors: [0; 4],
+        neighbours: [0; 4],
     });
     let faces: [[u32; 3]; 20] =
         std::array::from_fn(|i| sorted([1, 2, 3].map(|j| cells[i / 4].vertices[(i + j) % 4])));
     for (i, face) in faces.iter().enumerate() {
         let other = (0..20).find(|&j| j / 4 != i / 4 && faces[j] == *face);
         if let Some(other) = other {
-            cells[i / 4].neighbors[i % 4] = other as u32;
+            cells[i / 4].neighbours[i % 4] = other as u32;
         }
     }
     cells

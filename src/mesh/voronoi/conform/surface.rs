@@ -24,21 +24,21 @@ pub(super) type Ridge = [u32; 2];
 
 impl<const D: usize> FacetSurface<D> {
     /// Creates a surface from the marked faces of a mesh. `marks` has bit k of a cell set if its
-    /// face k is marked, on both sides of the face. `neighbors` has the cell beyond for every cell
+    /// face k is marked, on both sides of the face. `neighbours` has the cell beyond for every cell
     /// and face, in order, and `names` the index of the name of its surface, or `NONE`; it is empty
     /// if no surface has a name.
     pub fn from_marked<M: Simplices<D>>(
         mesh: &M,
-        neighbors: &[u32],
+        neighbours: &[u32],
         marks: &[u8],
         names: &[u32],
     ) -> Self {
         let is_marked = |&face: &usize| {
             let (cell, k) = (face / (D + 1), face % (D + 1));
-            let beyond = neighbors[face];
+            let beyond = neighbours[face];
             marks[cell] >> k & 1 == 1 && beyond != NONE && beyond as usize >= cell
         };
-        let marked = (0..neighbors.len()).filter(is_marked);
+        let marked = (0..neighbours.len()).filter(is_marked);
         let facets = marked
             .clone()
             .map(|face| mesh.face(face / (D + 1), face % (D + 1)));

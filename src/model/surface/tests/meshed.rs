@@ -6,7 +6,7 @@ use crate::image::synth::{self, SyntheticKind};
 use crate::image::{Geometry, Image};
 use crate::job::spec::{MeshSpec, NominalDistance};
 use crate::job::{self, Outcome, Params};
-use crate::lattice::optimize::NoProgress;
+use crate::lattice::optimise::NoProgress;
 use crate::mesh::interface::marks_from_bits;
 
 fn mesh(image: &Image<3>, kind: feature::FeatureKind, d: f64) -> Outcome {

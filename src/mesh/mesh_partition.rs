@@ -12,7 +12,7 @@ pub struct MeshPartition {
     pub mesh: TetMesh,
     /// For each tetrahedron and face k (opposite node k) the tetrahedron on the other side: `NONE`
     /// outside the mesh, `NOT_LOCAL` if it is in another partition.
-    pub neighbors: Vec<[u32; 4]>,
+    pub neighbours: Vec<[u32; 4]>,
     /// Global number of each node, ascending. All partitions use the same global numbers.
     pub global_ids: Vec<u32>,
     /// Global number of the first tetrahedron; the others follow.
@@ -27,7 +27,7 @@ impl MeshPartition {
     /// through faces: where some are in another partition, there is such a face.
     pub fn shared_nodes(&self) -> Vec<u32> {
         let mut shared = Vec::new();
-        for (tet, adjacent) in self.mesh.tets.iter().zip(&self.neighbors) {
+        for (tet, adjacent) in self.mesh.tets.iter().zip(&self.neighbours) {
             for k in (0..4).filter(|&k| adjacent[k] == NOT_LOCAL) {
                 shared.extend((0..4).filter(|&i| i != k).map(|i| tet[i]));
             }
@@ -39,15 +39,15 @@ impl MeshPartition {
 
     /// Returns the neighbours with `NONE` on all outer faces of the partition, both on the boundary
     /// of the mesh and towards other partitions.
-    pub fn local_neighbors(&self) -> Vec<[u32; 4]> {
+    pub fn local_neighbours(&self) -> Vec<[u32; 4]> {
         let without_nonlocal =
             |adjacent: &[u32; 4]| adjacent.map(|n| if n == NOT_LOCAL { NONE } else { n });
-        self.neighbors.par_iter().map(without_nonlocal).collect()
+        self.neighbours.par_iter().map(without_nonlocal).collect()
     }
 
     /// Cuts a mesh into `count` partitions with about as many tetrahedra each.
     #[cfg(test)]
-    pub fn split(mesh: &TetMesh, neighbors: &[[u32; 4]], count: usize) -> Vec<Self> {
+    pub fn split(mesh: &TetMesh, neighbours: &[[u32; 4]], count: usize) -> Vec<Self> {
         let cells = mesh.tets.len();
         let partition = |piece: usize| {
             let cells_of_part = piece * cells / count..(piece + 1) * cells / count;
@@ -58,7 +58,7 @@ impl MeshPartition {
                     .copied(),
             );
             let local_id = |n: u32| global_ids.binary_search(&n).unwrap() as u32;
-            let local_neighbor = |n: u32| match n as usize {
+            let local_neighbour = |n: u32| match n as usize {
                 n if cells_of_part.contains(&n) => (n - cells_of_part.start) as u32,
                 _ if n == NONE => NONE,
                 _ => NOT_LOCAL,
@@ -70,8 +70,8 @@ impl MeshPartition {
                         .map(|tet| tet.map(local_id))
                         .collect(),
                 },
-                neighbors: (neighbors[cells_of_part.clone()].iter())
-                    .map(|adjacent| adjacent.map(local_neighbor))
+                neighbours: (neighbours[cells_of_part.clone()].iter())
+                    .map(|adjacent| adjacent.map(local_neighbour))
                     .collect(),
                 first_cell: cells_of_part.start,
                 global_counts: [mesh.nodes.len(), cells],
@@ -91,8 +91,8 @@ mod tests {
     #[test]
     fn partitions_are_the_mesh_and_find_their_shared_nodes() {
         let mesh = kuhn_box([3, 2, 4], 1.0);
-        let neighbors = complex::neighbors(mesh.nodes.len(), &mesh.tets).unwrap();
-        let partitions = MeshPartition::split(&mesh, &neighbors, 3);
+        let neighbours = complex::neighbours(mesh.nodes.len(), &mesh.tets).unwrap();
+        let partitions = MeshPartition::split(&mesh, &neighbours, 3);
         let mut tets = Vec::new();
         for (i, partition) in partitions.iter().enumerate() {
             assert_eq!(partition.first_cell, tets.len());

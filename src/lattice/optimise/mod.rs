@@ -19,7 +19,7 @@ mod lbfgs;
 pub(crate) mod minimise;
 pub(crate) mod temperature;
 
-pub use crate::progress::{LatticeSnapshot, NoProgress, OptimizeStatus, Progress};
+pub use crate::progress::{LatticeSnapshot, NoProgress, OptimiseStatus, Progress};
 
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +30,7 @@ use crate::lattice::comparison::genetic;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, EnergyTerms};
 use crate::lattice::halo::{self, OwnedAndGhosts};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
 use bounds::MoveBounds;
 use minimise::{Budget, Minimiser};
@@ -62,7 +62,7 @@ pub enum Method {
 
 /// Options of an optimisation.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OptimizeOptions {
+pub struct OptimiseOptions {
     /// The method of each round.
     pub method: Method,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
@@ -79,7 +79,7 @@ pub struct OptimizeOptions {
     pub temperature: Vec<f64>,
 }
 
-impl Default for OptimizeOptions {
+impl Default for OptimiseOptions {
     fn default() -> Self {
         Self {
             method: Method::Lbfgs,
@@ -93,7 +93,7 @@ impl Default for OptimizeOptions {
     }
 }
 
-impl OptimizeOptions {
+impl OptimiseOptions {
     /// Sets the method and scales the limits to it: steepest descent needs more evaluations, and a
     /// genetic algorithm many, of which as many run at once as there are threads. Three times as
     /// many rounds are allowed if `is_regularised`, that is, if Laplacian coordinates change the
@@ -116,7 +116,7 @@ impl OptimizeOptions {
 
 /// Result of an optimisation: why it stopped, its cost and the energies.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OptimizeResult {
+pub struct OptimiseResult {
     /// Why it ended.
     pub stop: StopReason,
     /// Rounds begun.
@@ -159,15 +159,15 @@ pub(crate) fn halo_width<const D: usize>(distance: &Distance<D>) -> f64 {
 /// Lowers the energy of a lattice in the box `[0, extent]`.
 ///
 /// # Errors
-/// Returns [`Error::Optimize`] if an option is impossible or the energy is not a number.
-pub fn optimize<const D: usize>(
+/// Returns [`Error::Optimise`] if an option is impossible or the energy is not a number.
+pub fn optimise<const D: usize>(
     atoms: &mut Atoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimizeOptions,
+    options: &OptimiseOptions,
     progress: &mut dyn Progress,
-) -> Result<OptimizeResult> {
+) -> Result<OptimiseResult> {
     check_options(options, atoms.len())?;
     let halo = &OwnedAndGhosts::all(atoms.len());
     lower_energy(atoms, halo, energy, distance, extent, options, progress).map(|(result, _)| result)
@@ -178,16 +178,16 @@ pub fn optimize<const D: usize>(
 /// ranks have the whole lattice. The result is the same as that of one process.
 ///
 /// # Errors
-/// Returns an error as [`optimize`] does, or if another rank fails.
-pub(crate) fn optimize_partition<const D: usize>(
+/// Returns an error as [`optimise`] does, or if another rank fails.
+pub(crate) fn optimise_partition<const D: usize>(
     owned: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimizeOptions,
+    options: &OptimiseOptions,
     comm: &dyn Comm,
     progress: &mut dyn Progress,
-) -> Result<OptimizeResult> {
+) -> Result<OptimiseResult> {
     let can_partition = energy.supports_partition()
         && Minimiser::<D>::CAN_PARTITION
         && options.temperature.is_empty();
@@ -196,10 +196,10 @@ pub(crate) fn optimize_partition<const D: usize>(
             comm,
             max_move: expected_move(distance),
         };
-        return optimize_with_halo(owned, energy, distance, extent, options, sharing, progress);
+        return optimise_with_halo(owned, energy, distance, extent, options, sharing, progress);
     }
     let mut atoms = std::mem::take(owned).all_gather(comm)?;
-    let result = optimize(&mut atoms, energy, distance, extent, options, progress);
+    let result = optimise(&mut atoms, energy, distance, extent, options, progress);
     *owned = OwnedAtoms::from_global(atoms, comm);
     result
 }
@@ -212,15 +212,15 @@ struct LatticeSharing<'a> {
 }
 
 /// Lowers the energy of a distributed lattice with ghosts.
-fn optimize_with_halo<const D: usize>(
+fn optimise_with_halo<const D: usize>(
     owned: &mut OwnedAtoms<D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimizeOptions,
+    options: &OptimiseOptions,
     sharing: LatticeSharing<'_>,
     progress: &mut dyn Progress,
-) -> Result<OptimizeResult> {
+) -> Result<OptimiseResult> {
     check_options(options, owned.global_count)?;
     let LatticeSharing { comm, mut max_move } = sharing;
     loop {
@@ -252,9 +252,9 @@ fn lower_energy<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimizeOptions,
+    options: &OptimiseOptions,
     progress: &mut dyn Progress,
-) -> Result<(OptimizeResult, f64)> {
+) -> Result<(OptimiseResult, f64)> {
     let mobility = mobility(atoms, extent, &options.temperature);
     let bounds = MoveBounds::new(atoms, distance, extent, &mobility);
     drop(mobility);
@@ -325,7 +325,7 @@ fn lower_energy<const D: usize>(
             break StopReason::Converged;
         }
     };
-    let result = OptimizeResult {
+    let result = OptimiseResult {
         stop,
         rounds,
         iterations: budget.iterations,
@@ -363,9 +363,9 @@ pub(in crate::lattice) fn send_snapshot<const D: usize>(
     Ok(())
 }
 
-fn check_options(options: &OptimizeOptions, atom_count: usize) -> Result<()> {
+fn check_options(options: &OptimiseOptions, atom_count: usize) -> Result<()> {
     let fail = |place: &str, problem: String, remedy: &str| {
-        Err(Error::Optimize(cause(place, problem, remedy)))
+        Err(Error::Optimise(cause(place, problem, remedy)))
     };
     if !(options.tolerance > 0.0 && options.tolerance < 1.0) {
         let problem = format!("{} is not between 0 and 1", options.tolerance);

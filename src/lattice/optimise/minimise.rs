@@ -10,7 +10,7 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
 use crate::lattice::energy::{self, Energy, EnergyParts};
 use crate::lattice::halo::OwnedAndGhosts;
-use crate::progress::{OptimizeStatus, Progress};
+use crate::progress::{OptimiseStatus, Progress};
 
 /// Largest move of an atom in a step, in units of d.
 const MAX_STEP_LENGTH: f32 = 0.25;
@@ -206,7 +206,7 @@ impl<'a, const D: usize> Minimiser<'a, D> {
                 }
             }
             budget.iterations += 1;
-            progress.optimize_step(&OptimizeStatus {
+            progress.optimise_step(&OptimiseStatus {
                 round,
                 iterations: budget.iterations,
                 evaluations: budget.evaluations,
@@ -321,7 +321,7 @@ pub fn check_finite(energy: f64) -> Result<f64> {
     if energy.is_finite() {
         return Ok(energy);
     }
-    Err(Error::Optimize(cause(
+    Err(Error::Optimise(cause(
         "lattice energy",
         format!("is {energy}"),
         "check the image potential and the distance for NaN and infinite values",

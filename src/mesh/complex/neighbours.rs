@@ -24,7 +24,7 @@ pub(super) fn face_key(mut f: [u32; 3]) -> [u32; 3] {
 ///
 /// # Errors
 /// Returns the first face that more than two tetrahedra share.
-pub fn neighbors(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, [u32; 3]> {
+pub fn neighbours(node_count: usize, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, [u32; 3]> {
     // A counting sort by the smallest node leaves only a few faces in each group.
     let face_of = |t: usize, k: usize| face_key(FACES[k].map(|i| tets[t][i]));
     let smallest_nodes = (0..4 * tets.len()).map(|code| face_of(code / 4, code % 4)[0] as usize);

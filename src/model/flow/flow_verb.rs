@@ -2,8 +2,8 @@
 
 use super::driver::{ComputedFlow, barriers, flow_through_cells, flow_through_elements};
 use super::faults::FaultResistance;
+use super::flow_spec::FlowSpec;
 use super::report::FlowReport;
-use super::spec::FlowSpec;
 use super::{Barriers, Rock, Streamlines};
 use crate::error::cause;
 use crate::geometry::to_3d;

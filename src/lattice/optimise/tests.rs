@@ -32,14 +32,14 @@ fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a SparseField<3>) -> Pairw
     energy.with_auto_stiffness()
 }
 
-fn optimize_box(
+fn optimise_box(
     atoms: &mut Atoms<3>,
     energy: &mut dyn Energy<3>,
-    options: &OptimizeOptions,
+    options: &OptimiseOptions,
     progress: &mut dyn Progress,
-) -> Result<OptimizeResult> {
+) -> Result<OptimiseResult> {
     let distance = Distance::Constant(D);
-    optimize(atoms, energy, &distance, EXTENT, options, progress)
+    optimise(atoms, energy, &distance, EXTENT, options, progress)
 }
 
 #[derive(Default)]
@@ -50,7 +50,7 @@ struct Recorder {
 }
 
 impl Progress for Recorder {
-    fn optimize_step(&mut self, status: &OptimizeStatus) {
+    fn optimise_step(&mut self, status: &OptimiseStatus) {
         self.energies.push(status.energy);
         let energy = 0.4 * status.lattice_energy + 0.6 * status.image_energy;
         assert!((energy - status.energy).abs() < 1e-6);
@@ -83,8 +83,8 @@ fn atoms_settle_on_the_surface_and_the_box_stays_exact() {
     let initial = atoms.clone();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
-    let options = OptimizeOptions::default();
-    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
+    let options = OptimiseOptions::default();
+    let outcome = optimise_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
     println!("{outcome:?}");
     assert!(outcome.energy_after < outcome.energy_before);
     assert!(outcome.evaluations <= options.max_evaluations);
@@ -160,11 +160,11 @@ fn energy_never_rises_within_a_round_and_the_best_is_kept() {
     let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let mut energy = evaluator(&distance, &valley);
     let mut recorder = Recorder::default();
-    let options = OptimizeOptions {
+    let options = OptimiseOptions {
         max_rounds: 1,
-        ..OptimizeOptions::default()
+        ..OptimiseOptions::default()
     };
-    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
+    let outcome = optimise_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
     assert!(recorder.energies.is_sorted_by(|a, b| a >= b));
     assert_eq!(recorder.energies.last(), Some(&outcome.energy_after));
     let mut gradient = vec![[0.0; 3]; atoms.len()];
@@ -183,18 +183,18 @@ fn an_interrupt_keeps_what_has_been_gained() {
         stop_after: Some(7),
         ..Recorder::default()
     };
-    let options = OptimizeOptions::default();
-    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
+    let options = OptimiseOptions::default();
+    let outcome = optimise_box(&mut atoms, &mut energy, &options, &mut recorder).unwrap();
     assert_eq!(
         (outcome.stop, outcome.iterations),
         (StopReason::Interrupted, 7)
     );
     assert_eq!(outcome.energy_after, recorder.energies[6]);
-    let limited = OptimizeOptions {
+    let limited = OptimiseOptions {
         max_evaluations: 9,
         ..options
     };
-    let outcome = optimize_box(&mut atoms, &mut energy, &limited, &mut NoProgress).unwrap();
+    let outcome = optimise_box(&mut atoms, &mut energy, &limited, &mut NoProgress).unwrap();
     assert_eq!(
         (outcome.stop, outcome.evaluations),
         (StopReason::MaxIterations, 9)
@@ -212,13 +212,13 @@ fn any_number_of_threads_and_any_run_give_the_same_bytes() {
             let (distance, valley) = (Distance::Constant(D), valley());
             let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
             let mut energy = evaluator(&distance, &valley);
-            let options = OptimizeOptions {
+            let options = OptimiseOptions {
                 seed,
                 max_rounds: 2,
-                ..OptimizeOptions::default()
+                ..OptimiseOptions::default()
             };
             let progress = &mut NoProgress;
-            optimize_box(&mut atoms, &mut energy, &options, progress).unwrap();
+            optimise_box(&mut atoms, &mut energy, &options, progress).unwrap();
             atoms.positions
         })
     };
@@ -233,13 +233,13 @@ fn frozen_atoms_stay() {
     let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
     let initial = atoms.positions.clone();
     let temperature_at = |x: &[f64; 3]| f64::from(u8::from((x[0] - 25.0).abs() < 8.0));
-    let options = OptimizeOptions {
+    let options = OptimiseOptions {
         temperature: initial.iter().map(temperature_at).collect(),
         max_rounds: 1,
-        ..OptimizeOptions::default()
+        ..OptimiseOptions::default()
     };
     let mut energy = evaluator(&distance, &valley);
-    optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
+    optimise_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
     let mut moved = 0;
     for (x, old) in atoms.positions.iter().zip(&initial) {
         assert!(temperature_at(old) > 0.0 || x == old);
@@ -270,16 +270,16 @@ fn an_edit_changes_its_neighbourhood_only() {
         let mut atoms = atoms.clone();
         let temperatures =
             temperature::temperatures(&initial, &[(centre, distance.value_at(centre))]);
-        let options = OptimizeOptions {
+        let options = OptimiseOptions {
             temperature: temperatures.iter().map(|t| warmth * t).collect(),
             max_rounds: 1,
             // Evaluations: as given, at the start, and after one step, which is along the force.
             max_evaluations: 3,
             perturbation: 0.0,
-            ..OptimizeOptions::default()
+            ..OptimiseOptions::default()
         };
         let mut energy = PairwiseEnergy::new(EXTENT, &distance, None, Beta::Constant(0.0)).unwrap();
-        optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
+        optimise_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
         let moved = |(x, old): (&[f64; 3], &[f64; 3])| {
             assert!(r(old) < 5.0 * D || x == old);
             (0..3).map(|k| (x[k] - old[k]).powi(2)).sum::<f64>().sqrt()
@@ -364,14 +364,14 @@ fn argmin_finds_no_lower_energy() {
     let theirs = state.state().get_best_cost();
 
     let mut energy = evaluator(&distance, &valley);
-    let options = OptimizeOptions {
+    let options = OptimiseOptions {
         perturbation: 0.0,
         max_rounds: 1,
         max_evaluations: 42,
         tolerance: 1e-9,
-        ..OptimizeOptions::default()
+        ..OptimiseOptions::default()
     };
-    let outcome = optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
+    let outcome = optimise_box(&mut atoms, &mut energy, &options, &mut NoProgress).unwrap();
     println!("ours {} theirs {theirs}", outcome.energy_after);
     let gain = outcome.energy_before - theirs;
     assert!(gain > 0.0);
@@ -382,32 +382,32 @@ fn argmin_finds_no_lower_energy() {
 fn impossible_options_are_refused() {
     let (distance, valley) = (Distance::Constant(D), valley());
     let mut atoms = seeding::fcc(EXTENT, &distance, &[], Alignment::OnFeatures).unwrap();
-    let good = OptimizeOptions::default();
+    let good = OptimiseOptions::default();
     for options in [
-        OptimizeOptions {
+        OptimiseOptions {
             tolerance: 0.0,
             ..good.clone()
         },
-        OptimizeOptions {
+        OptimiseOptions {
             tolerance: f64::NAN,
             ..good.clone()
         },
-        OptimizeOptions {
+        OptimiseOptions {
             perturbation: 0.7,
             ..good.clone()
         },
-        OptimizeOptions {
+        OptimiseOptions {
             temperature: vec![1.0],
             ..good.clone()
         },
-        OptimizeOptions {
+        OptimiseOptions {
             temperature: vec![1.5; atoms.len()],
             ..good
         },
     ] {
         let mut energy = evaluator(&distance, &valley);
-        let result = optimize_box(&mut atoms, &mut energy, &options, &mut NoProgress);
-        assert!(matches!(result, Err(Error::Optimize(_))));
+        let result = optimise_box(&mut atoms, &mut energy, &options, &mut NoProgress);
+        assert!(matches!(result, Err(Error::Optimise(_))));
     }
 }
 
@@ -445,9 +445,9 @@ fn partitioned_optimisation_equals_the_single_process_one() {
     ] {
         let seeded = seeding::fcc(extent, &distance, &[], alignment).unwrap();
         assert!(seeded.len() > 5 * crate::lattice::energy::CHUNK_ATOMS);
-        let options = OptimizeOptions {
+        let options = OptimiseOptions {
             tolerance: 3e-3,
-            ..OptimizeOptions::default()
+            ..OptimiseOptions::default()
         };
         let energy = || {
             let energy = PairwiseEnergy::new(extent, &distance, Some(&valley), Beta::Constant(0.6));
@@ -458,7 +458,7 @@ fn partitioned_optimisation_equals_the_single_process_one() {
         };
         let mut expected = seeded.clone();
         let progress = &mut NoProgress;
-        let result = optimize(
+        let result = optimise(
             &mut expected,
             &mut energy(),
             &distance,
@@ -477,7 +477,7 @@ fn partitioned_optimisation_equals_the_single_process_one() {
                 let mut owned = OwnedAtoms::from_global(seeded.clone(), comm);
                 let (energy, progress, distance) = (&mut energy(), &mut NoProgress, &distance);
                 let sharing = LatticeSharing { comm, max_move };
-                let result = optimize_with_halo(
+                let result = optimise_with_halo(
                     &mut owned, energy, distance, extent, &options, sharing, progress,
                 );
                 (owned.all_gather(comm).unwrap(), result.unwrap())

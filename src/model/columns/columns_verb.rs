@@ -2,9 +2,9 @@
 
 use serde_json::{Value, json};
 
+use super::columns_spec::ColumnsSpec;
 use super::file::{MapCells, columns_to_file};
 use super::given::{GivenHorizon, place_horizons};
-use super::spec::ColumnsSpec;
 use super::torn_map::{TornHorizon, TornMap};
 use super::{Columns, Juxtaposed, extend};
 use crate::error::cause;

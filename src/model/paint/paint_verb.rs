@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::spec::{PaintSeed, PaintSpec, Seeds};
+use super::paint_spec::{PaintSeed, PaintSpec, Seeds};
 use super::{blocks, contrast_factors, grow};
 use crate::error::cause;
 use crate::files::output::path_text;

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::cells::{self, edit_cells};
-use super::spec::EditSpec;
+use super::edit_spec::EditSpec;
 use super::{Edit, EditedMesh, Summary, edit_simplices, editable_mesh};
 use crate::error::cause;
 use crate::feature;

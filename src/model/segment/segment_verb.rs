@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::places::Places;
-use super::spec::SegmentSpec;
+use super::segment_spec::SegmentSpec;
 use super::superpixels::Superpixels;
 use super::{Options, boundary, cut_cells, cut_samples, dice};
 use crate::Result;

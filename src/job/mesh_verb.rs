@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::frame::{JobDomain, lattice_extent};
 use super::given_surfaces::SurfacesInImage;
-use super::optimise::optimisation_report;
+use super::job_domain::{JobDomain, lattice_extent};
+use super::minimisation::optimisation_report;
 use super::padding::PaddingCells;
 use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
@@ -19,7 +19,7 @@ use crate::feature::{self, Features, label_map};
 use crate::geometry::statistics::upper_median;
 use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
-use crate::lattice::optimize::{self, StopReason};
+use crate::lattice::optimise::{self, StopReason};
 #[cfg(doc)]
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
@@ -58,7 +58,7 @@ where
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
-    pub optimize_result: Option<optimize::OptimizeResult>,
+    pub optimise_result: Option<optimise::OptimiseResult>,
     /// Provenance that is written into the file; the caller sets it.
     pub provenance: Provenance,
     /// Reason for the end of the job: [`StopReason::Interrupted`] if any stage was stopped.
@@ -245,7 +245,7 @@ where
     (report.distance_in_use, report.shape_option) = (Some(distance_in_use), shape_option);
     suggest_distance(report, &features, distance);
     report.has_memory_for_finer = has_memory_for_finer(mesh, params.spec.cell_kind());
-    add_optimisation(report, made.optimize_result.as_ref());
+    add_optimisation(report, made.optimise_result.as_ref());
     let live = live::shares_in_job(source, &features, params, mesh, step, made.share.is_some())?;
     add_findings(report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
@@ -265,7 +265,7 @@ where
     let (costs, interrupted) = stages.finish();
     report.stages = costs;
     Ok(Outcome {
-        stop: stop_reason(made.optimize_result.as_ref(), interrupted),
+        stop: stop_reason(made.optimise_result.as_ref(), interrupted),
         mesh: made.mesh,
         extent,
         step,
@@ -276,7 +276,7 @@ where
         face_names: made.face_names,
         live,
         distance: made.distance,
-        optimize_result: made.optimize_result,
+        optimise_result: made.optimise_result,
         provenance: Provenance::default(),
         report: made.report,
     })
@@ -382,7 +382,7 @@ where
 }
 
 /// Adds the result of the optimiser to the report.
-fn add_optimisation(report: &mut Report, result: Option<&optimize::OptimizeResult>) {
+fn add_optimisation(report: &mut Report, result: Option<&optimise::OptimiseResult>) {
     if let (Some(lattice), Some(optimised)) = (&mut report.lattice, result) {
         lattice.optimisation = Some(optimisation_report(optimised, lattice.atoms));
     }
@@ -467,10 +467,10 @@ fn add_features<const D: usize>(report: &mut Report, features: &Features<D>) {
 
 /// Returns the reason for the end of a job. `is_interrupted` is `true` if any stage was stopped.
 fn stop_reason(
-    optimize_result: Option<&optimize::OptimizeResult>,
+    optimise_result: Option<&optimise::OptimiseResult>,
     is_interrupted: bool,
 ) -> StopReason {
-    match optimize_result {
+    match optimise_result {
         _ if is_interrupted => StopReason::Interrupted,
         Some(optimised) => optimised.stop,
         None => StopReason::Converged,
@@ -608,7 +608,7 @@ where
     /// Which part of the mesh this rank has, if it is partitioned.
     share: Option<MeshShare>,
     distance: Distance<D>,
-    optimize_result: Option<optimize::OptimizeResult>,
+    optimise_result: Option<optimise::OptimiseResult>,
 }
 
 /// Makes a mesh of the kind of cells that the options ask for.
@@ -632,7 +632,7 @@ where
         report: cells.report,
         share: None,
         distance: cells.distance,
-        optimize_result: Some(cells.optimize_result),
+        optimise_result: Some(cells.optimise_result),
     })
 }
 
@@ -652,7 +652,7 @@ where
     let PlacedAtoms {
         mut atoms,
         distance,
-        optimize_result,
+        optimise_result,
     } = placement::place_atoms(source, params, features, frame, stages)?;
     let partition = if stages.may_partition {
         features.keep_share(comm);
@@ -677,7 +677,7 @@ where
             report: partition.report,
             share: Some(partition.share),
             distance: partition.distance,
-            optimize_result,
+            optimise_result,
         });
     }
     features.gather(comm)?;
@@ -695,7 +695,7 @@ where
         report: made.report,
         share: None,
         distance,
-        optimize_result,
+        optimise_result,
     })
 }
 

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::export_spec::{ExportSpec, no_effect_error};
 use super::names::ExportNames;
-use super::spec::{ExportSpec, no_effect_error};
 use super::{ExportContent, ExportFormat};
 use crate::Result;
 use crate::model::flow::FaultResistance;

@@ -1,6 +1,6 @@
 //! Moves the atoms of a lattice to a minimum of the energy.
 
-use super::frame::JobDomain;
+use super::job_domain::JobDomain;
 use super::spec::SeedingKind;
 use super::{CellKind, Evaluator, Params};
 use crate::Result;
@@ -10,8 +10,8 @@ use crate::image::SparseField;
 use crate::improve::Effort;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
-use crate::lattice::optimize::{self, StopReason};
-use crate::lattice::partition::OwnedAtoms;
+use crate::lattice::optimise::{self, StopReason};
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::progress::{CancelToken, Progress};
 use crate::report::Optimisation;
 
@@ -60,9 +60,9 @@ pub(super) fn optimise<const D: usize>(
     frame: &JobDomain<D>,
     comm: &dyn Comm,
     progress: &mut dyn Progress,
-) -> Result<optimize::OptimizeResult> {
+) -> Result<optimise::OptimiseResult> {
     let extent = frame.extent;
-    let options = optimize_options(params, &distance.outline());
+    let options = optimise_options(params, &distance.outline());
     let move_atoms = |atoms: &mut OwnedAtoms<D>,
                       potential: &SparseField<D>,
                       distance: &Distance<D>,
@@ -70,7 +70,7 @@ pub(super) fn optimise<const D: usize>(
         let mobility = || Ok(atoms.clone().all_gather(comm)?.mobility(extent));
         let beta = frame.beta.clone();
         let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, comm)?;
-        optimize::optimize_partition(atoms, energy, distance, extent, &options, comm, progress)
+        optimise::optimise_partition(atoms, energy, distance, extent, &options, comm, progress)
     };
     let potential = &features.potential;
     if potential.is_distributed {
@@ -80,7 +80,7 @@ pub(super) fn optimise<const D: usize>(
             let local_potential = potential.gather_neighbourhood(positions, margin, comm)?;
             // The nominal distance is also needed at the atoms of other ranks that interact with
             // this rank's atoms.
-            let range = margin + optimize::halo_width(&distance.outline());
+            let range = margin + optimise::halo_width(&distance.outline());
             let distance = distance.fetch_near(positions, range, comm)?;
             let outcome = move_atoms(atoms, &local_potential, &distance, progress)?;
             let has_misses = local_potential.has_missed() || distance.has_misses();
@@ -122,7 +122,7 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
         && params.spec.evaluator == Evaluator::Pairwise
         && params.spec.kappa == 1.0
         && params.spec.coarse_to_fine == 0
-        && params.spec.optimizer != optimize::Method::Genetic
+        && params.spec.optimizer != optimise::Method::Genetic
 }
 
 /// Most evaluations of the energy for L-BFGS.
@@ -137,10 +137,10 @@ const DRAFT_EVALUATIONS: usize = 7;
 const BEST_ROUND_FACTOR: usize = 3;
 
 /// Returns the optimiser's options for a job.
-pub(crate) fn optimize_options<const D: usize>(
+pub(crate) fn optimise_options<const D: usize>(
     params: &Params<D>,
     distance: &Distance<D>,
-) -> optimize::OptimizeOptions {
+) -> optimise::OptimiseOptions {
     let (spec, effort) = (&params.spec, params.spec.effort());
     let is_improved_later = D == 3
         && spec.cell_kind() == CellKind::Simplices
@@ -151,7 +151,7 @@ pub(crate) fn optimize_options<const D: usize>(
         _ if is_improved_later && distance.max_slope() > 0.0 => VARYING_TET_EVALUATIONS,
         _ => MAX_EVALUATIONS,
     };
-    let mut options = default_optimize_options(spec.rng_seed, evaluations)
+    let mut options = default_optimise_options(spec.rng_seed, evaluations)
         .with_method(spec.optimizer, spec.kappa != 1.0);
     if effort == Effort::Best && !is_improved_later {
         options.max_rounds *= BEST_ROUND_FACTOR;
@@ -168,18 +168,18 @@ pub(crate) fn optimize_options<const D: usize>(
 }
 
 /// Returns the default options of the optimiser, with L-BFGS and at most `max_evaluations`.
-pub(crate) fn default_optimize_options(
+pub(crate) fn default_optimise_options(
     seed: u64,
     max_evaluations: usize,
-) -> optimize::OptimizeOptions {
-    optimize::OptimizeOptions {
+) -> optimise::OptimiseOptions {
+    optimise::OptimiseOptions {
         seed,
         tolerance: 1e-3,
         // A second round would improve neither quality nor fidelity, as improvement of the mesh
         // follows.
         max_rounds: 1,
         max_evaluations,
-        ..optimize::OptimizeOptions::default()
+        ..optimise::OptimiseOptions::default()
     }
 }
 
@@ -208,7 +208,7 @@ fn smoothed_potential<const D: usize>(
 
 /// Returns the report on the optimiser; energies are per atom.
 pub(super) fn optimisation_report(
-    outcome: &optimize::OptimizeResult,
+    outcome: &optimise::OptimiseResult,
     atoms: usize,
 ) -> Optimisation {
     let per_atom = 1.0 / atoms as f64;
@@ -272,7 +272,7 @@ mod tests {
         d: f64,
         beta: f64,
         params: &Params<D>,
-    ) -> (Atoms<D>, optimize::OptimizeResult) {
+    ) -> (Atoms<D>, optimise::OptimiseResult) {
         let distance = Distance::Constant(d);
         let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
         let distance = DistributedDistance::Global(distance);

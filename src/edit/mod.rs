@@ -32,9 +32,8 @@ pub use edit_verb::{EditOutcome, EditReport, edit, input_options};
 
 use serde::Serialize;
 
-use crate::comm::SelfComm;
 use crate::error::cause;
-use crate::feature::{self, ResolvedOptions};
+use crate::feature::{self, ResolvedOptions, SharedGrid};
 use crate::image::{Image, ImageSource};
 use crate::job::output::{resolved_options, resolved_options_field};
 use crate::job::{MeshSpace, Meshing, Params};
@@ -223,7 +222,8 @@ impl EditStages<'_> {
     ) -> Result<Vec<ResolvedOptions>> {
         let options = params.feature_options(step);
         let detect = |cancel: &CancelToken<'_>| {
-            feature::detect_with_cancel(ImageSource::InMemory(image), &options, &SelfComm, cancel)
+            let grid = SharedGrid::of_one_process(image.dims());
+            feature::detect_with_cancel(ImageSource::InMemory(image), &options, grid, cancel)
         };
         let resolved = self.run_stage(Stage::FeaturesEverywhere, detect)?.resolved;
         summary.notes.push(

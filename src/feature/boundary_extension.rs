@@ -7,8 +7,8 @@
 //! are dropped.
 
 use super::candidate::{Candidate, Voxel, nearest_sample};
-use super::candidate_slab::CandidateSlab;
 use super::quadric::Quadric;
+use super::shared_grid::CandidateSlab;
 use super::volume::Volume;
 use super::voxel_index::{CandidateIndex, segment_bits};
 use crate::error::Result;
@@ -199,8 +199,8 @@ pub fn extend_to_sides<const D: usize>(
         .filter(|c| in_zone(c))
         .collect();
     let owned = candidates[slab.owned.clone()].par_iter();
-    let counts = [slab.owned.len(), owned.filter(|c| in_zone(c)).count()].map(|n| n as u64);
-    let [total, doubtful_count] = slab.global_sums("doubtful candidates", counts)?;
+    let counts = [slab.owned.len(), owned.filter(|c| in_zone(c)).count()];
+    let [total, doubtful_count] = slab.grid.sum("doubtful candidates", counts)?;
     // Where most candidates are doubtful (foam, pores), there is nothing to continue from.
     if total < 2 * doubtful_count {
         return Ok(slab.owned_candidates(candidates));

@@ -354,9 +354,8 @@ pub(super) fn first_non_finite(samples: &[f32]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::SelfComm;
     use crate::feature::scenes::{ExactSurface, ridge_image};
-    use crate::feature::{detect, detect_with_cancel, detectors};
+    use crate::feature::{SharedGrid, detect, detect_with_cancel, detectors};
     use crate::image::{Geometry, ImageLayers, ImageSource};
     use crate::progress::CancelToken;
     use std::ops::Range;
@@ -419,7 +418,8 @@ mod tests {
             let options = DetectionOptions::with_kind(kind, 8.0);
             let cancel = &CancelToken::never();
             let source = ImageSource::Layered(&layers);
-            let error = detect_with_cancel(source, &options, &SelfComm, cancel).unwrap_err();
+            let grid = SharedGrid::of_one_process(source.dims());
+            let error = detect_with_cancel(source, &options, grid, cancel).unwrap_err();
             assert!(error.to_string().contains("4294967296 samples"), "{error}");
         }
     }

@@ -9,8 +9,7 @@ use std::sync::Arc;
 
 use super::candidate::{Candidate, Voxel, dominant_axes, nearest_sample};
 use super::potential::PotentialValleys;
-use super::{DetectionOptions, FeaturePoint, Features, local_feature_size};
-use crate::comm::SelfComm;
+use super::{DetectionOptions, FeaturePoint, Features, SharedGrid, local_feature_size};
 use crate::error::Result;
 use crate::files::codec::codec_fields;
 use crate::geometry::cell_list::CellList;
@@ -192,6 +191,7 @@ impl<const D: usize> GivenPoints<D> {
         cancel: &CancelToken<'_>,
     ) -> Result<Features<D>> {
         let (dims, step) = (self.dims, options.step);
+        let grid = SharedGrid::of_one_process(dims);
         let in_lattice = |(p, _): &(FeaturePoint<D>, u32)| FeaturePoint {
             position: std::array::from_fn(|k| p.position[k] * step[k] as f32),
             normal: unit(std::array::from_fn(|k| p.normal[k] / step[k] as f32)),
@@ -199,7 +199,7 @@ impl<const D: usize> GivenPoints<D> {
         };
         let points: Vec<FeaturePoint<D>> = self.points.iter().map(in_lattice).collect();
         let spacing = (options.gap_distance_range())
-            .map(|limits| local_feature_size::spacing(dims, &points, None, step, limits, &SelfComm))
+            .map(|limits| local_feature_size::spacing(grid, &points, None, step, limits))
             .transpose()?;
         let sigma = options.d_max() / 4.0;
         let valleys = PotentialValleys {
@@ -210,7 +210,7 @@ impl<const D: usize> GivenPoints<D> {
             is_rim: Cow::Owned(self.rims()),
             spacing: spacing.as_deref().map(Cow::Borrowed),
         };
-        let potential = valleys.potential(&SelfComm, cancel);
+        let potential = valleys.potential(grid, cancel);
         let mut names: Vec<SurfaceName> = (1..)
             .zip(&self.surfaces)
             .map(|(number, (name, is_horizon))| SurfaceName {

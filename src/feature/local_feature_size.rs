@@ -7,11 +7,10 @@
 //! atoms stands on both. Neither does a surface whose normals scatter in noise, if the surface of
 //! each point is known.
 
-use super::FeaturePoint;
 use super::candidate::{Candidate, Voxel, nearest_sample};
+use super::shared_grid::PointsWithHalo;
 use super::voxel_index::CandidateIndex;
-use super::windows::layer_len;
-use crate::comm::Comm;
+use super::{FeaturePoint, SharedGrid};
 use crate::error::Result;
 use crate::geometry::{dot, norm, sub, unit};
 use crate::parallel::prelude::*;
@@ -42,226 +41,88 @@ const EXTRA_HALO_LAYERS: usize = 3;
 /// # Errors
 /// Returns the errors of other ranks.
 pub fn spacing<const D: usize>(
-    dims: [usize; D],
+    grid: SharedGrid<'_, D>,
     points: &[FeaturePoint<D>],
     surface: Option<&[u32]>,
     step: [f64; D],
     [min, max]: [f64; 2],
-    comm: &dyn Comm,
 ) -> Result<Vec<f32>> {
-    let with_halo = PointsWithHalo::exchange(dims, points, surface, step, max, comm)?;
+    let min_step = step.iter().fold(f64::INFINITY, |a, &h| a.min(h));
+    let reach = (max / min_step).ceil() as usize + EXTRA_HALO_LAYERS;
+    let owned = to_candidates(grid.dims, points, step);
+    let points = PointsWithHalo::new(grid, owned, surface, reach)?;
     let (min, max) = (min as f32, max as f32);
-    let grid = CandidateIndex::new(dims, &with_halo.candidates);
+    let index = CandidateIndex::new(grid.dims, &points.candidates);
     let step = step.map(|h| h as f32);
-    let surface = surface.map(|_| &with_halo.surface[..]);
+    let surface = surface.map(|_| &points.surface[..]);
     let spacing_at = |i: usize| {
-        if with_halo.is_owned[i] {
-            gap_width(&grid, surface, i, step, max).clamp(min, max)
+        if points.is_owned[i] {
+            gap_width(&index, surface, i, step, max).clamp(min, max)
         } else {
             max
         }
     };
-    let mut spacing: Vec<f32> = (0..with_halo.is_owned.len())
+    let mut spacing: Vec<f32> = (0..points.is_owned.len())
         .into_par_iter()
         .map(spacing_at)
         .collect();
-    with_halo.propagate(&grid, &mut spacing, max, step, comm)?;
-    Ok(with_halo.received_indices[comm.rank()]
-        .iter()
-        .map(|&place| spacing[place as usize])
-        .collect())
+    propagate(grid, &points, &index, &mut spacing, max, step)?;
+    Ok(points.owned_values(&spacing))
 }
 
-/// The points of one rank and its halo, sorted by their samples.
-struct PointsWithHalo<const D: usize> {
-    candidates: Vec<Candidate<D>>,
-    /// Number of the surface of each point.
-    surface: Vec<u32>,
-    /// For each point, `true` if this rank owns it.
-    is_owned: Vec<bool>,
-    /// For each rank, indices of the points received from it; for this rank, those of its own
-    /// points in their original order.
-    received_indices: Vec<Vec<u32>>,
-    /// First and last layer of each rank's points; empty if the first is greater than the last.
-    layers: Vec<[usize; 2]>,
-    /// For each rank, the original indices of the owned points that were sent to it.
-    sent_indices: Vec<Vec<u32>>,
-}
-
-impl<const D: usize> PointsWithHalo<D> {
-    fn exchange(
-        dims: [usize; D],
-        points: &[FeaturePoint<D>],
-        surface: Option<&[u32]>,
-        step: [f64; D],
-        max_distance: f64,
-        comm: &dyn Comm,
-    ) -> Result<Self> {
-        let mut owned = to_candidates(dims, points, step);
-        let layers = (owned.iter()).fold([usize::MAX, 0], |[low, high], c| {
-            let at = c.voxel.index() / layer_len(dims);
-            [low.min(at), high.max(at)]
-        });
-        let layers: Vec<[usize; 2]> = comm.all_gather("layers of points", layers)?;
-        let min_step = step.iter().fold(f64::INFINITY, |a, &h| a.min(h));
-        let reach = (max_distance / min_step).ceil() as usize + EXTRA_HALO_LAYERS;
-        let indices_for = |rank: usize| -> Vec<u32> {
-            let is_visible = |c: &Candidate<D>| is_near_layers(c, dims, layers[rank], reach);
-            let numbered = (0u32..).zip(&owned);
-            if rank == comm.rank() {
-                Vec::new()
-            } else {
-                numbered
-                    .filter(|(_, c)| is_visible(c))
-                    .map(|n| n.0)
-                    .collect()
+/// Propagates small distances along surfaces, the smallest first, so that the result does not
+/// depend on how points are distributed over ranks.
+fn propagate<const D: usize>(
+    grid: SharedGrid<'_, D>,
+    points: &PointsWithHalo<'_, D>,
+    index: &CandidateIndex<'_, D>,
+    spacing: &mut [f32],
+    max: f32,
+    step: [f32; D],
+) -> Result<()> {
+    // Distances are not negative, so that their bits sort like the values.
+    let entry = |i: u32, d: f32| Reverse((d.to_bits(), i));
+    let small = (0..).zip(spacing.iter()).filter(|(_, d)| **d < max);
+    let mut queue: BinaryHeap<_> = small.map(|(i, &d)| entry(i, d)).collect();
+    loop {
+        while let Some(Reverse((bits, i))) = queue.pop() {
+            let (source, d) = (&points.candidates[i as usize], spacing[i as usize]);
+            if bits > d.to_bits() {
+                continue;
             }
-        };
-        let sent_indices: Vec<Vec<u32>> = (0..comm.size()).map(indices_for).collect();
-        let surface_of = |i: u32| surface.map_or(0, |surface| surface[i as usize]);
-        let with_surface = |&i: &u32| (owned[i as usize], surface_of(i));
-        let sent = sent_indices
-            .iter()
-            .map(|indices| indices.iter().map(with_surface).collect());
-        let received: Vec<Vec<(Candidate<D>, u32)>> =
-            comm.all_to_all("points near layers", sent.collect())?;
-        let (mut candidates, mut surfaces, mut starts) = (Vec::new(), Vec::new(), Vec::new());
-        for (rank, incoming) in received.into_iter().enumerate() {
-            starts.push(candidates.len());
-            if rank == comm.rank() {
-                surfaces.extend((0..owned.len() as u32).map(surface_of));
-                candidates.append(&mut owned);
-            } else {
-                incoming.into_iter().for_each(|(candidate, surface)| {
-                    candidates.push(candidate);
-                    surfaces.push(surface);
-                });
+            index.for_each_around(index.coordinates(source), 1, |j| {
+                let offset = sub(points.candidates[j].position, source.position);
+                let length: f32 = (0..D).map(|k| (offset[k] * step[k]).powi(2)).sum();
+                let d = d + MAX_GROWTH_RATE * length.sqrt();
+                if points.is_owned[j] && d < spacing[j] {
+                    spacing[j] = d;
+                    queue.push(entry(j as u32, d));
+                }
+            });
+        }
+        for (i, d) in points.adjacent_values("distances near layers", spacing)? {
+            if d < spacing[i as usize] {
+                spacing[i as usize] = d;
+                queue.push(entry(i, d));
             }
         }
-        starts.push(candidates.len());
-        drop(owned);
-        let mut order: Vec<u32> = (0..candidates.len() as u32).collect();
-        order.sort_by_key(|&i| candidates[i as usize].voxel);
-        let mut position_of = vec![0; candidates.len()];
-        (0..)
-            .zip(&order)
-            .for_each(|(sorted_index, &i)| position_of[i as usize] = sorted_index);
-        let owned = starts[comm.rank()]..starts[comm.rank() + 1];
-        let sorted = |i: &u32| *i as usize;
-        Ok(Self {
-            candidates: order.iter().map(|i| candidates[sorted(i)]).collect(),
-            surface: order.iter().map(|i| surfaces[sorted(i)]).collect(),
-            is_owned: order.iter().map(|i| owned.contains(&sorted(i))).collect(),
-            received_indices: starts
-                .windows(2)
-                .map(|range| position_of[range[0]..range[1]].to_vec())
-                .collect(),
-            layers,
-            sent_indices,
-        })
-    }
-
-    /// Propagates small distances along surfaces, the smallest first, so that the result does not
-    /// depend on how points are distributed over ranks.
-    fn propagate(
-        &self,
-        grid: &CandidateIndex<'_, D>,
-        spacing: &mut [f32],
-        max: f32,
-        step: [f32; D],
-        comm: &dyn Comm,
-    ) -> Result<()> {
-        // Distances are not negative, so that their bits sort like the values.
-        let entry = |i: u32, d: f32| Reverse((d.to_bits(), i));
-        let small = (0..).zip(spacing.iter()).filter(|(_, d)| **d < max);
-        let mut queue: BinaryHeap<_> = small.map(|(i, &d)| entry(i, d)).collect();
-        let (dims, rank) = (grid.dims, comm.rank());
-        // Of the points sent and received, only those in layers next to the other rank's layers are
-        // exchanged.
-        let is_adjacent =
-            |index: u32, layers| is_near_layers(&self.candidates[index as usize], dims, layers, 1);
-        let own_index = |i: u32| self.received_indices[rank][i as usize];
-        let adjacent = |indices: Vec<u32>, layers| -> Vec<u32> {
-            let indices = indices.into_iter();
-            indices
-                .filter(|&index| is_adjacent(index, layers))
-                .collect()
-        };
-        let sent = self
-            .sent_indices
-            .iter()
-            .zip(&self.layers)
-            .map(|(indices, layers)| {
-                let indices = indices.iter().map(|&i| own_index(i));
-                adjacent(indices.collect(), *layers)
-            });
-        let sent: Vec<Vec<u32>> = sent.collect();
-        let received = (0..comm.size()).map(|source| {
-            if source == rank {
-                Vec::new()
-            } else {
-                adjacent(self.received_indices[source].clone(), self.layers[rank])
-            }
-        });
-        let received: Vec<Vec<u32>> = received.collect();
-        loop {
-            while let Some(Reverse((bits, i))) = queue.pop() {
-                let (source, d) = (&self.candidates[i as usize], spacing[i as usize]);
-                if bits > d.to_bits() {
-                    continue;
-                }
-                grid.for_each_around(grid.coordinates(source), 1, |j| {
-                    let offset = sub(self.candidates[j].position, source.position);
-                    let length: f32 = (0..D).map(|k| (offset[k] * step[k]).powi(2)).sum();
-                    let d = d + MAX_GROWTH_RATE * length.sqrt();
-                    if self.is_owned[j] && d < spacing[j] {
-                        spacing[j] = d;
-                        queue.push(entry(j as u32, d));
-                    }
-                });
-            }
-            let values = sent.iter().map(|indices| -> Vec<f32> {
-                let values = indices.iter().map(|&index| spacing[index as usize]);
-                values.collect()
-            });
-            let incoming: Vec<Vec<f32>> =
-                comm.all_to_all("distances near layers", values.collect())?;
-            for (indices, distances) in received.iter().zip(incoming) {
-                for (&index, d) in indices.iter().zip(distances) {
-                    if d < spacing[index as usize] {
-                        spacing[index as usize] = d;
-                        queue.push(entry(index, d));
-                    }
-                }
-            }
-            let has_more: Vec<bool> =
-                comm.all_gather("distances to carry on", !queue.is_empty())?;
-            if !has_more.contains(&true) {
-                return Ok(());
-            }
+        if !grid.any("distances to carry on", !queue.is_empty())? {
+            return Ok(());
         }
     }
-}
-
-/// Returns `true` if a point is in some layers, or within `reach` layers of them.
-fn is_near_layers<const D: usize>(
-    c: &Candidate<D>,
-    dims: [usize; D],
-    [first, last]: [usize; 2],
-    reach: usize,
-) -> bool {
-    let at = c.voxel.index() / layer_len(dims);
-    first <= last && first <= at + reach && at <= last + reach
 }
 
 /// Returns a note on the distances of the points of all ranks.
 ///
 /// # Errors
 /// Returns the errors of other ranks.
-pub fn spacing_note(spacing: &[f32], [min, max]: [f64; 2], comm: &dyn Comm) -> Result<String> {
+pub fn spacing_note<const D: usize>(
+    grid: SharedGrid<'_, D>,
+    spacing: &[f32],
+    [min, max]: [f64; 2],
+) -> Result<String> {
     let fine = spacing.iter().filter(|&&d| d < 0.99 * max as f32).count();
-    let counts: Vec<[usize; 2]> = comm.all_gather("fine points", [fine, spacing.len()])?;
-    let [fine, total] = [0, 1].map(|k| counts.iter().map(|count| count[k]).sum::<usize>());
+    let [fine, total] = grid.sum("fine points", [fine, spacing.len()])?;
     Ok(format!(
         "atoms (points of the mesh) are {max:.2} samples apart, and down to {min:.2} where features run close to each other or \
          cross at small angles ({:.1} % of the feature points)",
@@ -346,7 +207,7 @@ fn gap_width<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{SelfComm, run_threads};
+    use crate::comm::run_threads;
 
     fn spacing(
         dims: [usize; 3],
@@ -355,7 +216,8 @@ mod tests {
         step: [f64; 3],
         limits: [f64; 2],
     ) -> Vec<f32> {
-        super::spacing(dims, points, surface, step, limits, &SelfComm).unwrap()
+        let grid = SharedGrid::of_one_process(dims);
+        super::spacing(grid, points, surface, step, limits).unwrap()
     }
 
     /// Returns points on planes, and the number of the plane of each point.
@@ -492,7 +354,8 @@ mod tests {
                     let range = range.start * 40..range.end * 40;
                     let surface = surface.map(|surface| &surface[range.clone()]);
                     let local_points = &points[range];
-                    super::spacing(dims, local_points, surface, [1.0; 3], limits, comm).unwrap()
+                    let grid = SharedGrid::new(dims, comm);
+                    super::spacing(grid, local_points, surface, [1.0; 3], limits).unwrap()
                 });
                 assert!(parts.concat() == reference, "{count}");
             }

@@ -40,16 +40,14 @@
 //! - `voxel_index`: candidates by the sample that they belong to
 //! - `quadric`: a quadratic surface fitted to points
 //! - `boundary_extension`: continues ridges to the sides of the box
-//! - `candidate_slab`: candidates of some layers, distributed over ranks
 //! - `surfaces`: groups candidates into surfaces (hysteresis, resolution, removal of fragments)
 //! - `lines`: lines at which surfaces cross, branch and end
 //! - `local_feature_size`: lattice spacing between surfaces that run close to each other
 //! - `potential`: the potential b(x)
-//! - `distributed_points`: feature points distributed over ranks
+//! - `shared_grid`: the grid of samples, candidates and feature points, distributed over ranks
 
 pub(crate) mod boundary_extension;
 pub(crate) mod candidate;
-mod candidate_slab;
 pub(crate) mod chaos;
 pub(crate) mod components;
 pub(crate) mod confidence;
@@ -57,7 +55,6 @@ pub(crate) mod corners;
 mod detection;
 pub(crate) mod detectors;
 pub(crate) mod distance_transform;
-mod distributed_points;
 mod doubt;
 pub(crate) mod gaussian;
 pub(crate) mod given;
@@ -73,6 +70,7 @@ pub(crate) mod potential;
 pub(crate) mod quadric;
 pub(crate) mod resolved;
 pub(crate) mod ridges;
+mod shared_grid;
 pub(crate) mod structure_tensor;
 pub(crate) mod surfaces;
 pub(crate) mod volume;
@@ -85,7 +83,6 @@ pub(crate) mod scenes;
 #[cfg(test)]
 mod tests;
 
-use crate::comm::{Comm, SelfComm};
 use crate::error::Result;
 use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
 use crate::progress::{CancelToken, Stage};
@@ -105,8 +102,6 @@ pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
 pub use detectors::comparison::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
-pub use distributed_points::PointCounts;
-pub(crate) use distributed_points::PointSubset;
 pub use doubt::Doubt;
 pub use given::{GivenPoints, GivenSurface, SurfaceName};
 pub use label_map::{LabelMap, LabelOptions};
@@ -114,6 +109,8 @@ pub(crate) use lines::lines_with_cancel;
 pub use lines::{FeatureLine, LineKind, MIN_LENGTH, lines};
 pub use outcome::{FlatFaults, KindOutcome, MIN_FAULT_DIP, MissingData};
 pub use resolved::ResolvedOptions;
+pub use shared_grid::PointCounts;
+pub(crate) use shared_grid::{PointSubset, SharedGrid};
 pub use surfaces::DroppedPoints;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
@@ -222,16 +219,13 @@ pub fn detect<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
 ) -> Result<Features<D>> {
-    detect_with_cancel(
-        ImageSource::InMemory(image),
-        options,
-        &SelfComm,
-        &CancelToken::never(),
-    )
+    let grid = SharedGrid::of_one_process(image.dims());
+    let source = ImageSource::InMemory(image);
+    detect_with_cancel(source, options, grid, &CancelToken::never())
 }
 
 /// Finds features as [`detect`] does, in an image that may be read layer by layer, until `cancel`
-/// is cancelled. The ranks of `comm` share the work.
+/// is cancelled. Ranks share the work by the layers of `grid`.
 ///
 /// # Errors
 /// Returns the errors of [`detect`], the errors of reading, and an
@@ -239,22 +233,22 @@ pub fn detect<const D: usize>(
 pub(crate) fn detect_with_cancel<const D: usize>(
     source: ImageSource<'_, D>,
     options: &DetectionOptions<D>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     detection::validate_options(options)?;
     if options.kind == FeatureKind::NoFeatures {
-        return add_given(None, source.dims(), options, comm, cancel);
+        return add_given(None, options, grid, cancel);
     }
     let layers = match source {
-        ImageSource::InMemory(image) => return detect_in_memory(image, options, comm, cancel),
+        ImageSource::InMemory(image) => return detect_in_memory(image, options, grid, cancel),
         ImageSource::Layered(layers) => layers,
     };
     let (dims, tasks) = (layers.dims(), detectors::requested_detectors(options));
     for (detector, _) in tasks.iter().flatten() {
         detection::ensure_sample_count(dims, detector.max_samples())?;
     }
-    let samples = Samples::from_layers(layers, 1.0).with_comm(comm);
+    let samples = grid.distribute(Samples::from_layers(layers, 1.0));
     // The survey is made for every kind, because an image with gaps is searched in memory.
     let modality = options.modality.or_detect(layers.geometry());
     let choice = detectors::auto::choose_in_layers(&samples, modality, cancel)?;
@@ -272,12 +266,12 @@ pub(crate) fn detect_with_cancel<const D: usize>(
             if tasks.iter().all(|(detector, _)| detector.is_streamable())
                 && options.min_confidence.is_none() =>
         {
-            run_detectors(source, None, tasks, reason, options, comm, cancel)
+            run_detectors(source, None, tasks, reason, options, grid, cancel)
         }
         // The detectors need the whole image, or the image has gaps.
         _ => {
             detection::ensure_sample_count(dims, detection::MAX_IN_MEMORY_SAMPLES)?;
-            detect_in_memory(&layers.load()?, options, comm, cancel)
+            detect_in_memory(&layers.load()?, options, grid, cancel)
         }
     }
 }
@@ -286,15 +280,15 @@ pub(crate) fn detect_with_cancel<const D: usize>(
 fn detect_in_memory<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let prepared = detection::prepare_image(image, options)?;
     let image = &*prepared.image;
     detection::ensure_not_constant(image)?;
-    let (tasks, reason) = detectors::select_detectors(image, options, comm)?;
+    let (tasks, reason) = detectors::select_detectors(image, options, grid)?;
     let (source, live) = (ImageSource::InMemory(image), prepared.live_mask.as_ref());
-    let mut features = run_detectors(source, live, tasks, reason, options, comm, cancel)?;
+    let mut features = run_detectors(source, live, tasks, reason, options, grid, cancel)?;
     features.notes.extend(prepared.notes);
     features.missing = prepared.missing;
     Ok(features)
@@ -307,7 +301,7 @@ fn run_detectors<const D: usize>(
     tasks: Vec<detectors::DetectorTask<D>>,
     reason: Option<detectors::SelectionReason>,
     options: &DetectionOptions<D>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let count = tasks.len() as f64;
@@ -315,14 +309,14 @@ fn run_detectors<const D: usize>(
         cancel.set_range(index as f64 / count, (index + 1) as f64 / count);
         let input = DetectorInput {
             live_mask: live,
-            comm,
+            grid,
             ..DetectorInput::new(source, &options, cancel)
         };
         run_detector(&input, detector, [[false; 2]; D])
     };
     let results: Result<Vec<_>> = tasks.into_iter().enumerate().map(run_task).collect();
-    let features = detectors::combine_features(results?, source.dims(), options, comm)?;
-    let mut features = add_given(Some(features), source.dims(), options, comm, cancel)?;
+    let features = detectors::combine_features(results?, options, grid)?;
+    let mut features = add_given(Some(features), options, grid, cancel)?;
     if let Some(reason) = reason {
         features.notes.insert(0, reason.note);
         features.doubt = reason.doubt;
@@ -346,8 +340,9 @@ pub(crate) fn detect_part<const D: usize>(
 ) -> Result<Features<D>> {
     let prepared = detection::prepare_image(part, options)?;
     let part = &*prepared.image;
+    let grid = SharedGrid::of_one_process(part.dims());
     if options.kind == FeatureKind::NoFeatures || detection::is_constant(part) {
-        return add_given(None, part.dims(), options, &SelfComm, cancel);
+        return add_given(None, options, grid, cancel);
     }
     let run_kind = |resolved| {
         let input = DetectorInput {
@@ -361,16 +356,15 @@ pub(crate) fn detect_part<const D: usize>(
         )
     };
     let results: Result<Vec<_>> = resolved.iter().map(run_kind).collect();
-    let features = detectors::combine_features(results?, part.dims(), options, &SelfComm)?;
-    add_given(Some(features), part.dims(), options, &SelfComm, cancel)
+    let features = detectors::combine_features(results?, options, grid)?;
+    add_given(Some(features), options, grid, cancel)
 }
 
 /// Adds the given surfaces to the features that were found, if there are any.
 fn add_given<const D: usize>(
     found: Option<Features<D>>,
-    dims: [usize; D],
     options: &DetectionOptions<D>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
     cancel: &CancelToken<'_>,
 ) -> Result<Features<D>> {
     let given = options.given.as_ref();
@@ -380,10 +374,10 @@ fn add_given<const D: usize>(
             if let (Some(_), None) = (&found.spacing, &given.spacing) {
                 given.spacing = Some(vec![options.d_max() as f32; given.points.len()]);
             }
-            detectors::faults_and_horizons::combine(found, given, [1.0; 2], comm)
+            detectors::faults_and_horizons::combine(found, given, [1.0; 2], grid)
         }
         (Some(only), None) | (None, Some(only)) => Ok(only),
-        (None, None) => Ok(Features::empty(dims, options)),
+        (None, None) => Ok(Features::empty(grid.dims, options)),
     }
 }
 
@@ -403,7 +397,7 @@ fn run_detector<const D: usize>(
     detector: &dyn Detector<D>,
     open_sides: OpenSides<D>,
 ) -> Result<Features<D>> {
-    let (dims, options, comm) = (input.dims(), input.options, input.comm);
+    let (dims, options, grid) = (input.dims(), input.options, input.grid);
     let kind = detector.kind();
     detection::ensure_sample_count(dims, detector.max_samples())?;
     let mut notes = Vec::new();
@@ -412,12 +406,11 @@ fn run_detector<const D: usize>(
     let resolved = resolved_options(kind, &output, &rules);
     let below_min_dip = flat_faults(input, detector, &output, &rules)?;
     let mut surfaces = surfaces::extract_surfaces(
-        dims,
+        grid,
         output.candidates,
         output.layers,
         options.step,
         &rules,
-        comm,
         input.cancel,
     )?;
     input.cancel.set_fraction(PROGRESS_GROUPED);
@@ -426,11 +419,11 @@ fn run_detector<const D: usize>(
     surfaces.describe(kind, &rules, &mut notes);
     // The spacing of labels needs the points of all ranks.
     let is_partitioned = options.is_distributed && output.labels.is_none();
-    let points_comm: &dyn Comm = if is_partitioned {
-        comm
+    let points_grid = if is_partitioned {
+        grid
     } else {
-        surfaces = surfaces.gather(comm)?;
-        &SelfComm
+        surfaces = surfaces.gather(grid)?;
+        SharedGrid::of_one_process(dims)
     };
     let (labels, label_spacing) = output.labels.unzip();
     let spacing = point_spacing(
@@ -438,7 +431,7 @@ fn run_detector<const D: usize>(
         detector,
         &surfaces,
         label_spacing.as_ref(),
-        points_comm,
+        points_grid,
         &mut notes,
     )?;
     let potential = feature_potential(
@@ -450,7 +443,7 @@ fn run_detector<const D: usize>(
     )?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
-    let gently_dipping = gentle_share(input, detector, axis, &surfaces.points, points_comm)?;
+    let gently_dipping = gentle_share(input, detector, axis, &surfaces.points, points_grid)?;
     let outcome = KindOutcome {
         kind,
         points: surfaces.total_points,
@@ -485,20 +478,20 @@ fn run_detector<const D: usize>(
     })
 }
 
-/// Returns the share of the points of faults that dip gently; `None` for other features. The ranks of the
-/// communicator share the points. Collective.
+/// Returns the share of the points of faults that dip gently; `None` for other features. Each rank has the
+/// points of its layers of `grid`. Collective.
 fn gentle_share<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     vertical_axis: usize,
     points: &[FeaturePoint<D>],
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
 ) -> Result<Option<f64>> {
     if !detector.is_fault() {
         return Ok(None);
     }
     let dips = WorldDip::new(input.source.geometry(), vertical_axis);
-    outcome::gently_dipping_share(points, &dips, input.options.step, comm)
+    outcome::gently_dipping_share(grid, points, &dips, input.options.step)
 }
 
 /// Runs a detector, and drops candidates near samples that hold no data.
@@ -528,7 +521,7 @@ fn find_candidates<const D: usize>(
             }
         }
         (None, ImageSource::InMemory(image)) => {
-            output.drop_near_missing_data(image, detector.extra_reach(), notes, input.comm)?;
+            output.drop_near_missing_data(image, detector.extra_reach(), notes, input.grid)?;
         }
         (None, ImageSource::Layered(_)) => (),
     }
@@ -546,17 +539,16 @@ fn flat_faults<const D: usize>(
     if !detector.is_fault() {
         return Ok(None);
     }
-    let (comm, options, geometry) = (input.comm, input.options, input.source.geometry());
+    let (grid, options, geometry) = (input.grid, input.options, input.source.geometry());
     let flat = surfaces::extract_surfaces(
-        input.dims(),
+        grid,
         output.flat_candidates.clone(),
         output.layers.clone(),
         options.step,
         rules,
-        comm,
         input.cancel,
     )?;
-    let flat = flat.gather(comm)?;
+    let flat = flat.gather(grid)?;
     let dips = WorldDip::new(geometry, output.vertical_axis);
     Ok(FlatFaults::measure(
         &flat,
@@ -584,7 +576,7 @@ fn measure_confidences<const D: usize>(
     let ImageSource::InMemory(image) = input.source else {
         return Ok(None);
     };
-    let all = surfaces.clone().gather(input.comm)?;
+    let all = surfaces.clone().gather(input.grid)?;
     let vertical = detector.is_fault().then_some(vertical_axis);
     let confidences = confidence::confidences(image, &all, input.options.step, vertical);
     let Some((summary, stays)) = Confidences::summarise(&all, &confidences, min) else {
@@ -648,14 +640,14 @@ fn resolved_options<const D: usize>(
 }
 
 /// Returns the distance between atoms at each point of `surfaces`, if it follows the gaps between
-/// features or the label of the point, and adds a note on its range. The ranks of `comm` share the
-/// points.
+/// features or the label of the point, and adds a note on its range. Each rank has the points of its
+/// layers of `grid`.
 fn point_spacing<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     surfaces: &FeatureSurfaces<D>,
     labels: Option<&LabelSpacing<D>>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Vec<f32>>> {
     let (points, step) = (&surfaces.points, input.options.step);
@@ -666,8 +658,7 @@ fn point_spacing<const D: usize>(
     let has_scattered_normals = detector.has_scattered_normals() || !input.options.seeks_crossings;
     let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
     let gap_spacing = |[min, max]: [f64; 2]| {
-        let spacing =
-            |limits| local_feature_size::spacing(input.dims(), points, surface, step, limits, comm);
+        let spacing = |limits| local_feature_size::spacing(grid, points, surface, step, limits);
         if labels.is_none() {
             return spacing([min, max]);
         }
@@ -684,7 +675,7 @@ fn point_spacing<const D: usize>(
         if labels.is_some() {
             limits[0] = spacing.iter().fold(limits[0], |d, s| d.min(f64::from(*s)));
         }
-        notes.push(local_feature_size::spacing_note(spacing, limits, comm)?);
+        notes.push(local_feature_size::spacing_note(grid, spacing, limits)?);
     }
     Ok(spacing)
 }
@@ -715,15 +706,15 @@ fn feature_potential<const D: usize>(
         spacing: spacing.map(Cow::Borrowed),
     };
     if is_partitioned {
-        let valleys = valleys.gather_for_share(input.comm)?;
-        return Ok(valleys.potential(input.comm, cancel));
+        let valleys = valleys.gather_for_share(input.grid)?;
+        return Ok(valleys.potential(input.grid, cancel));
     }
-    let comm = if options.is_distributed {
-        input.comm
+    let grid = if options.is_distributed {
+        input.grid
     } else {
-        &SelfComm
+        SharedGrid::of_one_process(dims)
     };
-    Ok(valleys.potential(comm, cancel))
+    Ok(valleys.potential(grid, cancel))
 }
 
 /// Returns a field in lattice space with a value at each sample of the image.

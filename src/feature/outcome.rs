@@ -4,8 +4,7 @@
 use super::confidence::Confidences;
 use super::surfaces::FeatureSurfaces;
 use super::world_dip::WorldDip;
-use super::{DroppedPoints, FeatureKind, FeaturePoint};
-use crate::comm::Comm;
+use super::{DroppedPoints, FeatureKind, FeaturePoint, SharedGrid};
 use crate::error::Result;
 use crate::image::Geometry;
 use crate::image::time::DEFAULT_VELOCITY;
@@ -118,27 +117,23 @@ pub struct MissingData {
 /// # Errors
 /// Returns the errors of other ranks.
 pub(super) fn gently_dipping_share<const D: usize>(
+    grid: SharedGrid<'_, D>,
     points: &[FeaturePoint<D>],
     dips: &WorldDip<D>,
     step: [f64; D],
-    comm: &dyn Comm,
 ) -> Result<Option<f64>> {
     let is_gentle = |point: &&FeaturePoint<D>| {
         let slope = std::array::from_fn(|k| f64::from(point.normal[k]) * step[k]);
         dips.degrees(slope) < MIN_FAULT_DIP
     };
     let local = [points.iter().filter(is_gentle).count(), points.len()];
-    let counts = comm.all_gather("points that dip gently", local)?;
-    let [gentle, count] = counts
-        .iter()
-        .fold([0, 0], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
+    let [gentle, count] = grid.sum("points that dip gently", local)?;
     Ok((count > 0).then(|| gentle as f64 / count as f64))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::SelfComm;
 
     #[test]
     fn the_share_counts_dips_in_world_coordinates() {
@@ -149,6 +144,7 @@ mod tests {
             units: ["m".into(), "m".into(), "ms".into()],
             ..Geometry::default()
         };
+        let grid = SharedGrid::of_one_process([1; 3]);
         let share = |dip: f64, azimuth: f64| {
             let (dip, azimuth) = (dip.to_radians(), azimuth.to_radians());
             let normal = [
@@ -164,14 +160,14 @@ mod tests {
                 normal: slope.map(|c| (c / length) as f32),
                 strength: 1.0,
             };
-            gently_dipping_share(&[point], &WorldDip::new(&survey, 0), [1.0; 3], &SelfComm).unwrap()
+            gently_dipping_share(grid, &[point], &WorldDip::new(&survey, 0), [1.0; 3]).unwrap()
         };
         for azimuth in [0.0, 50.0, 90.0, 200.0] {
             assert_eq!(share(28.0, azimuth), Some(1.0), "{azimuth}");
             assert_eq!(share(32.0, azimuth), Some(0.0), "{azimuth}");
         }
         assert_eq!(
-            gently_dipping_share(&[], &WorldDip::new(&survey, 0), [1.0; 3], &SelfComm).unwrap(),
+            gently_dipping_share(grid, &[], &WorldDip::new(&survey, 0), [1.0; 3]).unwrap(),
             None
         );
     }

@@ -9,8 +9,7 @@
 //!
 //! The bell is cut at 3 sigma and lowered by its value there, so that b falls to exactly 0.
 
-use super::FeaturePoint;
-use crate::comm::{Comm, concatenate};
+use super::{FeaturePoint, SharedGrid};
 use crate::error::Result;
 use crate::geometry::dot;
 use crate::geometry::simd::dispatch_simd;
@@ -52,13 +51,12 @@ pub struct PotentialValleys<'a, const D: usize> {
 type ValleyPoint<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
 
 impl<const D: usize> PotentialValleys<'_, D> {
-    /// Computes the potential, distributed over the ranks of `comm`. The points are all points, or
-    /// those that [`PotentialValleys::gather_for_share`] returned.
-    pub fn potential(&self, comm: &dyn Comm, cancel: &CancelToken<'_>) -> SparseField<D> {
-        let compute = |layers: Range<usize>, samples: &mut Vec<f32>| {
+    /// Computes the potential on the grid, each rank its part. The points are all points, or those
+    /// that [`PotentialValleys::gather_for_share`] returned.
+    pub fn potential(&self, grid: SharedGrid<'_, D>, cancel: &CancelToken<'_>) -> SparseField<D> {
+        grid.field(self.step, |layers: Range<usize>, samples: &mut Vec<f32>| {
             self.compute_layers(layers, samples, cancel);
-        };
-        SparseField::from_layers(self.dims, self.step, comm, compute)
+        })
     }
 
     /// Returns the valleys with the points on which this rank's share of the potential depends, if
@@ -66,18 +64,14 @@ impl<const D: usize> PotentialValleys<'_, D> {
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub fn gather_for_share(self, comm: &dyn Comm) -> Result<PotentialValleys<'static, D>> {
-        let points_for_rank = |rank: usize| -> Vec<ValleyPoint<D>> {
-            let layers = SparseField::rank_layers(self.dims, rank, comm.size());
-            let spacing = |i: usize| self.spacing.as_ref().map(|d| d[i]);
-            let valley_point = |i: usize| (self.points[i], (self.is_rim[i], spacing(i)));
+    pub fn gather_for_share(self, grid: SharedGrid<'_, D>) -> Result<PotentialValleys<'static, D>> {
+        let spacing = |i: usize| self.spacing.as_ref().map(|d| d[i]);
+        let valley_point = |i: usize| (self.points[i], (self.is_rim[i], spacing(i)));
+        let points_for = |layers: Range<usize>| -> Vec<ValleyPoint<D>> {
             self.points_near(&layers).map(valley_point).collect()
         };
-        let received = comm.all_to_all(
-            "points near layers",
-            (0..comm.size()).map(points_for_rank).collect(),
-        )?;
-        let (points, marks): (Vec<_>, Vec<_>) = concatenate(received).into_iter().unzip();
+        let received = grid.items_for_field("points near layers", points_for)?;
+        let (points, marks): (Vec<_>, Vec<_>) = received.into_iter().unzip();
         let (is_rim, spacing): (Vec<_>, Vec<_>) = marks.into_iter().unzip();
         Ok(PotentialValleys {
             dims: self.dims,

@@ -12,8 +12,8 @@
 //! point, without holes and duplicates.
 
 use super::candidate::{Candidate, dominant_axes, ridge_offset};
-use super::candidate_slab::CandidateSlab;
 use super::hessian::Curvature;
+use super::shared_grid::CandidateSlab;
 use super::windows::{LayerWindow, Samples, WindowInterior};
 use crate::error::Result;
 use crate::feature::volume::Volume;

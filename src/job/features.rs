@@ -10,11 +10,10 @@ use super::MeshSpec;
 use super::output::lines::write_feature_lines;
 use super::output::points::write_feature_points;
 use super::spec::{FeatureWeights, NominalDistance, PointValue};
-use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{
     FaultEvidence, FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP, MIN_LENGTH,
-    detect_with_cancel, lines_with_cancel,
+    SharedGrid, detect_with_cancel, lines_with_cancel,
 };
 use crate::files::output::{check_output, file_report};
 use crate::image::formats::{self, IMAGE_EXTENSIONS, InputOptions, LoadedImage};
@@ -243,7 +242,8 @@ pub fn features<const D: usize>(
     };
     CancelToken::run_with_progress(callback, |cancel| {
         let source = ImageSource::InMemory(&image.image);
-        let features = detect_with_cancel(source, &options, &SelfComm, cancel)?;
+        let grid = SharedGrid::of_one_process(source.dims());
+        let features = detect_with_cancel(source, &options, grid, cancel)?;
         let find_lines = || lines_with_cancel(&features, cancel);
         let lines = spec.lines.as_ref().map(|_| find_lines()).transpose()?;
         Ok(FeatureOutcome { features, lines })

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
-use crate::feature::{self, Features, label_map};
+use crate::feature::{self, Features, SharedGrid, label_map};
 use crate::geometry::statistics::upper_median;
 use crate::image::{Geometry, Image, ImageSource, MaskedImage};
 use crate::lattice::distance::Distance;
@@ -317,10 +317,10 @@ fn find_features<const D: usize>(
     options.given = given.map(|given| Arc::clone(&given.points));
     options.is_distributed =
         may_distribute && given.is_none() && placement::needs_only_local_potential(params);
-    let comm = stages.comm;
+    let grid = SharedGrid::new(source.dims(), stages.comm);
     stages.load_or_run("1-features", |stages| {
         stages.run_or_interrupt(Stage::Features, |cancel| {
-            feature::detect_with_cancel(source, &options, comm, cancel)
+            feature::detect_with_cancel(source, &options, grid, cancel)
         })
     })
 }

@@ -218,7 +218,7 @@ mod tests {
 
     use super::*;
     use crate::ErrorKind;
-    use crate::feature::FeatureKind;
+    use crate::feature::{FeatureKind, SharedGrid};
     use crate::image::synth::{self, SyntheticKind};
     use crate::image::{Geometry, Image, ImageSource};
     use crate::job::{
@@ -387,7 +387,7 @@ mod tests {
                     crate::feature::detect_with_cancel(
                         ImageSource::InMemory(&image),
                         &options,
-                        &SelfComm,
+                        SharedGrid::of_one_process(image.dims()),
                         cancel,
                     )
                 });

@@ -28,12 +28,11 @@ use super::masks::{Masks, ThinMask};
 use super::potential::Potential;
 use super::ridges::Ridges;
 use super::{Brightness, Detector};
-use crate::comm::Comm;
 use crate::error::Result;
 use crate::feature::detection::{first_non_finite, non_finite_error};
 use crate::feature::volume::Volume;
 use crate::feature::windows::{LayerWindow, Samples, layer_len};
-use crate::feature::{Doubt, FeatureKind};
+use crate::feature::{Doubt, FeatureKind, SharedGrid};
 use crate::files::codec::codec_fields;
 use crate::geometry::grid_index::block_rows;
 use crate::geometry::simd::dispatch_simd;
@@ -74,7 +73,7 @@ pub struct DetectorChoice<const D: usize> {
 pub fn choose<const D: usize>(
     image: &Image<D>,
     modality: Modality,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
 ) -> Result<DetectorChoice<D>> {
     if let Some(labels) = image.label_evidence(modality) {
         let reason = format!(
@@ -84,7 +83,7 @@ pub fn choose<const D: usize>(
         );
         return Ok(choose_for_labels(image, modality, reason));
     }
-    let samples = Samples::in_memory(image.dims(), image.as_slice()).with_comm(comm);
+    let samples = grid.distribute(Samples::in_memory(image.dims(), image.as_slice()));
     let survey = ImageSurvey::measure(&samples, &CancelToken::never())?;
     match survey.first_non_finite {
         Some((at, value)) => Err(non_finite_error(at, value)),

@@ -45,7 +45,7 @@ impl<const D: usize> Detector<D> for Edges {
         let width = hypot(input.scale(), output.scale);
         let min_strength = output.thresholds.high;
         if D == 2 {
-            let candidates = output.gather_candidates(input.comm)?;
+            let candidates = output.gather_candidates(input.grid)?;
             output.candidates =
                 sharpen_corners(dims, candidates, width, min_strength, input.cancel);
         }

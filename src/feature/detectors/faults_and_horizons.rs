@@ -7,10 +7,8 @@
 use super::DetectorTask;
 use super::faults::Faults;
 use super::horizons::Horizons;
-use crate::comm::Comm;
 use crate::error::Result;
-use crate::feature::DetectionOptions;
-use crate::feature::{Features, PointCounts, SurfaceName};
+use crate::feature::{DetectionOptions, Features, PointCounts, SharedGrid, SurfaceName};
 
 /// Returns the two detectors with their options. The requested threshold is an amplitude, so it
 /// applies to horizons; that of faults is chosen from the image.
@@ -30,14 +28,13 @@ pub fn combine<const D: usize>(
     mut first: Features<D>,
     second: Features<D>,
     weights: [f64; 2],
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
 ) -> Result<Features<D>> {
     let [a, b] = weights.map(|w| w as f32);
     let deepest = |first: f32, second: f32| (a * first).min(b * second);
     let counts = [&first, &second].map(Features::point_counts);
-    let max_surface: Vec<u32> =
-        comm.all_gather("surfaces", first.surface.iter().copied().max().unwrap_or(0))?;
-    let max_surface = max_surface.into_iter().max().unwrap_or(0);
+    let max_surface = first.surface.iter().copied().max().unwrap_or(0);
+    let max_surface = grid.max("surfaces", max_surface)?;
     first.global_counts = first.global_counts.map(|_| PointCounts {
         points: counts[0].points + counts[1].points,
         on_horizon: counts[0].on_horizon + counts[1].on_horizon,
@@ -58,7 +55,7 @@ pub fn combine<const D: usize>(
     first.outcomes.extend(second.outcomes);
     first.notes.extend(second.notes);
     first.resolved.extend(second.resolved);
-    first.sort_points(comm)?;
+    grid.sort_points(&mut first)?;
     Ok(first)
 }
 

@@ -1,11 +1,10 @@
-//! Input of a detector: the image, the options and the ranks that share the search.
+//! Input of a detector: the image, the options and the grid whose layers ranks share.
 
 use super::{Detector, Thresholds, faults};
-use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::feature::volume::Volume;
 use crate::feature::windows::Samples;
-use crate::feature::{DetectionOptions, ResolvedOptions, gaussian};
+use crate::feature::{DetectionOptions, ResolvedOptions, SharedGrid, gaussian};
 use crate::image::{Image, ImageSource, LiveMask};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -24,8 +23,8 @@ pub struct DetectorInput<'a, const D: usize> {
     pub resolved: Option<&'a ResolvedOptions>,
     /// Cancels the search; the result of a cancelled search is not used.
     pub cancel: &'a CancelToken<'a>,
-    /// The ranks that share the search.
-    pub comm: &'a dyn Comm,
+    /// The grid of the image's samples, whose layers ranks share.
+    pub grid: SharedGrid<'a, D>,
 }
 
 impl<'a, const D: usize> DetectorInput<'a, D> {
@@ -41,7 +40,7 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
             options,
             resolved: None,
             cancel,
-            comm: &SelfComm,
+            grid: SharedGrid::of_one_process(source.dims()),
         }
     }
 
@@ -100,12 +99,11 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
                 Samples::in_memory(image.dims(), signed)
             }
             ImageSource::Layered(layers) => {
-                return Samples::from_layers(layers, sign)
-                    .with_comm(self.comm)
-                    .load_if_small();
+                let samples = self.grid.distribute(Samples::from_layers(layers, sign));
+                return samples.load_if_small();
             }
         };
-        Ok(samples.with_comm(self.comm))
+        Ok(self.grid.distribute(samples))
     }
 
     /// Returns the width (samples) of the Gaussian under which derivatives are taken, for detectors

@@ -23,7 +23,6 @@
 
 use super::value_regions::{REGION_VALUES, value_regions};
 use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
-use crate::comm::concatenate;
 use crate::error::{Error, Result, cause};
 use crate::feature::candidate::{Candidate, dominant_axes};
 use crate::feature::label_map::missing_label_error;
@@ -124,9 +123,9 @@ fn find_in_samples<const D: usize>(
         &mut collect,
         &mut |()| {},
     )?;
-    let counts = input.comm.all_gather("points of value", candidates.len())?;
+    let has_points = (input.grid).any("points of value", !candidates.is_empty())?;
     // A part of an image need not have the value.
-    if input.resolved.is_none() && counts.iter().all(|&count| count == 0) {
+    if input.resolved.is_none() && !has_points {
         let [min, max] = value_range(&samples, live, cancel)?;
         return Err(Error::Feature(cause(
             format!("threshold {level}"),
@@ -144,7 +143,7 @@ fn find_in_samples<const D: usize>(
         return Err(missing_label_error(options, &REGION_VALUES));
     }
     if is_in_memory {
-        values = concatenate(input.comm.all_gather("smoothed values", values)?);
+        values = input.grid.concatenated("smoothed values", values)?;
     }
     let is_complete = values.len() == input.dims().iter().product::<usize>();
     let regions = is_complete.then(|| value_regions(input, &values, level, notes));
@@ -378,7 +377,7 @@ mod tests {
     use crate::comm::run_threads;
     use crate::feature::scenes::Noise;
     use crate::feature::windows::tests::LayeredImage;
-    use crate::feature::{DetectionOptions, Features, detect, detect_part};
+    use crate::feature::{DetectionOptions, Features, SharedGrid, detect, detect_part};
     use crate::geometry::{dot, sub};
     use crate::image::{Geometry, Image, ImageSource};
 
@@ -625,11 +624,11 @@ mod tests {
         for ranks in [2, 3] {
             run_threads(ranks, |comm| {
                 let input = DetectorInput {
-                    comm,
+                    grid: SharedGrid::new(dims, comm),
                     ..DetectorInput::new(ImageSource::InMemory(&image), &options, &cancel)
                 };
                 let mut shared = Isosurface.find(&input, &mut Vec::new()).unwrap();
-                assert!(same(&shared.gather_candidates(comm).unwrap()));
+                assert!(same(&shared.gather_candidates(input.grid).unwrap()));
             });
         }
     }

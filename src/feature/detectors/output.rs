@@ -4,12 +4,11 @@ use std::fmt;
 use std::ops::Range;
 
 use super::labels;
-use crate::comm::{Comm, concatenate};
 use crate::error::Result;
-use crate::feature::FeatureKind;
 use crate::feature::candidate::Candidate;
 use crate::feature::chaos::ChaoticZones;
 use crate::feature::label_map::LabelMap;
+use crate::feature::{FeatureKind, SharedGrid};
 use crate::image::Image;
 
 /// Thresholds of strength for hysteresis (Canny 1986).
@@ -87,14 +86,14 @@ impl<const D: usize> DetectorOutput<D> {
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub fn gather_candidates(&mut self, comm: &dyn Comm) -> Result<Vec<Candidate<D>>> {
+    pub fn gather_candidates(&mut self, grid: SharedGrid<'_, D>) -> Result<Vec<Candidate<D>>> {
         let local = std::mem::take(&mut self.candidates);
         if self.layers.take().is_none() {
             return Ok(local);
         }
         let flat = std::mem::take(&mut self.flat_candidates);
-        self.flat_candidates = concatenate(comm.all_gather("flat candidates", flat)?);
-        Ok(concatenate(comm.all_gather("candidates", local)?))
+        self.flat_candidates = grid.concatenated("flat candidates", flat)?;
+        grid.concatenated("candidates", local)
     }
 
     /// Drops candidates in chaotic zones, unless `keep_chaos` is set. `kind` is what is searched for.
@@ -133,7 +132,7 @@ impl<const D: usize> DetectorOutput<D> {
         image: &Image<D>,
         beyond_smoothing: f64,
         notes: &mut Vec<String>,
-        comm: &dyn Comm,
+        grid: SharedGrid<'_, D>,
     ) -> Result<()> {
         let reach = (3.0 * self.scale).ceil() + beyond_smoothing;
         let is_near_missing = image.rows_near_missing(reach);
@@ -146,7 +145,7 @@ impl<const D: usize> DetectorOutput<D> {
             .filter(|&r| is_near_missing[r] && !image.missing[r])
             .count();
         if self.layers.is_some() {
-            dropped = comm.all_gather("candidates dropped", dropped)?.iter().sum();
+            [dropped] = grid.sum("candidates dropped", [dropped])?;
         }
         for candidates in [&mut self.candidates, &mut self.flat_candidates] {
             candidates.retain(|c| !is_near_missing[row(c)]);

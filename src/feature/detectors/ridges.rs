@@ -13,21 +13,18 @@
 //! width after smoothing are seen as one.
 
 use super::{Brightness, Detector, DetectorInput, DetectorOutput, Thresholds};
-use crate::comm::Comm;
 use crate::error::Result;
-use crate::feature::FeatureKind;
 use crate::feature::boundary_extension::{self, BoundaryShell, extend_to_sides};
 use crate::feature::candidate::Candidate;
-use crate::feature::candidate_slab::{CandidateSlab, select_nth};
 use crate::feature::oriented::{
     AmbiguityMask, CANDIDATE_HALO_LAYERS, OrientedSearch, merge_points,
 };
 use crate::feature::ridges::{self, RidgeStatistics, ridges};
+use crate::feature::shared_grid::CandidateSlab;
 use crate::feature::volume::Volume;
 use crate::feature::windows::{CoveredLayers, LayerStack, LayerWindow, Samples, layer_len};
-use crate::image::LiveMask;
+use crate::feature::{FeatureKind, SharedGrid};
 use crate::parallel::prelude::*;
-use crate::progress::CancelToken;
 use std::ops::Range;
 
 /// Detector of surfaces of high or of low values. Surfaces of low values are the ridges of the
@@ -139,24 +136,15 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
         mut samples: Samples<'_, D>,
         notes: &mut Vec<String>,
     ) -> Result<DetectorOutput<D>> {
-        let (dims, cancel) = (samples.dims(), self.input.cancel);
+        let (grid, cancel) = (self.input.grid, self.input.cancel);
         let (scale, thresholds, signal_to_noise) = self.smooth(&mut samples, notes)?;
-        let comm = self.input.comm;
-        let survey = RidgeSurvey::measure(
-            &samples,
-            scale,
-            thresholds.low,
-            comm,
-            self.input.live_mask,
-            cancel,
-        )?;
+        let survey = RidgeSurvey::measure(&samples, scale, thresholds.low, self.input)?;
         let layers = Some(survey.layers.clone());
         let mut slab = CandidateSlab::new(
-            dims,
+            grid,
             survey.candidates,
             layers.clone(),
             CANDIDATE_HALO_LAYERS,
-            comm,
         )?;
         let heights = slab.with_halo("heights of ridges", survey.heights)?;
         let typical = ridges::global_typical_strength(&slab)?;
@@ -197,11 +185,10 @@ impl<'a, const D: usize> RidgeSearch<'a, D> {
             candidates
         };
         let slab = CandidateSlab::new(
-            dims,
+            grid,
             candidates,
             layers.clone(),
             boundary_extension::HALO_LAYERS,
-            comm,
         )?;
         let candidates = extend_to_sides(shell, slab, scale, high, cancel)?;
         Ok(DetectorOutput {
@@ -286,8 +273,8 @@ fn oriented_points<const D: usize>(
     let (slab, ambiguity) = (search.slab, search.ambiguity);
     let points = search.points()?;
     let (candidates, oriented_count) = merge_points(slab, ambiguity, &points, strong_threshold);
-    let counts = [slab.owned.len(), candidates.len(), oriented_count].map(|n| n as u64);
-    let [before, after, count] = slab.global_sums("oriented points", counts)?;
+    let counts = [slab.owned.len(), candidates.len(), oriented_count];
+    let [before, after, count] = slab.grid.sum("oriented points", counts)?;
     if count > 0 {
         notes.push(format!(
             "surfaces cross, branch or run close to each other around {:.1} % of the samples: filters at all \
@@ -326,9 +313,12 @@ impl<const D: usize> RidgeSurvey<D> {
         samples: &Samples<'_, D>,
         scale: f64,
         low: f32,
-        comm: &dyn Comm,
-        live_mask: Option<&LiveMask<D>>,
-        cancel: &CancelToken<'_>,
+        &DetectorInput {
+            grid,
+            live_mask,
+            cancel,
+            ..
+        }: &DetectorInput<'_, D>,
     ) -> Result<Self> {
         let (stride, shell) = (
             samples.sample_stride(),
@@ -360,16 +350,18 @@ impl<const D: usize> RidgeSurvey<D> {
         };
         let reach = ridges::DIFFERENCE_REACH;
         samples.for_each_window(reach, None, &|_| 1, cancel, &mut measure, &mut |()| ())?;
-        let median_index = |count: usize| count / 2;
         let [raw, smoothed] = subsamples;
-        let background = select_nth("samples", raw, median_index, comm)?.unwrap_or(0.0) as f32;
-        let empty_level =
-            select_nth("smoothed samples", smoothed, median_index, comm)?.unwrap_or(0.0) as f32;
+        let median = |what: &str, samples: Vec<f32>| -> Result<f32> {
+            let median = grid.select_nth(what, samples, |count| count / 2)?;
+            Ok(median.unwrap_or(0.0) as f32)
+        };
+        let background = median("samples", raw)?;
+        let empty_level = median("smoothed samples", smoothed)?;
         heights
             .par_iter_mut()
             .for_each(|height| *height -= empty_level);
-        let tops = tops.gather(comm)?;
-        let top = select_nth("tops of rows", tops, |count| count * 9 / 10, comm)?;
+        let tops = tops.gather(grid)?;
+        let top = grid.select_nth("tops of rows", tops, |count| count * 9 / 10)?;
         Ok(Self {
             layers: layers.0,
             candidates,
@@ -448,14 +440,13 @@ impl RowTops {
 
     /// Returns the highest samples of the rows that this rank began; parts of the last row come
     /// from the following ranks.
-    fn gather(mut self, comm: &dyn Comm) -> Result<Vec<f32>> {
+    fn gather<const D: usize>(mut self, grid: SharedGrid<'_, D>) -> Result<Vec<f32>> {
         let local = (self.first_top, self.tops.is_empty());
-        let gathered: Vec<(Option<f32>, bool)> = comm.all_gather("tops of rows begun", local)?;
-        let mut following = gathered[comm.rank() + 1..].iter();
+        let mut following = grid.following("tops of rows begun", local)?.into_iter();
         let mut continues = true;
         while let Some((first_top, has_no_row)) = following.next().filter(|_| continues) {
-            self.add(*first_top, Vec::new());
-            continues = *has_no_row;
+            self.add(first_top, Vec::new());
+            continues = has_no_row;
         }
         Ok(self.tops)
     }

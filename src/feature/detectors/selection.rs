@@ -1,9 +1,8 @@
 //! Choice of the detectors for the options, and combination of their results.
 
 use super::{Detector, FeatureKind, ThresholdMeaning, auto, faults_and_horizons};
-use crate::comm::Comm;
 use crate::error::{Error, Result, cause};
-use crate::feature::{DetectionOptions, Doubt, Features};
+use crate::feature::{DetectionOptions, Doubt, Features, SharedGrid};
 use crate::image::Image;
 
 /// A detector and its options.
@@ -37,12 +36,12 @@ pub fn detector_for<const D: usize>(kind: FeatureKind) -> Option<&'static dyn De
 pub fn select_detectors<const D: usize>(
     image: &Image<D>,
     options: &DetectionOptions<D>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
 ) -> Result<DetectorSelection<D>> {
     match requested_detectors(options) {
         Some(tasks) => Ok((tasks, None)),
         None => selection_from_choice(
-            auto::choose(image, options.modality.or_detect(&image.geometry), comm)?,
+            auto::choose(image, options.modality.or_detect(&image.geometry), grid)?,
             options,
         ),
     }
@@ -113,16 +112,15 @@ pub fn detector_for_part<const D: usize>(kind: FeatureKind) -> Result<&'static d
 /// Returns the errors of other ranks.
 pub fn combine_features<const D: usize>(
     features: Vec<Features<D>>,
-    dims: [usize; D],
     options: &DetectionOptions<D>,
-    comm: &dyn Comm,
+    grid: SharedGrid<'_, D>,
 ) -> Result<Features<D>> {
     let mut features = features.into_iter();
     Ok(match (features.next(), features.next()) {
         (Some(faults), Some(horizons)) => {
-            faults_and_horizons::combine(faults, horizons, options.weights, comm)?
+            faults_and_horizons::combine(faults, horizons, options.weights, grid)?
         }
         (Some(single), None) => single,
-        _ => Features::empty(dims, options),
+        _ => Features::empty(grid.dims, options),
     })
 }

@@ -1,11 +1,11 @@
 //! Mask of the samples at which more than one surface orientation is possible.
 
 use super::normal_dispersion::normal_dispersion;
-use crate::comm::Comm;
 use crate::error::Result;
+use crate::feature::SharedGrid;
 use crate::feature::candidate::Candidate;
-use crate::feature::candidate_slab::{CandidateSlab, select_nth};
 use crate::feature::ridges::HEIGHT_FACTOR;
+use crate::feature::shared_grid::CandidateSlab;
 use crate::feature::volume::Volume;
 use crate::feature::windows::WindowInterior;
 use crate::geometry::eigen::SymmetricMatrix;
@@ -130,7 +130,8 @@ impl<const D: usize> AmbiguityMask<D> {
         strong_threshold: f32,
         clear_threshold: f32,
     ) -> Result<Self> {
-        let (dims, candidates, comm) = (slab.dims, &slab.candidates, slab.comm());
+        let (grid, candidates) = (slab.grid, &slab.candidates);
+        let dims = grid.dims;
         let samples = Volume::new(dims, &[]);
         let cells = Volume::new(dims.map(|n| n.div_ceil(CELL_SIZE)), &[]);
         let count = cells.dims.iter().product();
@@ -172,11 +173,11 @@ impl<const D: usize> AmbiguityMask<D> {
             tensors: vec![[[0.0; D]; D]; ridges.len()],
         };
         let ridges = mask.sum_ridges(ridges, informative, strong_threshold);
-        if let Some(flags) = mask.ridge_flags(&ridges, scale, comm)? {
+        if let Some(flags) = mask.ridge_flags(&ridges, scale, grid)? {
             mask.dilate(&ridges, &flags);
             let owned_flags = &mask.flags[mask.owned_cells.clone()];
-            let flagged = owned_flags.iter().filter(|&&flag| flag != 0).count() as u64;
-            let [flagged] = slab.global_sums("ambiguous cells", [flagged])?;
+            let flagged = owned_flags.iter().filter(|&&flag| flag != 0).count();
+            let [flagged] = grid.sum("ambiguous cells", [flagged])?;
             mask.share = flagged as f64 / mask.flags.len().max(1) as f64;
         }
         Ok(mask)
@@ -217,7 +218,7 @@ impl<const D: usize> AmbiguityMask<D> {
         &self,
         ridges: &[CellRidges<D>],
         scale: f64,
-        comm: &dyn Comm,
+        grid: SharedGrid<'_, D>,
     ) -> Result<Option<Vec<u8>>> {
         let ratio = |w: [f64; 2]| w[0] / w[1];
         let owned_ridges = ridges
@@ -225,7 +226,7 @@ impl<const D: usize> AmbiguityMask<D> {
             .filter(|ridge| self.owned_cells.contains(&ridge.cell));
         let sure_widths = owned_ridges.map(|cell| cell.strong_width_sums);
         let ratios: Vec<f64> = sure_widths.filter(|w| w[1] > 0.0).map(ratio).collect();
-        let Some(narrow_ratio) = select_nth("widths of ridges", ratios, |count| count / 4, comm)?
+        let Some(narrow_ratio) = grid.select_nth("widths of ridges", ratios, |count| count / 4)?
         else {
             return Ok(None);
         };
@@ -247,7 +248,7 @@ impl<const D: usize> AmbiguityMask<D> {
         let positive = dispersion.iter().zip(ridges).filter(|(s, _)| **s > 0.0);
         let positive = positive.filter(|(_, ridge)| self.owned_cells.contains(&ridge.cell));
         let positive = positive.map(|(s, _)| *s).collect();
-        let noise = select_nth("spreads of normals", positive, |count| count / 10, comm)?;
+        let noise = grid.select_nth("spreads of normals", positive, |count| count / 10)?;
         let noise = noise.unwrap_or(0.0);
         let max_dispersion =
             (NOISE_FACTOR * noise).clamp(DISPERSION_BOUNDS[0], DISPERSION_BOUNDS[1]);

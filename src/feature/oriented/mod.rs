@@ -28,8 +28,8 @@ mod row_ranges;
 mod stencil;
 
 use super::candidate::{Candidate, Voxel, nearest_sample};
-use super::candidate_slab::{CandidateSlab, select_nth};
 use super::quadric::Quadric;
+use super::shared_grid::CandidateSlab;
 use super::volume::Volume;
 use super::voxel_index::CandidateIndex;
 use super::windows::{LayerWindow, Samples, WindowInterior};
@@ -105,16 +105,12 @@ impl<const D: usize> OrientedSearch<'_, D> {
     /// # Errors
     /// Returns the errors of reading, and those of other ranks.
     pub fn points(&self) -> Result<Vec<Candidate<D>>> {
-        let (dims, comm) = (self.image.dims(), self.slab.comm());
+        let grid = self.slab.grid;
         let mut points = self.filter_points()?;
         let strengths = points.iter().map(|c| f64::from(c.strength)).collect();
         let strong_index = |count: usize| ((1.0 - STRONG_SHARE) * count as f64) as usize;
-        let Some(strong) = select_nth(
-            "strengths of oriented points",
-            strengths,
-            strong_index,
-            comm,
-        )?
+        let Some(strong) =
+            grid.select_nth("strengths of oriented points", strengths, strong_index)?
         else {
             return Ok(points);
         };
@@ -126,7 +122,7 @@ impl<const D: usize> OrientedSearch<'_, D> {
         }
         points.par_sort_by_key(|c| c.voxel);
         let layers = Some(self.slab.owned_layers().clone());
-        let slab = CandidateSlab::new(dims, points, layers, CANDIDATE_HALO_LAYERS, comm)?;
+        let slab = CandidateSlab::new(grid, points, layers, CANDIDATE_HALO_LAYERS)?;
         Ok(self.refine_points(&slab.candidates))
     }
 
@@ -269,7 +265,7 @@ pub fn merge_points<const D: usize>(
     oriented: &[Candidate<D>],
     strong_threshold: f32,
 ) -> (Vec<Candidate<D>>, usize) {
-    let (dims, isotropic) = (slab.dims, &slab.candidates[slab.owned.clone()]);
+    let (dims, isotropic) = (slab.grid.dims, &slab.candidates[slab.owned.clone()]);
     let samples = Volume { dims, samples: &[] };
     let blocks = blocks(dims);
     let coordinates = |c: &Candidate<D>| samples.coordinates(c.voxel.index());

@@ -7,7 +7,7 @@
 use super::{OpenSides, SurfaceRules};
 use crate::error::Result;
 use crate::feature::candidate::{Candidate, nearest_sample};
-use crate::feature::candidate_slab::CandidateSlab;
+use crate::feature::shared_grid::CandidateSlab;
 use crate::feature::voxel_index::CandidateIndex;
 use crate::geometry::{dot, norm, sub};
 use crate::parallel::prelude::*;
@@ -157,7 +157,7 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
         let count = slab.candidates.len();
         Self {
             slab,
-            grid: CandidateIndex::new(slab.dims, &slab.candidates),
+            grid: CandidateIndex::new(slab.grid.dims, &slab.candidates),
             step: step.map(|h| h as f32),
             rules,
             cancel,
@@ -333,7 +333,7 @@ impl<'a, const D: usize> SurfaceGrowth<'a, D> {
     /// Sums over the ranks that grow the surface.
     fn reduce_sums<const N: usize>(&self, local: [u64; N]) -> Result<[u64; N]> {
         if self.is_collective {
-            self.slab.global_sums("sums over a surface", local)
+            self.slab.grid.sum("sums over a surface", local)
         } else {
             Ok(local)
         }

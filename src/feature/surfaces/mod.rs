@@ -13,9 +13,8 @@ mod growth;
 mod seeds;
 
 use super::candidate::Candidate;
-use super::candidate_slab::CandidateSlab;
-use super::{FeatureKind, FeaturePoint, ThresholdMeaning};
-use crate::comm::Comm;
+use super::shared_grid::CandidateSlab;
+use super::{FeatureKind, FeaturePoint, SharedGrid, ThresholdMeaning};
 use crate::error::Result;
 use crate::geometry::unit;
 use crate::parallel::prelude::*;
@@ -105,23 +104,21 @@ impl<const D: usize> FeatureSurfaces<D> {
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub fn gather(self, comm: &dyn Comm) -> Result<Self> {
-        if comm.size() == 1 {
+    pub fn gather(self, grid: SharedGrid<'_, D>) -> Result<Self> {
+        if !grid.is_shared() {
             return Ok(self);
         }
-        let mut gathered = Self {
-            points: Vec::with_capacity(self.total_points),
-            surface: Vec::with_capacity(self.total_points),
-            is_rim: Vec::with_capacity(self.total_points),
+        let marks = self.surface.into_iter().zip(self.is_rim);
+        let local = self.points.into_iter().zip(marks).collect();
+        let gathered = grid.concatenated("points of surfaces", local)?;
+        let (points, marks): (_, Vec<_>) = gathered.into_iter().unzip();
+        let (surface, is_rim) = marks.into_iter().unzip();
+        Ok(Self {
+            points,
+            surface,
+            is_rim,
             ..self
-        };
-        let local = (self.points, (self.surface, self.is_rim));
-        for (points, (surface, is_rim)) in comm.all_gather("points of surfaces", local)? {
-            gathered.points.extend(points);
-            gathered.surface.extend(surface);
-            gathered.is_rim.extend(is_rim);
-        }
-        Ok(gathered)
+        })
     }
 
     /// Keeps the surfaces for which `stays` is `true`, and numbers them again. `all` has the points of all
@@ -220,21 +217,19 @@ pub const SHARP_NORMALS: Agreement = Agreement {
 /// Returns an [`Error::Interrupted`](crate::Error::Interrupted) if the search is cancelled, and the
 /// errors of other ranks.
 pub fn extract_surfaces<const D: usize>(
-    dims: [usize; D],
+    grid: SharedGrid<'_, D>,
     candidates: Vec<Candidate<D>>,
     layers: Option<Range<usize>>,
     step: [f64; D],
     rules: &SurfaceRules<D>,
-    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<FeatureSurfaces<D>> {
     let halo = growth::halo_layers(&candidates, step, rules);
-    let halos = comm.all_gather("halo of surfaces", halo)?;
-    let halo = halos.into_iter().max().unwrap_or(0);
-    let slab = CandidateSlab::new(dims, candidates, layers, halo, comm)?;
+    let halo = grid.max("halo of surfaces", halo)?;
+    let slab = CandidateSlab::new(grid, candidates, layers, halo)?;
     let mut growth = SurfaceGrowth::new(&slab, step, rules, cancel);
     let kept_surfaces = SeedQueue::new(&mut growth, rules.high).grow_all()?;
-    let mut all_kept: Vec<(u64, u32)> = comm.all_gather("surfaces", kept_surfaces)?.concat();
+    let mut all_kept = grid.concatenated("surfaces", kept_surfaces)?;
     all_kept.sort_unstable();
     let number_of: HashMap<u32, u32> = (1..)
         .zip(&all_kept)
@@ -250,14 +245,13 @@ pub fn extract_surfaces<const D: usize>(
             _ => 4,
         }] += 1;
     }
-    let states = slab.global_sums("points of surfaces", states)?;
     let [
         in_small_pieces,
         in_narrow_parts,
         near_another_surface,
         weak,
         total_points,
-    ] = states.map(|n| n as usize);
+    ] = grid.sum("points of surfaces", states)?;
     let owned = slab.owned.clone().into_par_iter();
     let kept_indices: Vec<usize> = owned.filter(|&i| growth.state[i] < NARROW).collect();
     let kept_candidates = || kept_indices.par_iter().map(|&i| (i, &slab.candidates[i]));
@@ -298,7 +292,7 @@ fn to_lattice_space<const D: usize>(c: &Candidate<D>, step: [f64; D]) -> Feature
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{SelfComm, partition_range, run_threads};
+    use crate::comm::{partition_range, run_threads};
     use crate::feature::volume::Volume;
     use crate::geometry::random::Random;
     use crate::geometry::unit;
@@ -310,7 +304,8 @@ mod tests {
         rules: &SurfaceRules<3>,
     ) -> FeatureSurfaces<3> {
         let cancel = CancelToken::never();
-        extract_surfaces(dims, candidates, None, step, rules, &SelfComm, &cancel).unwrap()
+        let grid = SharedGrid::of_one_process(dims);
+        extract_surfaces(grid, candidates, None, step, rules, &cancel).unwrap()
     }
 
     /// Returns points of curved surfaces that cross and run close to each other, with gaps, and of
@@ -391,18 +386,12 @@ mod tests {
                         local_candidates.retain(|c| owned.contains(&layer(c)));
                         layers = Some(owned);
                     }
-                    let surfaces = extract_surfaces(
-                        dims,
-                        local_candidates,
-                        layers,
-                        step,
-                        &rules,
-                        comm,
-                        &CancelToken::never(),
-                    );
+                    let (grid, cancel) = (SharedGrid::new(dims, comm), CancelToken::never());
+                    let surfaces =
+                        extract_surfaces(grid, local_candidates, layers, step, &rules, &cancel);
                     let surfaces = surfaces.unwrap();
                     assert_eq!(surfaces.total_points, reference.points.len());
-                    surfaces.gather(comm).unwrap()
+                    surfaces.gather(grid).unwrap()
                 });
                 for surfaces in results {
                     assert_eq!(

@@ -121,30 +121,23 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
     /// Returns an [`Error::Interrupted`](crate::Error::Interrupted) if the search is cancelled, and
     /// the errors of other ranks.
     pub fn grow_all(mut self) -> Result<KeptSurfaces> {
-        let comm = self.growth.slab.comm();
+        let grid = self.growth.slab.grid;
         // Ranks go through one class after the other; otherwise they would speculate too far ahead.
-        let mut end = match comm.size() {
-            1 => NO_SEED,
-            _ => 0,
-        };
+        let mut end = if grid.is_shared() { 0 } else { NO_SEED };
         loop {
             let StopPoint { order, is_visible } = self.grow_speculatively(end)?;
-            let number = u64::from(self.new_number());
-            let stops: Vec<([u64; 2], bool)> =
-                comm.all_gather("seeds", ([order, number], is_visible))?;
-            let orders = stops
-                .iter()
-                .enumerate()
-                .map(|(rank, stop)| (stop.0[0], rank));
-            let Some((first, rank)) = orders.min().filter(|(order, _)| *order != NO_SEED) else {
+            let stop = (u64::from(self.new_number()), is_visible);
+            let first = grid.first("seeds", order, stop)?;
+            let Some((first, (number, is_visible), is_own)) =
+                first.filter(|(order, ..)| *order != NO_SEED)
+            else {
                 return Ok(self.kept);
             };
             end = ((first >> CLASS_SHIFT) + 1) << CLASS_SHIFT;
             self.log.commit_before(first);
-            let ([_, number], is_visible) = stops[rank];
             if is_visible {
                 self.undo_speculation();
-                self.grow_collectively(first, rank == comm.rank(), number as u32)?;
+                self.grow_collectively(first, is_own, number as u32)?;
             }
         }
     }
@@ -167,7 +160,7 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
 
     /// Grows surfaces from this rank's seeds before `end`, as long as no other rank sees them.
     fn grow_speculatively(&mut self, end: SeedOrder) -> Result<StopPoint> {
-        let is_shared = self.growth.slab.comm().size() > 1;
+        let is_shared = self.growth.slab.grid.is_shared();
         while let Some(&seed) = self.seeds.get(self.next_seed) {
             let seed = seed as usize;
             let order = self.seed_order(seed);
@@ -235,8 +228,7 @@ impl<'s, 'a, const D: usize> SeedQueue<'s, 'a, D> {
 
     /// Returns a number that no other surface has.
     fn new_number(&self) -> u32 {
-        let comm = self.growth.slab.comm();
-        (self.numbered_count * comm.size() + comm.rank()) as u32
+        self.growth.slab.grid.unique_number(self.numbered_count) as u32
     }
 }
 

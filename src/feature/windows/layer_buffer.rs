@@ -1,7 +1,5 @@
 //! Layers in memory, and their smoothing while a window slides.
 
-use super::strip::Strip;
-use crate::comm::Comm;
 use crate::error::Result;
 use crate::feature::gaussian;
 use crate::parallel::prelude::*;
@@ -49,47 +47,6 @@ impl LayerBuffer {
     pub fn layers(&self, range: Range<usize>, layer: usize) -> &[f32] {
         let first = self.range.start;
         &self.samples[(range.start - first) * layer..(range.end - first) * layer]
-    }
-
-    /// Returns the strip's rows of the layers `requested` of a volume, of which this buffer is the
-    /// rank's share; the other ranks have the remaining layers.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
-    pub fn exchange_layers<const D: usize>(
-        &self,
-        requested: Range<usize>,
-        strip: &Strip<D>,
-        comm: &dyn Comm,
-    ) -> Result<Self> {
-        let requests: Vec<[usize; 2]> =
-            comm.all_gather("layers wanted", [requested.start, requested.end])?;
-        let rows_for = |request: [usize; 2]| {
-            let [start, end] = request.map(|at| at.clamp(self.range.start, self.range.end));
-            strip.strip_rows(self.layers(start..end, strip.volume_layer_len()))
-        };
-        // A rank does not send layers to itself.
-        let sent = (requests.iter().enumerate()).map(|(rank, &request)| {
-            if rank == comm.rank() {
-                Vec::new()
-            } else {
-                rows_for(request).flatten().copied().collect()
-            }
-        });
-        let received: Vec<Vec<f32>> = comm.all_to_all("layers", sent.collect())?;
-        // Ranks have shares in the order of ranks.
-        let mut samples = Vec::with_capacity(requested.len() * strip.layer_len());
-        for (rank, rows) in received.iter().enumerate() {
-            if rank == comm.rank() {
-                rows_for(requests[rank]).for_each(|layer| samples.extend_from_slice(layer));
-            } else {
-                samples.extend_from_slice(rows);
-            }
-        }
-        Ok(Self {
-            range: requested,
-            samples,
-        })
     }
 }
 

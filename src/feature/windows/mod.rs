@@ -180,8 +180,24 @@ impl<'a, const D: usize> Samples<'a, D> {
     }
 
     /// Shares the work on windows among the ranks of `comm`, which all have these samples.
-    pub fn with_comm(self, comm: &'a dyn Comm) -> Self {
+    pub(super) fn with_comm(self, comm: &'a dyn Comm) -> Self {
         Self { comm, ..self }
+    }
+
+    /// Returns `true` if one process does all the work.
+    fn is_alone(&self) -> bool {
+        self.comm.size() == 1
+    }
+
+    /// Returns about how many samples each rank has a share of.
+    fn count_per_rank(&self) -> usize {
+        self.count() / self.comm.size()
+    }
+
+    /// Returns the sizes of windows that the first rank chooses by its memory, on every rank.
+    fn agreed<T: Codec>(&self, choose: impl FnOnce() -> T) -> Result<T> {
+        self.comm
+            .broadcast_from_root("room for layers", || Ok(choose()))
     }
 
     /// Loads the samples into memory if the volume is small and there is enough memory to process
@@ -192,7 +208,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     pub fn load_if_small(self) -> Result<Self> {
         match self.raw {
             SampleStore::Layered(layers, sign)
-                if self.comm.size() == 1
+                if self.is_alone()
                     && self.count() <= self.limits.max_whole
                     && has_memory(WHOLE_BYTES_PER_SAMPLE * self.count() as f64) =>
             {
@@ -349,12 +365,11 @@ impl<'a, const D: usize> Samples<'a, D> {
             Some(_) => [MIN_WIDE_HALO_LAYERS, 4 * self.limits.window],
             None => [LAYER_MULTIPLE, self.limits.max_whole],
         };
-        let layers_per_window =
-            if self.is_small() && self.comm.size() == 1 && self.count() <= max_whole {
-                owned.len()
-            } else {
-                self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
-            };
+        let layers_per_window = if self.is_small() && self.is_alone() && self.count() <= max_whole {
+            owned.len()
+        } else {
+            self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
+        };
         let ranges = || split_layers(owned.len(), layers_per_window).into_iter();
         let shifted_ranges =
             || ranges().map(|layers| owned.start + layers.start..owned.start + layers.end);
@@ -421,9 +436,10 @@ impl<'a, const D: usize> Samples<'a, D> {
             .distribute("layers changed", all_layers.len(), work, &mut |()| ())?;
         Ok(Samples {
             dims: self.dims,
-            raw: match self.comm.size() {
-                1 => SampleStore::InMemory(share.samples.into()),
-                _ => SampleStore::Distributed(share),
+            raw: if self.is_alone() {
+                SampleStore::InMemory(share.samples.into())
+            } else {
+                SampleStore::Distributed(share)
             },
             scales: Vec::new(),
             smoothed: None,
@@ -500,7 +516,7 @@ impl<'a, const D: usize> Samples<'a, D> {
                     widen(&(first.layers.start..end), reach, count)
                 }
             };
-            *raw = share.exchange_layers(visible, strip, self.comm)?;
+            *raw = exchange_layers(share, visible, strip, self.comm)?;
         }
         for interior in windows {
             if cancel.is_cancelled() {
@@ -578,6 +594,47 @@ impl<'a, const D: usize> Samples<'a, D> {
             SampleStore::InMemory(_) | SampleStore::Distributed(_) => Ok(()),
         }
     }
+}
+
+/// Returns the strip's rows of the layers `requested` of a volume, of which `share` is the rank's
+/// share; the other ranks have the remaining layers.
+///
+/// # Errors
+/// Returns the errors of other ranks.
+fn exchange_layers<const D: usize>(
+    share: &LayerBuffer,
+    requested: Range<usize>,
+    strip: &Strip<D>,
+    comm: &dyn Comm,
+) -> Result<LayerBuffer> {
+    let requests: Vec<[usize; 2]> =
+        comm.all_gather("layers wanted", [requested.start, requested.end])?;
+    let rows_for = |request: [usize; 2]| {
+        let [start, end] = request.map(|at| at.clamp(share.range.start, share.range.end));
+        strip.strip_rows(share.layers(start..end, strip.volume_layer_len()))
+    };
+    // A rank does not send layers to itself.
+    let sent = (requests.iter().enumerate()).map(|(rank, &request)| {
+        if rank == comm.rank() {
+            Vec::new()
+        } else {
+            rows_for(request).flatten().copied().collect()
+        }
+    });
+    let received: Vec<Vec<f32>> = comm.all_to_all("layers", sent.collect())?;
+    // Ranks have shares in the order of ranks.
+    let mut samples = Vec::with_capacity(requested.len() * strip.layer_len());
+    for (rank, rows) in received.iter().enumerate() {
+        if rank == comm.rank() {
+            rows_for(requests[rank]).for_each(|layer| samples.extend_from_slice(layer));
+        } else {
+            samples.extend_from_slice(rows);
+        }
+    }
+    Ok(LayerBuffer {
+        range: requested,
+        samples,
+    })
 }
 
 /// Buffers of the current strip.

@@ -137,18 +137,14 @@ impl<const D: usize> Samples<'_, D> {
     /// those of the halo included: at least `min_layers` if there is memory for them.
     pub(super) fn interior_layers(&self, min_layers: usize, layer_samples: usize) -> Result<usize> {
         // With several ranks, windows of fewer layers are distributed more evenly.
-        let has_wide_halo = min_layers > LAYER_MULTIPLE && self.comm.size() == 1;
-        let has_room = || {
-            Ok(has_memory(
-                WHOLE_BYTES_PER_SAMPLE * (MAX_WIDE_HALO_LAYERS * layer_samples) as f64,
-            ))
+        let has_wide_halo = min_layers > LAYER_MULTIPLE && self.is_alone();
+        let has_room =
+            || has_memory(WHOLE_BYTES_PER_SAMPLE * (MAX_WIDE_HALO_LAYERS * layer_samples) as f64);
+        let min_layers = if has_wide_halo && self.agreed(has_room)? {
+            min_layers
+        } else {
+            LAYER_MULTIPLE
         };
-        let min_layers =
-            if has_wide_halo && self.comm.broadcast_from_root("room for layers", has_room)? {
-                min_layers
-            } else {
-                LAYER_MULTIPLE
-            };
         Ok(self.layers_per_window(layer_samples).max(min_layers))
     }
 
@@ -156,7 +152,7 @@ impl<const D: usize> Samples<'_, D> {
     fn layers_per_window(&self, layer_samples: usize) -> usize {
         let window_samples = if self.is_small() {
             // Every rank has a share.
-            self.limits.window.min(self.count() / self.comm.size())
+            self.limits.window.min(self.count_per_rank())
         } else {
             self.limits.window
         };
@@ -168,7 +164,7 @@ impl<const D: usize> Samples<'_, D> {
     /// interior is smaller only if memory is short.
     pub(super) fn mapped_interior(&self, window_halo: WindowHalo) -> Result<[usize; 2]> {
         let (rows, count) = (rows_per_layer(self.dims), self.dims[D - 1]);
-        if self.is_small() && self.comm.size() == 1 {
+        if self.is_small() && self.is_alone() {
             return Ok([rows, count]);
         }
         let reach = window_halo.halo.next_multiple_of(LAYER_MULTIPLE);
@@ -183,7 +179,7 @@ impl<const D: usize> Samples<'_, D> {
         }
         let smallest = shapes[shapes.len() - 1];
         let halo_rows = 2 * self.side_rows(window_halo);
-        let result_bytes = RESULT_BYTES_PER_SAMPLE * (self.count() / self.comm.size()) as f64;
+        let result_bytes = RESULT_BYTES_PER_SAMPLE * self.count_per_rank() as f64;
         let fits = |&[own_rows, own_layers]: &[usize; 2]| {
             let extents = [(own_rows, rows), (own_layers, count)];
             let [rows, layers] = extents.map(|(interior, total)| (interior + halo_rows).min(total));
@@ -191,8 +187,6 @@ impl<const D: usize> Samples<'_, D> {
             let bytes = MAP_BYTES_PER_SAMPLE * samples as f64 + result_bytes;
             samples <= self.limits.max_with_halo && has_memory(bytes)
         };
-        self.comm.broadcast_from_root("room for layers", || {
-            Ok(shapes.into_iter().find(fits).unwrap_or(smallest))
-        })
+        self.agreed(|| shapes.into_iter().find(fits).unwrap_or(smallest))
     }
 }

@@ -273,9 +273,7 @@ fn strips_are_exchanged_between_ranks() {
                 samples: samples[range.start * layer..range.end * layer].to_vec(),
                 range,
             };
-            local
-                .exchange_layers(requested[rank].clone(), &strip, comm)
-                .unwrap()
+            exchange_layers(&local, requested[rank].clone(), &strip, comm).unwrap()
         });
         for (received, requested) in received.iter().zip(&requested) {
             assert_eq!(received.range, *requested);

@@ -30,7 +30,6 @@ use fine_grid::FineGrid;
 
 use super::ridges::RidgeSearch;
 use super::{Detector, DetectorInput, DetectorOutput, layers_search_bytes, sample_count};
-use crate::comm::concatenate;
 use crate::error::Result;
 use crate::feature::candidate::Candidate;
 use crate::feature::structure_tensor::NormalField;
@@ -220,16 +219,12 @@ impl<const D: usize> Detector<D> for Faults {
         let fine = DetectorInput {
             source: ImageSource::Layered(&grid),
             live_mask: live.as_ref(),
+            grid: input.grid.with_dims(grid.dims),
             ..*input
         };
         let mut output = find_on_grid(&fine, FaultEvidence::Semblance, notes)?;
-        let flat = std::mem::take(&mut output.flat_candidates);
-        let flat = match &output.layers {
-            Some(_) => concatenate(input.comm.all_gather("flat candidates", flat)?),
-            None => flat,
-        };
-        output.flat_candidates = grid.to_survey(&flat);
-        let candidates = output.gather_candidates(input.comm)?;
+        let candidates = output.gather_candidates(fine.grid)?;
+        output.flat_candidates = grid.to_survey(&output.flat_candidates);
         output.candidates = grid.to_survey(&candidates);
         Ok(output)
     }
@@ -281,11 +276,10 @@ impl<const D: usize> Detector<D> for Faults {
 mod tests {
     use super::semblance::{HALO_LAYERS, likelihood};
     use super::*;
-    use crate::comm::SelfComm;
     use crate::feature::scenes::Noise;
     use crate::feature::volume::Volume;
     use crate::feature::windows::Samples;
-    use crate::feature::{DetectionOptions, FeaturePoint, detect};
+    use crate::feature::{DetectionOptions, FeaturePoint, SharedGrid, detect};
     use crate::geometry::grid_index::index_at;
     use crate::image::{Geometry, Image};
     use crate::progress::CancelToken;
@@ -614,7 +608,8 @@ mod tests {
             ]
             .map(|source| {
                 let cancel = &CancelToken::never();
-                crate::feature::detect_with_cancel(source, &options, &SelfComm, cancel).unwrap()
+                let grid = SharedGrid::of_one_process(source.dims());
+                crate::feature::detect_with_cancel(source, &options, grid, cancel).unwrap()
             });
             assert!(in_memory.points.len() > 1000, "{kind}");
             assert!(in_memory.points == in_layers.points, "{kind}");

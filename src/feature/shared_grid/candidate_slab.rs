@@ -6,18 +6,18 @@
 //! them. So the index of a candidate in the run, plus the global index of the run's first
 //! candidate, identifies it on all ranks.
 
-use super::candidate::Candidate;
-use super::windows::layer_len;
-use crate::comm::selection::{RadixKey, order_statistics};
-use crate::comm::{Comm, concatenate, partition_range};
+use super::SharedGrid;
+use crate::comm::{concatenate, partition_range};
 use crate::error::Result;
+use crate::feature::candidate::Candidate;
+use crate::feature::windows::layer_len;
 use crate::files::codec::Codec;
 use std::ops::Range;
 
 /// The candidates of one rank, with those of its halo.
 pub struct CandidateSlab<'g, const D: usize> {
-    /// Number of samples of the volume along each axis.
-    pub dims: [usize; D],
+    /// The grid of samples, whose layers ranks share.
+    pub grid: SharedGrid<'g, D>,
     /// Owned candidates and those of the halo, in the order of samples.
     pub candidates: Vec<Candidate<D>>,
     /// Indices of the owned candidates in `candidates`.
@@ -29,7 +29,6 @@ pub struct CandidateSlab<'g, const D: usize> {
     /// Layers that this rank owns, and those of them that no other rank sees.
     owned_layers: Range<usize>,
     inner_layers: Range<usize>,
-    comm: &'g dyn Comm,
 }
 
 impl<'g, const D: usize> CandidateSlab<'g, D> {
@@ -42,12 +41,12 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
     /// # Errors
     /// Returns the errors of other ranks.
     pub fn new(
-        dims: [usize; D],
+        grid: SharedGrid<'g, D>,
         candidates: Vec<Candidate<D>>,
         layers: Option<Range<usize>>,
         halo: usize,
-        comm: &'g dyn Comm,
     ) -> Result<Self> {
+        let SharedGrid { dims, comm } = grid;
         let (rank, count) = (comm.rank(), comm.size());
         let (layers, candidates) = match layers {
             Some(layers) => (layers, candidates),
@@ -96,21 +95,20 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
         let inner_layers = layers.start.max(below_end.unwrap_or(0))
             ..layers.end.min(above_start.unwrap_or(layers.end));
         Ok(Self {
-            dims,
+            grid,
             candidates: concatenate(received),
             owned,
             first_index: owned_below - received_below,
             visible_layers,
             owned_layers: layers,
             inner_layers,
-            comm,
         })
     }
 
     /// Returns those of candidates in the order of samples that are in the layers that this rank
     /// owns.
     pub fn owned_candidates(&self, candidates: Vec<Candidate<D>>) -> Vec<Candidate<D>> {
-        candidates_in_layers(self.dims, candidates, &self.owned_layers)
+        candidates_in_layers(self.grid.dims, candidates, &self.owned_layers)
     }
 
     /// Returns a value for each of `candidates`: those of the owned candidates are given, those of
@@ -119,7 +117,8 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
     /// # Errors
     /// Returns the errors of other ranks.
     pub fn with_halo<T: Codec + Clone>(&self, what: &str, owned_values: Vec<T>) -> Result<Vec<T>> {
-        let count_before = |layer: usize| count_before_layer(self.dims, &self.candidates, layer);
+        let count_before =
+            |layer: usize| count_before_layer(self.grid.dims, &self.candidates, layer);
         Ok(self.layers_with_halo(what, owned_values, count_before)?.0)
     }
 
@@ -135,7 +134,8 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
         owned_values: Vec<T>,
         count_before: impl Fn(usize) -> usize,
     ) -> Result<(Vec<T>, usize)> {
-        let rank = self.comm.rank();
+        let comm = self.grid.comm;
+        let rank = comm.rank();
         let values_for_rank = |(target, visible): (usize, &Range<usize>)| {
             let shared =
                 visible.start.max(self.owned_layers.start)..visible.end.min(self.owned_layers.end);
@@ -152,7 +152,7 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
             .enumerate()
             .map(values_for_rank)
             .collect();
-        let mut received = self.comm.all_to_all(what, sent)?;
+        let mut received = comm.all_to_all(what, sent)?;
         received[rank] = owned_values;
         Ok((
             concatenate(received),
@@ -184,12 +184,8 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
                 *sums = std::array::from_fn(|k| sums[k] + values[k]);
             }
         }
-        let all_sums = self
-            .comm
-            .all_gather(what, layer_sums)?
-            .into_iter()
-            .flatten();
-        Ok(all_sums.fold([0.0; N], |sums, layer| {
+        let all_sums = self.grid.concatenated(what, layer_sums)?;
+        Ok(all_sums.into_iter().fold([0.0; N], |sums, layer| {
             std::array::from_fn(|k| sums[k] + layer[k])
         }))
     }
@@ -199,11 +195,6 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
         &self.owned_layers
     }
 
-    /// Returns the communicator of the ranks that share the candidates.
-    pub fn comm(&self) -> &'g dyn Comm {
-        self.comm
-    }
-
     /// Returns the index of a candidate among those of all ranks.
     pub fn global_index(&self, i: usize) -> usize {
         self.first_index + i
@@ -211,18 +202,19 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
 
     /// Returns the layer of a candidate.
     fn layer_of(&self, i: usize) -> usize {
-        self.candidates[i].voxel.index() / layer_len(self.dims).max(1)
+        self.candidates[i].voxel.index() / layer_len(self.grid.dims).max(1)
     }
 
     /// Returns `true` if no other rank sees this owned candidate.
     pub fn is_inner(&self, i: usize) -> bool {
-        self.comm.size() == 1 || self.inner_layers.contains(&self.layer_of(i))
+        !self.grid.is_shared() || self.inner_layers.contains(&self.layer_of(i))
     }
 
     /// Returns `true` if this rank owns all samples that neighbour the sample of an owned
     /// candidate.
     pub fn owns_neighbours(&self, i: usize) -> bool {
-        let (layer, owned, layer_count) = (self.layer_of(i), &self.owned_layers, self.dims[D - 1]);
+        let (layer, owned) = (self.layer_of(i), &self.owned_layers);
+        let layer_count = self.grid.dims[D - 1];
         (layer == 0 || owned.contains(&(layer - 1)))
             && (layer + 1 == layer_count || owned.contains(&(layer + 1)))
     }
@@ -234,21 +226,21 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
     /// # Errors
     /// Returns the errors of other ranks.
     pub fn exchange_marks(&self, what: &str, marked: &[usize]) -> Result<Option<Vec<usize>>> {
-        let has_marks: Vec<bool> = self.comm.all_gather(what, !marked.is_empty())?;
-        if !has_marks.contains(&true) {
+        if !self.grid.any(what, !marked.is_empty())? {
             return Ok(None);
         }
-        let mut sent = vec![Vec::new(); self.comm.size()];
+        let comm = self.grid.comm;
+        let mut sent = vec![Vec::new(); comm.size()];
         let outer = marked.iter().copied().filter(|&i| !self.is_inner(i));
         for i in outer {
             let layer = self.layer_of(i);
             for (rank, visible) in self.visible_layers.iter().enumerate() {
-                if rank != self.comm.rank() && visible.contains(&layer) {
+                if rank != comm.rank() && visible.contains(&layer) {
                     sent[rank].push(self.global_index(i));
                 }
             }
         }
-        let received = self.comm.all_to_all(what, sent)?;
+        let received = comm.all_to_all(what, sent)?;
         Ok(Some(
             (received
                 .into_iter()
@@ -256,17 +248,6 @@ impl<'g, const D: usize> CandidateSlab<'g, D> {
                 .map(|number| number - self.first_index))
             .collect(),
         ))
-    }
-
-    /// Sums values over all ranks.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
-    pub fn global_sums<const N: usize>(&self, what: &str, local: [u64; N]) -> Result<[u64; N]> {
-        let gathered: Vec<[u64; N]> = self.comm.all_gather(what, local)?;
-        Ok(std::array::from_fn(|k| {
-            gathered.iter().map(|values| values[k]).sum()
-        }))
     }
 }
 
@@ -306,36 +287,10 @@ fn candidates_in_layers<const D: usize>(
     candidates
 }
 
-/// Returns the value with index `index_of(n)` of the `n` values of all ranks in ascending total
-/// order (0 is the smallest), or `None` if there are no values.
-///
-/// # Errors
-/// Returns the errors of other ranks.
-pub fn select_nth<V: RadixKey + Send + Sync>(
-    what: &str,
-    mut values: Vec<V>,
-    index_of: impl Fn(usize) -> usize,
-    comm: &dyn Comm,
-) -> Result<Option<f64>> {
-    let count: usize = comm.all_gather(what, values.len())?.iter().sum();
-    if count == 0 {
-        return Ok(None);
-    }
-    let index = index_of(count).min(count - 1);
-    if comm.size() == 1 {
-        let selected = values
-            .select_nth_unstable_by_key(index, |value| value.to_key())
-            .1;
-        return Ok(Some(V::from_key(selected.to_key())));
-    }
-    let selected = order_statistics(&[values.iter().copied()], &[|_| [index]], comm)?;
-    Ok(selected.into_iter().flatten().next())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{SelfComm, run_threads};
+    use crate::comm::run_threads;
 
     /// Returns pseudo-random candidates; every fifth layer has none.
     fn random_candidates(dims: [usize; 3]) -> Vec<Candidate<3>> {
@@ -350,44 +305,6 @@ mod tests {
     }
 
     #[test]
-    fn select_nth_finds_the_value_among_all_ranks() {
-        let mut all = vec![
-            3.5,
-            -1.0,
-            0.0,
-            -0.0,
-            7.25,
-            f64::MIN_POSITIVE,
-            3.5,
-            -8.5,
-            1e300,
-        ];
-        for count in [1, 2, 4, 11] {
-            for rank in 0..=all.len() {
-                let found = run_threads(count, |comm| {
-                    let owned = partition_range(all.len(), comm.rank(), count);
-                    let index_of = |number: usize| {
-                        assert_eq!(number, all.len());
-                        rank
-                    };
-                    select_nth("values", all[owned].to_vec(), index_of, comm).unwrap()
-                });
-                let mut sorted = all.clone();
-                sorted.sort_by(f64::total_cmp);
-                let expected = sorted[rank.min(all.len() - 1)];
-                let is_expected =
-                    |found: Option<f64>| found.is_some_and(|f| f.to_bits() == expected.to_bits());
-                assert!(found.into_iter().all(is_expected), "{count} {rank}");
-            }
-        }
-        all.clear();
-        let none = run_threads(2, |comm| {
-            select_nth("values", Vec::<f64>::new(), |n| n, comm).unwrap()
-        });
-        assert_eq!(none, [None, None]);
-    }
-
-    #[test]
     fn slabs_have_owned_and_halo_candidates_and_exchange_marks() {
         let dims = [11, 9, 23];
         let all = random_candidates(dims);
@@ -397,10 +314,10 @@ mod tests {
                 let owned = partition_range(dims[2], comm.rank(), count);
                 let is_owned = |c: &&Candidate<3>| owned.contains(&(c.voxel.index() / area));
                 let owned_candidates = all.iter().filter(is_owned).copied().collect();
-                let from_all = CandidateSlab::new(dims, all.clone(), None, halo, comm).unwrap();
+                let grid = SharedGrid::new(dims, comm);
+                let from_all = CandidateSlab::new(grid, all.clone(), None, halo).unwrap();
                 let slab =
-                    CandidateSlab::new(dims, owned_candidates, Some(owned.clone()), halo, comm)
-                        .unwrap();
+                    CandidateSlab::new(grid, owned_candidates, Some(owned.clone()), halo).unwrap();
                 assert_eq!(slab.candidates.len(), from_all.candidates.len());
                 assert!(
                     owned.is_empty()
@@ -458,16 +375,17 @@ mod tests {
                 );
                 let term = |i: usize| Some([1.0 / (1.0 + slab.global_index(i) as f64)]);
                 let sum = slab.sums_by_layer("sums", term).unwrap();
-                let single = CandidateSlab::new(dims, all.clone(), None, 0, &SelfComm).unwrap();
+                let single = SharedGrid::of_one_process(dims);
+                let single = CandidateSlab::new(single, all.clone(), None, 0).unwrap();
                 let term = |i: usize| Some([1.0 / (1.0 + i as f64)]);
                 assert_eq!(sum, single.sums_by_layer("sums", term).unwrap());
                 assert_eq!(
                     slab.owned_candidates(slab.candidates.clone()).len(),
                     owned.len().min(1) * slab.owned.len()
                 );
-                slab.global_sums("own", [slab.owned.len() as u64]).unwrap()
+                grid.sum("own", [slab.owned.len()]).unwrap()
             });
-            assert!(sums.into_iter().all(|sum| sum == [all.len() as u64]));
+            assert!(sums.into_iter().all(|sum| sum == [all.len()]));
         }
     }
 }

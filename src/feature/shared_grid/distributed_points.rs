@@ -1,11 +1,13 @@
 //! Feature points that are distributed over ranks: each rank holds those of some layers of the
 //! image, and receives those near the positions that it works on.
 
-use super::volume::Volume;
-use super::windows::layer_len;
-use super::{FeaturePoint, Features};
+use super::SharedGrid;
 use crate::comm::{Comm, concatenate, partition_range};
 use crate::error::Result;
+use crate::feature::candidate::Candidate;
+use crate::feature::volume::Volume;
+use crate::feature::windows::layer_len;
+use crate::feature::{FeaturePoint, Features};
 use crate::geometry::morphology::dilate;
 use crate::parallel::prelude::*;
 use std::cmp::Ordering;
@@ -198,6 +200,130 @@ fn keep_range<T>(values: &mut Vec<T>, range: Range<usize>) {
 
 fn permute<T: Copy>(order: &[usize], values: &[T]) -> Vec<T> {
     order.iter().map(|&i| values[i]).collect()
+}
+
+/// Feature points of one rank's layers and its halo as candidates, sorted by their samples.
+pub struct PointsWithHalo<'g, const D: usize> {
+    grid: SharedGrid<'g, D>,
+    pub candidates: Vec<Candidate<D>>,
+    /// Number of the surface of each point.
+    pub surface: Vec<u32>,
+    /// For each point, `true` if this rank owns it.
+    pub is_owned: Vec<bool>,
+    /// Indices of the owned points in their original order.
+    owned_indices: Vec<u32>,
+    /// For each rank, the points sent to it and received from it that are in layers next to the other rank's.
+    sent_indices: Vec<Vec<u32>>,
+    received_indices: Vec<Vec<u32>>,
+}
+
+impl<'g, const D: usize> PointsWithHalo<'g, D> {
+    /// Adds a halo of `reach` layers to the points of a rank. `surface` numbers the surface of each.
+    ///
+    /// # Errors
+    /// Returns the errors of other ranks.
+    pub fn new(
+        grid: SharedGrid<'g, D>,
+        owned: Vec<Candidate<D>>,
+        surface: Option<&[u32]>,
+        reach: usize,
+    ) -> Result<Self> {
+        let SharedGrid { dims, comm } = grid;
+        let rank = comm.rank();
+        let layers = owned.iter().fold([usize::MAX, 0], |[low, high], c| {
+            let at = c.voxel.index() / layer_len(dims);
+            [low.min(at), high.max(at)]
+        });
+        // First and last layer of each rank's points; none if the first is greater than the last.
+        let layers: Vec<[usize; 2]> = comm.all_gather("layers of points", layers)?;
+        let indices_for = |other: usize| -> Vec<u32> {
+            let is_visible = |c: &Candidate<D>| is_near_layers(c, dims, layers[other], reach);
+            let numbered = (0..).zip(&owned);
+            let visible = numbered.filter(|(_, c)| other != rank && is_visible(c));
+            visible.map(|(i, _)| i).collect()
+        };
+        let sent_indices: Vec<Vec<u32>> = (0..comm.size()).map(indices_for).collect();
+        let surface_of = |i: u32| surface.map_or(0, |surface| surface[i as usize]);
+        let with_surface = |&i: &u32| (owned[i as usize], surface_of(i));
+        let sent = (sent_indices.iter()).map(|indices| indices.iter().map(with_surface).collect());
+        let mut received: Vec<Vec<(Candidate<D>, u32)>> =
+            comm.all_to_all("points near layers", sent.collect())?;
+        received[rank] = (0..owned.len() as u32).map(|i| with_surface(&i)).collect();
+        let mut start = 0;
+        let ranges = received.iter().map(|points| {
+            start += points.len();
+            start - points.len()..start
+        });
+        let ranges: Vec<Range<usize>> = ranges.collect();
+        let points = concatenate(received);
+        drop(owned);
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        order.sort_by_key(|&i| points[i as usize].0.voxel);
+        let mut sorted_index = vec![0; points.len()];
+        (0..)
+            .zip(&order)
+            .for_each(|(sorted, &i)| sorted_index[i as usize] = sorted);
+        let owned_indices = sorted_index[ranges[rank].clone()].to_vec();
+        let sorted = || order.iter().map(|&i| i as usize);
+        let candidates: Vec<Candidate<D>> = sorted().map(|i| points[i].0).collect();
+        let adjacent = |indices: &mut dyn Iterator<Item = u32>, layers| -> Vec<u32> {
+            let is_adjacent = |&i: &u32| is_near_layers(&candidates[i as usize], dims, layers, 1);
+            indices.filter(is_adjacent).collect()
+        };
+        let sent = sent_indices.iter().zip(&layers).map(|(indices, &layers)| {
+            adjacent(
+                &mut indices.iter().map(|&i| owned_indices[i as usize]),
+                layers,
+            )
+        });
+        let received = ranges.iter().enumerate().map(|(other, range)| {
+            let range = if other == rank { 0..0 } else { range.clone() };
+            adjacent(&mut sorted_index[range].iter().copied(), layers[rank])
+        });
+        Ok(Self {
+            sent_indices: sent.collect(),
+            received_indices: received.collect(),
+            surface: sorted().map(|i| points[i].1).collect(),
+            is_owned: sorted().map(|i| ranges[rank].contains(&i)).collect(),
+            grid,
+            owned_indices,
+            candidates,
+        })
+    }
+
+    /// Returns the values of the owned points, in their original order.
+    pub fn owned_values(&self, values: &[f32]) -> Vec<f32> {
+        values_at(&self.owned_indices, values)
+    }
+
+    /// Returns the other ranks' values of the points of the halo next to this rank's layers, with the index of each
+    /// point.
+    ///
+    /// # Errors
+    /// Returns the errors of other ranks.
+    pub fn adjacent_values(&self, what: &str, values: &[f32]) -> Result<Vec<(u32, f32)>> {
+        let sent = (self.sent_indices.iter()).map(|indices| values_at(indices, values));
+        let received: Vec<Vec<f32>> = self.grid.comm.all_to_all(what, sent.collect())?;
+        let pairs = self.received_indices.iter().zip(received);
+        Ok(pairs
+            .flat_map(|(indices, values)| indices.iter().copied().zip(values))
+            .collect())
+    }
+}
+
+/// Returns `true` if a point is in some layers, or within `reach` layers of them.
+fn is_near_layers<const D: usize>(
+    c: &Candidate<D>,
+    dims: [usize; D],
+    [first, last]: [usize; 2],
+    reach: usize,
+) -> bool {
+    let at = c.voxel.index() / layer_len(dims);
+    first <= last && first <= at + reach && at <= last + reach
+}
+
+fn values_at(indices: &[u32], values: &[f32]) -> Vec<f32> {
+    indices.iter().map(|&i| values[i as usize]).collect()
 }
 
 /// Blocks of space that cover the box.

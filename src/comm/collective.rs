@@ -93,6 +93,24 @@ impl dyn Comm + '_ {
         decode_received(place, self.all_to_all_bytes(place, sent)?, rank, own)
     }
 
+    /// Fetches what other ranks hold. `requests[k]` names what this rank requests of rank `k`, and `select` returns
+    /// what a request names. Returns the request to this rank itself, which is not answered, and the answers of all
+    /// ranks. `places` name the two exchanges.
+    ///
+    /// # Errors
+    /// Returns the errors of other ranks.
+    pub fn fetch<R: Codec + Default, T: Codec>(
+        &self,
+        places: [&str; 2],
+        requests: Vec<R>,
+        select: impl Fn(&R) -> T,
+    ) -> Result<(R, Vec<T>)> {
+        let mut received = self.all_to_all(places[0], requests)?;
+        let own = std::mem::take(&mut received[self.rank()]);
+        let answers = received.iter().map(select).collect();
+        Ok((own, self.all_to_all(places[1], answers)?))
+    }
+
     /// Returns the elementwise sum of the counts of all ranks, which have equally many. Each rank sums a part of them,
     /// so that no rank receives all counts of all ranks.
     ///

@@ -5,8 +5,6 @@
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use crate::comm::Comm;
-use crate::error::Result;
 use crate::files::codec::Codec;
 
 /// Cells along an edge of a brick.
@@ -15,25 +13,6 @@ pub const BRICK_CELLS: usize = 8;
 /// Returns the number of bricks along each axis of a grid of samples.
 pub fn brick_counts<const D: usize>(dims: [usize; D]) -> [usize; D] {
     dims.map(|n| n.saturating_sub(1).max(1).div_ceil(BRICK_CELLS))
-}
-
-/// Fetches bricks of other ranks. `requested` has the numbers of the bricks that this rank requests of
-/// each, and `select` returns bricks that another rank requests of this one. Returns the bricks that this
-/// rank requested of itself, and what it receives of each other rank. `places` name the two exchanges.
-///
-/// # Errors
-/// Returns the errors of other ranks.
-pub fn fetch_bricks<T: Codec>(
-    places: [&str; 2],
-    requested: Vec<Vec<usize>>,
-    select: impl Fn(&[usize]) -> T,
-    comm: &dyn Comm,
-) -> Result<(Vec<usize>, Vec<T>)> {
-    let mut requests = comm.all_to_all(places[0], requested)?;
-    // The bricks of this rank are neither sent nor copied in between.
-    let own = std::mem::take(&mut requests[comm.rank()]);
-    let sent = requests.iter().map(|bricks| select(bricks)).collect();
-    Ok((own, comm.all_to_all(places[1], sent)?))
 }
 
 /// Flag that records an access to a missing brick. It is not a part of the function: clones start

@@ -6,7 +6,7 @@
 //! marks the small blocks that have a tap that is not zero, because most atoms near a valley are
 //! not in it.
 
-use super::bricks::{BRICK_CELLS, MissFlag, brick_counts, fetch_bricks};
+use super::bricks::{BRICK_CELLS, MissFlag, brick_counts};
 use super::field::{ScalarField, Taps, box_extent, interpolate};
 use crate::comm::{Comm, SelfComm, partition_range};
 use crate::error::Result;
@@ -210,7 +210,7 @@ impl<const D: usize> SparseField<D> {
         let needed = morphology::bricks_near(positions, reach, counts, BRICK_CELLS, self.step);
         let (parts, layers_per_part) = part_layout(self.dims);
         let bricks_per_layer = needed.len() / counts[D - 1];
-        let requested = (0..comm.size()).map(|rank| {
+        let requested = (0..comm.size()).map(|rank| -> Vec<usize> {
             let owned = partition_range(parts, rank, comm.size());
             let last = (owned.end * layers_per_part * bricks_per_layer).min(needed.len());
             let owned = (owned.start * layers_per_part * bricks_per_layer).min(last)..last;
@@ -221,8 +221,8 @@ impl<const D: usize> SparseField<D> {
             requested.iter().copied().filter(is_stored).collect()
         };
         let places = ["bricks that are wanted", "bricks of a potential"];
-        let select = |requested: &[usize]| self.select_bricks(available(requested).into_iter());
-        let (own, set) = fetch_bricks(places, requested.collect(), select, comm)?;
+        let select = |requested: &Vec<usize>| self.select_bricks(available(requested).into_iter());
+        let (own, set) = comm.fetch(places, requested.collect(), select)?;
         let mut local = Self::zero(self.dims, self.step);
         for (slot, is_needed) in local.slots.iter_mut().zip(needed) {
             if !is_needed {

@@ -127,8 +127,7 @@ fn enforce_gap<const D: usize>(
             .into_par_iter()
             .filter(|&k| has_moved(k) && is_too_close(k))
             .collect();
-        let counts = halo.all_gather("atoms moved back", returning.len())?;
-        if counts.iter().all(|&count| count == 0) {
+        if !halo.any("atoms moved back", !returning.is_empty())? {
             return Ok(returned);
         }
         for &k in &returning {

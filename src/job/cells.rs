@@ -28,6 +28,7 @@ use crate::improve::{self, Target};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, PairwiseEnergy};
+use crate::lattice::halo::SharedLattice;
 use crate::lattice::optimise::{self, StopReason, temperature};
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::line_atoms::{Projection, line_atoms};
@@ -486,9 +487,9 @@ pub(crate) fn relax_atoms<const D: usize>(
     let energy = PairwiseEnergy::new(extent, distance, None, Beta::Constant(0.0))?;
     let energy = &mut energy.with_alignment(Alignment::AlongsideFeatures);
     let mut owned = OwnedAtoms::from_global(std::mem::take(atoms), comm);
-    let result = optimise::optimise_partition(
-        &mut owned, energy, distance, extent, &options, comm, progress,
-    )?;
+    let lattice = SharedLattice::new(&mut owned, comm);
+    let result =
+        optimise::optimise_partition(lattice, energy, distance, extent, &options, progress)?;
     *atoms = owned.all_gather(comm)?;
     atoms.positions.truncate(previous.len());
     atoms.kinds.truncate(previous.len());

@@ -10,8 +10,10 @@ use crate::image::SparseField;
 use crate::improve::Effort;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
+use crate::lattice::halo::SharedLattice;
 use crate::lattice::optimise::{self, StopReason};
 use crate::lattice::owned_atoms::OwnedAtoms;
+use crate::mesh::delaunay::{DelaunayKernel, distributed_delaunay};
 use crate::progress::{CancelToken, Progress};
 use crate::report::Optimisation;
 
@@ -42,7 +44,11 @@ pub(crate) fn job_energy<'a, const D: usize>(
             let pairs = pairs(beta.clone())?;
             let kappa = params.spec.kappa;
             let energy = RegularisedEnergy::new(pairs, distance, beta, kappa, mobility()?);
-            Box::new(energy?.with_comm(comm))
+            Box::new(
+                energy?.with_triangulation(move |x| {
+                    distributed_delaunay(x, DelaunayKernel::Auto, comm)
+                }),
+            )
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
         Evaluator::Sampled => {
@@ -70,7 +76,8 @@ pub(super) fn optimise<const D: usize>(
         let mobility = || Ok(atoms.clone().all_gather(comm)?.mobility(extent));
         let beta = frame.beta.clone();
         let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, comm)?;
-        optimise::optimise_partition(atoms, energy, distance, extent, &options, comm, progress)
+        let lattice = SharedLattice::new(atoms, comm);
+        optimise::optimise_partition(lattice, energy, distance, extent, &options, progress)
     };
     let potential = &features.potential;
     if potential.is_distributed {

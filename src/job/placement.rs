@@ -9,11 +9,11 @@ use crate::comm::Comm;
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
 use crate::feature::{Brightness, Features};
-use crate::image::{Image, ImageSource, LabelValue, ScalarField};
+use crate::image::{Image, ImageSource, LabelValue, ScalarField, SparseField};
 use crate::lattice::distance::{self, DenseRegion, Distance, DistanceLimits, DistributedDistance};
 use crate::lattice::optimise::{self, StopReason};
 use crate::lattice::owned_atoms::OwnedAtoms;
-use crate::lattice::seeding::{self, Alignment, Seeding, wells};
+use crate::lattice::seeding::{self, Alignment, Seeding, SharedBox, wells};
 use crate::progress::{CancelToken, Stage};
 use crate::{Error, Result};
 
@@ -150,8 +150,10 @@ pub(super) fn optimised_lattice<const D: usize>(
         let (mut atoms, ()) = stages.load_or_run_shares("2-seeded", |stages| {
             let atoms = stages.run_or_interrupt(Stage::Placing, |cancel| {
                 let (method, potential) = (params.seeding(), &features.potential);
-                let extent = frame.extent;
-                seeding::seed_partition(method, extent, &distance, fixed, potential, comm, cancel)
+                let shared_box = SharedBox::new(frame.extent, comm);
+                seed_lattice(
+                    shared_box, method, &distance, fixed, potential, comm, cancel,
+                )
             })?;
             Ok((atoms, ()))
         })?;
@@ -175,6 +177,32 @@ pub(super) fn optimised_lattice<const D: usize>(
         distance,
         optimise_result: Some(optimised),
     })
+}
+
+/// Seeds a lattice and returns the atoms that this rank owns. If the lattice is regular or grown, no
+/// rank ever has more than these.
+fn seed_lattice<const D: usize>(
+    shared_box: SharedBox<'_, D>,
+    method: Seeding,
+    distance: &DistributedDistance<D>,
+    fixed: &[[f64; D]],
+    potential: &SparseField<D>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
+) -> Result<OwnedAtoms<D>> {
+    let (extent, alignment) = (shared_box.extent, Alignment::OnFeatures);
+    if let Seeding::Fcc | Seeding::Grown = method {
+        let range = seeding::required_range(shared_box, distance.max());
+        let distance = distance.fetch_between(D - 1, range, comm)?;
+        return seeding::seed_regular(shared_box, method, &distance, fixed, alignment, cancel);
+    }
+    let distance = distance.global(comm)?;
+    let potential = Some(potential);
+    let atoms = seeding::seed(
+        method, extent, &distance, fixed, alignment, potential, cancel,
+    )?;
+    comm.ensure_identical("atoms placed", &atoms)?;
+    Ok(OwnedAtoms::from_global(atoms, comm))
 }
 
 /// Returns the brightness at which a distance from the image is smallest, which is that of the
@@ -300,7 +328,7 @@ fn base_distance<const D: usize>(
     let min_with_labels = |d: f64| label_distances().fold(d, f64::min);
     let growth = MAX_DISTANCE_GROWTH;
     let gaps = |min, max| {
-        distance::distributed_from_gaps(features, DistanceLimits { min, max, growth }, cancel, comm)
+        DistributedDistance::from_gaps(features, DistanceLimits { min, max, growth }, cancel, comm)
     };
     let result = match params.spacing() {
         Spacing::Constant(d) if features.spacing.is_some() => {
@@ -317,7 +345,7 @@ fn base_distance<const D: usize>(
         }
         Spacing::FromFeatures { min, max } => {
             let limits = DistanceLimits { min, max, growth };
-            return distance::distributed_from_features(features, limits, cancel, comm);
+            return DistributedDistance::from_features(features, limits, cancel, comm);
         }
         Spacing::Constant(d) => Ok(Distance::Constant(d)),
         Spacing::FromImage { min, max } => {

@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use crate::comm::{Comm, SelfComm};
+use crate::comm::{Comm, SelfComm, concatenate};
 use crate::error::Result;
 use crate::files::codec::{Codec, codec_fields};
 use crate::geometry::bounding_box;
@@ -144,7 +144,7 @@ impl<'a> OwnedAndGhosts<'a> {
     }
 
     /// Returns the rank that owns the local atom `n`.
-    pub fn owner_rank(&self, n: usize) -> usize {
+    fn owner_rank(&self, n: usize) -> usize {
         self.rank_ranges.partition_point(|range| range.end <= n)
     }
 
@@ -185,27 +185,81 @@ impl<'a> OwnedAndGhosts<'a> {
         }))
     }
 
-    /// Returns the value of each rank, on all ranks that share the lattice.
+    /// Folds the values of all ranks, in their order.
     ///
     /// # Errors
     /// Returns an error if another rank fails.
-    pub fn all_gather<T: Codec>(&self, label: &str, value: T) -> Result<Vec<T>> {
-        self.comm.all_gather(label, value)
-    }
-
-    /// Sends `messages[rank]` to each rank and returns what this rank receives from each.
-    /// `messages` may be shorter than the count of ranks; the remaining ranks then get empty
-    /// messages.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
-    pub fn all_to_all<T: Codec>(
+    pub fn fold<T: Codec, S>(
         &self,
         label: &str,
-        mut messages: Vec<Vec<T>>,
-    ) -> Result<Vec<Vec<T>>> {
-        messages.resize_with(self.comm.size(), Vec::new);
-        self.comm.all_to_all(label, messages)
+        value: T,
+        start: S,
+        combine: impl Fn(S, T) -> S,
+    ) -> Result<S> {
+        let values = self.comm.all_gather(label, value)?;
+        Ok(values.into_iter().fold(start, combine))
+    }
+
+    /// Returns `true` if a condition is met on any rank.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn any(&self, label: &str, condition: bool) -> Result<bool> {
+        self.fold(label, condition, false, |any, other| any | other)
+    }
+
+    /// Sends values for local atoms to the ranks that own the atoms. Returns the values that this
+    /// rank receives.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn send_to_owners<T: Codec>(
+        &self,
+        label: &str,
+        values: impl Iterator<Item = (usize, T)>,
+    ) -> Result<Vec<T>> {
+        let mut sent: Vec<Vec<T>> = Vec::new();
+        sent.resize_with(self.comm.size(), Vec::new);
+        values.for_each(|(n, value)| sent[self.owner_rank(n)].push(value));
+        Ok(concatenate(self.comm.all_to_all(label, sent)?))
+    }
+}
+
+/// A lattice of which each rank owns a part of the atoms.
+pub struct SharedLattice<'a, const D: usize> {
+    /// The atoms that this rank owns.
+    pub owned: &'a mut OwnedAtoms<D>,
+    comm: &'a dyn Comm,
+}
+
+impl<'a, const D: usize> SharedLattice<'a, D> {
+    /// Creates the lattice whose atoms the ranks of `comm` own.
+    pub fn new(owned: &'a mut OwnedAtoms<D>, comm: &'a dyn Comm) -> Self {
+        Self { owned, comm }
+    }
+
+    /// Returns `true` if there are several ranks.
+    pub fn is_shared(&self) -> bool {
+        self.comm.size() > 1
+    }
+
+    /// Adds ghosts to the owned atoms; see [`OwnedAndGhosts::with_halo`].
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn with_halo(&self, halo_width: f64) -> Result<(OwnedAndGhosts<'a>, Atoms<D>)> {
+        OwnedAndGhosts::with_halo(self.owned, halo_width, self.comm)
+    }
+
+    /// Gathers all atoms on every rank and changes them, in the same way on all.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn change_all<T>(self, change: impl FnOnce(&mut Atoms<D>) -> T) -> Result<T> {
+        let mut atoms = std::mem::take(self.owned).all_gather(self.comm)?;
+        let result = change(&mut atoms);
+        *self.owned = OwnedAtoms::from_global(atoms, self.comm);
+        Ok(result)
     }
 }
 

@@ -30,20 +30,22 @@ use std::sync::Arc;
 
 use crate::parallel::prelude::*;
 
-use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::CHUNK_ATOMS;
 use crate::lattice::energy::{Beta, Energy, EnergyParts, EnergyTerms, PairwiseEnergy};
 use crate::lattice::halo::OwnedAndGhosts;
-use crate::mesh::Simplices;
-use crate::mesh::delaunay::{DelaunayKernel, delaunay_plane, distributed_delaunay};
+use crate::mesh::delaunay::{delaunay, delaunay_plane};
+use crate::mesh::{Simplices, TetMesh};
 
 /// Rounding e of |L| near zero, in units of d.
 const ROUNDING_LENGTH: f64 = 0.02;
 
 /// The weight kappa of A that Esperanca et al. suggest.
 pub const DEFAULT_KAPPA: f64 = 0.7;
+
+/// Returns the Delaunay triangulation of points in space.
+type Triangulation<'a> = dyn Fn(&[[f64; 3]]) -> Result<TetMesh> + Send + Sync + 'a;
 
 /// The Delaunay neighbours of every atom.
 #[derive(Default)]
@@ -79,18 +81,14 @@ impl AtomAdjacency {
     }
 
     /// Returns the Delaunay neighbours of atoms in the plane or in space.
-    fn delaunay<const D: usize>(x: &[[f64; D]], comm: &dyn Comm) -> Result<Self> {
+    fn delaunay<const D: usize>(x: &[[f64; D]], in_space: &Triangulation<'_>) -> Result<Self> {
         // The compiler does not know that `D` is 2 or 3, so coordinates are copied one by one.
         fn cast_dims<const D: usize, const E: usize>(x: &[[f64; D]]) -> Vec<[f64; E]> {
             x.iter().map(|x| std::array::from_fn(|k| x[k])).collect()
         }
         match D {
             2 => Ok(Self::from_mesh(&delaunay_plane(&cast_dims(x))?)),
-            _ => Ok(Self::from_mesh(&distributed_delaunay(
-                &cast_dims(x),
-                DelaunayKernel::Auto,
-                comm,
-            )?)),
+            _ => Ok(Self::from_mesh(&in_space(&cast_dims(x))?)),
         }
     }
 
@@ -112,8 +110,7 @@ pub struct RegularisedEnergy<'a, const D: usize> {
     /// s_i over the count of neighbours of i.
     neighbour_shares: Vec<[f64; D]>,
     parts: EnergyParts,
-    /// The ranks that share the work of the triangulation.
-    comm: &'a dyn Comm,
+    triangulation: Arc<Triangulation<'a>>,
 }
 
 impl<'a, const D: usize> RegularisedEnergy<'a, D> {
@@ -146,13 +143,19 @@ impl<'a, const D: usize> RegularisedEnergy<'a, D> {
             adjacency: Arc::default(),
             neighbour_shares: Vec::new(),
             parts: EnergyParts::default(),
-            comm: &SelfComm,
+            triangulation: Arc::new(delaunay),
         })
     }
 
-    /// Shares the work of the triangulation among the ranks of `comm`, which all have all atoms.
-    pub(crate) fn with_comm(self, comm: &'a dyn Comm) -> Self {
-        Self { comm, ..self }
+    /// Sets the function that returns the [`delaunay`] triangulation in space.
+    pub(crate) fn with_triangulation(
+        self,
+        triangulation: impl Fn(&[[f64; 3]]) -> Result<TetMesh> + Send + Sync + 'a,
+    ) -> Self {
+        Self {
+            triangulation: Arc::new(triangulation),
+            ..self
+        }
     }
 
     /// Returns (1 - kappa) (1 - beta) and its gradient.
@@ -271,7 +274,7 @@ impl<const D: usize> Energy<D> for RegularisedEnergy<'_, D> {
     }
 
     fn refresh(&mut self, x: &[[f64; D]]) -> Result<bool> {
-        self.adjacency = Arc::new(AtomAdjacency::delaunay(x, self.comm)?);
+        self.adjacency = Arc::new(AtomAdjacency::delaunay(x, &*self.triangulation)?);
         Ok(true)
     }
 

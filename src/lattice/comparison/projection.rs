@@ -18,13 +18,12 @@
 use crate::geometry::grid_index::{offset_of, strides};
 use crate::parallel::prelude::*;
 
-use crate::comm::SelfComm;
 use crate::error::Result;
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{
-    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, densest_lattice, empty_grid, grow, potential_range,
-    side_count,
+    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, SharedBox, densest_lattice, empty_grid, grow,
+    potential_range, side_count,
 };
 use crate::progress::CancelToken;
 
@@ -98,7 +97,8 @@ fn regular_lattice<const D: usize>(
     Ok(match distance {
         Distance::Constant(d) => densest_lattice::fit_lattice(extent, *d, alignment),
         Distance::Field(_) | Distance::Bricks(_) => {
-            let atoms = grow::grow_lattice(extent, distance, &[], alignment, cancel, &SelfComm)?;
+            let shared_box = SharedBox::of_one_process(extent);
+            let atoms = grow::grow_lattice(shared_box, distance, &[], alignment, cancel)?;
             atoms.into_iter().map(|(x, _)| x).collect()
         }
     })

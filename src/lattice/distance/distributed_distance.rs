@@ -7,16 +7,17 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use super::features::{DistanceLimits, coarse_grid, for_each_corner};
-use super::grading::limit_gradient_in_layers;
+use super::features::{self, DistanceLimits, coarse_grid, for_each_corner};
+use super::grading::{FastSweeping, row_count};
 use super::{CellPosition, Distance, GridCell, density_sum, max_slopes};
 use crate::comm::{Comm, partition_range};
 use crate::error::Result;
+use crate::feature::Features;
 use crate::geometry::NONE;
 use crate::geometry::grid_index::{index_at, offset_of};
 use crate::geometry::{morphology, norm};
 use crate::image::ScalarField;
-use crate::image::bricks::{BRICK_CELLS, MissFlag, brick_counts, fetch_bricks};
+use crate::image::bricks::{BRICK_CELLS, MissFlag, brick_counts};
 use crate::progress::CancelToken;
 
 /// Samples along an edge of a brick.
@@ -107,6 +108,66 @@ fn summarise<const D: usize>(
     })
 }
 
+/// Limits the slope of a field as [`limit_gradient`](super::limit_gradient) does, where the field is distributed over
+/// ranks. Rank r owns the layers `rank_layers[r]` along the last axis. `field` holds the layers
+/// from `first` on: the owned ones and the adjacent layers of other ranks.
+///
+/// # Errors
+/// Returns an error if another rank fails.
+fn limit_gradient_in_layers<const D: usize>(
+    field: &mut ScalarField<D>,
+    first: usize,
+    rank_layers: &[Range<usize>],
+    growth: f64,
+    cancel: &CancelToken<'_>,
+    comm: &dyn Comm,
+) -> Result<()> {
+    let all_rows = row_count(field);
+    let (rank, layer_len) = (comm.rank(), field.dims[..D - 1].iter().product::<usize>());
+    let rows_per_layer = layer_len / field.dims[0].max(1);
+    let owned = rank_layers[rank].clone();
+    let mutable_rows = if owned.is_empty() {
+        0..0
+    } else {
+        (owned.start - first) * rows_per_layer..((owned.end - first) * rows_per_layer).min(all_rows)
+    };
+    let mut sweeps = FastSweeping::new(field, mutable_rows, growth);
+    // The layers before and after the owned layers of a rank.
+    let ghost_layers = |rank: usize| {
+        if rank_layers[rank].is_empty() {
+            [None; 2]
+        } else {
+            [
+                rank_layers[rank].start.checked_sub(1),
+                Some(rank_layers[rank].end),
+            ]
+        }
+    };
+    let mut is_first_round = true;
+    loop {
+        let changed = sweeps.sweep_until_stable(cancel) || std::mem::take(&mut is_first_round);
+        let sent = (0..rank_layers.len()).map(|other_rank| -> Vec<(usize, Vec<f32>)> {
+            let layers = ghost_layers(other_rank).into_iter().flatten();
+            let layers =
+                layers.filter(|index| changed && other_rank != rank && owned.contains(index));
+            let layer =
+                |index| sweeps.field.samples[(index - first) * layer_len..][..layer_len].to_vec();
+            layers.map(|index| (index, layer(index))).collect()
+        });
+        let received: Vec<Vec<(usize, Vec<f32>)>> =
+            comm.all_to_all("layers of distances", sent.collect())?;
+        let mut has_lowered = false;
+        for (index, layer) in received.into_iter().flatten() {
+            has_lowered |= sweeps.lower_layer(index - first, &layer);
+        }
+        let states: Vec<(bool, bool)> =
+            comm.all_gather("distances", (has_lowered, cancel.is_cancelled()))?;
+        if !states.iter().any(|(lower, _)| *lower) || states.iter().any(|(_, over)| *over) {
+            return Ok(());
+        }
+    }
+}
+
 /// Returns the layers of bricks that one of `count` ranks owns, and its layers of samples.
 fn owned_layers<const D: usize>(
     dims: [usize; D],
@@ -131,7 +192,7 @@ impl<const D: usize> DistanceLayers<D> {
     ///
     /// # Errors
     /// Returns an error if another rank fails.
-    pub(super) fn from_points(
+    fn from_points(
         extent: [f64; D],
         limits: DistanceLimits,
         points: impl Iterator<Item = ([f32; D], f32)>,
@@ -226,14 +287,14 @@ impl<const D: usize> DistanceLayers<D> {
             let bricks = owned.start * bricks_per_layer..owned.end * bricks_per_layer;
             bricks.filter(|&brick| is_requested[brick]).collect()
         };
-        let select = |bricks: &[usize]| -> Vec<f32> {
+        let select = |bricks: &Vec<usize>| -> Vec<f32> {
             let mut samples = Vec::with_capacity(bricks.len() * BRICK_SAMPLES.pow(D as u32));
             (bricks.iter()).for_each(|&brick| self.copy_brick(brick, &mut samples));
             samples
         };
         let requested = (0..comm.size()).map(requested_of).collect();
         let places = ["requested bricks of distances", "bricks of distances"];
-        let (own, mut received) = fetch_bricks(places, requested, select, comm)?;
+        let (own, mut received) = comm.fetch(places, requested, select)?;
         received[comm.rank()] = select(&own);
         let samples = received.concat();
         let mut next_index = 0..;
@@ -272,6 +333,68 @@ impl<const D: usize> DistanceLayers<D> {
 }
 
 impl<const D: usize> DistributedDistance<D> {
+    /// Computes d(x) as [`from_features`](super::from_features) does. If the points are distributed over ranks, so
+    /// is d.
+    ///
+    /// # Errors
+    /// Returns an error as [`from_features`](super::from_features) does, or if another rank fails.
+    pub fn from_features(
+        features: &Features<D>,
+        limits: DistanceLimits,
+        cancel: &CancelToken<'_>,
+        comm: &dyn Comm,
+    ) -> Result<Self> {
+        Self::from_points(features, limits, |_| limits.min as f32, cancel, comm)
+    }
+
+    /// Returns d(x) that follows the gaps between features: d is [`Features::spacing`] at every feature
+    /// point, clipped to `min` to `max`, and grows away from where it is small by `growth` per lattice
+    /// unit. If the points are distributed over ranks, so is d.
+    ///
+    /// # Errors
+    /// Returns an error as [`from_features`](super::from_features) does, or if another rank fails.
+    pub fn from_gaps(
+        features: &Features<D>,
+        limits: DistanceLimits,
+        cancel: &CancelToken<'_>,
+        comm: &dyn Comm,
+    ) -> Result<Self> {
+        let [min, max] = [limits.min, limits.max].map(|d| d as f32);
+        let spacing = features.spacing.as_deref().unwrap_or(&[]);
+        let spacing_at = |i: usize| spacing.get(i).map_or(max, |d| d.clamp(min, max));
+        let mut has_fine_points = (0..features.points.len()).any(|i| spacing_at(i) < max);
+        if features.global_counts.is_some() {
+            has_fine_points = comm
+                .all_gather("fine points", has_fine_points)?
+                .contains(&true);
+        }
+        // If no gap needs a smaller distance, d is constant.
+        if !has_fine_points {
+            limits.check()?;
+            return Ok(Self::Global(Distance::Constant(limits.max)));
+        }
+        Self::from_points(features, limits, spacing_at, cancel, comm)
+    }
+
+    /// Returns d(x) from the value of d at each feature point.
+    fn from_points(
+        features: &Features<D>,
+        limits: DistanceLimits,
+        d_at_point: impl Fn(usize) -> f32,
+        cancel: &CancelToken<'_>,
+        comm: &dyn Comm,
+    ) -> Result<Self> {
+        limits.check()?;
+        if features.global_counts.is_none() {
+            let distance = features::from_points(features, limits, d_at_point, cancel);
+            return Ok(Self::Global(distance));
+        }
+        let points = features.points.iter().enumerate();
+        let points = points.map(|(i, point)| (point.position, d_at_point(i)));
+        let extent = features.potential.extent();
+        DistanceLayers::from_points(extent, limits, points, cancel, comm).map(Self::Layers)
+    }
+
     /// Returns the largest d anywhere.
     pub fn max(&self) -> f64 {
         match self {

@@ -1,7 +1,6 @@
 //! Nominal distance d(x) that grows away from the features of an image.
 
-use super::{Distance, DistanceLayers, DistributedDistance, limit_gradient};
-use crate::comm::{Comm, SelfComm};
+use super::{Distance, limit_gradient};
 use crate::error::{Error, Result, cause};
 use crate::feature::Features;
 use crate::geometry::grid_index::offset_of;
@@ -39,71 +38,24 @@ pub fn from_features<const D: usize>(
     limits: DistanceLimits,
     cancel: &CancelToken<'_>,
 ) -> Result<Distance<D>> {
-    distributed_from_features(features, limits, cancel, &SelfComm)?.into_global(&SelfComm)
-}
-
-/// Computes d(x) as [`from_features`] does. If the points are distributed over ranks, so is d.
-///
-/// # Errors
-/// Returns an error as [`from_features`] does, or if another rank fails.
-pub(crate) fn distributed_from_features<const D: usize>(
-    features: &Features<D>,
-    limits: DistanceLimits,
-    cancel: &CancelToken<'_>,
-    comm: &dyn Comm,
-) -> Result<DistributedDistance<D>> {
-    from_points(features, limits, cancel, comm, |_| limits.min as f32)
-}
-
-/// Returns d(x) that follows the gaps between features: d is [`Features::spacing`] at every feature
-/// point, clipped to `min` to `max`, and grows away from where it is small by `growth` per lattice
-/// unit. If the points are distributed over ranks, so is d.
-///
-/// # Errors
-/// Returns an error as [`from_features`] does, or if another rank fails.
-pub(crate) fn distributed_from_gaps<const D: usize>(
-    features: &Features<D>,
-    limits: DistanceLimits,
-    cancel: &CancelToken<'_>,
-    comm: &dyn Comm,
-) -> Result<DistributedDistance<D>> {
-    let [min, max] = [limits.min, limits.max].map(|d| d as f32);
-    let spacing = features.spacing.as_deref().unwrap_or(&[]);
-    let spacing_at = |i: usize| spacing.get(i).map_or(max, |d| d.clamp(min, max));
-    let mut has_fine_points = (0..features.points.len()).any(|i| spacing_at(i) < max);
-    if features.global_counts.is_some() {
-        has_fine_points = comm
-            .all_gather("fine points", has_fine_points)?
-            .contains(&true);
-    }
-    // If no gap needs a smaller distance, d is constant.
-    if !has_fine_points {
-        limits.check()?;
-        return Ok(DistributedDistance::Global(Distance::Constant(limits.max)));
-    }
-    from_points(features, limits, cancel, comm, spacing_at)
+    limits.check()?;
+    let d_at_point = |_| limits.min as f32;
+    Ok(from_points(features, limits, d_at_point, cancel))
 }
 
 /// Returns d(x) from the value of d at each feature point.
-fn from_points<const D: usize>(
+pub(super) fn from_points<const D: usize>(
     features: &Features<D>,
     limits: DistanceLimits,
-    cancel: &CancelToken<'_>,
-    comm: &dyn Comm,
     d_at_point: impl Fn(usize) -> f32,
-) -> Result<DistributedDistance<D>> {
-    limits.check()?;
-    let extent = features.potential.extent();
-    let numbered = features.points.iter().enumerate();
-    let points = numbered.map(|(i, point)| (point.position, d_at_point(i)));
-    if features.global_counts.is_some() {
-        let layers = DistanceLayers::from_points(extent, limits, points, cancel, comm)?;
-        return Ok(DistributedDistance::Layers(layers));
+    cancel: &CancelToken<'_>,
+) -> Distance<D> {
+    let mut field = coarse_field(features.potential.extent(), limits.min, limits.max);
+    for (i, point) in features.points.iter().enumerate() {
+        lower_cell_corners(&mut field, point.position.map(f64::from), d_at_point(i));
     }
-    let mut field = coarse_field(extent, limits.min, limits.max);
-    points.for_each(|(x, d)| lower_cell_corners(&mut field, x.map(f64::from), d));
     limit_gradient(&mut field, limits.growth, cancel);
-    Ok(DistributedDistance::Global(Distance::Field(field)))
+    Distance::Field(field)
 }
 
 /// Lowers d at each corner of the cell that contains a point to the value at the point.

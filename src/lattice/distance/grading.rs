@@ -4,8 +4,6 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-use crate::comm::Comm;
-use crate::error::Result;
 use crate::geometry::simd::dispatch_simd;
 use crate::image::ScalarField;
 use crate::progress::CancelToken;
@@ -34,73 +32,14 @@ pub fn limit_gradient<const D: usize>(
     FastSweeping::new(field, 0..rows, growth).sweep_until_stable(cancel);
 }
 
-/// Limits the slope of a field as [`limit_gradient`] does, where the field is distributed over
-/// ranks. Rank r owns the layers `rank_layers[r]` along the last axis. `field` holds the layers
-/// from `first` on: the owned ones and the adjacent layers of other ranks.
-///
-/// # Errors
-/// Returns an error if another rank fails.
-pub(super) fn limit_gradient_in_layers<const D: usize>(
-    field: &mut ScalarField<D>,
-    first: usize,
-    rank_layers: &[Range<usize>],
-    growth: f64,
-    cancel: &CancelToken<'_>,
-    comm: &dyn Comm,
-) -> Result<()> {
-    let all_rows = row_count(field);
-    let (rank, layer_len) = (comm.rank(), field.dims[..D - 1].iter().product::<usize>());
-    let rows_per_layer = layer_len / field.dims[0].max(1);
-    let owned = rank_layers[rank].clone();
-    let mutable_rows = if owned.is_empty() {
-        0..0
-    } else {
-        (owned.start - first) * rows_per_layer..((owned.end - first) * rows_per_layer).min(all_rows)
-    };
-    let mut sweeps = FastSweeping::new(field, mutable_rows, growth);
-    // The layers before and after the owned layers of a rank.
-    let ghost_layers = |rank: usize| {
-        if rank_layers[rank].is_empty() {
-            [None; 2]
-        } else {
-            [
-                rank_layers[rank].start.checked_sub(1),
-                Some(rank_layers[rank].end),
-            ]
-        }
-    };
-    let mut is_first_round = true;
-    loop {
-        let changed = sweeps.sweep_until_stable(cancel) || std::mem::take(&mut is_first_round);
-        let sent = (0..rank_layers.len()).map(|other_rank| -> Vec<(usize, Vec<f32>)> {
-            let layers = ghost_layers(other_rank).into_iter().flatten();
-            let layers =
-                layers.filter(|index| changed && other_rank != rank && owned.contains(index));
-            let layer =
-                |index| sweeps.field.samples[(index - first) * layer_len..][..layer_len].to_vec();
-            layers.map(|index| (index, layer(index))).collect()
-        });
-        let received: Vec<Vec<(usize, Vec<f32>)>> =
-            comm.all_to_all("layers of distances", sent.collect())?;
-        let mut has_lowered = false;
-        for (index, layer) in received.into_iter().flatten() {
-            has_lowered |= sweeps.lower_layer(index - first, &layer);
-        }
-        let states: Vec<(bool, bool)> =
-            comm.all_gather("distances", (has_lowered, cancel.is_cancelled()))?;
-        if !states.iter().any(|(lower, _)| *lower) || states.iter().any(|(_, over)| *over) {
-            return Ok(());
-        }
-    }
-}
-
 /// Returns the count of rows along the first axis.
-fn row_count<const D: usize>(field: &ScalarField<D>) -> usize {
+pub(super) fn row_count<const D: usize>(field: &ScalarField<D>) -> usize {
     field.dims[1..].iter().product()
 }
 
-struct FastSweeping<'a, const D: usize> {
-    field: &'a mut ScalarField<D>,
+/// Sweeps over a field, of which some rows may change.
+pub(super) struct FastSweeping<'a, const D: usize> {
+    pub field: &'a mut ScalarField<D>,
     growth: f64,
     /// Rows along the first axis that may change at all.
     mutable_rows: Range<usize>,
@@ -116,7 +55,7 @@ struct LoweredRow {
 }
 
 impl<'a, const D: usize> FastSweeping<'a, D> {
-    fn new(field: &'a mut ScalarField<D>, mutable_rows: Range<usize>, growth: f64) -> Self {
+    pub fn new(field: &'a mut ScalarField<D>, mutable_rows: Range<usize>, growth: f64) -> Self {
         let mut active_rows = vec![false; row_count(field)];
         active_rows[mutable_rows.clone()].fill(true);
         Self {
@@ -128,7 +67,7 @@ impl<'a, const D: usize> FastSweeping<'a, D> {
     }
 
     /// Sweeps until nothing changes. Returns `true` if any sample has changed.
-    fn sweep_until_stable(&mut self, cancel: &CancelToken<'_>) -> bool {
+    pub fn sweep_until_stable(&mut self, cancel: &CancelToken<'_>) -> bool {
         let mut has_changed = false;
         loop {
             let sweeps = (0..1usize << D).map(|order| self.sweep(order, cancel));
@@ -142,7 +81,7 @@ impl<'a, const D: usize> FastSweeping<'a, D> {
 
     /// Lowers the samples of layer `index` to those of `layer` where these are lower. Returns
     /// `true` if any sample has changed.
-    fn lower_layer(&mut self, index: usize, layer: &[f32]) -> bool {
+    pub fn lower_layer(&mut self, index: usize, layer: &[f32]) -> bool {
         let (count, mut has_lowered) = (self.field.dims[0], false);
         let rows = layer.len() / count;
         for (row, lower) in (index * rows..).zip(layer.chunks_exact(count)) {

@@ -14,11 +14,9 @@ pub(crate) mod sources;
 
 pub use atoms::from_atoms;
 pub use distributed_distance::DistanceBricks;
-pub(crate) use distributed_distance::{DistanceLayers, DistributedDistance};
+pub(crate) use distributed_distance::DistributedDistance;
 pub use features::{DistanceLimits, from_features};
-pub(crate) use features::{
-    coarse_field, distributed_from_features, distributed_from_gaps, lower_cell_corners,
-};
+pub(crate) use features::{coarse_field, lower_cell_corners};
 pub use grading::limit_gradient;
 pub use sources::{DenseRegion, from_image, from_laplacian, from_samples};
 

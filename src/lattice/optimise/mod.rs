@@ -23,14 +23,12 @@ pub use crate::progress::{LatticeSnapshot, NoProgress, OptimiseStatus, Progress}
 
 use serde::{Deserialize, Serialize};
 
-use crate::comm::Comm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::to_3d;
 use crate::lattice::comparison::genetic;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, EnergyTerms};
-use crate::lattice::halo::{self, OwnedAndGhosts};
-use crate::lattice::owned_atoms::OwnedAtoms;
+use crate::lattice::halo::{self, OwnedAndGhosts, SharedLattice};
 use crate::lattice::seeding::Atoms;
 use bounds::MoveBounds;
 use minimise::{Budget, Minimiser};
@@ -180,63 +178,47 @@ pub fn optimise<const D: usize>(
 /// # Errors
 /// Returns an error as [`optimise`] does, or if another rank fails.
 pub(crate) fn optimise_partition<const D: usize>(
-    owned: &mut OwnedAtoms<D>,
+    lattice: SharedLattice<'_, D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimiseOptions,
-    comm: &dyn Comm,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
     let can_partition = energy.supports_partition()
         && Minimiser::<D>::CAN_PARTITION
         && options.temperature.is_empty();
-    if comm.size() > 1 && can_partition && options.method != Method::Genetic {
-        let sharing = LatticeSharing {
-            comm,
-            max_move: expected_move(distance),
-        };
-        return optimise_with_halo(owned, energy, distance, extent, options, sharing, progress);
+    if lattice.is_shared() && can_partition && options.method != Method::Genetic {
+        let max_move = expected_move(distance);
+        return optimise_with_halo(
+            lattice, energy, distance, extent, options, max_move, progress,
+        );
     }
-    let mut atoms = std::mem::take(owned).all_gather(comm)?;
-    let result = optimise(&mut atoms, energy, distance, extent, options, progress);
-    *owned = OwnedAtoms::from_global(atoms, comm);
-    result
+    lattice.change_all(|atoms| optimise(atoms, energy, distance, extent, options, progress))?
 }
 
-/// How ranks share a lattice while its atoms move.
-struct LatticeSharing<'a> {
-    comm: &'a dyn Comm,
-    /// Expected largest move of an atom.
-    max_move: f64,
-}
-
-/// Lowers the energy of a distributed lattice with ghosts.
+/// Lowers the energy of a distributed lattice with ghosts. `max_move` is the expected largest move of
+/// an atom.
 fn optimise_with_halo<const D: usize>(
-    owned: &mut OwnedAtoms<D>,
+    lattice: SharedLattice<'_, D>,
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
     options: &OptimiseOptions,
-    sharing: LatticeSharing<'_>,
+    mut max_move: f64,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
-    check_options(options, owned.global_count)?;
-    let LatticeSharing { comm, mut max_move } = sharing;
+    check_options(options, lattice.owned.global_count)?;
     loop {
         let halo_width = NEIGHBOUR_RADIUS * distance.max() + 2.0 * max_move;
-        let (halo, mut atoms) = OwnedAndGhosts::with_halo(owned, halo_width, comm)?;
+        let (halo, mut atoms) = lattice.with_halo(halo_width)?;
         let energy = &mut *energy.duplicate();
         let (result, displacement) = lower_energy(
             &mut atoms, &halo, energy, distance, extent, options, progress,
         )?;
-        let displacements = halo.all_gather("farthest move", displacement)?;
-        if displacements
-            .iter()
-            .all(|&displacement| displacement <= max_move)
-        {
+        if !halo.any("farthest move", displacement > max_move)? {
             let positions = &atoms.positions[halo.owned()];
-            owned.atoms.positions.copy_from_slice(positions);
+            lattice.owned.atoms.positions.copy_from_slice(positions);
             return Ok(result);
         }
         // Some atoms may have met others that are not local: repeat with a wider halo.

@@ -4,6 +4,7 @@ use super::*;
 use crate::image::{ScalarField, SparseField};
 use crate::lattice::AtomKind;
 use crate::lattice::energy::{Beta, PairwiseEnergy};
+use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::{self, Alignment};
 
 const D: f64 = 4.0;
@@ -476,9 +477,9 @@ fn partitioned_optimisation_equals_the_single_process_one() {
             let outcomes = run_threads(count, |comm| {
                 let mut owned = OwnedAtoms::from_global(seeded.clone(), comm);
                 let (energy, progress, distance) = (&mut energy(), &mut NoProgress, &distance);
-                let sharing = LatticeSharing { comm, max_move };
+                let lattice = SharedLattice::new(&mut owned, comm);
                 let result = optimise_with_halo(
-                    &mut owned, energy, distance, extent, &options, sharing, progress,
+                    lattice, energy, distance, extent, &options, max_move, progress,
                 );
                 (owned.all_gather(comm).unwrap(), result.unwrap())
             });

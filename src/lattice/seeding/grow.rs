@@ -24,8 +24,8 @@
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 use super::refine::graded_positions;
+use super::shared_box::SharedBox;
 use super::{Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, empty_grid, side_count};
-use crate::comm::Comm;
 use crate::error::Result;
 use crate::geometry::distance2;
 use crate::geometry::incremental_grid::IncrementalGrid;
@@ -39,42 +39,10 @@ const MIN_ATOMS_PER_THREAD: usize = 64;
 /// that they propose are one d away from them, and depend on other atoms 0.8 d from there.
 const HALO_WIDTH_RATIO: f64 = 2.0;
 
-/// The slabs of the box, along its last axis, that the ranks fill.
-struct GrowthSlab<'a> {
-    length: f64,
-    comm: &'a dyn Comm,
-}
-
-impl GrowthSlab<'_> {
-    /// Returns the slab of a rank.
-    fn range(&self, rank: usize) -> [f64; 2] {
-        let count = self.comm.size();
-        let boundary = |end: usize| match end {
-            0 => f64::NEG_INFINITY,
-            end if end == count => f64::INFINITY,
-            end => self.length * end as f64 / count as f64,
-        };
-        [boundary(rank), boundary(rank + 1)]
-    }
-
-    /// Returns `true` if a height is within `margin` of the slab of a rank.
-    fn is_near(&self, rank: usize, height: f64, margin: f64) -> bool {
-        let [low, high] = self.range(rank);
-        low - margin <= height && height < high + margin
-    }
-
-    /// Returns `true` if a height is in the slab of this rank.
-    fn contains(&self, height: f64) -> bool {
-        self.is_near(self.comm.rank(), height, 0.0)
-    }
-}
-
 /// Returns the range along the last axis in which a rank must know d, if the largest d is `max_d`.
-pub fn required_range(length: f64, max_d: f64, comm: &dyn Comm) -> [f64; 2] {
-    let [low, high] = GrowthSlab { length, comm }.range(comm.rank());
+pub fn required_range<const D: usize>(shared_box: SharedBox<'_, D>, max_d: f64) -> [f64; 2] {
     // Sites are one d from atoms, and a little more where d at the site is not known yet.
-    let margin = (HALO_WIDTH_RATIO + 2.0) * max_d;
-    [(low - margin).max(0.0), (high + margin).min(length)]
+    shared_box.slab_with_margin((HALO_WIDTH_RATIO + 2.0) * max_d)
 }
 
 /// Properties of an atom other than its position.
@@ -114,7 +82,8 @@ struct GrowingLattice<'a, const D: usize> {
     extent: [f64; D],
     /// Distance of the outermost atoms from the sides of the box, in units of d.
     inset: f64,
-    slab: GrowthSlab<'a>,
+    /// The box; this rank grows the atoms in its slab.
+    shared_box: SharedBox<'a, D>,
     /// The atoms that this rank knows.
     atoms: IncrementalGrid<D>,
     infos: Vec<AtomInfo>,
@@ -130,14 +99,8 @@ struct GrowingLattice<'a, const D: usize> {
 }
 
 impl<'a, const D: usize> GrowingLattice<'a, D> {
-    fn new(
-        extent: [f64; D],
-        distance: &'a Distance<D>,
-        alignment: Alignment,
-        comm: &'a dyn Comm,
-    ) -> Self {
-        let min_d = distance.min();
-        let length = extent[D - 1];
+    fn new(shared_box: SharedBox<'a, D>, distance: &'a Distance<D>, alignment: Alignment) -> Self {
+        let (min_d, extent) = (distance.min(), shared_box.extent);
         Self {
             distance,
             extent,
@@ -145,7 +108,7 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
                 Alignment::OnFeatures => 0.0,
                 Alignment::AlongsideFeatures => 0.5,
             },
-            slab: GrowthSlab { length, comm },
+            shared_box,
             atoms: empty_grid([0.0; D], extent, MIN_SITE_DISTANCE * min_d),
             infos: Vec::new(),
             drops_distant: false,
@@ -176,21 +139,18 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
 
     /// Returns `true` if this rank knows the atoms at a position.
     fn is_local(&self, x: &[f64; D]) -> bool {
-        let (rank, margin) = (self.slab.comm.rank(), HALO_WIDTH_RATIO * self.max_d);
-        self.slab.is_near(rank, x[D - 1], margin)
+        (self.shared_box).is_near_slab(x[D - 1], HALO_WIDTH_RATIO * self.max_d)
     }
 
     /// Drops atoms that are not near this rank's slab.
     fn drop_distant(&mut self) {
-        if self.slab.comm.size() == 1 {
+        if !self.shared_box.is_shared() {
             return;
         }
         self.drops_distant = true;
-        let [low, high] = self.slab.range(self.slab.comm.rank());
-        let margin = HALO_WIDTH_RATIO * self.max_d;
         let (mut low_corner, mut high_corner) = ([0.0; D], self.extent);
-        low_corner[D - 1] = (low - margin).max(0.0);
-        high_corner[D - 1] = (high + margin).min(high_corner[D - 1]);
+        [low_corner[D - 1], high_corner[D - 1]] =
+            (self.shared_box).slab_with_margin(HALO_WIDTH_RATIO * self.max_d);
         let grid = empty_grid(low_corner, high_corner, MIN_SITE_DISTANCE * self.min_d);
         self.open_sites = grid.clone();
         let old_atoms = std::mem::replace(&mut self.atoms, grid);
@@ -231,13 +191,9 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
             .collect();
         let steps = neighbour_steps::<D>(&axes);
         loop {
-            let states: Vec<(bool, bool)> = (self.slab.comm).all_gather(
-                "growth of a lattice",
-                (!front.is_empty(), cancel.is_cancelled()),
-            )?;
-            if !states.iter().any(|(grows, _)| *grows)
-                || states.iter().any(|(_, is_cancelled)| *is_cancelled)
-            {
+            let state = [!front.is_empty(), cancel.is_cancelled()];
+            let [grows, is_cancelled] = self.shared_box.any("growth of a lattice", state)?;
+            if !grows || is_cancelled {
                 return Ok(());
             }
             front.sort_unstable_by_key(|&n| self.infos[n as usize].index);
@@ -259,7 +215,7 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
     ) -> impl Iterator<Item = ProposedSite<D>> {
         let origin = self.atoms.positions()[n as usize];
         let index = u64::from(self.infos[n as usize].index);
-        let (rank, margin) = (self.slab.comm.rank(), MIN_SITE_DISTANCE * self.max_d);
+        let margin = MIN_SITE_DISTANCE * self.max_d;
         let d = self.distance.value_at(origin);
         steps
             .iter()
@@ -271,7 +227,7 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
                     self.snap_to_sides(std::array::from_fn(|k| origin[k] + d * step[k]), sides)
                 };
                 let x = displaced(0.5 * (d + self.distance.value_at(displaced(d))));
-                if !self.slab.is_near(rank, x[D - 1], margin) {
+                if !self.shared_box.is_near_slab(x[D - 1], margin) {
                     return None;
                 }
                 let d = self.distance.value_at(x);
@@ -291,10 +247,11 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
     /// Returns the atoms that sites become, in their order. A site becomes an atom if it is free of
     /// all atoms before it.
     fn accept_sites(&mut self, sites: &[ProposedSite<D>], sides: u8) -> Result<Vec<u32>> {
-        let (comm, first_new) = (self.slab.comm, self.infos.len());
+        let first_new = self.infos.len();
+        let decision_margin = MIN_SITE_DISTANCE * self.max_d;
         // This rank decides about the sites in its slab; it receives decisions about the others.
         let (mut undecided, mut foreign): (Vec<&ProposedSite<D>>, Vec<&ProposedSite<D>>) =
-            (sites.iter()).partition(|site| self.slab.contains(site.x[D - 1]));
+            (sites.iter()).partition(|site| self.shared_box.is_in_slab(site.x[D - 1]));
         let mut atoms: Vec<(u64, u32)> = Vec::new();
         let mut priorities: Vec<u64> = Vec::new();
         let mut accept = |lattice: &mut Self, priorities: &mut Vec<u64>, site: &ProposedSite<D>| {
@@ -310,7 +267,7 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
                 .iter()
                 .for_each(|site| _ = self.open_sites.add(site.x));
             let mut open_priorities: Vec<u64> = foreign.iter().map(|site| site.priority).collect();
-            let mut sent: Vec<Vec<(u64, bool)>> = vec![Vec::new(); comm.size()];
+            let mut decisions: Vec<(f64, (u64, bool))> = Vec::new();
             undecided.retain(|site| {
                 let is_earlier =
                     |n: usize| n >= first_new && priorities[n - first_new] < site.priority;
@@ -323,17 +280,12 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
                 if has_room {
                     accept(self, &mut priorities, site);
                 }
-                for (rank, list) in sent.iter_mut().enumerate() {
-                    let is_near =
-                        self.slab
-                            .is_near(rank, site.x[D - 1], MIN_SITE_DISTANCE * self.max_d);
-                    if rank != comm.rank() && is_near {
-                        list.push((site.priority, has_room));
-                    }
-                }
+                decisions.push((site.x[D - 1], (site.priority, has_room)));
                 false
             });
-            let mut received = comm.all_to_all("decisions about sites", sent)?.concat();
+            let what = "decisions about sites";
+            let mut received =
+                (self.shared_box).send_near(what, &decisions, decision_margin, None)?;
             received.sort_unstable();
             foreign.retain(|site| {
                 let Ok(position) =
@@ -346,9 +298,9 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
                 }
                 false
             });
-            let has_undecided: Vec<bool> =
-                comm.all_gather("undecided sites", !undecided.is_empty())?;
-            if !has_undecided.contains(&true) {
+            let [has_undecided] =
+                (self.shared_box).any("undecided sites", [!undecided.is_empty()])?;
+            if !has_undecided {
                 break;
             }
         }
@@ -382,52 +334,40 @@ impl<'a, const D: usize> GrowingLattice<'a, D> {
     /// all ranks. Returns the atoms, with those that other ranks send because they are near this
     /// slab.
     fn number_atoms(&mut self, mut atoms: Vec<(u64, u32)>, sides: u8) -> Result<Vec<u32>> {
-        let comm = self.slab.comm;
         atoms.sort_unstable();
-        let mut priorities: Vec<u64> = Vec::with_capacity(atoms.len());
-        let mut sent: Vec<Vec<(u64, [f64; D])>> = vec![Vec::new(); comm.size()];
+        let mut owned: Vec<(f64, (u64, [f64; D]))> = Vec::with_capacity(atoms.len());
         for &(priority, n) in &atoms {
             let x = self.atoms.positions()[n as usize];
-            if !self.slab.contains(x[D - 1]) {
-                continue;
-            }
-            priorities.push(priority);
-            for (rank, list) in sent.iter_mut().enumerate() {
-                let is_near = |margin: f64| self.slab.is_near(rank, x[D - 1], margin * self.max_d);
-                // Those ranks already know this atom, because they received the decision about its
-                // site.
-                if rank != comm.rank() && is_near(HALO_WIDTH_RATIO) && !is_near(MIN_SITE_DISTANCE) {
-                    list.push((priority, x));
-                }
+            if self.shared_box.is_in_slab(x[D - 1]) {
+                owned.push((x[D - 1], (priority, x)));
             }
         }
-        for (priority, x) in comm.all_to_all("atoms nearby", sent)?.into_iter().flatten() {
+        // Ranks that received the decision about the site of an atom already know the atom.
+        let [margin, known] = [HALO_WIDTH_RATIO, MIN_SITE_DISTANCE].map(|ratio| ratio * self.max_d);
+        let nearby = (self.shared_box).send_near("atoms nearby", &owned, margin, Some(known))?;
+        for (priority, x) in nearby {
             atoms.push((priority, self.add_local(x, AtomInfo::on_sides(sides))));
         }
-        let all_priorities: Vec<Vec<u64>> = comm.all_gather("priorities of atoms", priorities)?;
+        let priorities = owned.iter().map(|(_, (priority, _))| *priority).collect();
+        let mut priorities = (self.shared_box).concatenated("priorities of atoms", priorities)?;
+        priorities.sort();
         for &(priority, n) in &atoms {
-            let counts = all_priorities
-                .iter()
-                .map(|priorities| priorities.partition_point(|&t| t < priority));
-            self.infos[n as usize].index = self.global_count + counts.sum::<usize>() as u32;
+            let count = priorities.partition_point(|&t| t < priority);
+            self.infos[n as usize].index = self.global_count + count as u32;
         }
-        self.global_count += all_priorities.iter().map(Vec::len).sum::<usize>() as u32;
+        self.global_count += priorities.len() as u32;
         Ok(atoms.into_iter().map(|(_, n)| n).collect())
     }
 
     /// Adds an atom at the centre of the box, if that is free.
     fn add_centre(&mut self) -> Result<Option<u32>> {
         let x = self.extent.map(|l| 0.5 * l);
-        let has_room = self.slab.contains(x[D - 1])
+        let has_room = self.shared_box.is_in_slab(x[D - 1])
             && self
                 .atoms
                 .is_free(&x, MIN_SITE_DISTANCE * self.distance.value_at(x));
-        let gathered: Vec<bool> = (self.slab.comm).all_gather("free centre", has_room)?;
-        if gathered.contains(&true) {
-            Ok(self.add(x, 0, false))
-        } else {
-            Ok(None)
-        }
+        let [is_free] = self.shared_box.any("free centre", [has_room])?;
+        Ok(if is_free { self.add(x, 0, false) } else { None })
     }
 
     /// Returns atoms between the ends of the edge along `axis` that belongs to `sides`, evenly
@@ -503,14 +443,14 @@ pub(in crate::lattice) fn faces<const D: usize>(rank: usize) -> impl Iterator<It
 /// # Errors
 /// Returns an error if another rank fails.
 pub fn grow_lattice<const D: usize>(
-    extent: [f64; D],
+    shared_box: SharedBox<'_, D>,
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     cancel: &CancelToken<'_>,
-    comm: &dyn Comm,
 ) -> Result<Vec<([f64; D], u32)>> {
-    let mut lattice = GrowingLattice::new(extent, distance, alignment, comm);
+    let extent = shared_box.extent;
+    let mut lattice = GrowingLattice::new(shared_box, distance, alignment);
     // From corners to the inside; each time the fixed atoms that lie there come first.
     for rank in (0..=D).rev() {
         if rank + 2 == D {
@@ -561,7 +501,7 @@ pub fn grow_lattice<const D: usize>(
         }
     }
     let atoms = lattice.atoms.positions().iter().zip(&lattice.infos);
-    let owned = atoms.filter(|(x, info)| !info.is_fixed && lattice.slab.contains(x[D - 1]));
+    let owned = atoms.filter(|(x, info)| !info.is_fixed && shared_box.is_in_slab(x[D - 1]));
     Ok(owned.map(|(x, info)| (*x, info.index)).collect())
 }
 

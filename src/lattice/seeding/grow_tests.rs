@@ -1,7 +1,7 @@
 //! Tests of grown lattices: their regularity, and equality for any number of ranks.
 
 use super::*;
-use crate::comm::{SelfComm, run_threads};
+use crate::comm::run_threads;
 use crate::geometry::statistics::lower_quantile;
 use crate::image::ScalarField;
 use crate::lattice::AtomKind;
@@ -155,7 +155,8 @@ fn a_lattice_grown_at_constant_distance_is_regular_inside() {
 fn edges_carry_evenly_spread_atoms() {
     let extent = [60.0, 30.0, 30.0];
     let distance = varying_distance(extent);
-    let lattice = GrowingLattice::new(extent, &distance, Alignment::OnFeatures, &SelfComm);
+    let shared_box = SharedBox::of_one_process(extent);
+    let lattice = GrowingLattice::new(shared_box, &distance, Alignment::OnFeatures);
     let mut positions: Vec<f64> = lattice.edge_atoms(0, 0b110).iter().map(|x| x[0]).collect();
     positions.insert(0, 0.0);
     positions.push(60.0);
@@ -308,7 +309,8 @@ fn grow_in_threads<const D: usize>(
 ) -> Vec<([f64; D], u32)> {
     let (alignment, cancel) = (Alignment::OnFeatures, &CancelToken::never());
     let parts = run_threads(count, |comm| {
-        grow_lattice(extent, distance, fixed, alignment, cancel, comm).unwrap()
+        let shared_box = SharedBox::new(extent, comm);
+        grow_lattice(shared_box, distance, fixed, alignment, cancel).unwrap()
     });
     assert!(count > 9 || parts.iter().all(|part| !part.is_empty()));
     let mut atoms = parts.concat();

@@ -9,10 +9,9 @@
 //! - `line_atoms`: atoms along the lines where feature surfaces meet
 //! - `wells`: atoms along trajectories, and d(x) near them
 //! - [`morton`]: memory order of atoms along a Morton curve, for cache locality
-//! - `curve_order`: distribution of sites in that order over ranks
+//! - `shared_box`: the box in slabs that ranks fill, and distribution of sites in that order
 
 pub(crate) mod canny;
-mod curve_order;
 pub mod densest_lattice;
 pub(crate) mod fixed_atoms;
 pub(crate) mod grow;
@@ -20,21 +19,24 @@ pub(crate) mod line_atoms;
 pub mod morton;
 pub(crate) mod refine;
 mod regular;
+mod shared_box;
 pub(crate) mod wells;
 
 use self::fixed_atoms::Clearance;
 use self::morton::MortonCurve;
 use super::comparison::guide::{self, GuideOptions};
 use super::comparison::projection;
-use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::image::{ScalarField, SparseField};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::distance::Distance;
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
+
+pub(crate) use grow::required_range;
+pub(crate) use shared_box::SharedBox;
 
 /// Where atoms end up: on features, so that the faces of a Delaunay mesh follow the features, or
 /// alongside them, so that the faces of Voronoi cells do.
@@ -192,9 +194,8 @@ pub fn seed<const D: usize>(
     cancel: &CancelToken<'_>,
 ) -> Result<Atoms<D>> {
     let regular = || {
-        seed_regular(
-            seeding, extent, distance, fixed, alignment, cancel, &SelfComm,
-        )
+        let shared_box = SharedBox::of_one_process(extent);
+        seed_regular(shared_box, seeding, distance, fixed, alignment, cancel)
     };
     distance.validate(extent)?;
     let image = || {
@@ -242,55 +243,29 @@ pub fn seed<const D: usize>(
     Ok(atoms)
 }
 
-/// Returns this rank's atoms of the regular lattice of constant d, or of the lattice that is grown.
-fn seed_regular<const D: usize>(
+/// Returns this rank's atoms of the regular lattice of constant d, or of the lattice that is grown. No rank ever has
+/// more than these. Each rank must know d in its [required range](required_range) and along the box's edges.
+///
+/// # Errors
+/// Returns an error as [`seed`] does, or if another rank fails.
+pub(crate) fn seed_regular<const D: usize>(
+    shared_box: SharedBox<'_, D>,
     seeding: Seeding,
-    extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
     cancel: &CancelToken<'_>,
-    comm: &dyn Comm,
 ) -> Result<OwnedAtoms<D>> {
     if let (Seeding::Fcc, Distance::Constant(_)) = (seeding, distance) {
-        return regular::place_atoms(extent, distance, fixed, alignment, comm);
+        return regular::place_atoms(shared_box, distance, fixed, alignment);
     }
+    let extent = shared_box.extent;
     distance.validate(extent)?;
     let fixed = &fixed_atoms::validate(fixed, extent, distance, alignment)?;
-    let sites = grow::grow_lattice(extent, distance, fixed, alignment, cancel, comm)?;
+    let sites = grow::grow_lattice(shared_box, distance, fixed, alignment, cancel)?;
     let curve = MortonCurve::new(extent, 2.0 * distance.min());
     let clearance = Clearance::new(fixed, extent, distance);
-    curve_order::redistribute(sites, &curve, extent, fixed, &clearance, comm)
-}
-
-/// Seeds a lattice as [`seed`] does and returns the atoms that this rank owns. If the lattice is
-/// regular or grown, no rank ever has more than these.
-///
-/// # Errors
-/// Returns an error as [`seed`] does, or if another rank fails.
-pub(crate) fn seed_partition<const D: usize>(
-    seeding: Seeding,
-    extent: [f64; D],
-    distance: &DistributedDistance<D>,
-    fixed: &[[f64; D]],
-    potential: &SparseField<D>,
-    comm: &dyn Comm,
-    cancel: &CancelToken<'_>,
-) -> Result<OwnedAtoms<D>> {
-    let alignment = Alignment::OnFeatures;
-    if let Seeding::Fcc | Seeding::Grown = seeding {
-        let axis = D - 1;
-        let range = grow::required_range(extent[axis], distance.max(), comm);
-        let distance = distance.fetch_between(axis, range, comm)?;
-        return seed_regular(seeding, extent, &distance, fixed, alignment, cancel, comm);
-    }
-    let distance = distance.global(comm)?;
-    let potential = Some(potential);
-    let atoms = seed(
-        seeding, extent, &distance, fixed, alignment, potential, cancel,
-    )?;
-    comm.ensure_identical("atoms placed", &atoms)?;
-    Ok(OwnedAtoms::from_global(atoms, comm))
+    shared_box.redistribute(sites, &curve, fixed, &clearance)
 }
 
 /// Seeds a lattice by [`seed`] with [`Seeding::Fcc`].

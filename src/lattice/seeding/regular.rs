@@ -7,11 +7,10 @@
 use crate::parallel::prelude::*;
 
 use super::Alignment;
-use super::curve_order::{CurvePartition, MAX_SEGMENTS};
 use super::densest_lattice::LatticeSites;
 use super::fixed_atoms::{self, Clearance};
 use super::morton::MortonCurve;
-use crate::comm::Comm;
+use super::shared_box::{CurvePartition, MAX_SEGMENTS, SharedBox};
 use crate::error::Result;
 use crate::lattice::distance::Distance;
 use crate::lattice::owned_atoms::OwnedAtoms;
@@ -23,12 +22,12 @@ use crate::lattice::owned_atoms::OwnedAtoms;
 /// # Errors
 /// Returns an error as [`seed`](super::seed) does, or if another rank fails.
 pub fn place_atoms<const D: usize>(
-    extent: [f64; D],
+    shared_box: SharedBox<'_, D>,
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    comm: &dyn Comm,
 ) -> Result<OwnedAtoms<D>> {
+    let extent = shared_box.extent;
     distance.validate(extent)?;
     let fixed = fixed_atoms::validate(fixed, extent, distance, alignment)?;
     let lattice = CurveLattice {
@@ -36,23 +35,14 @@ pub fn place_atoms<const D: usize>(
         curve: MortonCurve::new(extent, 2.0 * distance.min()),
         clearance: Clearance::new(&fixed, extent, distance),
     };
-    let (partition, sites) = match comm.size() {
-        // A single process has all sites, and need not count them.
-        1 => {
-            let sites = lattice.sorted_sites(0..usize::MAX);
-            (CurvePartition::new(vec![sites.len()], fixed.len()), sites)
-        }
-        count => {
-            let partition = CurvePartition::new(lattice.segment_counts(), fixed.len());
-            let sites = lattice.sorted_sites(partition.segments(comm.rank(), count));
-            (partition, sites)
-        }
-    };
+    let counts = || lattice.segment_counts();
+    let partition = CurvePartition::new(shared_box, counts, fixed.len());
+    let sites = lattice.sorted_sites(partition.owned_segments());
     let positions = sites.par_iter();
     let positions = positions.map(|&(_, site)| lattice.sites.position(site));
     let positions = positions.collect();
     drop(sites);
-    Ok(partition.local_partition(positions, extent, &fixed, comm))
+    Ok(partition.owned_atoms(positions, &fixed))
 }
 
 /// The sites of a lattice along a curve.
@@ -124,7 +114,8 @@ mod tests {
             assert!(expected == atoms, "{extent:?}");
             for count in [2, 3, 7] {
                 let partitions = run_threads(count, |comm| {
-                    place_atoms(extent, &distance, fixed, Alignment::OnFeatures, comm).unwrap()
+                    let shared_box = SharedBox::new(extent, comm);
+                    place_atoms(shared_box, &distance, fixed, Alignment::OnFeatures).unwrap()
                 });
                 let mut gathered = Atoms::default();
                 for owned in partitions {

@@ -1,5 +1,6 @@
-//! Distribution of sites along a space-filling curve over ranks, in whole chunks of the lattice
-//! that they become.
+//! The box of a lattice that ranks fill together: each grows atoms in its slab of the box. Then the
+//! sites are distributed along a space-filling curve, in whole chunks of the lattice that they
+//! become.
 
 use std::ops::Range;
 
@@ -8,32 +9,193 @@ use crate::parallel::prelude::*;
 use super::Atoms;
 use super::fixed_atoms::Clearance;
 use super::morton::MortonCurve;
-use crate::comm::{Comm, concatenate};
+use crate::comm::{Comm, SelfComm, concatenate};
 use crate::error::Result;
+use crate::files::codec::Codec;
 use crate::lattice::AtomKind;
 use crate::lattice::owned_atoms::{OwnedAtoms, owned_range};
 
 /// Most segments of the curve whose sites are counted.
 pub const MAX_SEGMENTS: usize = 1 << 16;
 
+/// The box `[0, extent]`, of which each rank has a slab along the last axis. All ranks call the same methods in the
+/// same order; `what` names a call, and must be the same on all ranks.
+#[derive(Clone, Copy)]
+pub struct SharedBox<'b, const D: usize> {
+    /// Length along each axis.
+    pub extent: [f64; D],
+    comm: &'b dyn Comm,
+}
+
+impl<const D: usize> SharedBox<'static, D> {
+    /// Creates the box of one process, which fills all of it.
+    pub fn of_one_process(extent: [f64; D]) -> Self {
+        Self {
+            extent,
+            comm: &SelfComm,
+        }
+    }
+}
+
+impl<'b, const D: usize> SharedBox<'b, D> {
+    /// Creates a box that the ranks of `comm` fill.
+    pub fn new(extent: [f64; D], comm: &'b dyn Comm) -> Self {
+        Self { extent, comm }
+    }
+
+    /// Returns `true` if several ranks fill the box.
+    pub fn is_shared(&self) -> bool {
+        self.comm.size() > 1
+    }
+
+    /// Returns the slab of a rank. The outermost slabs have no end.
+    fn slab(&self, rank: usize) -> [f64; 2] {
+        let count = self.comm.size();
+        let boundary = |end: usize| match end {
+            0 => f64::NEG_INFINITY,
+            end if end == count => f64::INFINITY,
+            end => self.extent[D - 1] * end as f64 / count as f64,
+        };
+        [boundary(rank), boundary(rank + 1)]
+    }
+
+    /// Returns the part of the box within `margin` of this rank's slab, along the last axis.
+    pub fn slab_with_margin(&self, margin: f64) -> [f64; 2] {
+        let [low, high] = self.slab(self.comm.rank());
+        [
+            (low - margin).max(0.0),
+            (high + margin).min(self.extent[D - 1]),
+        ]
+    }
+
+    /// Returns `true` if a height is within `margin` of the slab of a rank.
+    fn is_near(&self, rank: usize, height: f64, margin: f64) -> bool {
+        let [low, high] = self.slab(rank);
+        low - margin <= height && height < high + margin
+    }
+
+    /// Returns `true` if a height is within `margin` of this rank's slab.
+    pub fn is_near_slab(&self, height: f64, margin: f64) -> bool {
+        self.is_near(self.comm.rank(), height, margin)
+    }
+
+    /// Returns `true` if a height is in this rank's slab.
+    pub fn is_in_slab(&self, height: f64) -> bool {
+        self.is_near_slab(height, 0.0)
+    }
+
+    /// Sends items, each with its height, to the other ranks whose slabs are within `margin` of it, except for ranks
+    /// within `known_margin`, which know it already. Returns what this rank receives.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn send_near<T: Codec + Clone>(
+        &self,
+        what: &str,
+        items: &[(f64, T)],
+        margin: f64,
+        known_margin: Option<f64>,
+    ) -> Result<Vec<T>> {
+        let is_receiver = |rank: usize, height: f64| {
+            rank != self.comm.rank()
+                && self.is_near(rank, height, margin)
+                && !known_margin.is_some_and(|known| self.is_near(rank, height, known))
+        };
+        let items_for = |rank: usize| -> Vec<T> {
+            let received = items.iter().filter(|item| is_receiver(rank, item.0));
+            received.map(|(_, item)| item.clone()).collect()
+        };
+        let sent = (0..self.comm.size()).map(items_for).collect();
+        Ok(concatenate(self.comm.all_to_all(what, sent)?))
+    }
+
+    /// Returns the items of all slabs, from those of this rank's slab.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn concatenated<T: Codec>(&self, what: &str, items: Vec<T>) -> Result<Vec<T>> {
+        Ok(concatenate(self.comm.all_gather(what, items)?))
+    }
+
+    /// Returns for each condition `true` if it is met on any rank.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn any<const N: usize>(&self, what: &str, conditions: [bool; N]) -> Result<[bool; N]> {
+        let all: Vec<[bool; N]> = self.comm.all_gather(what, conditions)?;
+        Ok(std::array::from_fn(|k| all.iter().any(|met| met[k])))
+    }
+
+    /// Distributes sites, of which each rank has some with their indices, over the ranks along the
+    /// curve. Sites of one cube of the curve are ordered by their indices. Fixed atoms come last;
+    /// sites too near to them are removed.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    pub fn redistribute(
+        self,
+        mut sites: Vec<([f64; D], u32)>,
+        curve: &MortonCurve<D>,
+        fixed: &[[f64; D]],
+        clearance: &Clearance<'_, D>,
+    ) -> Result<OwnedAtoms<D>> {
+        sites.retain(|(x, _)| clearance.allows(x));
+        let mut partition = CurvePartition::new(self, Vec::new, fixed.len());
+        if self.is_shared() {
+            let segment = |x: [f64; D]| curve.segment(curve.key(x), MAX_SEGMENTS);
+            let mut counts = vec![0u64; MAX_SEGMENTS];
+            sites.iter().for_each(|(x, _)| counts[segment(*x)] += 1);
+            let counts = self.comm.all_reduce_sum("sites along a curve", counts)?;
+            let counts = || counts.into_iter().map(|n| n as usize).collect();
+            partition = CurvePartition::new(self, counts, fixed.len());
+            let messages = (0..self.comm.size()).map(|rank| -> Vec<([f64; D], u32)> {
+                let segments = partition.segments(rank);
+                let local_sites = sites
+                    .iter()
+                    .filter(|(x, _)| segments.contains(&segment(*x)));
+                local_sites.copied().collect()
+            });
+            let messages = messages.collect();
+            sites = concatenate(self.comm.all_to_all("sites along a curve", messages)?);
+        }
+        let keyed = sites.par_iter().enumerate();
+        let keyed = keyed.map(|(n, (x, index))| (curve.key(*x), *index, n as u32));
+        let mut order: Vec<(u64, u32, u32)> = keyed.collect();
+        order.par_sort_unstable();
+        let sorted = order.par_iter().map(|&(_, _, n)| sites[n as usize].0);
+        Ok(partition.owned_atoms(sorted.collect(), fixed))
+    }
+}
+
 /// The distribution of a lattice over ranks: sites along a curve, and fixed atoms after them.
-pub struct CurvePartition {
-    /// Count of sites up to the end of each segment of the curve.
+pub struct CurvePartition<'b, const D: usize> {
+    shared_box: SharedBox<'b, D>,
+    /// Count of sites up to the end of each segment of the curve, if several ranks share them.
     segment_ends: Vec<usize>,
     fixed_count: usize,
 }
 
-impl CurvePartition {
-    /// Creates the distribution from the count of sites in each segment and the count of fixed
-    /// atoms.
-    pub fn new(mut counts: Vec<usize>, fixed_count: usize) -> Self {
+impl<'b, const D: usize> CurvePartition<'b, D> {
+    /// Creates the distribution from the count of sites in each segment, which one process does not
+    /// need, and the count of fixed atoms.
+    pub fn new(
+        shared_box: SharedBox<'b, D>,
+        segment_counts: impl FnOnce() -> Vec<usize>,
+        fixed_count: usize,
+    ) -> Self {
+        let mut segment_ends = if shared_box.is_shared() {
+            segment_counts()
+        } else {
+            Vec::new()
+        };
         let mut total = 0;
-        for count in &mut counts {
+        for count in &mut segment_ends {
             total += *count;
             *count = total;
         }
         Self {
-            segment_ends: counts,
+            shared_box,
+            segment_ends,
             fixed_count,
         }
     }
@@ -43,15 +205,21 @@ impl CurvePartition {
         self.segment_ends.last().copied().unwrap_or(0)
     }
 
-    /// Returns the sites of one of `rank_count` ranks, by their order along the curve.
-    fn site_range(&self, rank: usize, rank_count: usize) -> Range<usize> {
-        let range = owned_range(self.site_count() + self.fixed_count, rank, rank_count);
+    /// Returns the sites and the fixed atoms of a rank, by their order along the curve.
+    fn owned_range(&self, rank: usize) -> Range<usize> {
+        let count = self.site_count() + self.fixed_count;
+        owned_range(count, rank, self.shared_box.comm.size())
+    }
+
+    /// Returns the sites of a rank, by their order along the curve.
+    fn site_range(&self, rank: usize) -> Range<usize> {
+        let range = self.owned_range(rank);
         range.start.min(self.site_count())..range.end.min(self.site_count())
     }
 
     /// Returns the segments that contain the sites of a rank.
-    pub fn segments(&self, rank: usize, rank_count: usize) -> Range<usize> {
-        let sites = self.site_range(rank, rank_count);
+    fn segments(&self, rank: usize) -> Range<usize> {
+        let sites = self.site_range(rank);
         let first = self.segment_ends.partition_point(|&end| end <= sites.start);
         if sites.is_empty() {
             first..first
@@ -60,83 +228,51 @@ impl CurvePartition {
         }
     }
 
+    /// Returns the segments that contain the sites of this rank.
+    pub fn owned_segments(&self) -> Range<usize> {
+        if self.shared_box.is_shared() {
+            self.segments(self.shared_box.comm.rank())
+        } else {
+            0..usize::MAX
+        }
+    }
+
     /// Returns the owned atoms of this rank. `sites` are all sites of the rank's segments in the
     /// order of the curve; the rank's own sites and fixed atoms are selected from them and from
     /// `fixed`.
-    pub fn local_partition<const D: usize>(
-        &self,
-        mut sites: Vec<[f64; D]>,
-        extent: [f64; D],
-        fixed: &[[f64; D]],
-        comm: &dyn Comm,
-    ) -> OwnedAtoms<D> {
-        let (rank, rank_count) = (comm.rank(), comm.size());
-        let (site_range, site_count) = (self.site_range(rank, rank_count), self.site_count());
-        let first_segment = self.segments(rank, rank_count).start;
+    pub fn owned_atoms(&self, mut sites: Vec<[f64; D]>, fixed: &[[f64; D]]) -> OwnedAtoms<D> {
+        let SharedBox { extent, comm } = self.shared_box;
+        let with_fixed = |sites, fixed: &[[f64; D]]| {
+            let mut atoms = Atoms::from_positions(sites, extent);
+            atoms.positions.extend_from_slice(fixed);
+            atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
+            atoms
+        };
+        if !self.shared_box.is_shared() {
+            return OwnedAtoms::from_global(with_fixed(sites, fixed), comm);
+        }
+        let (rank, site_count) = (comm.rank(), self.site_count());
+        let site_range = self.site_range(rank);
+        let first_segment = self.segments(rank).start;
         let start = first_segment
             .checked_sub(1)
             .map_or(0, |previous| self.segment_ends[previous]);
         sites.drain(..(site_range.start - start).min(sites.len()));
         sites.truncate(site_range.len());
-        let global_count = site_count + self.fixed_count;
-        let range = owned_range(global_count, rank, rank_count);
+        let range = self.owned_range(rank);
         let fixed_range =
             range.start.max(site_count) - site_count..range.end.max(site_count) - site_count;
-        let mut atoms = Atoms::from_positions(sites, extent);
-        atoms.positions.extend_from_slice(&fixed[fixed_range]);
-        atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
         OwnedAtoms {
-            atoms,
+            atoms: with_fixed(sites, &fixed[fixed_range]),
             first_index: range.start,
-            global_count,
+            global_count: site_count + self.fixed_count,
         }
     }
 }
 
-/// Distributes sites, of which each rank has some with their indices, over the ranks along the
-/// curve. Sites of one cube of the curve are ordered by their indices. Fixed atoms come last; sites
-/// too near to them are removed.
-///
-/// # Errors
-/// Returns an error if another rank fails.
-pub fn redistribute<const D: usize>(
-    mut sites: Vec<([f64; D], u32)>,
-    curve: &MortonCurve<D>,
-    extent: [f64; D],
-    fixed: &[[f64; D]],
-    clearance: &Clearance<'_, D>,
-    comm: &dyn Comm,
-) -> Result<OwnedAtoms<D>> {
-    sites.retain(|(x, _)| clearance.allows(x));
-    let mut partition = CurvePartition::new(vec![sites.len()], fixed.len());
-    if comm.size() > 1 {
-        let segment = |x: [f64; D]| curve.segment(curve.key(x), MAX_SEGMENTS);
-        let mut counts = vec![0u64; MAX_SEGMENTS];
-        sites.iter().for_each(|(x, _)| counts[segment(*x)] += 1);
-        let counts = comm.all_reduce_sum("sites along a curve", counts)?;
-        partition = CurvePartition::new(
-            counts.into_iter().map(|n| n as usize).collect(),
-            fixed.len(),
-        );
-        let segments = (0..comm.size()).map(|rank| partition.segments(rank, comm.size()));
-        let messages = segments.map(|segments| -> Vec<([f64; D], u32)> {
-            let local_sites = sites
-                .iter()
-                .filter(|(x, _)| segments.contains(&segment(*x)));
-            local_sites.copied().collect()
-        });
-        sites = concatenate(comm.all_to_all("sites along a curve", messages.collect())?);
-    }
-    let keyed = sites.par_iter().enumerate();
-    let keyed = keyed.map(|(n, (x, index))| (curve.key(*x), *index, n as u32));
-    let mut order: Vec<(u64, u32, u32)> = keyed.collect();
-    order.par_sort_unstable();
-    let sorted = order.par_iter().map(|&(_, _, n)| sites[n as usize].0);
-    Ok(partition.local_partition(sorted.collect(), extent, fixed, comm))
-}
-
 #[cfg(test)]
 mod tests {
+    use super::SharedBox;
     use crate::comm::run_threads;
     use crate::lattice::distance::Distance;
     use crate::lattice::energy::CHUNK_ATOMS;
@@ -156,8 +292,8 @@ mod tests {
             for count in [2, 3, 7] {
                 let partitions = run_threads(count, |comm| {
                     let seeding = Seeding::Fcc;
-                    seed_regular(seeding, extent, &distance, fixed, alignment, cancel, comm)
-                        .unwrap()
+                    let shared_box = SharedBox::new(extent, comm);
+                    seed_regular(shared_box, seeding, &distance, fixed, alignment, cancel).unwrap()
                 });
                 let mut gathered = Atoms::default();
                 for owned in partitions {

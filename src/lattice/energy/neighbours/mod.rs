@@ -206,24 +206,21 @@ fn exchange_changes(
     images: &MirrorImages,
     atoms: usize,
 ) -> Result<Vec<NeighbourChange>> {
-    let mut messages: Vec<Vec<ChangeMessage>> = Vec::new();
-    for change in changes {
+    let messages = changes.iter().map(|change| {
         let (neighbour, sides) = match (change.point as usize).checked_sub(atoms) {
             Some(image) => images.source(image),
             None => (change.point, 0),
         };
-        let owner = halo.owner_rank(change.atom as usize);
-        if messages.len() <= owner {
-            messages.resize_with(owner + 1, Vec::new);
-        }
-        messages[owner].push(ChangeMessage {
-            atom: halo.global_index(change.atom as usize) as u32,
+        let atom = change.atom as usize;
+        let message = ChangeMessage {
+            atom: halo.global_index(atom) as u32,
             neighbour: halo.global_index(neighbour as usize) as u32,
             sides,
             is_new: change.is_new,
-        });
-    }
-    let received = halo.all_to_all("changes of neighbours", messages)?;
+        };
+        (atom, message)
+    });
+    let received = halo.send_to_owners("changes of neighbours", messages)?;
     // An atom that is not local is farther away than the halo is wide, so it has no neighbour here.
     let to_change = |message: ChangeMessage| {
         let atom = halo.local_index(message.atom as usize)?;
@@ -238,11 +235,7 @@ fn exchange_changes(
             is_new: message.is_new,
         })
     };
-    Ok(received
-        .into_iter()
-        .flatten()
-        .filter_map(to_change)
-        .collect())
+    Ok(received.into_iter().filter_map(to_change).collect())
 }
 
 #[cfg(test)]

@@ -159,10 +159,12 @@ impl<'a> NeighbourSearch<'a> {
             count: point_set.images.owned_point_count(point_set.halo),
             ..bounds.clone()
         };
-        let gathered = point_set.halo.all_gather("extent of atoms", owned_bounds)?;
-        let global_bounds = gathered
-            .into_iter()
-            .fold(PointBounds::EMPTY, PointBounds::union);
+        let global_bounds = point_set.halo.fold(
+            "extent of atoms",
+            owned_bounds,
+            PointBounds::EMPTY,
+            PointBounds::union,
+        )?;
         cells.sort(points, reach, &bounds, &global_bounds);
         Ok(Self {
             points: point_set,

@@ -245,12 +245,13 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
             self.images.owned_point_count(halo),
             usize::from(alongside && owned_moved.clone().any(lacks_images)),
         ];
-        let gathered = halo.all_gather("atoms that have moved", counts)?;
-        let sum = |k: usize| gathered.iter().map(|counts| counts[k]).sum::<usize>();
-        if sum(0) == 0 {
+        let add = |a: [usize; 3], b: [usize; 3]| std::array::from_fn(|k| a[k] + b[k]);
+        let [moved_count, point_count, lacking_count] =
+            halo.fold("atoms that have moved", counts, [0; 3], add)?;
+        if moved_count == 0 {
             return Ok(());
         }
-        if sum(0) > sum(1) / REPAIR_DIVISOR || sum(2) > 0 {
+        if moved_count > point_count / REPAIR_DIVISOR || lacking_count > 0 {
             return self.list_all(halo);
         }
         self.relisted_count += moved.len();

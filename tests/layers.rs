@@ -1,7 +1,7 @@
 //! The layers of the source: a module names only the modules that are below it.
 //!
 //! The table is the map of ARCHITECTURE.md and of the library's front page. The test reads the sources and
-//! looks at each `crate::NAME`, outside comments and the tests.
+//! looks at each `crate::NAME`, outside comments and the tests. Another test looks for the names of communicators.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -53,6 +53,26 @@ const LAYERS: [Layer; 4] = [
         below: &["ground", "mesher", "uses"],
     },
 ];
+
+/// The driver, which hands the communicator of the ranks in: any of its sources may name it.
+const DRIVER: [&str; 8] = [
+    "comm", "job", "session", "cli", "edit", "improve", "mesh", "report",
+];
+
+/// The other sources that may name communicators: distributed data structures. All else calls their operations.
+const DISTRIBUTED_SOURCES: [&str; 8] = [
+    "src/feature/shared_grid/candidate_slab.rs",
+    "src/feature/shared_grid/distributed_points.rs",
+    "src/feature/shared_grid/mod.rs",
+    "src/image/sparse_field.rs",
+    "src/lattice/distance/distributed_distance.rs",
+    "src/lattice/halo.rs",
+    "src/lattice/owned_atoms.rs",
+    "src/lattice/seeding/shared_box.rs",
+];
+
+/// Names of the module of communicators, of values of its types, and of these types.
+const COMMUNICATOR_NAMES: [&str; 5] = ["comm", "Comm", "SelfComm", "ThreadComm", "MpiComm"];
 
 /// Returns all modules, in the order of the table.
 fn all_modules() -> impl Iterator<Item = &'static str> {
@@ -310,17 +330,15 @@ fn modules_in_map(page: &str, heading: &str) -> Vec<String> {
         .collect()
 }
 
-#[test]
-fn modules_name_only_those_below_them() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let folder = root.join("src");
+/// Returns the code of each source of the library, without comments, literals and tests.
+fn library_code(folder: &Path) -> BTreeMap<PathBuf, String> {
     let mut sources = Vec::new();
-    add_sources(&folder, &mut sources);
+    add_sources(folder, &mut sources);
     sources.retain(|source| !is_named_test(source));
     let mut code_of = BTreeMap::new();
     let mut test_files: Vec<PathBuf> = Vec::new();
-    for source in &sources {
-        let mut code = without_comments(&fs::read_to_string(source).unwrap());
+    for source in sources {
+        let mut code = without_comments(&fs::read_to_string(&source).unwrap());
         let is_folder = source.ends_with("mod.rs") || source.ends_with("lib.rs");
         let children = if is_folder {
             source.parent().unwrap().to_path_buf()
@@ -332,6 +350,15 @@ fn modules_name_only_those_below_them() {
         }
         code_of.insert(source, code);
     }
+    code_of.retain(|source, _| !test_files.iter().any(|path| source.starts_with(path)));
+    code_of
+}
+
+#[test]
+fn modules_name_only_those_below_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = root.join("src");
+    let code_of = library_code(&folder);
     let mut modules = reexports(&code_of[&folder.join("lib.rs")]);
     for (source, code) in &code_of {
         for exported in code.split("#[macro_export]").skip(1) {
@@ -343,8 +370,7 @@ fn modules_name_only_those_below_them() {
     let mut problems = Vec::new();
     for (source, code) in &code_of {
         let user = module_of(source, &folder);
-        if user == "lib" || user == "main" || test_files.iter().any(|path| source.starts_with(path))
-        {
+        if user == "lib" || user == "main" {
             continue;
         }
         let shown = source.strip_prefix(root).unwrap().display();
@@ -375,8 +401,26 @@ fn modules_name_only_those_below_them() {
     );
     for module in all_modules() {
         let exists = |user: &PathBuf| module_of(user, &folder) == module;
-        assert!(sources.iter().any(exists), "there is no module {module}");
+        assert!(code_of.keys().any(exists), "there is no module {module}");
     }
+}
+
+#[test]
+fn only_distributed_data_structures_name_communicators() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = root.join("src");
+    let names_communicator = |(source, code): (PathBuf, String)| {
+        let mut words = code.split(|c| !is_name_character(c));
+        let is_outside = !["lib", "main"]
+            .iter()
+            .chain(&DRIVER)
+            .any(|module| module_of(&source, &folder) == *module);
+        let is_named = is_outside && words.any(|word| COMMUNICATOR_NAMES.contains(&word));
+        is_named.then(|| source.strip_prefix(root).unwrap().display().to_string())
+    };
+    let found = library_code(&folder).into_iter();
+    let found: Vec<String> = found.filter_map(names_communicator).collect();
+    assert_eq!(found, DISTRIBUTED_SOURCES);
 }
 
 #[test]

@@ -248,7 +248,7 @@ pub(crate) fn detect_with_cancel<const D: usize>(
     for (detector, _) in tasks.iter().flatten() {
         detection::ensure_sample_count(dims, detector.max_samples())?;
     }
-    let samples = grid.distribute(Samples::from_layers(layers, 1.0));
+    let samples = Samples::from_layers(layers, 1.0).with_grid(grid);
     // The survey is made for every kind, because an image with gaps is searched in memory.
     let modality = options.modality.or_detect(layers.geometry());
     let choice = detectors::auto::choose_in_layers(&samples, modality, cancel)?;

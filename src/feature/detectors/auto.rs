@@ -83,7 +83,7 @@ pub fn choose<const D: usize>(
         );
         return Ok(choose_for_labels(image, modality, reason));
     }
-    let samples = grid.distribute(Samples::in_memory(image.dims(), image.as_slice()));
+    let samples = Samples::in_memory(image.dims(), image.as_slice()).with_grid(grid);
     let survey = ImageSurvey::measure(&samples, &CancelToken::never())?;
     match survey.first_non_finite {
         Some((at, value)) => Err(non_finite_error(at, value)),

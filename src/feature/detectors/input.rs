@@ -99,11 +99,12 @@ impl<'a, const D: usize> DetectorInput<'a, D> {
                 Samples::in_memory(image.dims(), signed)
             }
             ImageSource::Layered(layers) => {
-                let samples = self.grid.distribute(Samples::from_layers(layers, sign));
-                return samples.load_if_small();
+                return Samples::from_layers(layers, sign)
+                    .with_grid(self.grid)
+                    .load_if_small();
             }
         };
-        Ok(self.grid.distribute(samples))
+        Ok(samples.with_grid(self.grid))
     }
 
     /// Returns the width (samples) of the Gaussian under which derivatives are taken, for detectors

@@ -191,7 +191,7 @@ fn medial_surface<const D: usize>(
         min_strength_share: |_| MIN_STRENGTH_SHARE,
         ..RidgeSearch::new(input)
     };
-    let samples = (input.grid).distribute(Samples::in_memory(input.dims(), response));
+    let samples = Samples::in_memory(input.dims(), response).with_grid(input.grid);
     Ok(DetectorOutput {
         mask_value: Some(value),
         ..search.find(samples, notes)?

@@ -5,13 +5,12 @@
 //!
 //! - `candidate_slab`: candidates of some layers and of a halo
 //! - `distributed_points`: feature points of some layers, also with a halo
-//! - [`Samples`](super::windows::Samples): samples, some layers at a time
+//! - [`Samples`](super::windows::Samples), outside: samples, some layers at a time
 
 mod candidate_slab;
 mod distributed_points;
 
 use super::Features;
-use super::windows::Samples;
 use crate::comm::selection::{RadixKey, order_statistics};
 use crate::comm::{Comm, SelfComm, concatenate};
 use crate::error::Result;
@@ -59,12 +58,89 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
         self.comm.size() > 1
     }
 
-    /// Distributes the work on windows of samples, which all ranks have.
-    pub fn distribute<'s>(&self, samples: Samples<'s, D>) -> Samples<'s, D>
-    where
-        'g: 's,
-    {
-        samples.with_comm(self.comm)
+    /// Returns about how many samples each rank has a share of.
+    pub fn samples_per_rank(&self) -> usize {
+        self.dims.iter().product::<usize>() / self.comm.size()
+    }
+
+    /// Passes the result of each window of layers to `take`, in their order, on every rank; each rank works on some.
+    /// Ranks have about the same total weight of windows. `work` computes the results of a range of windows, one
+    /// after the other.
+    ///
+    /// # Errors
+    /// Returns the errors of the work, on whichever rank.
+    pub fn visit_shares<T: Codec>(
+        &self,
+        weights: &[usize],
+        work: impl FnOnce(Range<usize>, &mut dyn FnMut(T)) -> Result<()>,
+        take: &mut dyn FnMut(T),
+    ) -> Result<()> {
+        (self.comm).distribute_weighted("layers", weights, work, take)
+    }
+
+    /// Calls `work` with this rank's share of `count` windows of layers, whose results stay on the rank.
+    ///
+    /// # Errors
+    /// Returns the errors of the work, on whichever rank.
+    pub fn compute_share(
+        &self,
+        count: usize,
+        work: impl FnOnce(Range<usize>) -> Result<()>,
+    ) -> Result<()> {
+        let work = |windows: Range<usize>, _: &mut dyn FnMut(())| work(windows);
+        (self.comm).distribute("layers changed", count, work, &mut |()| ())
+    }
+
+    /// Returns the samples of the layers `requested`, of which this rank stores those in `stored`. `rows_of` returns
+    /// the rows that are wanted of some stored layers.
+    ///
+    /// # Errors
+    /// Returns the errors of other ranks.
+    pub fn fetch_layers<'s, R: Iterator<Item = &'s [f32]>>(
+        &self,
+        stored: &Range<usize>,
+        requested: &Range<usize>,
+        rows_of: impl Fn(Range<usize>) -> R,
+    ) -> Result<Vec<f32>> {
+        let comm = self.comm;
+        let requests: Vec<[usize; 2]> =
+            comm.all_gather("layers wanted", [requested.start, requested.end])?;
+        let rows_for = |rank: usize| {
+            let [start, end] = requests[rank].map(|at| at.clamp(stored.start, stored.end));
+            rows_of(start..end)
+        };
+        // A rank does not send layers to itself.
+        let sent = (0..comm.size()).map(|rank| {
+            if rank == comm.rank() {
+                Vec::new()
+            } else {
+                rows_for(rank).flatten().copied().collect()
+            }
+        });
+        let received: Vec<Vec<f32>> = comm.all_to_all("layers", sent.collect())?;
+        let own_rows = || rows_for(comm.rank());
+        let lengths = received
+            .iter()
+            .map(Vec::len)
+            .chain(own_rows().map(<[f32]>::len));
+        // Ranks have shares in the order of ranks.
+        let mut samples = Vec::with_capacity(lengths.sum());
+        for (rank, rows) in received.iter().enumerate() {
+            if rank == comm.rank() {
+                own_rows().for_each(|rows| samples.extend_from_slice(rows));
+            } else {
+                samples.extend_from_slice(rows);
+            }
+        }
+        Ok(samples)
+    }
+
+    /// Returns what the first rank chooses, on every rank.
+    ///
+    /// # Errors
+    /// Returns the errors of other ranks.
+    pub fn chosen<T: Codec>(&self, what: &str, choose: impl FnOnce() -> T) -> Result<T> {
+        self.comm.broadcast_from_root(what, || Ok(choose()))
     }
 
     /// Computes a field over the grid from samples that are zero nearly everywhere; each rank stores a part. See

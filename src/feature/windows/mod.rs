@@ -18,8 +18,8 @@ mod strip;
 pub(crate) mod tests;
 
 use super::gaussian;
+use super::shared_grid::SharedGrid;
 use super::volume::Volume;
-use crate::comm::{Comm, SelfComm};
 use crate::error::Result;
 use crate::files::codec::Codec;
 use crate::image::ImageLayers;
@@ -40,15 +40,14 @@ pub use strip::{CoveredLayers, WindowInterior};
 
 /// The samples of a volume, and the Gaussians under which they are read.
 pub struct Samples<'a, const D: usize> {
-    dims: [usize; D],
+    /// The grid of the samples, whose layers ranks share.
+    grid: SharedGrid<'a, D>,
     raw: SampleStore<'a, D>,
     /// Widths (samples) of the Gaussians that are applied one after the other.
     scales: Vec<f64>,
     /// The smoothed samples, if the volume is small.
     smoothed: Option<Vec<f32>>,
     limits: WindowLimits,
-    /// The ranks that share the work on windows.
-    comm: &'a dyn Comm,
 }
 
 /// Storage of the samples.
@@ -158,46 +157,28 @@ impl<'a, const D: usize> Samples<'a, D> {
     /// Wraps the samples of a volume in memory.
     pub fn in_memory(dims: [usize; D], samples: impl Into<Cow<'a, [f32]>>) -> Self {
         Self {
-            dims,
+            grid: SharedGrid::of_one_process(dims),
             raw: SampleStore::InMemory(samples.into()),
             scales: Vec::new(),
             smoothed: None,
             limits: DEFAULT_LIMITS,
-            comm: &SelfComm,
         }
     }
 
     /// Wraps a volume that is read layer by layer; each sample is multiplied by `sign`.
     pub fn from_layers(layers: &'a dyn ImageLayers<D>, sign: f32) -> Self {
         Self {
-            dims: layers.dims(),
+            grid: SharedGrid::of_one_process(layers.dims()),
             raw: SampleStore::Layered(layers, sign),
             scales: Vec::new(),
             smoothed: None,
             limits: DEFAULT_LIMITS,
-            comm: &SelfComm,
         }
     }
 
-    /// Shares the work on windows among the ranks of `comm`, which all have these samples.
-    pub(super) fn with_comm(self, comm: &'a dyn Comm) -> Self {
-        Self { comm, ..self }
-    }
-
-    /// Returns `true` if one process does all the work.
-    fn is_alone(&self) -> bool {
-        self.comm.size() == 1
-    }
-
-    /// Returns about how many samples each rank has a share of.
-    fn count_per_rank(&self) -> usize {
-        self.count() / self.comm.size()
-    }
-
-    /// Returns the sizes of windows that the first rank chooses by its memory, on every rank.
-    fn agreed<T: Codec>(&self, choose: impl FnOnce() -> T) -> Result<T> {
-        self.comm
-            .broadcast_from_root("room for layers", || Ok(choose()))
+    /// Shares the work on windows among the ranks of `grid`, which all have these samples.
+    pub fn with_grid(self, grid: SharedGrid<'a, D>) -> Self {
+        Self { grid, ..self }
     }
 
     /// Loads the samples into memory if the volume is small and there is enough memory to process
@@ -208,7 +189,7 @@ impl<'a, const D: usize> Samples<'a, D> {
     pub fn load_if_small(self) -> Result<Self> {
         match self.raw {
             SampleStore::Layered(layers, sign)
-                if self.is_alone()
+                if !self.grid.is_shared()
                     && self.count() <= self.limits.max_whole
                     && has_memory(WHOLE_BYTES_PER_SAMPLE * self.count() as f64) =>
             {
@@ -256,11 +237,11 @@ impl<'a, const D: usize> Samples<'a, D> {
 
     /// Returns the number of samples along each axis.
     pub fn dims(&self) -> [usize; D] {
-        self.dims
+        self.grid.dims
     }
 
     fn count(&self) -> usize {
-        self.dims.iter().product()
+        self.grid.dims.iter().product()
     }
 
     /// Returns n, where one in n samples is enough for statistics; larger for large volumes.
@@ -287,10 +268,10 @@ impl<'a, const D: usize> Samples<'a, D> {
         self.scales.push(scale);
         if let (SampleStore::InMemory(raw), true) = (&self.raw, self.is_small()) {
             match &mut self.smoothed {
-                Some(samples) => gaussian::smooth(self.dims, samples, [scale; D], cancel),
+                Some(samples) => gaussian::smooth(self.grid.dims, samples, [scale; D], cancel),
                 None => {
                     let samples = self.smoothed.insert(vec![0.0; raw.len()]);
-                    gaussian::smooth_into(self.dims, raw, samples, [scale; D], cancel);
+                    gaussian::smooth_into(self.grid.dims, raw, samples, [scale; D], cancel);
                 }
             }
         }
@@ -316,7 +297,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         take: &mut dyn FnMut(T),
     ) -> Result<()> {
         let window_halo = WindowHalo { halo, blur };
-        let (strips, windows) = self.windows(window_halo, &(0..self.dims[D - 1]))?;
+        let (strips, windows) = self.windows(window_halo, &(0..self.grid.dims[D - 1]))?;
         let windows = windows
             .into_iter()
             .map(|interior| (work_of(&interior), interior));
@@ -326,8 +307,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             let emit = &mut |window: &LayerWindow<'_, D>| emit(work(window));
             self.visit_windows(&strips, &windows[share], window_halo, cancel, emit)
         };
-        self.comm
-            .distribute_weighted("layers", &weights, visit_share, take)
+        self.grid.visit_shares(&weights, visit_share, take)
     }
 
     /// Calls `work` for one window after the other of the layers that this rank owns; see
@@ -365,11 +345,12 @@ impl<'a, const D: usize> Samples<'a, D> {
             Some(_) => [MIN_WIDE_HALO_LAYERS, 4 * self.limits.window],
             None => [LAYER_MULTIPLE, self.limits.max_whole],
         };
-        let layers_per_window = if self.is_small() && self.is_alone() && self.count() <= max_whole {
-            owned.len()
-        } else {
-            self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
-        };
+        let layers_per_window =
+            if self.is_small() && !self.grid.is_shared() && self.count() <= max_whole {
+                owned.len()
+            } else {
+                self.interior_layers(min_layers, strip_layer_len.unwrap_or_default())?
+            };
         let ranges = || split_layers(owned.len(), layers_per_window).into_iter();
         let shifted_ranges =
             || ranges().map(|layers| owned.start + layers.start..owned.start + layers.end);
@@ -396,11 +377,11 @@ impl<'a, const D: usize> Samples<'a, D> {
             blur: None,
         };
         let [own_rows, own_layers] = self.mapped_interior(window_halo)?;
-        let all_layers = split_layers(self.dims[D - 1], own_layers);
+        let all_layers = split_layers(self.grid.dims[D - 1], own_layers);
         let strips = self.strips_with_rows(own_rows, window_halo);
-        let layer = layer_len(self.dims);
+        let layer = layer_len(self.grid.dims);
         let mut share = LayerBuffer::default();
-        let work = |indices: Range<usize>, _: &mut dyn FnMut(())| {
+        let work = |indices: Range<usize>| {
             let ranges = &all_layers[indices];
             share.range = hull(ranges);
             let share_start = share.range.start * layer;
@@ -411,7 +392,7 @@ impl<'a, const D: usize> Samples<'a, D> {
             let store = &mut |window: &LayerWindow<'_, D>| {
                 let (stack, interior) = (window.smoothed, &window.interior);
                 let changed = change(stack);
-                let mut share_dims = self.dims;
+                let mut share_dims = self.grid.dims;
                 share_dims[D - 1] = share.range.len();
                 if interior.layers == share.range && stack.volume.dims == share_dims {
                     // The window is the whole share.
@@ -420,7 +401,7 @@ impl<'a, const D: usize> Samples<'a, D> {
                 }
                 share.samples.resize(share.range.len() * layer, 0.0);
                 for (target, rows) in interior
-                    .layer_index_ranges(self.dims)
+                    .layer_index_ranges(self.grid.dims)
                     .zip(stack.with_samples(&changed).interior_rows(interior))
                 {
                     share.samples[target.start - share_start..target.end - share_start]
@@ -432,19 +413,17 @@ impl<'a, const D: usize> Samples<'a, D> {
             share.samples.resize(share.range.len() * layer, 0.0);
             Ok(())
         };
-        self.comm
-            .distribute("layers changed", all_layers.len(), work, &mut |()| ())?;
+        self.grid.compute_share(all_layers.len(), work)?;
         Ok(Samples {
-            dims: self.dims,
-            raw: if self.is_alone() {
-                SampleStore::InMemory(share.samples.into())
-            } else {
+            grid: self.grid,
+            raw: if self.grid.is_shared() {
                 SampleStore::Distributed(share)
+            } else {
+                SampleStore::InMemory(share.samples.into())
             },
             scales: Vec::new(),
             smoothed: None,
             limits: self.limits,
-            comm: self.comm,
         })
     }
 
@@ -502,7 +481,7 @@ impl<'a, const D: usize> Samples<'a, D> {
         cancel: &CancelToken<'_>,
         work: &mut dyn FnMut(&LayerWindow<'_, D>),
     ) -> Result<()> {
-        let (dims, layer, count) = (strip.dims(), strip.layer_len(), self.dims[D - 1]);
+        let (dims, layer, count) = (strip.dims(), strip.layer_len(), self.grid.dims[D - 1]);
         let halos = [window_halo.halo, window_halo.blurred_halo()];
         let reach = (halos[0] + smoothed.reach()).max(halos[1] + blurred.reach());
         raw.range = 0..0;
@@ -516,7 +495,9 @@ impl<'a, const D: usize> Samples<'a, D> {
                     widen(&(first.layers.start..end), reach, count)
                 }
             };
-            *raw = exchange_layers(share, visible, strip, self.comm)?;
+            let rows_of = |layers| strip.strip_rows(share.layers(layers, strip.volume_layer_len()));
+            raw.samples = (self.grid).fetch_layers(&share.range, &visible, rows_of)?;
+            raw.range = visible;
         }
         for interior in windows {
             if cancel.is_cancelled() {
@@ -556,7 +537,7 @@ impl<'a, const D: usize> Samples<'a, D> {
                     Some(samples) => stack(samples, &wide_range),
                     None => raw_stack,
                 },
-                dims: self.dims,
+                dims: self.grid.dims,
                 interior: interior.clone(),
             });
         }
@@ -594,47 +575,6 @@ impl<'a, const D: usize> Samples<'a, D> {
             SampleStore::InMemory(_) | SampleStore::Distributed(_) => Ok(()),
         }
     }
-}
-
-/// Returns the strip's rows of the layers `requested` of a volume, of which `share` is the rank's
-/// share; the other ranks have the remaining layers.
-///
-/// # Errors
-/// Returns the errors of other ranks.
-fn exchange_layers<const D: usize>(
-    share: &LayerBuffer,
-    requested: Range<usize>,
-    strip: &Strip<D>,
-    comm: &dyn Comm,
-) -> Result<LayerBuffer> {
-    let requests: Vec<[usize; 2]> =
-        comm.all_gather("layers wanted", [requested.start, requested.end])?;
-    let rows_for = |request: [usize; 2]| {
-        let [start, end] = request.map(|at| at.clamp(share.range.start, share.range.end));
-        strip.strip_rows(share.layers(start..end, strip.volume_layer_len()))
-    };
-    // A rank does not send layers to itself.
-    let sent = (requests.iter().enumerate()).map(|(rank, &request)| {
-        if rank == comm.rank() {
-            Vec::new()
-        } else {
-            rows_for(request).flatten().copied().collect()
-        }
-    });
-    let received: Vec<Vec<f32>> = comm.all_to_all("layers", sent.collect())?;
-    // Ranks have shares in the order of ranks.
-    let mut samples = Vec::with_capacity(requested.len() * strip.layer_len());
-    for (rank, rows) in received.iter().enumerate() {
-        if rank == comm.rank() {
-            rows_for(requests[rank]).for_each(|layer| samples.extend_from_slice(layer));
-        } else {
-            samples.extend_from_slice(rows);
-        }
-    }
-    Ok(LayerBuffer {
-        range: requested,
-        samples,
-    })
 }
 
 /// Buffers of the current strip.

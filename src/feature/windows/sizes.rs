@@ -114,9 +114,9 @@ impl<const D: usize> Samples<'_, D> {
     /// Returns the strips for windows with wide halos: a single one, unless layers are large.
     pub(super) fn strips(&self, window_halo: WindowHalo) -> Vec<Strip<D>> {
         let rows_per_strip = if window_halo.blur.is_none() || self.is_small() {
-            rows_per_layer(self.dims)
+            rows_per_layer(self.grid.dims)
         } else {
-            self.limits.strip_rows(self.dims)
+            self.limits.strip_rows(self.grid.dims)
         };
         self.strips_with_rows(rows_per_strip, window_halo)
     }
@@ -128,8 +128,12 @@ impl<const D: usize> Samples<'_, D> {
         window_halo: WindowHalo,
     ) -> Vec<Strip<D>> {
         let side_rows = self.side_rows(window_halo);
-        let strip = |interior_rows| Strip::new(self.dims, interior_rows, side_rows);
-        let strips = split_range(rows_per_layer(self.dims), rows_per_strip, LAYER_MULTIPLE);
+        let strip = |interior_rows| Strip::new(self.grid.dims, interior_rows, side_rows);
+        let strips = split_range(
+            rows_per_layer(self.grid.dims),
+            rows_per_strip,
+            LAYER_MULTIPLE,
+        );
         strips.into_iter().map(strip).collect()
     }
 
@@ -137,10 +141,10 @@ impl<const D: usize> Samples<'_, D> {
     /// those of the halo included: at least `min_layers` if there is memory for them.
     pub(super) fn interior_layers(&self, min_layers: usize, layer_samples: usize) -> Result<usize> {
         // With several ranks, windows of fewer layers are distributed more evenly.
-        let has_wide_halo = min_layers > LAYER_MULTIPLE && self.is_alone();
+        let has_wide_halo = min_layers > LAYER_MULTIPLE && !self.grid.is_shared();
         let has_room =
             || has_memory(WHOLE_BYTES_PER_SAMPLE * (MAX_WIDE_HALO_LAYERS * layer_samples) as f64);
-        let min_layers = if has_wide_halo && self.agreed(has_room)? {
+        let min_layers = if has_wide_halo && self.grid.chosen("room for layers", has_room)? {
             min_layers
         } else {
             LAYER_MULTIPLE
@@ -152,7 +156,7 @@ impl<const D: usize> Samples<'_, D> {
     fn layers_per_window(&self, layer_samples: usize) -> usize {
         let window_samples = if self.is_small() {
             // Every rank has a share.
-            self.limits.window.min(self.count_per_rank())
+            self.limits.window.min(self.grid.samples_per_rank())
         } else {
             self.limits.window
         };
@@ -163,12 +167,14 @@ impl<const D: usize> Samples<'_, D> {
     /// the halo are mapped and then discarded: half of all, if the halo is half as wide as the interior. The
     /// interior is smaller only if memory is short.
     pub(super) fn mapped_interior(&self, window_halo: WindowHalo) -> Result<[usize; 2]> {
-        let (rows, count) = (rows_per_layer(self.dims), self.dims[D - 1]);
-        if self.is_small() && self.is_alone() {
+        let (rows, count) = (rows_per_layer(self.grid.dims), self.grid.dims[D - 1]);
+        if self.is_small() && !self.grid.is_shared() {
             return Ok([rows, count]);
         }
         let reach = window_halo.halo.next_multiple_of(LAYER_MULTIPLE);
-        let wide_layers = self.layers_per_window(layer_len(self.dims)).max(2 * reach);
+        let wide_layers = self
+            .layers_per_window(layer_len(self.grid.dims))
+            .max(2 * reach);
         let halves = std::iter::successors(Some(rows), |rows| Some(rows / 2));
         let halves = halves.take_while(|&half| half == rows || half >= 2 * reach);
         let mut shapes: Vec<[usize; 2]> = halves.map(|rows| [rows, wide_layers]).collect();
@@ -179,14 +185,15 @@ impl<const D: usize> Samples<'_, D> {
         }
         let smallest = shapes[shapes.len() - 1];
         let halo_rows = 2 * self.side_rows(window_halo);
-        let result_bytes = RESULT_BYTES_PER_SAMPLE * self.count_per_rank() as f64;
+        let result_bytes = RESULT_BYTES_PER_SAMPLE * self.grid.samples_per_rank() as f64;
         let fits = |&[own_rows, own_layers]: &[usize; 2]| {
             let extents = [(own_rows, rows), (own_layers, count)];
             let [rows, layers] = extents.map(|(interior, total)| (interior + halo_rows).min(total));
-            let samples = rows * layers * self.dims[0];
+            let samples = rows * layers * self.grid.dims[0];
             let bytes = MAP_BYTES_PER_SAMPLE * samples as f64 + result_bytes;
             samples <= self.limits.max_with_halo && has_memory(bytes)
         };
-        self.agreed(|| shapes.into_iter().find(fits).unwrap_or(smallest))
+        let choose = || shapes.into_iter().find(fits).unwrap_or(smallest);
+        self.grid.chosen("room for layers", choose)
     }
 }

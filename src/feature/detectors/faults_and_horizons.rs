@@ -55,7 +55,7 @@ pub fn combine<const D: usize>(
     first.outcomes.extend(second.outcomes);
     first.notes.extend(second.notes);
     first.resolved.extend(second.resolved);
-    grid.sort_points(&mut first)?;
+    first.sort_points(grid)?;
     Ok(first)
 }
 

@@ -138,7 +138,8 @@ impl<const D: usize> Features<D> {
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub(super) fn sort_points(&mut self, comm: &dyn Comm) -> Result<()> {
+    pub(in crate::feature) fn sort_points(&mut self, grid: SharedGrid<'_, D>) -> Result<()> {
+        let comm = grid.comm;
         if self.global_counts.is_some() {
             let (layers, step) = (self.potential.dims[D - 1], self.potential.step[D - 1]);
             // Layers at which all ranks but the first begin.
@@ -378,7 +379,7 @@ impl<const D: usize> BlockGrid<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{SelfComm, run_threads};
+    use crate::comm::run_threads;
     use crate::feature::DetectionOptions;
     use crate::geometry::random::Random;
     use crate::image::SparseField;
@@ -489,13 +490,14 @@ mod tests {
     fn sorting_shares_matches_sorting_on_one_rank() {
         let all = random_features(700);
         let mut sorted = all.clone();
-        sorted.sort_points(&SelfComm).unwrap();
+        let grid = SharedGrid::of_one_process(DIMS);
+        sorted.sort_points(grid).unwrap();
         assert!(marked_points(&sorted) != marked_points(&all));
         for count in [2, 3, 7] {
             let parts = run_threads(count, |comm| {
                 let mut local = all.clone();
                 local.keep_share(comm);
-                local.sort_points(comm).unwrap();
+                local.sort_points(SharedGrid::new(DIMS, comm)).unwrap();
                 marked_points(&local)
             });
             assert!(parts.iter().filter(|part| !part.is_empty()).count() > 1);

@@ -10,7 +10,6 @@
 mod candidate_slab;
 mod distributed_points;
 
-use super::Features;
 use crate::comm::selection::{RadixKey, order_statistics};
 use crate::comm::{Comm, SelfComm, concatenate};
 use crate::error::Result;
@@ -24,7 +23,8 @@ pub(super) use distributed_points::PointsWithHalo;
 pub use distributed_points::{PointCounts, PointSubset};
 
 /// The grid of an image's samples. Ranks share its layers along the last axis: those of lower ranks come first. All
-/// ranks call the same methods in the same order; `what` names a call, and must be the same on all ranks.
+/// ranks call the same methods in the same order; `what` names a call, and must be the same on all ranks. Methods
+/// return the errors of other ranks.
 #[derive(Debug, Clone, Copy)]
 pub struct SharedGrid<'g, const D: usize> {
     /// Number of samples along each axis.
@@ -93,9 +93,6 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
 
     /// Returns the samples of the layers `requested`, of which this rank stores those in `stored`. `rows_of` returns
     /// the rows that are wanted of some stored layers.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn fetch_layers<'s, R: Iterator<Item = &'s [f32]>>(
         &self,
         stored: &Range<usize>,
@@ -136,9 +133,6 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
     }
 
     /// Returns what the first rank chooses, on every rank.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn chosen<T: Codec>(&self, what: &str, choose: impl FnOnce() -> T) -> Result<T> {
         self.comm.broadcast_from_root(what, || Ok(choose()))
     }
@@ -155,9 +149,6 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
 
     /// Returns the items of all ranks for the layers whose samples this rank computes in
     /// [`SharedGrid::field`]; `items_for` returns those of this rank for some layers.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn items_for_field<T: Codec>(
         &self,
         what: &str,
@@ -170,17 +161,11 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
     }
 
     /// Returns the items of all layers, from those of this rank's layers.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn concatenated<T: Codec>(&self, what: &str, items: Vec<T>) -> Result<Vec<T>> {
         Ok(concatenate(self.comm.all_gather(what, items)?))
     }
 
     /// Returns the items of the ranks whose layers follow, the next rank first.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn following<T: Codec>(&self, what: &str, item: T) -> Result<Vec<T>> {
         let mut items = self.comm.all_gather(what, item)?;
         Ok(items.split_off(self.comm.rank() + 1))
@@ -188,9 +173,6 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
 
     /// Returns the smallest key of all ranks with its item, and `true` if it is this rank's. Of equal keys the one
     /// of the lowest layers counts.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn first<T: Codec>(&self, what: &str, key: u64, item: T) -> Result<Option<(u64, T, bool)>> {
         let items: Vec<(u64, T)> = self.comm.all_gather(what, (key, item))?;
         let first = (0..).zip(items).min_by_key(|(_, (key, _))| *key);
@@ -203,9 +185,6 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
     }
 
     /// Sums counts over all ranks.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn sum<T: Codec + Copy + Sum, const N: usize>(
         &self,
         what: &str,
@@ -218,26 +197,17 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
     }
 
     /// Returns the largest of the values of all ranks.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn max<T: Codec + Copy + Ord>(&self, what: &str, value: T) -> Result<T> {
         Ok((self.comm.all_gather(what, value)?.into_iter()).fold(value, T::max))
     }
 
     /// Returns `true` if a condition is met on any rank.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn any(&self, what: &str, condition: bool) -> Result<bool> {
         self.max(what, condition)
     }
 
     /// Returns the value with index `index_of(n)` of the `n` values of all ranks in ascending total
     /// order (0 is the smallest), or `None` if there are no values.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
     pub fn select_nth<V: RadixKey + Send + Sync>(
         &self,
         what: &str,
@@ -257,15 +227,6 @@ impl<'g, const D: usize> SharedGrid<'g, D> {
         }
         let selected = order_statistics(&[values.iter().copied()], &[|_| [index]], self.comm)?;
         Ok(selected.into_iter().flatten().next())
-    }
-
-    /// Sorts the points of features by position, last axis first. Points that are distributed over ranks are
-    /// redistributed: each rank gets those in its layers.
-    ///
-    /// # Errors
-    /// Returns the errors of other ranks.
-    pub fn sort_points(&self, features: &mut Features<D>) -> Result<()> {
-        features.sort_points(self.comm)
     }
 }
 

@@ -19,7 +19,7 @@ use crate::lattice::owned_atoms::{OwnedAtoms, owned_range};
 pub const MAX_SEGMENTS: usize = 1 << 16;
 
 /// The box `[0, extent]`, of which each rank has a slab along the last axis. All ranks call the same methods in the
-/// same order; `what` names a call, and must be the same on all ranks.
+/// same order; `what` names a call, and must be the same on all ranks. Methods return the errors of other ranks.
 #[derive(Clone, Copy)]
 pub struct SharedBox<'b, const D: usize> {
     /// Length along each axis.
@@ -86,9 +86,6 @@ impl<'b, const D: usize> SharedBox<'b, D> {
 
     /// Sends items, each with its height, to the other ranks whose slabs are within `margin` of it, except for ranks
     /// within `known_margin`, which know it already. Returns what this rank receives.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub fn send_near<T: Codec + Clone>(
         &self,
         what: &str,
@@ -110,17 +107,11 @@ impl<'b, const D: usize> SharedBox<'b, D> {
     }
 
     /// Returns the items of all slabs, from those of this rank's slab.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub fn concatenated<T: Codec>(&self, what: &str, items: Vec<T>) -> Result<Vec<T>> {
         Ok(concatenate(self.comm.all_gather(what, items)?))
     }
 
     /// Returns for each condition `true` if it is met on any rank.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub fn any<const N: usize>(&self, what: &str, conditions: [bool; N]) -> Result<[bool; N]> {
         let all: Vec<[bool; N]> = self.comm.all_gather(what, conditions)?;
         Ok(std::array::from_fn(|k| all.iter().any(|met| met[k])))
@@ -129,9 +120,6 @@ impl<'b, const D: usize> SharedBox<'b, D> {
     /// Distributes sites, of which each rank has some with their indices, over the ranks along the
     /// curve. Sites of one cube of the curve are ordered by their indices. Fixed atoms come last;
     /// sites too near to them are removed.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub fn redistribute(
         self,
         mut sites: Vec<([f64; D], u32)>,
@@ -140,23 +128,23 @@ impl<'b, const D: usize> SharedBox<'b, D> {
         clearance: &Clearance<'_, D>,
     ) -> Result<OwnedAtoms<D>> {
         sites.retain(|(x, _)| clearance.allows(x));
-        let mut partition = CurvePartition::new(self, Vec::new, fixed.len());
+        let segment = |x: [f64; D]| curve.segment(curve.key(x), MAX_SEGMENTS);
+        let mut counts = Vec::new();
         if self.is_shared() {
-            let segment = |x: [f64; D]| curve.segment(curve.key(x), MAX_SEGMENTS);
-            let mut counts = vec![0u64; MAX_SEGMENTS];
+            counts = vec![0u64; MAX_SEGMENTS];
             sites.iter().for_each(|(x, _)| counts[segment(*x)] += 1);
-            let counts = self.comm.all_reduce_sum("sites along a curve", counts)?;
-            let counts = || counts.into_iter().map(|n| n as usize).collect();
-            partition = CurvePartition::new(self, counts, fixed.len());
+            counts = self.comm.all_reduce_sum("sites along a curve", counts)?;
+        }
+        let counts = || counts.into_iter().map(|n| n as usize).collect();
+        let partition = CurvePartition::new(self, counts, fixed.len());
+        if self.is_shared() {
             let messages = (0..self.comm.size()).map(|rank| -> Vec<([f64; D], u32)> {
                 let segments = partition.segments(rank);
-                let local_sites = sites
-                    .iter()
-                    .filter(|(x, _)| segments.contains(&segment(*x)));
-                local_sites.copied().collect()
+                let is_in = |(x, _): &&([f64; D], u32)| segments.contains(&segment(*x));
+                sites.iter().filter(is_in).copied().collect()
             });
-            let messages = messages.collect();
-            sites = concatenate(self.comm.all_to_all("sites along a curve", messages)?);
+            let received = (self.comm).all_to_all("sites along a curve", messages.collect())?;
+            sites = concatenate(received);
         }
         let keyed = sites.par_iter().enumerate();
         let keyed = keyed.map(|(n, (x, index))| (curve.key(*x), *index, n as u32));

@@ -53,7 +53,7 @@ pub struct Confidences {
 /// horizons.
 pub(super) fn confidences<const D: usize>(
     image: &Image<D>,
-    surfaces: &FeatureSurfaces<D>,
+    surfaces: &FeatureSurfaces<'_, D>,
     step: [f64; D],
     vertical: Option<usize>,
 ) -> Vec<Option<f64>> {
@@ -113,7 +113,7 @@ impl Confidences {
     /// Summarises the confidences of `surfaces`, of all ranks, and says which surfaces are to stay:
     /// those with a confidence of at least `min` and those without one. `None` if no surface has one.
     pub(super) fn summarise<const D: usize>(
-        surfaces: &FeatureSurfaces<D>,
+        surfaces: &FeatureSurfaces<'_, D>,
         confidences: &[Option<f64>],
         min: Option<f64>,
     ) -> Option<(Self, Vec<bool>)> {
@@ -149,7 +149,7 @@ impl Confidences {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::{DroppedPoints, FeaturePoint};
+    use crate::feature::{DroppedPoints, FeaturePoint, SharedGrid};
     use crate::geometry::random::Random;
     use crate::image::Geometry;
 
@@ -178,7 +178,7 @@ mod tests {
 
     /// Returns the points of the planes x = 30.5 (surface 1), on the fault, and x = 14.3 (surface 2), in
     /// lattice space with steps of 2 along x.
-    fn planes() -> FeatureSurfaces<3> {
+    fn planes() -> FeatureSurfaces<'static, 3> {
         let mut points = Vec::new();
         let mut surface = Vec::new();
         for (number, x) in [(1, 30.5), (2, 14.3)] {
@@ -194,6 +194,7 @@ mod tests {
             }
         }
         FeatureSurfaces {
+            grid: SharedGrid::of_one_process(DIMS),
             is_rim: vec![false; points.len()],
             total_points: points.len(),
             points,

@@ -203,14 +203,14 @@ impl<const D: usize> GivenPoints<D> {
             .transpose()?;
         let sigma = options.d_max() / 4.0;
         let valleys = PotentialValleys {
-            dims,
+            grid,
             step,
             sigma,
             points: Cow::Borrowed(&points),
             is_rim: Cow::Owned(self.rims()),
             spacing: spacing.as_deref().map(Cow::Borrowed),
         };
-        let potential = valleys.potential(grid, cancel);
+        let potential = valleys.potential(cancel);
         let mut names: Vec<SurfaceName> = (1..)
             .zip(&self.surfaces)
             .map(|(number, (name, is_horizon))| SurfaceName {

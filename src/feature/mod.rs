@@ -419,31 +419,21 @@ fn run_detector<const D: usize>(
     surfaces.describe(kind, &rules, &mut notes);
     // The spacing of labels needs the points of all ranks.
     let is_partitioned = options.is_distributed && output.labels.is_none();
-    let points_grid = if is_partitioned {
-        grid
-    } else {
-        surfaces = surfaces.gather(grid)?;
-        SharedGrid::of_one_process(dims)
-    };
+    if !is_partitioned {
+        surfaces = surfaces.gather()?;
+    }
     let (labels, label_spacing) = output.labels.unzip();
     let spacing = point_spacing(
         input,
         detector,
         &surfaces,
         label_spacing.as_ref(),
-        points_grid,
         &mut notes,
     )?;
-    let potential = feature_potential(
-        input,
-        detector,
-        &surfaces,
-        spacing.as_deref(),
-        is_partitioned,
-    )?;
+    let potential = feature_potential(input, detector, &surfaces, spacing.as_deref())?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
-    let gently_dipping = gentle_share(input, detector, axis, &surfaces.points, points_grid)?;
+    let gently_dipping = gentle_share(input, detector, axis, &surfaces)?;
     let outcome = KindOutcome {
         kind,
         points: surfaces.total_points,
@@ -478,20 +468,18 @@ fn run_detector<const D: usize>(
     })
 }
 
-/// Returns the share of the points of faults that dip gently; `None` for other features. Each rank has the
-/// points of its layers of `grid`. Collective.
+/// Returns the share of the points of faults that dip gently; `None` for other features. Collective.
 fn gentle_share<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     vertical_axis: usize,
-    points: &[FeaturePoint<D>],
-    grid: SharedGrid<'_, D>,
+    surfaces: &FeatureSurfaces<'_, D>,
 ) -> Result<Option<f64>> {
     if !detector.is_fault() {
         return Ok(None);
     }
     let dips = WorldDip::new(input.source.geometry(), vertical_axis);
-    outcome::gently_dipping_share(grid, points, &dips, input.options.step)
+    outcome::gently_dipping_share(surfaces.grid, &surfaces.points, &dips, input.options.step)
 }
 
 /// Runs a detector, and drops candidates near samples that hold no data.
@@ -548,7 +536,7 @@ fn flat_faults<const D: usize>(
         rules,
         input.cancel,
     )?;
-    let flat = flat.gather(grid)?;
+    let flat = flat.gather()?;
     let dips = WorldDip::new(geometry, output.vertical_axis);
     Ok(FlatFaults::measure(
         &flat,
@@ -566,7 +554,7 @@ fn measure_confidences<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     vertical_axis: usize,
-    surfaces: &mut FeatureSurfaces<D>,
+    surfaces: &mut FeatureSurfaces<'_, D>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Confidences>> {
     let (kind, min) = (detector.kind(), input.options.min_confidence);
@@ -576,7 +564,7 @@ fn measure_confidences<const D: usize>(
     let ImageSource::InMemory(image) = input.source else {
         return Ok(None);
     };
-    let all = surfaces.clone().gather(input.grid)?;
+    let all = surfaces.clone().gather()?;
     let vertical = detector.is_fault().then_some(vertical_axis);
     let confidences = confidence::confidences(image, &all, input.options.step, vertical);
     let Some((summary, stays)) = Confidences::summarise(&all, &confidences, min) else {
@@ -640,17 +628,15 @@ fn resolved_options<const D: usize>(
 }
 
 /// Returns the distance between atoms at each point of `surfaces`, if it follows the gaps between
-/// features or the label of the point, and adds a note on its range. Each rank has the points of its
-/// layers of `grid`.
+/// features or the label of the point, and adds a note on its range.
 fn point_spacing<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
-    surfaces: &FeatureSurfaces<D>,
+    surfaces: &FeatureSurfaces<'_, D>,
     labels: Option<&LabelSpacing<D>>,
-    grid: SharedGrid<'_, D>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Vec<f32>>> {
-    let (points, step) = (&surfaces.points, input.options.step);
+    let (grid, points, step) = (surfaces.grid, &surfaces.points, input.options.step);
     let gaps = input.options.gap_distance_range();
     // Edges do not cross at small angles, but noise scatters their normals, so that points of one
     // edge are told apart by the number of their surface. Other surfaces may run as near to each
@@ -685,9 +671,8 @@ fn point_spacing<const D: usize>(
 fn feature_potential<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
-    surfaces: &FeatureSurfaces<D>,
+    surfaces: &FeatureSurfaces<'_, D>,
     spacing: Option<&[f32]>,
-    is_partitioned: bool,
 ) -> Result<SparseField<D>> {
     let (dims, options, cancel) = (input.dims(), input.options, input.cancel);
     if let ImageSource::InMemory(image) = input.source
@@ -696,25 +681,24 @@ fn feature_potential<const D: usize>(
         let field = sample_field(dims, options, samples);
         return Ok(SparseField::from_field(&field));
     }
+    let grid = if options.is_distributed {
+        input.grid
+    } else {
+        SharedGrid::of_one_process(dims)
+    };
     // A valley is as wide as a quarter of the distance between atoms there (Hale 2002).
-    let valleys = PotentialValleys {
-        dims,
+    let mut valleys = PotentialValleys {
+        grid,
         step: options.step,
         sigma: options.d_max() / 4.0,
         points: Cow::Borrowed(&surfaces.points),
         is_rim: Cow::Borrowed(&surfaces.is_rim),
         spacing: spacing.map(Cow::Borrowed),
     };
-    if is_partitioned {
-        let valleys = valleys.gather_for_share(input.grid)?;
-        return Ok(valleys.potential(input.grid, cancel));
+    if surfaces.grid.is_shared() {
+        valleys = valleys.gather_for_share()?;
     }
-    let grid = if options.is_distributed {
-        input.grid
-    } else {
-        SharedGrid::of_one_process(dims)
-    };
-    Ok(valleys.potential(grid, cancel))
+    Ok(valleys.potential(cancel))
 }
 
 /// Returns a field in lattice space with a value at each sample of the image.

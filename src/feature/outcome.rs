@@ -57,7 +57,7 @@ impl FlatFaults {
     /// Measures the surfaces of faults that dip too little; `None` if there are none. Normals are in
     /// lattice space, with samples `step` apart.
     pub(super) fn measure<const D: usize>(
-        surfaces: &FeatureSurfaces<D>,
+        surfaces: &FeatureSurfaces<'_, D>,
         dips: &WorldDip<D>,
         geometry: &Geometry<D>,
         step: [f64; D],

@@ -33,10 +33,10 @@ const CUTOFF_MARGIN: f32 = 0.01;
 /// axes, too.
 const MIN_LEADING_RATIO: f32 = 0.95;
 
-/// The valleys of a potential on a grid of `dims` samples; the widest valleys have width `sigma`.
+/// The valleys of a potential on a grid of samples; the widest valleys have width `sigma`.
 #[derive(Clone)]
 pub struct PotentialValleys<'a, const D: usize> {
-    pub dims: [usize; D],
+    pub grid: SharedGrid<'a, D>,
     pub step: [f64; D],
     pub sigma: f64,
     /// Feature points in the order of samples.
@@ -53,8 +53,8 @@ type ValleyPoint<const D: usize> = (FeaturePoint<D>, (bool, Option<f32>));
 impl<const D: usize> PotentialValleys<'_, D> {
     /// Computes the potential on the grid, each rank its part. The points are all points, or those
     /// that [`PotentialValleys::gather_for_share`] returned.
-    pub fn potential(&self, grid: SharedGrid<'_, D>, cancel: &CancelToken<'_>) -> SparseField<D> {
-        grid.field(self.step, |layers: Range<usize>, samples: &mut Vec<f32>| {
+    pub fn potential(&self, cancel: &CancelToken<'_>) -> SparseField<D> {
+        (self.grid).field(self.step, |layers: Range<usize>, samples: &mut Vec<f32>| {
             self.compute_layers(layers, samples, cancel);
         })
     }
@@ -64,25 +64,23 @@ impl<const D: usize> PotentialValleys<'_, D> {
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub fn gather_for_share(self, grid: SharedGrid<'_, D>) -> Result<PotentialValleys<'static, D>> {
+    pub fn gather_for_share(self) -> Result<Self> {
         let spacing = |i: usize| self.spacing.as_ref().map(|d| d[i]);
         let valley_point = |i: usize| (self.points[i], (self.is_rim[i], spacing(i)));
         let points_for = |layers: Range<usize>| -> Vec<ValleyPoint<D>> {
             self.points_near(&layers).map(valley_point).collect()
         };
-        let received = grid.items_for_field("points near layers", points_for)?;
+        let received = (self.grid).items_for_field("points near layers", points_for)?;
         let (points, marks): (Vec<_>, Vec<_>) = received.into_iter().unzip();
         let (is_rim, spacing): (Vec<_>, Vec<_>) = marks.into_iter().unzip();
-        Ok(PotentialValleys {
-            dims: self.dims,
-            step: self.step,
-            sigma: self.sigma,
+        Ok(Self {
             points: points.into(),
             is_rim: is_rim.into(),
             spacing: self
                 .spacing
                 .and(spacing.into_iter().collect::<Option<Vec<f32>>>())
                 .map(Cow::from),
+            ..self
         })
     }
 
@@ -112,11 +110,11 @@ impl<const D: usize> PotentialValleys<'_, D> {
         cancel: &CancelToken<'_>,
     ) {
         let last = D - 1;
-        let layer: usize = self.dims[..last].iter().product();
+        let mut dims = self.grid.dims;
+        let layer: usize = dims[..last].iter().product();
         samples.clear();
         samples.resize(layer * layers.len(), f32::INFINITY);
         let nearby = self.points_near(&layers);
-        let mut dims = self.dims;
         dims[last] = layers.len();
         let mut splat = Splat {
             dims,

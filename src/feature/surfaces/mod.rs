@@ -62,7 +62,9 @@ impl<const D: usize> SurfaceRules<D> {
 /// Points of the surfaces that were kept, of one rank or of all ranks, and numbers of dropped
 /// points.
 #[derive(Debug, Clone)]
-pub struct FeatureSurfaces<const D: usize> {
+pub struct FeatureSurfaces<'g, const D: usize> {
+    /// The grid whose layers have the points; that of one process after [`FeatureSurfaces::gather`].
+    pub grid: SharedGrid<'g, D>,
     /// Points of all surfaces, in the order of samples.
     pub points: Vec<FeaturePoint<D>>,
     /// Number of the surface of each point, from 1.
@@ -99,24 +101,25 @@ impl AddAssign for DroppedPoints {
     }
 }
 
-impl<const D: usize> FeatureSurfaces<D> {
+impl<const D: usize> FeatureSurfaces<'_, D> {
     /// Gathers the points of all ranks on every rank.
     ///
     /// # Errors
     /// Returns the errors of other ranks.
-    pub fn gather(self, grid: SharedGrid<'_, D>) -> Result<Self> {
-        if !grid.is_shared() {
+    pub fn gather(self) -> Result<Self> {
+        if !self.grid.is_shared() {
             return Ok(self);
         }
         let marks = self.surface.into_iter().zip(self.is_rim);
         let local = self.points.into_iter().zip(marks).collect();
-        let gathered = grid.concatenated("points of surfaces", local)?;
+        let gathered = (self.grid).concatenated("points of surfaces", local)?;
         let (points, marks): (_, Vec<_>) = gathered.into_iter().unzip();
         let (surface, is_rim) = marks.into_iter().unzip();
         Ok(Self {
             points,
             surface,
             is_rim,
+            grid: SharedGrid::of_one_process(self.grid.dims),
             ..self
         })
     }
@@ -216,14 +219,14 @@ pub const SHARP_NORMALS: Agreement = Agreement {
 /// # Errors
 /// Returns an [`Error::Interrupted`](crate::Error::Interrupted) if the search is cancelled, and the
 /// errors of other ranks.
-pub fn extract_surfaces<const D: usize>(
-    grid: SharedGrid<'_, D>,
+pub fn extract_surfaces<'g, const D: usize>(
+    grid: SharedGrid<'g, D>,
     candidates: Vec<Candidate<D>>,
     layers: Option<Range<usize>>,
     step: [f64; D],
     rules: &SurfaceRules<D>,
     cancel: &CancelToken<'_>,
-) -> Result<FeatureSurfaces<D>> {
+) -> Result<FeatureSurfaces<'g, D>> {
     let halo = growth::halo_layers(&candidates, step, rules);
     let halo = grid.max("halo of surfaces", halo)?;
     let slab = CandidateSlab::new(grid, candidates, layers, halo)?;
@@ -257,6 +260,7 @@ pub fn extract_surfaces<const D: usize>(
     let kept_candidates = || kept_indices.par_iter().map(|&i| (i, &slab.candidates[i]));
     let is_rim = |c: &Candidate<D>| !cancel.is_cancelled() && growth.is_rim_at(c);
     let local = FeatureSurfaces {
+        grid,
         total_points,
         points: kept_candidates()
             .map(|(_, c)| to_lattice_space(c, step))
@@ -302,7 +306,7 @@ mod tests {
         step: [f64; 3],
         candidates: Vec<Candidate<3>>,
         rules: &SurfaceRules<3>,
-    ) -> FeatureSurfaces<3> {
+    ) -> FeatureSurfaces<'static, 3> {
         let cancel = CancelToken::never();
         let grid = SharedGrid::of_one_process(dims);
         extract_surfaces(grid, candidates, None, step, rules, &cancel).unwrap()
@@ -377,7 +381,7 @@ mod tests {
             surface_count += reference.surface_count;
             dropped += reference.dropped;
             for count in [2, 3, 5] {
-                let results = run_threads(count, |comm| {
+                run_threads(count, |comm| {
                     let mut local_candidates = candidates.clone();
                     let mut layers = None;
                     if seed % 2 == 0 {
@@ -391,9 +395,7 @@ mod tests {
                         extract_surfaces(grid, local_candidates, layers, step, &rules, &cancel);
                     let surfaces = surfaces.unwrap();
                     assert_eq!(surfaces.total_points, reference.points.len());
-                    surfaces.gather(grid).unwrap()
-                });
-                for surfaces in results {
+                    let surfaces = surfaces.gather().unwrap();
                     assert_eq!(
                         (surfaces.surface_count, surfaces.dropped),
                         (reference.surface_count, reference.dropped)
@@ -403,7 +405,7 @@ mod tests {
                             && surfaces.surface == reference.surface
                     );
                     assert!(surfaces.is_rim == reference.is_rim, "{seed} {count}");
-                }
+                });
             }
         }
         // Every reason for dropping points occurs often.

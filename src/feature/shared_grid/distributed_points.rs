@@ -249,7 +249,8 @@ impl<'g, const D: usize> PointsWithHalo<'g, D> {
         let sent = (sent_indices.iter()).map(|indices| indices.iter().map(with_surface).collect());
         let mut received: Vec<Vec<(Candidate<D>, u32)>> =
             comm.all_to_all("points near layers", sent.collect())?;
-        received[rank] = (0..owned.len() as u32).map(|i| with_surface(&i)).collect();
+        let owned = (0..).zip(owned);
+        received[rank] = owned.map(|(i, c)| (c, surface_of(i))).collect();
         let mut start = 0;
         let ranges = received.iter().map(|points| {
             start += points.len();
@@ -257,7 +258,6 @@ impl<'g, const D: usize> PointsWithHalo<'g, D> {
         });
         let ranges: Vec<Range<usize>> = ranges.collect();
         let points = concatenate(received);
-        drop(owned);
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         order.sort_by_key(|&i| points[i as usize].0.voxel);
         let mut sorted_index = vec![0; points.len()];

@@ -19,6 +19,7 @@ use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{self, ImproveContext, KnownAtoms, SlabCuts, SlabResult};
 use crate::improve::{self, SealReport, SliverMethod, Target};
 use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::owned_atoms::{IndexedAtoms, OwnedAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
@@ -81,7 +82,9 @@ pub fn make_partition(
     let mut atoms = std::mem::take(atoms);
     let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
     let snap_distance = join::snap_distance(scene);
-    improve::snap_distributed(&mut atoms, extent, &planes, snap_distance, comm)?;
+    let halo_width = improve::snap_halo_width(snap_distance);
+    let local = OwnedAndGhosts::with_halo(&atoms, halo_width, comm)?;
+    improve::snap_distributed(&mut atoms, local, extent, &planes, snap_distance)?;
     drop(planes);
     stages.begin(Stage::Triangulating);
     let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;

@@ -14,7 +14,7 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::to_3d;
 use crate::image::{Geometry, ImageSource};
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::tets::{ImproveContext, KnownAtoms, SlabCuts};
+use crate::improve::tets::{ImproveContext, KnownAtoms, SharedWork, SlabCuts};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
     self, ImproveReport, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod,
@@ -24,7 +24,7 @@ use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
-use crate::mesh::delaunay::{self, Delaunay};
+use crate::mesh::delaunay::{self, Delaunay, DelaunayKernel};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::view::MeshView;
 use crate::mesh::voronoi;
@@ -416,7 +416,7 @@ impl Meshing<3> for MeshSpace<3> {
             distance,
             target,
         };
-        let mut baseline = None;
+        let (mut baseline, work) = (None, SharedWork::among(comm));
         let (neighbours, (outcome, feature_faces)) = match target.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
@@ -427,7 +427,7 @@ impl Meshing<3> for MeshSpace<3> {
                     }
                     None => {
                         let (mesh, neighbours) = (&mut mesh, &mut neighbours);
-                        tets::improve(mesh, neighbours, &mut kinds, context, comm, cancel)
+                        tets::improve(mesh, neighbours, &mut kinds, context, work, cancel)
                     }
                 })?;
                 (Some(neighbours.into_flattened()), result)
@@ -437,12 +437,12 @@ impl Meshing<3> for MeshSpace<3> {
                 let (mut baseline_mesh, mut baseline_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = stages.run_cancellable(|cancel| {
                     let (mesh, neighbours) = (&mut baseline_mesh, &mut neighbours.clone());
-                    tets::improve(mesh, neighbours, &mut baseline_kinds, context, comm, cancel)
+                    tets::improve(mesh, neighbours, &mut baseline_kinds, context, work, cancel)
                 })?;
                 baseline = Some((baseline_mesh, faces));
                 stages.begin(Stage::Improving);
                 let result = stages.run_cancellable(|cancel| {
-                    tets::exude(&mut mesh, neighbours, &mut kinds, context, comm, cancel)
+                    tets::exude(&mut mesh, neighbours, &mut kinds, context, work, cancel)
                 })?;
                 (None, result)
             }
@@ -488,7 +488,9 @@ impl Meshing<3> for MeshSpace<3> {
         weld: f64,
         comm: &dyn Comm,
     ) -> Result<PolyMesh<3>> {
-        voronoi::distributed_voronoi(atoms, extent, weld, comm)
+        voronoi::voronoi_by(atoms, extent, weld, |points| {
+            delaunay::distributed_delaunay(points, DelaunayKernel::Auto, comm)
+        })
     }
 
     fn local_planes(scene: &MeshScene<'_, 3>) -> FeaturePlanes {

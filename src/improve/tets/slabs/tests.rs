@@ -8,6 +8,7 @@ use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, normal};
 use crate::improve::Target;
 use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::tets::SharedWork;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::complex;
 
@@ -43,10 +44,10 @@ fn assert_faces_cover_planes(
     context: ImproveContext<'_>,
 ) {
     let (mut mesh, mut neighbours, mut kinds) = (mesh.clone(), neighbours.to_vec(), kinds.to_vec());
-    let (comm, cancel) = (&SelfComm, &CancelToken::never());
+    let (work, cancel) = (SharedWork::alone(), &CancelToken::never());
     let (mesh, neighbours) = (&mut mesh, &mut neighbours);
     let (_, marks) =
-        super::super::improve(mesh, neighbours, &mut kinds, context, comm, cancel).unwrap();
+        super::super::improve(mesh, neighbours, &mut kinds, context, work, cancel).unwrap();
     let uncut_area = area_on_features(mesh, &marks);
     let cut_area = area_on_features(&cut.partition.mesh, &cut.feature_faces);
     assert!(

@@ -32,12 +32,11 @@ pub use edit_verb::{EditOutcome, EditReport, edit, input_options};
 
 use serde::Serialize;
 
-use crate::comm::SelfComm;
 use crate::error::cause;
-use crate::feature::{self, ResolvedOptions};
-use crate::image::{Image, ImageSource};
+use crate::feature::ResolvedOptions;
+use crate::image::Image;
 use crate::job::output::{resolved_options, resolved_options_field};
-use crate::job::{MeshSpace, Meshing, Params};
+use crate::job::{self, MeshSpace, Meshing, Params};
 use crate::mesh::Simplices;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{Clock, Quality, StageCost};
@@ -222,9 +221,7 @@ impl EditStages<'_> {
         fields: &mut Vec<(String, FieldValue)>,
     ) -> Result<Vec<ResolvedOptions>> {
         let options = params.feature_options(step);
-        let detect = |cancel: &CancelToken<'_>| {
-            feature::detect_with_cancel(ImageSource::InMemory(image), &options, &SelfComm, cancel)
-        };
+        let detect = |cancel: &CancelToken<'_>| job::detect_in_one_process(image, &options, cancel);
         let resolved = self.run_stage(Stage::FeaturesEverywhere, detect)?.resolved;
         summary.notes.push(
             "the mesh does not record how its features were detected, so they were detected again \

@@ -6,7 +6,6 @@ use super::resolve::{Action, EditGroup, EditStep, INFLUENCE_RADIUS, box_sides};
 use super::spacing;
 use super::window::EditWindow;
 use super::{AtomChange, Summary};
-use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{self, Features};
 use crate::geometry::{distance2, sorted_distinct};
@@ -55,7 +54,7 @@ fn energy<'a, const D: usize>(
         beta,
         extent,
         mobility,
-        &SelfComm,
+        None,
     )
 }
 

@@ -2,6 +2,7 @@ use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 use std::collections::BTreeSet;
 
 use super::*;
+use crate::feature;
 use crate::geometry::distance2;
 use crate::image::Geometry;
 use crate::job::output::simplex_mesh_file;

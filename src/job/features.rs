@@ -13,12 +13,12 @@ use super::spec::{FeatureWeights, NominalDistance, PointValue};
 use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{
-    FaultEvidence, FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP, MIN_LENGTH,
-    detect_with_cancel, lines_with_cancel,
+    DetectionOptions, FaultEvidence, FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP,
+    MIN_LENGTH, detect_with_cancel, lines_with_cancel,
 };
 use crate::files::output::{check_output, file_report};
 use crate::image::formats::{self, IMAGE_EXTENSIONS, InputOptions, LoadedImage};
-use crate::image::{Geometry, ImageSource, Modality};
+use crate::image::{Geometry, Image, ImageSource, Modality};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::{Error, Result};
 
@@ -242,12 +242,25 @@ pub fn features<const D: usize>(
         progress.keep_going()
     };
     CancelToken::run_with_progress(callback, |cancel| {
-        let source = ImageSource::InMemory(&image.image);
-        let features = detect_with_cancel(source, &options, &SelfComm, cancel)?;
+        let features = detect_in_one_process(&image.image, &options, cancel)?;
         let find_lines = || lines_with_cancel(&features, cancel);
         let lines = spec.lines.as_ref().map(|_| find_lines()).transpose()?;
         Ok(FeatureOutcome { features, lines })
     })
+}
+
+/// Detects the features of an image as [`detect`](crate::feature::detect) does, until `cancel` is
+/// cancelled.
+///
+/// # Errors
+/// Returns the errors of [`detect`](crate::feature::detect), and [`Error::Interrupted`] if `cancel` is
+/// cancelled.
+pub(crate) fn detect_in_one_process<const D: usize>(
+    image: &Image<D>,
+    options: &DetectionOptions<D>,
+    cancel: &CancelToken<'_>,
+) -> Result<Features<D>> {
+    detect_with_cancel(ImageSource::InMemory(image), options, &SelfComm, cancel)
 }
 
 impl<const D: usize> FeatureOutcome<D> {

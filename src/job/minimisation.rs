@@ -19,8 +19,8 @@ use crate::report::Optimisation;
 /// that.
 const HALO_RADIUS: f64 = 1.0;
 
-/// Returns the energy of a job's atoms in the box `[0, extent]`, of which each rank of `comm` has a
-/// share. `mobility` returns [which coordinates of all atoms](crate::lattice::seeding::Atoms::mobility)
+/// Returns the energy of a job's atoms in the box `[0, extent]`, of which each rank of `comm`, if
+/// there are several, has a share. `mobility` returns [which coordinates of all atoms](crate::lattice::seeding::Atoms::mobility)
 /// may change. Both evaluators compute the same energy, except for sampling errors.
 ///
 /// # Errors
@@ -32,7 +32,7 @@ pub(crate) fn job_energy<'a, const D: usize>(
     beta: Beta<D>,
     extent: [f64; D],
     mobility: impl FnOnce() -> Result<Vec<[f64; D]>>,
-    comm: &'a dyn Comm,
+    comm: Option<&'a dyn Comm>,
 ) -> Result<Box<dyn Energy<D> + 'a>> {
     let pairs = |beta| -> Result<PairwiseEnergy<'a, D>> {
         Ok(PairwiseEnergy::new(extent, distance, Some(potential), beta)?.with_auto_stiffness())
@@ -41,8 +41,11 @@ pub(crate) fn job_energy<'a, const D: usize>(
         Evaluator::Pairwise if params.spec.kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
             let kappa = params.spec.kappa;
-            let energy = RegularisedEnergy::new(pairs, distance, beta, kappa, mobility()?);
-            Box::new(energy?.with_comm(comm))
+            let energy = RegularisedEnergy::new(pairs, distance, beta, kappa, mobility()?)?;
+            match comm {
+                Some(comm) => Box::new(energy.with_comm(comm)),
+                None => Box::new(energy),
+            }
         }
         Evaluator::Pairwise => Box::new(pairs(beta)?),
         Evaluator::Sampled => {
@@ -69,7 +72,8 @@ pub(super) fn optimise<const D: usize>(
                       progress: &mut dyn Progress| {
         let mobility = || Ok(atoms.clone().all_gather(comm)?.mobility(extent));
         let beta = frame.beta.clone();
-        let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, comm)?;
+        let group = Some(comm);
+        let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, group)?;
         optimise::optimise_partition(atoms, energy, distance, extent, &options, comm, progress)
     };
     let potential = &features.potential;

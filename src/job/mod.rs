@@ -75,6 +75,7 @@ pub use crate::mesh::check::BOX_TOLERANCE;
 pub use crate::mesh_file::{Burden, Provenance};
 pub use checkpoint::Checkpoint;
 pub use distributed::MeshShare;
+pub(crate) use features::detect_in_one_process;
 pub use features::{FeatureOutcome, FeatureSpec, features};
 pub use given_surfaces::FollowedSurface;
 pub(crate) use job_domain::{lattice_beta, lattice_points, lattice_well_paths};

@@ -54,6 +54,21 @@ const LAYERS: [Layer; 4] = [
     },
 ];
 
+/// Modules in which any file may name `comm`: the communicators, and the driver of distributed jobs.
+const MODULES_WITH_RANKS: [&str; 5] = ["comm", "job", "feature", "image", "lattice"];
+
+/// The other files that may name `comm`, in the order of their paths: distributed data structures, which
+/// keep the communicator to themselves, and the command line, which hands it to the job.
+const FILES_WITH_RANKS: [&str; 7] = [
+    "cli/mod.rs",
+    "cli/verbs/mesh.rs",
+    "improve/tets/shared_work.rs",
+    "improve/tets/slabs/distributed.rs",
+    "mesh/delaunay/distributed.rs",
+    "mesh/view.rs",
+    "session/job.rs",
+];
+
 /// Returns all modules, in the order of the table.
 fn all_modules() -> impl Iterator<Item = &'static str> {
     LAYERS.iter().flat_map(|layer| layer.modules).copied()
@@ -310,17 +325,15 @@ fn modules_in_map(page: &str, heading: &str) -> Vec<String> {
         .collect()
 }
 
-#[test]
-fn modules_name_only_those_below_them() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let folder = root.join("src");
+/// Returns the code of each source in a folder, without comments and tests.
+fn code_of_sources(folder: &Path) -> BTreeMap<PathBuf, String> {
     let mut sources = Vec::new();
-    add_sources(&folder, &mut sources);
+    add_sources(folder, &mut sources);
     sources.retain(|source| !is_named_test(source));
     let mut code_of = BTreeMap::new();
     let mut test_files: Vec<PathBuf> = Vec::new();
-    for source in &sources {
-        let mut code = without_comments(&fs::read_to_string(source).unwrap());
+    for source in sources {
+        let mut code = without_comments(&fs::read_to_string(&source).unwrap());
         let is_folder = source.ends_with("mod.rs") || source.ends_with("lib.rs");
         let children = if is_folder {
             source.parent().unwrap().to_path_buf()
@@ -332,6 +345,15 @@ fn modules_name_only_those_below_them() {
         }
         code_of.insert(source, code);
     }
+    code_of.retain(|source, _| !test_files.iter().any(|path| source.starts_with(path)));
+    code_of
+}
+
+#[test]
+fn modules_name_only_those_below_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = root.join("src");
+    let code_of = code_of_sources(&folder);
     let mut modules = reexports(&code_of[&folder.join("lib.rs")]);
     for (source, code) in &code_of {
         for exported in code.split("#[macro_export]").skip(1) {
@@ -343,8 +365,7 @@ fn modules_name_only_those_below_them() {
     let mut problems = Vec::new();
     for (source, code) in &code_of {
         let user = module_of(source, &folder);
-        if user == "lib" || user == "main" || test_files.iter().any(|path| source.starts_with(path))
-        {
+        if user == "lib" || user == "main" {
             continue;
         }
         let shown = source.strip_prefix(root).unwrap().display();
@@ -375,8 +396,22 @@ fn modules_name_only_those_below_them() {
     );
     for module in all_modules() {
         let exists = |user: &PathBuf| module_of(user, &folder) == module;
-        assert!(sources.iter().any(exists), "there is no module {module}");
+        assert!(code_of.keys().any(exists), "there is no module {module}");
     }
+}
+
+#[test]
+fn few_files_know_the_ranks() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files: Vec<String> = Vec::new();
+    for (source, code) in code_of_sources(&folder) {
+        let names_comm = crate_names(&code).iter().any(|(_, name, _)| name == "comm");
+        if names_comm && !MODULES_WITH_RANKS.contains(&module_of(&source, &folder).as_str()) {
+            let path = source.strip_prefix(&folder).unwrap();
+            files.push(path.to_str().unwrap().replace('\\', "/"));
+        }
+    }
+    assert_eq!(files, FILES_WITH_RANKS);
 }
 
 #[test]

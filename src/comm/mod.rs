@@ -1,10 +1,11 @@
 //! Processes that share a job: the ranks of MPI, if the program is `atomesh-mpi`.
 //!
-//! Every rank runs the whole job and has a communicator ([`Comm`]), which is passed down to all that needs it. Work
-//! in parts, such as windows of an image's layers or slabs of points, is distributed (`distribute`): each rank does
-//! some of the parts, and all ranks receive the results of all parts in the order of the parts. So the outcome is the
-//! same on every rank and for any number of ranks. Where no rank needs everything, each rank holds a part and sends
-//! the others what they need of it. Only the root (rank 0) prints, and writes what is not in parts.
+//! Every rank runs the whole job and has a communicator ([`Comm`]). The driver hands it to distributed data
+//! structures, which keep it to themselves and offer operations on their data. Work in parts, such as windows of an
+//! image's layers or slabs of points, is distributed (`distribute`): each rank does some of the parts, and all ranks
+//! receive the results of all parts in the order of the parts. So the outcome is the same on every rank and for any
+//! number of ranks. Where no rank needs everything, each rank holds a part and sends the others what they need of it.
+//! Only the root (rank 0) prints, and writes what is not in parts.
 //!
 //! Before ranks exchange anything, they tell one another where they are and whether one has failed; then all end with
 //! its error.

@@ -14,7 +14,7 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::to_3d;
 use crate::image::{Geometry, ImageSource};
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::tets::{ImproveContext, KnownAtoms, SharedWork, SlabCuts};
+use crate::improve::tets::{DistributedSlabs, ImproveContext, KnownAtoms, SharedWork};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
     self, ImproveReport, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod,
@@ -317,9 +317,8 @@ fn improve_slabs(
     mesh: &mut TetMesh,
     neighbours: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
-    cuts: &SlabCuts,
+    slabs: &DistributedSlabs<'_>,
     context: ImproveContext<'_>,
-    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let TetMesh { nodes, tets } = std::mem::take(mesh);
@@ -332,8 +331,8 @@ fn improve_slabs(
         },
         global_ids: None,
     };
-    let improved = tets::improve_in_slabs(atoms, tets, joined, cuts, context, comm, cancel)?;
-    let improved = improved.all_gather(comm)?;
+    let improved = slabs.improve(atoms, tets, joined, context, cancel)?;
+    let improved = slabs.all_gather(improved)?;
     (*mesh, *neighbours) = (improved.partition.mesh, improved.partition.neighbours);
     *kinds = improved.kinds;
     Ok((improved.report, improved.feature_faces))
@@ -389,10 +388,11 @@ impl Meshing<3> for MeshSpace<3> {
         let (extent, distance, comm) = (scene.extent, scene.distance, stages.comm);
         let kernel = stages.kernel;
         // The cuts are at the same places, whether this rank has all atoms or not.
-        let cuts = match improvement {
-            Some(_) => SlabCuts::new(&atoms.positions, extent, distance, &SelfComm)?,
+        let slabs = match improvement {
+            Some(_) => DistributedSlabs::cut(&atoms.positions, extent, distance, &SelfComm)?,
             None => None,
         };
+        let slabs = slabs.map(|slabs| DistributedSlabs::new(slabs.cuts, comm));
         let Atoms { positions, kinds } = &mut atoms;
         let planes = improvement.map(|_| snap_to_planes(positions, kinds, scene));
         stages.begin(Stage::Triangulating);
@@ -420,10 +420,10 @@ impl Meshing<3> for MeshSpace<3> {
         let (neighbours, (outcome, feature_faces)) = match target.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                let result = stages.run_cancellable(|cancel| match &cuts {
-                    Some(cuts) => {
+                let result = stages.run_cancellable(|cancel| match &slabs {
+                    Some(slabs) => {
                         let (mesh, neighbours) = (&mut mesh, &mut neighbours);
-                        improve_slabs(mesh, neighbours, &mut kinds, cuts, context, comm, cancel)
+                        improve_slabs(mesh, neighbours, &mut kinds, slabs, context, cancel)
                     }
                     None => {
                         let (mesh, neighbours) = (&mut mesh, &mut neighbours);

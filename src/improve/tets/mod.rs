@@ -36,7 +36,7 @@ pub use exude::exude;
 pub use fixed_side::improve_beside;
 pub use reshape::reshape;
 pub use shared_work::SharedWork;
-pub use slabs::{KnownAtoms, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
+pub use slabs::{DistributedSlabs, KnownAtoms, SlabCuts, SlabResult};
 
 use crate::parallel::prelude::*;
 

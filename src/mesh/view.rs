@@ -4,7 +4,8 @@
 //! Only the view knows the ranks that have the other parts. Measurements merge what the parts have
 //! found, concatenate lists of all parts, number what the parts have, and exchange what parts know
 //! of the same nodes. These calls are collective: all ranks make the same ones in the same order,
-//! each with a message that names the call if ranks are out of step, and every rank gets the result.
+//! each with a message that names the call if ranks are out of step. They return the errors of the
+//! communication.
 
 use super::mesh_partition::MeshPartition;
 use super::{Mesh, TetMesh};
@@ -119,10 +120,7 @@ impl<'a, const D: usize, M: Mesh<D>> MeshView<'a, D, M> {
         is_shared
     }
 
-    /// Marks the local nodes that are marked in any part. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// Marks the local nodes that are marked in any part.
     pub fn combine_shared_marks(&self, message: &str, marks: &mut [bool]) -> Result<()> {
         let entry = |&node: &u32| ([self.global_id(node)], marks[node as usize]);
         let entries = self.shared_nodes.iter().map(entry).collect();
@@ -137,10 +135,7 @@ impl<'a, const D: usize, M: Mesh<D>> MeshView<'a, D, M> {
     }
 
     /// Collects the values of shared nodes from all parts that have them. The values of one node
-    /// arrive at one rank; they are sorted by the global number of the node. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// arrive at one rank; they are sorted by the global number of the node.
     pub fn gather_shared<T: Codec>(
         &self,
         message: &str,
@@ -170,10 +165,7 @@ impl<const D: usize, M> MeshView<'_, D, M> {
         self.comm.size() > 1
     }
 
-    /// Merges what the parts have found, in the order of the parts. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// Merges what the parts have found, in the order of the parts.
     pub fn merge_parts<T: Codec>(
         &self,
         message: &str,
@@ -185,37 +177,25 @@ impl<const D: usize, M> MeshView<'_, D, M> {
         Ok(parts.fold(first, merge))
     }
 
-    /// Returns `true` if a flag is set in any part. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// Returns `true` if a flag is set in any part.
     pub fn is_any(&self, message: &str, flag: bool) -> Result<bool> {
         self.merge_parts(message, flag, |a, b| a || b)
     }
 
-    /// Concatenates the lists of all parts, in the order of the parts. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// Concatenates the lists of all parts, in the order of the parts.
     pub fn concatenate<T: Codec>(&self, message: &str, local: Vec<T>) -> Result<Vec<T>> {
         Ok(comm::concatenate(self.comm.all_gather(message, local)?))
     }
 
     /// Numbers what the parts have, in the order of the parts. Returns the number of the first of
-    /// the `count` local ones. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// the `count` local ones.
     pub fn first_number(&self, message: &str, count: usize) -> Result<usize> {
         let counts: Vec<usize> = self.comm.all_gather(message, count)?;
         Ok(counts[..self.comm.rank()].iter().sum())
     }
 
     /// Returns for each series of local values those with the given ranks in sorted order among the
-    /// values of all parts, as [`order_statistics`] does. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// values of all parts, as [`order_statistics`] does.
     pub fn order_statistics<V: RadixKey, R: AsRef<[usize]>>(
         &self,
         series: &[impl Iterator<Item = V> + Clone + Sync],
@@ -226,10 +206,6 @@ impl<const D: usize, M> MeshView<'_, D, M> {
 
     /// Returns what all parts have in the box `bounds` of this part. `select` returns what this part
     /// has in a box. The messages name the exchange of the boxes, and that of their contents.
-    /// Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
     pub fn gather_in_box<T: Codec>(
         &self,
         messages: [&str; 2],
@@ -245,10 +221,7 @@ impl<const D: usize, M> MeshView<'_, D, M> {
 
     /// Asks all parts the questions of this part, and returns the answers of each part. `answer`
     /// answers the questions of all parts. Returns `None` if no part has a question. The messages
-    /// name the exchange of the questions, and that of the answers. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// name the exchange of the questions, and that of the answers.
     pub fn ask_parts<Q: Codec, A: Codec>(
         &self,
         messages: [&str; 2],
@@ -268,10 +241,7 @@ impl<const D: usize, M> MeshView<'_, D, M> {
     }
 
     /// Collects the values that the parts have at the same nodes: all of them arrive at one rank,
-    /// sorted by nodes and then by parts. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// sorted by nodes and then by parts.
     pub fn collect_by_nodes<const N: usize, T: Codec>(
         &self,
         message: &str,
@@ -297,10 +267,7 @@ impl<const D: usize, M> MeshView<'_, D, M> {
 
     /// Exchanges what the parts know of the same nodes. `answers` gets all values at some nodes, in
     /// the order of the parts, and returns the answer to each. Returns the answer to each of the
-    /// `entries`. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the communication.
+    /// `entries`.
     pub fn exchange_by_nodes<const N: usize, T: Codec, A: Codec + Clone + Default>(
         &self,
         message: &str,

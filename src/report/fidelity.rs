@@ -308,13 +308,14 @@ fn compare_faces<const D: usize, M>(
         faces: queried_sets.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
         max_corner_distances: find_farthest_corners(surface, queried_sets, reference, cancel),
         gap_counts: (reference.next_feature.as_ref())
-            .map(|next| (face_distances.each_ref()).map(|d| GapClass::count_by_gap(next, d))),
+            .map(|next| (face_distances.each_ref()).map(|d| GapClass::count_by_gap(next, d)))
+            .unwrap_or_default(),
     };
     let judged_distances = &face_distances[usize::from(has_tags)];
     let surfaces = SurfaceCoverage::count(view, &reference.surface, judged_distances)?;
     let totals = view.merge_parts("faces and features", local, LocalMatch::merged)?;
-    let by_gap = |set: usize| match totals.gap_counts {
-        Some(counts) => GapClass::from_counts(counts[set]),
+    let by_gap = |set: usize| match reference.next_feature {
+        Some(_) => GapClass::from_counts(totals.gap_counts[set]),
         None => Vec::new(),
     };
     let samples = face_samples(surface, reference, cancel);
@@ -377,7 +378,7 @@ struct LocalMatch {
     /// Maximum distance of corners from the features.
     max_corner_distances: [f64; 2],
     /// Counts of points by distance to the next feature, for networks with known truth.
-    gap_counts: Option<[[[u64; 3]; GAP_BOUNDS.len()]; 2]>,
+    gap_counts: [[[u64; 3]; GAP_BOUNDS.len()]; 2],
 }
 
 codec_fields! { LocalMatch as LocalMatch { faces, max_corner_distances, gap_counts } }
@@ -390,13 +391,13 @@ impl LocalMatch {
             *corner = corner.max(other.max_corner_distances[set]);
             self.faces[set] += other.faces[set];
         }
-        let Some(other_counts) = other.gap_counts else {
-            return self;
-        };
-        let counts = self.gap_counts.get_or_insert_default();
-        (counts.as_flattened_mut().as_flattened_mut().iter_mut())
-            .zip(other_counts.as_flattened().as_flattened())
-            .for_each(|(sum, count)| *sum += count);
+        (self
+            .gap_counts
+            .as_flattened_mut()
+            .as_flattened_mut()
+            .iter_mut())
+        .zip(other.gap_counts.as_flattened().as_flattened())
+        .for_each(|(sum, count)| *sum += count);
         self
     }
 }

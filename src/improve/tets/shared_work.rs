@@ -37,16 +37,10 @@ impl<'a> SharedWork<'a> {
         count: usize,
         search: impl FnOnce(Range<usize>) -> Vec<T>,
     ) -> Result<Vec<T>> {
-        if count < MIN_SHARED_COUNT {
+        if self.comm.size() == 1 || count < MIN_SHARED_COUNT {
             return Ok(search(0..count));
         }
-        let mut results = Vec::with_capacity(count);
-        let work = |range, give: &mut dyn FnMut(T)| {
-            search(range).into_iter().for_each(give);
-            Ok(())
-        };
-        (self.comm).distribute(name, count, work, &mut |result| results.push(result))?;
-        Ok(results)
+        self.distribute(name, &vec![1; count], search)
     }
 
     /// Returns the results of local patches, in their order. The work on a patch grows with its
@@ -59,13 +53,21 @@ impl<'a> SharedWork<'a> {
         weights: &[usize],
         work_on: impl FnOnce(Range<usize>) -> Vec<T>,
     ) -> Result<Vec<T>> {
+        self.distribute("patches", weights, work_on)
+    }
+
+    fn distribute<T: Codec>(
+        self,
+        name: &str,
+        weights: &[usize],
+        work_on: impl FnOnce(Range<usize>) -> Vec<T>,
+    ) -> Result<Vec<T>> {
         let mut results = Vec::with_capacity(weights.len());
         let work = |range, give: &mut dyn FnMut(T)| {
             work_on(range).into_iter().for_each(give);
             Ok(())
         };
-        (self.comm)
-            .distribute_weighted("patches", weights, work, &mut |result| results.push(result))?;
+        (self.comm).distribute_weighted(name, weights, work, &mut |result| results.push(result))?;
         Ok(results)
     }
 }

@@ -1,4 +1,5 @@
-//! The slabs of all ranks: each rank has successive slabs, and the tetrahedra in them.
+//! The slabs of all ranks: each rank has successive slabs, and the tetrahedra in them. What ranks
+//! exchange fails if another rank fails.
 
 use std::ops::Range;
 
@@ -138,9 +139,6 @@ impl<'a> DistributedSlabs<'a> {
 
     /// Cuts improved bands at their cuts, and returns the halves of bands at each of a rank's own slabs.
     /// The half beyond the cut goes to the rank of the next slab.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub(super) fn exchange_bands(&self, bands: Vec<ImprovedPart>) -> Result<Vec<Vec<SubMesh>>> {
         let (cuts, comm, own_slabs) = (&self.cuts, self.comm, self.local_slabs());
         let first = usize::from(own_slabs.start == 0);
@@ -162,9 +160,6 @@ impl<'a> DistributedSlabs<'a> {
     }
 
     /// Adds up what all ranks did. The blocked cells are those with the smallest margins first.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub(super) fn merge_reports(
         &self,
         below_target_before: usize,
@@ -190,9 +185,6 @@ impl<'a> DistributedSlabs<'a> {
 
     /// Numbers the new nodes of all ranks, in the order of the parts, starting from `first`. Returns
     /// the next free index.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub(super) fn number_new_nodes(&self, parts: &mut [ImprovedPart], first: u32) -> Result<u32> {
         let new_count: u32 = parts.iter().map(|part| part.new_node_count as u32).sum();
         let new_counts: Vec<u32> = self.comm.all_gather("new nodes", new_count)?;
@@ -205,9 +197,6 @@ impl<'a> DistributedSlabs<'a> {
 
     /// Returns the number of the first tetrahedron of this rank, of which it has `count`, and the number
     /// of all tetrahedra.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub(super) fn number_tets(&self, count: usize) -> Result<(usize, usize)> {
         let counts: Vec<usize> = self.comm.all_gather("tetrahedra", count)?;
         let first = counts[..self.comm.rank()].iter().sum();
@@ -215,9 +204,6 @@ impl<'a> DistributedSlabs<'a> {
     }
 
     /// Returns the nodes that any rank removed, rising.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
     pub(super) fn all_removed_nodes(&self, local: Vec<u32>) -> Result<Vec<u32>> {
         let all = self.comm.all_gather("removed nodes", local)?;
         Ok(sorted(concatenate(all)))

@@ -55,21 +55,26 @@ const LAYERS: [Layer; 4] = [
 ];
 
 /// Modules in which any file may name `comm`: the communicators, and the driver of distributed jobs.
-const MODULES_WITH_RANKS: [&str; 8] = [
-    "comm", "job", "cli", "edit", "improve", "mesh", "report", "session",
-];
+const MODULES_WITH_RANKS: [&str; 2] = ["comm", "job"];
 
 /// The other files that may name `comm`, in the order of their paths: distributed data structures, which
 /// keep the communicator to themselves, and the command line, which hands it to the job.
-const FILES_WITH_RANKS: [&str; 8] = [
+const FILES_WITH_RANKS: [&str; 15] = [
+    "cli/mod.rs",
+    "cli/verbs/mesh.rs",
     "feature/shared_grid/candidate_slab.rs",
     "feature/shared_grid/distributed_points.rs",
     "feature/shared_grid/mod.rs",
     "image/sparse_field.rs",
+    "improve/tets/shared_work.rs",
+    "improve/tets/slabs/distributed.rs",
     "lattice/distance/distributed_distance.rs",
     "lattice/halo.rs",
     "lattice/owned_atoms.rs",
     "lattice/seeding/shared_box.rs",
+    "mesh/delaunay/distributed.rs",
+    "mesh/view.rs",
+    "session/job.rs",
 ];
 
 /// Returns all modules, in the order of the table.

@@ -11,7 +11,6 @@ use crate::Error;
 use crate::cli::common::global::CommonOptions;
 use crate::cli::interrupts::Interrupts;
 use crate::cli::time_left::TimeLeft;
-use crate::comm::Comm;
 use crate::progress::{OptimiseStatus, Progress, SizeEstimate, Stage};
 use crate::session::Answer;
 
@@ -25,11 +24,12 @@ pub struct Console {
 }
 
 impl Console {
-    /// Returns the console that the common options configure. Only the root rank prints anything.
-    pub(super) fn new(common: &CommonOptions, comm: &dyn Comm) -> Self {
+    /// Returns the console that the common options configure. Of several processes that share a job,
+    /// only one `prints` anything.
+    pub(super) fn new(common: &CommonOptions, prints: bool) -> Self {
         Self {
-            quiet: common.quiet || !comm.is_root(),
-            json: common.json && comm.is_root(),
+            quiet: common.quiet || !prints,
+            json: common.json && prints,
             bar: None,
             job: RefCell::new(None),
         }
@@ -45,14 +45,14 @@ impl Console {
         }
     }
 
-    /// Returns the progress of a mesh job that the ranks of `comm` share.
+    /// Returns the progress of a mesh job, which other processes share unless it `is_alone`.
     pub(super) fn job_progress<'a>(
         &'a mut self,
         interrupts: &'a Interrupts,
-        comm: &'a dyn Comm,
+        is_alone: bool,
     ) -> VerbProgress<'a> {
         VerbProgress {
-            job: Some(comm),
+            job: Some(is_alone),
             ..self.progress(interrupts)
         }
     }
@@ -197,15 +197,16 @@ impl Console {
 pub struct VerbProgress<'a> {
     console: &'a mut Console,
     interrupts: &'a Interrupts,
-    /// The ranks that share the work of a mesh job.
-    job: Option<&'a dyn Comm>,
+    /// For a mesh job, `true` if no other process shares it.
+    job: Option<bool>,
 }
 
 impl Progress for VerbProgress<'_> {
     fn stage(&mut self, stage: Stage) {
         self.console.begin_stage(stage);
-        if let Some(comm) = self.job {
-            self.interrupts.set_stage(stage, comm);
+        if let Some(is_alone) = self.job {
+            // Several processes would not stop at the same place.
+            self.interrupts.set_stage(stage, is_alone);
         }
     }
 

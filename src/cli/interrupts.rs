@@ -11,7 +11,6 @@ use std::thread;
 use std::time::Duration;
 
 use crate::Result;
-use crate::comm::Comm;
 #[cfg(not(target_family = "wasm"))]
 use crate::error::cause;
 use crate::files::exit_without_unfinished;
@@ -57,10 +56,9 @@ impl Interrupts {
         Ok(state)
     }
 
-    /// Records that a stage of `mesh` begins.
-    pub(crate) fn set_stage(&self, stage: Stage, comm: &dyn Comm) {
-        // Several ranks would not stop at the same place.
-        let can_stop = stage.has_lattice() && comm.size() == 1;
+    /// Records that a stage of `mesh` begins. Only a process that is alone can stop it early.
+    pub(crate) fn set_stage(&self, stage: Stage, is_alone: bool) {
+        let can_stop = stage.has_lattice() && is_alone;
         self.0.has_lattice.store(can_stop, Ordering::SeqCst);
     }
 

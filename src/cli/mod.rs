@@ -114,7 +114,7 @@ fn run_process(line: &CommandLine, join: Option<world::JoinFn>) -> ExitCode {
     let prepared = joined.and_then(|()| start_threads(line.common.threads));
     let prepared = prepared.and_then(|()| Interrupts::install());
     let result = prepared.and_then(|interrupts| {
-        let console = &mut Console::new(&line.common, comm);
+        let console = &mut Console::new(&line.common, comm.is_root());
         run_in_group(line, &interrupts, console, group)
     });
     let code = match comm.finish(result) {
@@ -145,7 +145,7 @@ pub fn run(line: &CommandLine) -> Result<VerbStatus> {
         comm: &SelfComm,
         has_mpi: false,
     };
-    let console = &mut Console::new(&line.common, group.comm);
+    let console = &mut Console::new(&line.common, true);
     run_in_group(line, &Interrupts::default(), console, group)
 }
 

@@ -44,7 +44,7 @@ pub use improve_report::{BlockedCell, ImproveReport, OperationCounts};
 pub use reshape::{ReshapeError, ReshapeRequest, ReshapeResult};
 pub use seal::SealReport;
 pub(crate) use seal::seal;
-pub(crate) use snap::snap_distributed;
 pub use snap::snap_to_features;
+pub(crate) use snap::{snap_distributed, snap_halo_width};
 pub use target::{Effort, SliverMethod, Target};
 pub use triangles::relax::Scheme;

@@ -4,7 +4,6 @@ use crate::parallel::prelude::*;
 
 use super::constraint::NodeConstraint;
 use super::feature_planes::FeaturePlanes;
-use crate::comm::Comm;
 use crate::error::Result;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{bounding_box, distance2, norm, sub, to_3d};
@@ -33,27 +32,31 @@ pub fn snap_to_features<const D: usize>(
     snap_owned(positions, kinds, &halo, extent, planes, reach).unwrap_or(0)
 }
 
-/// Snaps atoms as [`snap_to_features`] does, where each rank owns a part of them. Returns the
-/// number of own atoms that moved.
+/// Returns the width of the halo that [`snap_distributed`] needs: two atoms may each move towards the
+/// other.
+pub fn snap_halo_width(reach: f64) -> f64 {
+    (2.0 * MAX_MOVE_RATIO + 2.0 * MIN_GAP_RATIO) * reach
+}
+
+/// Snaps atoms as [`snap_to_features`] does, where each rank owns a part of them. `local` are the
+/// owned atoms with a halo of [`snap_halo_width`]. Returns the number of own atoms that moved.
 ///
 /// # Errors
 /// Returns an error if another rank fails.
 pub fn snap_distributed<const D: usize>(
     owned_atoms: &mut OwnedAtoms<D>,
+    local: (OwnedAndGhosts<'_>, Atoms<D>),
     extent: [f64; D],
     planes: &FeaturePlanes,
     reach: f64,
-    comm: &dyn Comm,
 ) -> Result<usize> {
-    // Two atoms may each move towards the other.
-    let halo_width = (2.0 * MAX_MOVE_RATIO + 2.0 * MIN_GAP_RATIO) * reach;
     let (
         halo,
         Atoms {
             mut positions,
             kinds,
         },
-    ) = OwnedAndGhosts::with_halo(owned_atoms, halo_width, comm)?;
+    ) = local;
     let moved = snap_owned(&mut positions, &kinds, &halo, extent, planes, reach)?;
     (owned_atoms.atoms.positions).copy_from_slice(&positions[halo.owned()]);
     Ok(moved)
@@ -205,8 +208,10 @@ mod tests {
         for count in [2, 5] {
             let results = run_threads(count, |comm| {
                 let mut owned_atoms = OwnedAtoms::from_global(seeded.clone(), comm);
+                let halo_width = snap_halo_width(reach);
+                let local = OwnedAndGhosts::with_halo(&owned_atoms, halo_width, comm).unwrap();
                 let moved =
-                    snap_distributed(&mut owned_atoms, extent, &planes, reach, comm).unwrap();
+                    snap_distributed(&mut owned_atoms, local, extent, &planes, reach).unwrap();
                 (owned_atoms.all_gather(comm).unwrap(), moved)
             });
             let total: usize = results.iter().map(|(_, moved)| moved).sum();

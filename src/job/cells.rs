@@ -17,7 +17,7 @@ use super::{
     join, placement, regions, simplices,
 };
 use crate::Result;
-use crate::comm::{Comm, SelfComm};
+use crate::comm::Comm;
 use crate::feature::{Features, LabelMap, lines_with_cancel};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2, dot, to_3d};
@@ -122,16 +122,7 @@ where
         stages,
     )?;
     stages.begin(Stage::Cutting);
-    let comm = stages.comm;
-    let mut mesh = cut_even_cells(
-        &mut atoms,
-        &mut sites,
-        &distance,
-        extent,
-        weld,
-        comm,
-        &mut || stages.keep_going(),
-    )?;
+    let mut mesh = cut_even_cells(&mut atoms, &mut sites, &distance, extent, weld, stages)?;
     mesh.on_feature = sites.faces_on_surface(&mesh, atoms.len());
     let face_names = sites.names_of_faces(&mesh, atoms.len());
     let labelled = features.labels.as_ref();
@@ -208,7 +199,7 @@ fn assign_labels<const D: usize>(
 }
 
 /// Cuts the cells of atoms and, after these, of sites, while atoms are moved, added and removed
-/// until cells are of more equal size. It stops early if `keep_going` returns `false`.
+/// until cells are of more equal size. It stops early if the caller stops the job.
 ///
 /// # Errors
 /// Returns the errors of [`Meshing::voronoi_cells`].
@@ -218,18 +209,18 @@ pub(crate) fn cut_even_cells<const D: usize>(
     distance: &Distance<D>,
     extent: [f64; D],
     weld: f64,
-    comm: &dyn Comm,
-    keep_going: &mut dyn FnMut() -> bool,
+    stages: &mut StageRunner<'_>,
 ) -> Result<PolyMesh<D>>
 where
     MeshSpace<D>: Meshing<D>,
 {
+    let comm = stages.comm;
     let mut mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
     let first_opening = RELAXATION_ROUNDS + SPLITTING_ROUNDS;
     let first_removal = first_opening + FACE_OPENING_ROUNDS;
     let first_skew = first_removal + MAX_REMOVAL_ROUNDS;
     let mut round = 0;
-    while round < first_skew + MAX_SKEW_FACE_ROUNDS && keep_going() {
+    while round < first_skew + MAX_SKEW_FACE_ROUNDS && stages.keep_going() {
         let mut equaliser = CellEqualiser {
             atoms,
             sites,
@@ -427,7 +418,6 @@ fn relax_around_sites<const D: usize>(
     let atom_count = atoms.len() - positions.len();
     atoms.positions.truncate(atom_count);
     atoms.kinds.truncate(atom_count);
-    let (comm, progress) = (stages.comm, &mut *stages.progress);
     let result = relax_atoms(
         &mut atoms,
         sites,
@@ -437,8 +427,7 @@ fn relax_around_sites<const D: usize>(
             edited: &[],
             seed: params.spec.rng_seed,
         },
-        comm,
-        progress,
+        stages,
     )?;
     if result.stop == StopReason::Interrupted {
         stages.mark_interrupted();
@@ -465,8 +454,7 @@ pub(crate) fn relax_atoms<const D: usize>(
     distance: &Distance<D>,
     extent: [f64; D],
     relax: RelaxOptions<'_, D>,
-    comm: &dyn Comm,
-    progress: &mut dyn Progress,
+    stages: &mut StageRunner<'_>,
 ) -> Result<optimise::OptimiseResult> {
     let RelaxOptions { edited, seed } = relax;
     remove_covered_atoms(atoms, sites, distance);
@@ -486,6 +474,7 @@ pub(crate) fn relax_atoms<const D: usize>(
     };
     let energy = PairwiseEnergy::new(extent, distance, None, Beta::Constant(0.0))?;
     let energy = &mut energy.with_alignment(Alignment::AlongsideFeatures);
+    let (comm, progress) = (stages.comm, &mut *stages.progress);
     let mut owned = OwnedAtoms::from_global(std::mem::take(atoms), comm);
     let lattice = SharedLattice::new(&mut owned, comm);
     let result =
@@ -560,8 +549,9 @@ fn measure_cells<const D: usize>(
         weld,
         ..CheckHints::default()
     };
-    let voronoi = measure_unless_cancelled(&SelfComm, cancel, || {
-        let (view, low) = (MeshView::from_mesh(mesh), [0.0; D]);
+    let view = MeshView::from_mesh(mesh);
+    let voronoi = measure_unless_cancelled(&view, cancel, || {
+        let low = [0.0; D];
         let check = check_view(&view, hints, low, scene.extent, BOX_TOLERANCE, cancel)?;
         let in_one_unit = geometry.in_one_unit();
         let world = to_world(mesh, step, in_one_unit.as_ref().unwrap_or(geometry));
@@ -576,7 +566,7 @@ fn measure_cells<const D: usize>(
             ..measured
         })
     })?;
-    let fidelity = measure_unless_cancelled(&SelfComm, cancel, || {
+    let fidelity = measure_unless_cancelled(&view, cancel, || {
         let reference = Reference::from_features(features);
         let has_features = !features.points.is_empty();
         Ok(has_features.then(|| cell_fidelity(mesh, step, &reference, cancel)))

@@ -16,9 +16,10 @@ use crate::feature::{FeaturePoint, PointSubset};
 use crate::geometry::bounding_box;
 use crate::image::synth::truth::MAX_DISTANCE;
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::tets::{self, ImproveContext, KnownAtoms, SlabCuts, SlabResult};
+use crate::improve::tets::{DistributedSlabs, ImproveContext, KnownAtoms, SlabResult};
 use crate::improve::{self, SealReport, SliverMethod, Target};
 use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::owned_atoms::{IndexedAtoms, OwnedAtoms};
 use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
@@ -75,19 +76,22 @@ pub fn make_partition(
         return Ok(None);
     };
     let comm = stages.comm;
-    let Some(cuts) = SlabCuts::new(&atoms.atoms.positions, extent, outline, comm)? else {
+    let positions = &atoms.atoms.positions;
+    let Some(slabs) = DistributedSlabs::cut(positions, extent, outline, comm)? else {
         return Ok(None);
     };
     let mut atoms = std::mem::take(atoms);
     let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
     let snap_distance = join::snap_distance(scene);
-    improve::snap_distributed(&mut atoms, extent, &planes, snap_distance, comm)?;
+    let halo_width = improve::snap_halo_width(snap_distance);
+    let local = OwnedAndGhosts::with_halo(&atoms, halo_width, comm)?;
+    improve::snap_distributed(&mut atoms, local, extent, &planes, snap_distance)?;
     drop(planes);
     stages.begin(Stage::Triangulating);
-    let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &cuts, stages.kernel, comm)?;
+    let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &slabs, stages.kernel, comm)?;
     stages.begin(Stage::Improving);
     let (points, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
-    let local_distance = distance_around(&atoms.atoms.positions, distance, cuts.axis, comm)?;
+    let local_distance = distance_around(&atoms.atoms.positions, distance, slabs.cuts.axis, comm)?;
     let scene = &MeshScene {
         distance: &local_distance,
         ..*scene
@@ -103,9 +107,7 @@ pub fn make_partition(
         kinds,
         mut feature_faces,
         report: improved,
-    } = stages.run_cancellable(|cancel| {
-        tets::improve_in_slabs(atoms, tets, neighbours, &cuts, context, comm, cancel)
-    })?;
+    } = stages.run_cancellable(|cancel| slabs.improve(atoms, tets, neighbours, context, cancel))?;
     drop(planes);
     let mut improvement = Improvement::from(&improved);
     let view = MeshView::from_partition(&partition, comm);
@@ -235,11 +237,11 @@ fn feature_range(scene: &MeshScene<'_, 3>) -> f64 {
 /// the slabs with their neighbours.
 fn local_tetrahedra(
     owned: OwnedAtoms<3>,
-    cuts: &SlabCuts,
+    slabs: &DistributedSlabs<'_>,
     kernel: DelaunayKernel,
     comm: &dyn Comm,
 ) -> Result<(KnownAtoms, TetsAndNeighbours)> {
-    let (slabs, atom_count) = (tets::slabs_of_rank(cuts.count(), comm), owned.global_count);
+    let (cuts, slabs, atom_count) = (&slabs.cuts, slabs.local_slabs(), owned.global_count);
     let bounds: Vec<[[f64; 3]; 2]> =
         comm.all_gather("where atoms are", bounding_box(&owned.atoms.positions))?;
     let [low, high] = bounding_box(bounds.concat());

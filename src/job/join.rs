@@ -14,7 +14,7 @@ use crate::feature::{FeaturePoint, Features};
 use crate::geometry::to_3d;
 use crate::image::{Geometry, ImageSource};
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::tets::{ImproveContext, KnownAtoms, SlabCuts};
+use crate::improve::tets::{DistributedSlabs, ImproveContext, KnownAtoms, SharedWork};
 use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
     self, ImproveReport, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod,
@@ -24,7 +24,7 @@ use crate::lattice::AtomKind;
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::Atoms;
-use crate::mesh::delaunay::{self, Delaunay};
+use crate::mesh::delaunay::{self, Delaunay, DelaunayKernel};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::view::MeshView;
 use crate::mesh::voronoi;
@@ -317,9 +317,8 @@ fn improve_slabs(
     mesh: &mut TetMesh,
     neighbours: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
-    cuts: &SlabCuts,
+    slabs: &DistributedSlabs<'_>,
     context: ImproveContext<'_>,
-    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let TetMesh { nodes, tets } = std::mem::take(mesh);
@@ -332,8 +331,8 @@ fn improve_slabs(
         },
         global_ids: None,
     };
-    let improved = tets::improve_in_slabs(atoms, tets, joined, cuts, context, comm, cancel)?;
-    let improved = improved.all_gather(comm)?;
+    let improved = slabs.improve(atoms, tets, joined, context, cancel)?;
+    let improved = slabs.all_gather(improved)?;
     (*mesh, *neighbours) = (improved.partition.mesh, improved.partition.neighbours);
     *kinds = improved.kinds;
     Ok((improved.report, improved.feature_faces))
@@ -389,10 +388,11 @@ impl Meshing<3> for MeshSpace<3> {
         let (extent, distance, comm) = (scene.extent, scene.distance, stages.comm);
         let kernel = stages.kernel;
         // The cuts are at the same places, whether this rank has all atoms or not.
-        let cuts = match improvement {
-            Some(_) => SlabCuts::new(&atoms.positions, extent, distance, &SelfComm)?,
+        let slabs = match improvement {
+            Some(_) => DistributedSlabs::cut(&atoms.positions, extent, distance, &SelfComm)?,
             None => None,
         };
+        let slabs = slabs.map(|slabs| DistributedSlabs::new(slabs.cuts, comm));
         let Atoms { positions, kinds } = &mut atoms;
         let planes = improvement.map(|_| snap_to_planes(positions, kinds, scene));
         stages.begin(Stage::Triangulating);
@@ -416,18 +416,18 @@ impl Meshing<3> for MeshSpace<3> {
             distance,
             target,
         };
-        let mut baseline = None;
+        let (mut baseline, work) = (None, SharedWork::among(comm));
         let (neighbours, (outcome, feature_faces)) = match target.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                let result = stages.run_cancellable(|cancel| match &cuts {
-                    Some(cuts) => {
+                let result = stages.run_cancellable(|cancel| match &slabs {
+                    Some(slabs) => {
                         let (mesh, neighbours) = (&mut mesh, &mut neighbours);
-                        improve_slabs(mesh, neighbours, &mut kinds, cuts, context, comm, cancel)
+                        improve_slabs(mesh, neighbours, &mut kinds, slabs, context, cancel)
                     }
                     None => {
                         let (mesh, neighbours) = (&mut mesh, &mut neighbours);
-                        tets::improve(mesh, neighbours, &mut kinds, context, comm, cancel)
+                        tets::improve(mesh, neighbours, &mut kinds, context, work, cancel)
                     }
                 })?;
                 (Some(neighbours.into_flattened()), result)
@@ -437,12 +437,12 @@ impl Meshing<3> for MeshSpace<3> {
                 let (mut baseline_mesh, mut baseline_kinds) = (mesh.clone(), kinds.clone());
                 let (_, faces) = stages.run_cancellable(|cancel| {
                     let (mesh, neighbours) = (&mut baseline_mesh, &mut neighbours.clone());
-                    tets::improve(mesh, neighbours, &mut baseline_kinds, context, comm, cancel)
+                    tets::improve(mesh, neighbours, &mut baseline_kinds, context, work, cancel)
                 })?;
                 baseline = Some((baseline_mesh, faces));
                 stages.begin(Stage::Improving);
                 let result = stages.run_cancellable(|cancel| {
-                    tets::exude(&mut mesh, neighbours, &mut kinds, context, comm, cancel)
+                    tets::exude(&mut mesh, neighbours, &mut kinds, context, work, cancel)
                 })?;
                 (None, result)
             }
@@ -488,7 +488,9 @@ impl Meshing<3> for MeshSpace<3> {
         weld: f64,
         comm: &dyn Comm,
     ) -> Result<PolyMesh<3>> {
-        voronoi::distributed_voronoi(atoms, extent, weld, comm)
+        voronoi::voronoi_by(atoms, extent, weld, |points| {
+            delaunay::distributed_delaunay(points, DelaunayKernel::Auto, comm)
+        })
     }
 
     fn local_planes(scene: &MeshScene<'_, 3>) -> FeaturePlanes {

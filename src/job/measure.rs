@@ -96,7 +96,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
         let (view, scene) = (&self.view, self.scene);
         let tasks: [MeasureTask; 5] = [
             &|| {
-                let quality = measure_unless_cancelled(view.comm, cancel, || {
+                let quality = measure_unless_cancelled(view, cancel, || {
                     report::quality_of_partition(view, cancel)
                 })?;
                 Ok(MeshFigures {
@@ -110,7 +110,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
                     ..CheckHints::default()
                 };
                 let (low, high) = ([0.0; D], scene.extent);
-                let box_check = measure_unless_cancelled(view.comm, cancel, || {
+                let box_check = measure_unless_cancelled(view, cancel, || {
                     check_view(view, hints, low, high, BOX_TOLERANCE, cancel)
                 })?;
                 Ok(MeshFigures {
@@ -143,7 +143,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
             },
         ];
         let mut merged = MeshFigures::default();
-        if view.comm.size() > 1 {
+        if view.is_partitioned() {
             for task in tasks {
                 merged.add(task()?);
             }
@@ -166,7 +166,7 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
         if features.point_counts().points == 0 {
             return Ok(None);
         }
-        measure_unless_cancelled(view.comm, cancel, || {
+        measure_unless_cancelled(view, cancel, || {
             let reference = Reference::from_share(features, self.near_points);
             let in_samples = mesh_in_samples(view.mesh, features);
             let view = view.with_mesh(&*in_samples);
@@ -177,16 +177,12 @@ impl<const D: usize, M: Simplices<D>> MeasuredMesh<'_, D, M> {
 
 /// Runs `measure` and returns its result, if `cancel` is not cancelled on any rank before or after
 /// it. All ranks decide together, as `measure` may need all of them.
-pub(super) fn measure_unless_cancelled<T>(
-    comm: &dyn Comm,
+pub(super) fn measure_unless_cancelled<T, const D: usize, M>(
+    view: &MeshView<'_, D, M>,
     cancel: &CancelToken<'_>,
     measure: impl FnOnce() -> Result<T>,
 ) -> Result<Option<T>> {
-    let any_cancelled = || -> Result<bool> {
-        Ok(comm
-            .all_gather("cancellation", cancel.is_cancelled())?
-            .contains(&true))
-    };
+    let any_cancelled = || view.is_any("cancellation", cancel.is_cancelled());
     if any_cancelled()? {
         return Ok(None);
     }

@@ -19,11 +19,10 @@ use super::acute::{
 use super::mesh_faces::MeshFaces;
 use super::quality::{CELLS_PER_TASK, Worst, angle_from_versine, centroid, max_value, min_value};
 use crate::Result;
-use crate::comm::SelfComm;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{add_scaled, distance2, dot, sub};
 use crate::mesh::Simplices;
-use crate::mesh::view::MeshView;
+use crate::mesh::view::{MeshView, WHOLE_MESH_NEVER_FAILS};
 
 /// Minimum angle in degrees. The maximum is 180 minus this.
 pub const MIN_ANGLE: f64 = 30.0;
@@ -94,14 +93,14 @@ pub fn assess_angles<const D: usize, M: Simplices<D>>(
     distance: impl Fn(u32) -> f64,
 ) -> AngleAssessment {
     assess_partition_angles(&MeshView::from_mesh(mesh), feature_faces, extent, &distance)
-        .expect(SelfComm::NEVER_FAILS)
+        .expect(WHOLE_MESH_NEVER_FAILS)
 }
 
 /// Assesses the angles of a distributed mesh. Collective. The cell classes are those of the local
 /// cells, and the nodes of acute lines are global.
 ///
 /// # Errors
-/// Returns the communication errors of the mesh's `comm`.
+/// Returns the communication errors of the view.
 pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     feature_faces: &[u8],
@@ -156,20 +155,18 @@ pub(crate) fn assess_partition_angles<const D: usize, M: Simplices<D>>(
         (bad.worst_versine(), worst)
     });
     let local = ([OK, NEAR_ACUTE_LINE, UNEXPLAINED].map(count), worst);
-    let gathered = view.comm.all_gather("verdicts on angles", local)?;
-    let count = |class: u8| {
-        gathered
-            .iter()
-            .map(|local| local.0[usize::from(class)])
-            .sum()
-    };
-    let worst = (gathered.iter().filter_map(|local| local.1.as_ref()))
-        .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cell.cmp(&b.1.cell)));
+    let ([ok, near_acute_line, unexplained], worst) =
+        view.merge_parts("verdicts on angles", local, |(counts, worst), other| {
+            let counts: [usize; 3] = std::array::from_fn(|class| counts[class] + other.0[class]);
+            let worst = (worst.into_iter().chain(other.1))
+                .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cell.cmp(&b.1.cell)));
+            (counts, worst)
+        })?;
     let angles = Angles {
-        ok: count(OK),
-        near_acute_line: count(NEAR_ACUTE_LINE),
-        unexplained: count(UNEXPLAINED),
-        worst_unexplained: worst.map(|(_, worst)| worst.clone()),
+        ok,
+        near_acute_line,
+        unexplained,
+        worst_unexplained: worst.map(|(_, worst)| worst),
         acute_lines: acute.lines,
     };
     Ok(AngleAssessment {

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::LatticeReport;
-use crate::comm::SelfComm;
+use super::lattice::{relative_spacing, spacing_ranks};
 use crate::geometry::{distance2, norm, sub};
 use crate::mesh::check::Check;
 use crate::mesh::graph::{Connection, Graph};
@@ -140,6 +140,12 @@ pub fn lattice_of_graph<const D: usize>(
         nearest[b] = nearest[b].min(square);
     }
     let nearest = (nearest.into_iter()).zip(graph.site.iter().map(|&site| distance(site)));
-    super::lattice::lattice_figures(nearest, graph.site.len(), &SelfComm)
-        .expect(SelfComm::NEVER_FAILS)
+    let mut spacing = relative_spacing(nearest);
+    spacing.sort_unstable_by(f64::total_cmp);
+    LatticeReport {
+        atoms: graph.site.len(),
+        spacing: spacing_ranks(spacing.len().max(1))
+            .map(|rank| spacing.get(rank).copied().unwrap_or(f64::NAN)),
+        optimisation: None,
+    }
 }

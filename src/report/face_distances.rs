@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use super::mesh_faces::MeshFaces;
 use crate::Result;
-use crate::comm::{Comm, concatenate};
 use crate::geometry::box_tree::BoxTree;
 use crate::geometry::point_grid::PointGrid;
 use crate::geometry::{bounding_box, cross, dot, squared_distance_to_face, sub, to_3d};
+use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
@@ -25,63 +25,48 @@ const MAX_EXCHANGED_FACES: usize = if cfg!(test) { 100 } else { 1 << 16 };
 /// Number of faces or points in one task. Unit tests have a small value.
 const ITEMS_PER_TASK: usize = if cfg!(test) { 64 } else { 4096 };
 
-/// Returns the distances from the local points to the nearest face, on any rank, of each of two
+/// Returns the distances from the local points to the nearest face, in any part of a mesh, of each of two
 /// sets of faces. Distances are infinite for an empty set. The bits of a face are the sets to which
 /// it belongs. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
-pub(super) fn distances_to_faces<const D: usize>(
+/// Returns the communication errors of the view.
+pub(super) fn distances_to_faces<const D: usize, M>(
+    view: &MeshView<'_, D, M>,
     surface: &MeshFaces<'_, D>,
     points: &[[f32; D]],
     queried_sets: [u8; 2],
-    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<[Vec<f64>; 2]> {
     let mut squares = {
-        let nearby = BoxedFaces::gather_near(surface, points, comm)?;
+        let nearby = BoxedFaces::gather_near(view, surface, points)?;
         let mut squares = nearby.squared_distances_nearby(points, queried_sets, cancel);
         nearby.search_from_points(points, queried_sets, EXCHANGE_RADIUS, &mut squares, cancel);
         squares
     };
     let exists = queried_sets.map(|set| surface.sets.iter().any(|sets| sets & set != 0));
-    let exists = comm.all_gather("sets of faces", exists)?;
-    let exists = [0, 1].map(|k| exists.iter().any(|exists| exists[k]));
+    let exists = view.merge_parts("sets of faces", exists, |a, b| [a[0] || b[0], a[1] || b[1]])?;
     let is_far = |&i: &usize| (0..2).any(|k| exists[k] && squares[k][i].is_infinite());
     let far_points: Vec<usize> = (0..points.len()).filter(is_far).collect();
     let (mut far_chunks, mut all_local) = (far_points.chunks(MAX_EXCHANGED_FACES), None);
+    let messages = ["points far from faces", "squares of distances to faces"];
     loop {
         let chunk = far_chunks.next().unwrap_or_default();
         let chunk_points: Vec<[f32; D]> = chunk.iter().map(|&i| points[i]).collect();
-        let received = comm.all_gather("points far from faces", chunk_points)?;
-        let counts: Vec<usize> = received.iter().map(Vec::len).collect();
-        let received = concatenate(received);
-        if received.is_empty() {
-            break;
-        }
-        let local = all_local.get_or_insert_with(|| BoxedFaces::from_surface(surface));
-        let mut local_squares = [0, 1].map(|_| vec![f64::INFINITY; received.len()]);
-        local.search_from_points(
-            &received,
-            queried_sets,
-            f64::INFINITY,
-            &mut local_squares,
-            cancel,
-        );
-        let mut end = 0;
-        let answer_for = |count: usize| {
-            let range = end..end + count;
-            end = range.end;
-            local_squares
-                .each_ref()
-                .map(|squares| squares[range.clone()].to_vec())
+        let answer = |others: &[[f32; D]]| {
+            let local = all_local.get_or_insert_with(|| BoxedFaces::from_surface(surface));
+            let mut squares = [0, 1].map(|_| vec![f64::INFINITY; others.len()]);
+            local.search_from_points(others, queried_sets, f64::INFINITY, &mut squares, cancel);
+            let [first, second] = squares;
+            first.into_iter().zip(second).collect()
         };
-        let answers = counts.into_iter().map(answer_for).collect();
-        for answer in comm.all_to_all("squares of distances to faces", answers)? {
-            for (squares, answer) in squares.iter_mut().zip(answer) {
-                for (&i, square) in chunk.iter().zip(answer) {
-                    squares[i] = squares[i].min(square);
-                }
+        let Some(answers) = view.ask_parts(messages, chunk_points, answer)? else {
+            break;
+        };
+        for of_part in answers {
+            for (&i, (first, second)) in chunk.iter().zip(of_part) {
+                squares[0][i] = squares[0][i].min(first);
+                squares[1][i] = squares[1][i].min(second);
             }
         }
     }
@@ -111,20 +96,19 @@ impl<const D: usize> BoxedFaces<D> {
         Self::from_sent(faces.map(|f| (surface.corners(f), surface.sets[f])))
     }
 
-    /// Gathers the faces of all ranks that may be within [`EXCHANGE_RADIUS`] of the box of the
-    /// local points. Collective.
-    fn gather_near(
+    /// Gathers the faces of all parts of a mesh that may be within [`EXCHANGE_RADIUS`] of the box of
+    /// the local points. Collective.
+    fn gather_near<M>(
+        view: &MeshView<'_, D, M>,
         surface: &MeshFaces<'_, D>,
         points: &[[f32; D]],
-        comm: &dyn Comm,
     ) -> Result<Self> {
         let [low, high] = bounding_box(points.iter().map(|p| p.map(f64::from)));
         let bounds = [
             low.map(|c| c - EXCHANGE_RADIUS),
             high.map(|c| c + EXCHANGE_RADIUS),
         ];
-        let boxes = comm.all_gather("boxes of points", bounds)?;
-        let faces_near_box = |[low, high]: [[f64; D]; 2]| -> Vec<SentFace<D>> {
+        let faces_in_box = |[low, high]: [[f64; D]; 2]| -> Vec<SentFace<D>> {
             let faces = (0..surface.faces.len()).into_par_iter();
             let faces = faces.map(|f| (surface.corners(f), surface.sets[f]));
             let overlaps = |(shape, _): &SentFace<D>| {
@@ -133,11 +117,9 @@ impl<const D: usize> BoxedFaces<D> {
             };
             faces.filter(overlaps).collect()
         };
-        let received = comm.all_to_all(
-            "faces round points",
-            boxes.into_iter().map(faces_near_box).collect(),
-        )?;
-        Ok(Self::from_sent(received.into_iter().flatten()))
+        let messages = ["boxes of points", "faces round points"];
+        let faces = view.gather_in_box(messages, bounds, faces_in_box)?;
+        Ok(Self::from_sent(faces.into_iter()))
     }
 
     fn from_sent(faces: impl Iterator<Item = SentFace<D>>) -> Self {
@@ -259,8 +241,9 @@ impl<const D: usize> BoxedFaces<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{SelfComm, partition_range, run_threads};
+    use crate::comm::{partition_range, run_threads};
     use crate::geometry::random::Random;
+    use crate::mesh::TetMesh;
 
     /// Returns the distances that a single rank computes, and asserts that several ranks compute
     /// the same.
@@ -277,9 +260,9 @@ mod tests {
             faces: faces.to_vec(),
             sets: sets.to_vec(),
         };
-        let surface = surface_of(faces, sets);
-        let expected =
-            super::distances_to_faces(&surface, points, queried_sets, &SelfComm, cancel).unwrap();
+        let (surface, empty_mesh) = (surface_of(faces, sets), TetMesh::default());
+        let view = MeshView::from_mesh(&empty_mesh);
+        let expected = distances_to_faces(&view, &surface, points, queried_sets, cancel).unwrap();
         // Points are distributed by position, so that not all ranks have points near all faces.
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.sort_by(|&i, &j| points[i][0].total_cmp(&points[j][0]));
@@ -290,9 +273,9 @@ mod tests {
                 let positions: Vec<[f32; 3]> = local_points.iter().map(|&i| points[i]).collect();
                 let local_faces = local_range(faces.len());
                 let surface = surface_of(&faces[local_faces.clone()], &sets[local_faces]);
+                let view = MeshView::from_cells(&empty_mesh, 0, [0; 2], comm);
                 let distances =
-                    super::distances_to_faces(&surface, &positions, queried_sets, comm, cancel)
-                        .unwrap();
+                    distances_to_faces(&view, &surface, &positions, queried_sets, cancel).unwrap();
                 for (local_distances, expected) in distances.into_iter().zip(&expected) {
                     assert!(
                         local_distances

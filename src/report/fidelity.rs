@@ -10,11 +10,10 @@ use super::face_samples::{FaceSample, sample_face};
 use super::mesh_faces::{MeshFaces, merge_equal_faces};
 use super::reference::Reference;
 use super::tally::{DistanceShares, WeightedDistances, quantiles, summaries};
-use crate::comm::{Comm, SelfComm};
 use crate::files::codec::codec_fields;
 use crate::mesh::Simplices;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::view::MeshView;
+use crate::mesh::view::{MeshView, WHOLE_MESH_NEVER_FAILS};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use crate::{Error, Result, error::cause};
@@ -145,7 +144,11 @@ impl SurfaceCoverage {
 
     /// Counts the points of each surface on all ranks. `surface` has the number of the surface of each
     /// local point, and `distances` its distance from the nearest face. Collective.
-    fn count(surface: &[u32], distances: &[f64], comm: &dyn Comm) -> Result<Vec<Self>> {
+    fn count<const D: usize, M>(
+        view: &MeshView<'_, D, M>,
+        surface: &[u32],
+        distances: &[f64],
+    ) -> Result<Vec<Self>> {
         let mut counts: BTreeMap<u32, [u64; 2]> = BTreeMap::new();
         for (&surface, &distance) in surface.iter().zip(distances) {
             let count = counts.entry(surface).or_default();
@@ -154,7 +157,7 @@ impl SurfaceCoverage {
         }
         let local: Vec<(u32, [u64; 2])> = counts.into_iter().collect();
         let mut sums: BTreeMap<u32, [u64; 2]> = BTreeMap::new();
-        for (surface, count) in comm.all_gather("points of surfaces", local)?.concat() {
+        for (surface, count) in view.concatenate("points of surfaces", local)? {
             let sum = sums.entry(surface).or_default();
             *sum = [sum[0] + count[0], sum[1] + count[1]];
         }
@@ -190,7 +193,7 @@ pub fn fidelity<const D: usize, M: Simplices<D>>(
 /// of the local cells, and `reference` the feature points of this rank.
 ///
 /// # Errors
-/// Returns the errors of [`fidelity`], and the communication errors of the mesh's `comm`.
+/// Returns the errors of [`fidelity`], and the communication errors of the view.
 pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     reference: &Reference<'_, D>,
@@ -209,7 +212,7 @@ pub(crate) fn fidelity_of_partition<const D: usize, M: Simplices<D>>(
     }
     let faces = face_sets(view.mesh, reference, tagged, cancel);
     let surface = MeshFaces::owned_faces("faces near features", view, faces)?;
-    compare_faces(&surface, tagged.is_some(), reference, view.comm, cancel)
+    compare_faces(view, &surface, tagged.is_some(), reference, cancel)
 }
 
 /// Compares polyhedra (polygons) with the features, by the rules of [`fidelity`]. Faces are cut
@@ -252,8 +255,14 @@ pub(crate) fn fidelity_of_cells<const D: usize>(
         faces: triangles,
         sets,
     };
-    let mut result =
-        compare_faces(&surface, true, reference, &SelfComm, cancel).expect(SelfComm::NEVER_FAILS);
+    let mut result = compare_faces(
+        &MeshView::from_mesh(mesh),
+        &surface,
+        true,
+        reference,
+        cancel,
+    )
+    .expect(WHOLE_MESH_NEVER_FAILS);
     let count = |set: u8| sets_of_faces.iter().filter(|&&s| s & set != 0).count();
     result.on_feature.faces = count(ON_FEATURE);
     if let Some(tagged) = &mut result.tagged_faces {
@@ -285,37 +294,29 @@ fn nodes_near_features<const D: usize>(
 
 /// Compares the faces of all ranks with the features. Each rank measures its own faces and feature
 /// points. Collective.
-fn compare_faces<const D: usize>(
+fn compare_faces<const D: usize, M>(
+    view: &MeshView<'_, D, M>,
     surface: &MeshFaces<'_, D>,
     has_tags: bool,
     reference: &Reference<'_, D>,
-    comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<Fidelity> {
     let queried_sets = [ON_FEATURE, TAGGED];
     let face_distances =
-        distances_to_faces(surface, &reference.points, queried_sets, comm, cancel)?;
+        distances_to_faces(view, surface, &reference.points, queried_sets, cancel)?;
     let local = LocalMatch {
         faces: queried_sets.map(|set| surface.sets.iter().filter(|&&s| s & set != 0).count()),
         max_corner_distances: find_farthest_corners(surface, queried_sets, reference, cancel),
         gap_counts: (reference.next_feature.as_ref())
-            .map(|next| (face_distances.each_ref()).map(|d| GapClass::count_by_gap(next, d))),
+            .map(|next| (face_distances.each_ref()).map(|d| GapClass::count_by_gap(next, d)))
+            .unwrap_or_default(),
     };
     let judged_distances = &face_distances[usize::from(has_tags)];
-    let surfaces = SurfaceCoverage::count(&reference.surface, judged_distances, comm)?;
-    let gathered: Vec<LocalMatch> = comm.all_gather("faces and features", local)?;
-    let by_gap = |set: usize| -> Vec<GapClass> {
-        if reference.next_feature.is_none() {
-            return Vec::new();
-        }
-        let mut sums = [[0; 3]; GAP_BOUNDS.len()];
-        for counts in gathered.iter().filter_map(|local| local.gap_counts) {
-            let totals = sums.as_flattened_mut().iter_mut();
-            totals
-                .zip(counts[set].as_flattened())
-                .for_each(|(sum, count)| *sum += count);
-        }
-        GapClass::from_counts(sums)
+    let surfaces = SurfaceCoverage::count(view, &reference.surface, judged_distances)?;
+    let totals = view.merge_parts("faces and features", local, LocalMatch::merged)?;
+    let by_gap = |set: usize| match reference.next_feature {
+        Some(_) => GapClass::from_counts(totals.gap_counts[set]),
+        None => Vec::new(),
     };
     let samples = face_samples(surface, reference, cancel);
     let [on_feature, tagged] = queried_sets.map(|set| {
@@ -325,14 +326,15 @@ fn compare_faces<const D: usize>(
     drop(samples);
     let [to_on_feature, to_tagged] = face_distances.map(WeightedDistances::from_distances);
     let [on_feature_points, tagged_points] =
-        summaries([&to_on_feature, &to_tagged], [0.5, 1.0], comm)?;
+        summaries(view, [&to_on_feature, &to_tagged], [0.5, 1.0])?;
     let [on_feature_faces, tagged_faces] =
-        summaries([&on_feature, &tagged], [MAX_CENTROID_DISTANCE], comm)?;
+        summaries(view, [&on_feature, &tagged], [MAX_CENTROID_DISTANCE])?;
     // Ranks up to which there are 95 % of the points, and of the area.
     let point_rank = |shares: &DistanceShares<2>| (0.95 * shares.count as f64) as u64 + 1;
     let face_weight =
         |shares: &DistanceShares<1>| ((0.95 * shares.total_weight as f64).ceil() as u64).max(1);
     let percentiles = quantiles(
+        view,
         [&to_on_feature, &to_tagged, &on_feature, &tagged],
         [
             point_rank(&on_feature_points),
@@ -340,17 +342,13 @@ fn compare_faces<const D: usize>(
             face_weight(&on_feature_faces),
             face_weight(&tagged_faces),
         ],
-        comm,
     )?;
     let face_match = |set: usize, points: &DistanceShares<2>, faces: &DistanceShares<1>| {
-        let corner = gathered
-            .iter()
-            .map(|local| local.max_corner_distances[set])
-            .fold(0.0, f64::max);
+        let corner = totals.max_corner_distances[set].max(0.0);
         let farthest = points.largest.zip(faces.largest);
         let is_any = points.count > 0 && faces.total_weight > 0;
         FaceMatch {
-            faces: gathered.iter().map(|local| local.faces[set]).sum(),
+            faces: totals.faces[set],
             area: faces.area(),
             coverage_half: points.share(0),
             coverage_one: points.share(1),
@@ -373,17 +371,36 @@ fn compare_faces<const D: usize>(
     })
 }
 
-/// Measures of one rank for both sets of faces.
+/// Measures of one part of a mesh, or of several, for both sets of faces.
 struct LocalMatch {
     /// Number of faces.
     faces: [usize; 2],
     /// Maximum distance of corners from the features.
     max_corner_distances: [f64; 2],
     /// Counts of points by distance to the next feature, for networks with known truth.
-    gap_counts: Option<[[[u64; 3]; GAP_BOUNDS.len()]; 2]>,
+    gap_counts: [[[u64; 3]; GAP_BOUNDS.len()]; 2],
 }
 
 codec_fields! { LocalMatch as LocalMatch { faces, max_corner_distances, gap_counts } }
+
+impl LocalMatch {
+    /// Returns the measures of both.
+    fn merged(mut self, other: Self) -> Self {
+        for set in 0..2 {
+            let corner = &mut self.max_corner_distances[set];
+            *corner = corner.max(other.max_corner_distances[set]);
+            self.faces[set] += other.faces[set];
+        }
+        (self
+            .gap_counts
+            .as_flattened_mut()
+            .as_flattened_mut()
+            .iter_mut())
+        .zip(other.gap_counts.as_flattened().as_flattened())
+        .for_each(|(sum, count)| *sum += count);
+        self
+    }
+}
 
 /// Bit of the set of on-feature faces.
 const ON_FEATURE: u8 = 1;

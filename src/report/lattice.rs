@@ -1,8 +1,6 @@
 //! Measures how evenly the atoms are spread.
 
 use crate::Result;
-use crate::comm::Comm;
-use crate::comm::selection::order_statistics;
 use crate::geometry::distance2;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
@@ -63,7 +61,7 @@ pub struct TracedLattice {
 /// atom is among them. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of the mesh's `comm`.
+/// Returns the communication errors of the view.
 pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     distance: impl Fn([f64; D]) -> f64,
@@ -91,30 +89,25 @@ pub(crate) fn lattice_of_partition<const D: usize, M: Simplices<D>>(
     let owned = nearest.iter().zip(nodes).zip(view.shared_mask());
     let owned = owned.filter(|(_, is_shared)| !is_shared);
     let owned = owned.map(|((square, &x), _)| (*square, distance(x)));
-    lattice_figures(owned.chain(shared_minima), view.global_counts[0], view.comm)
-}
-
-/// Returns the report of a lattice of `atoms` atoms. `nearest` has for each local atom the squared
-/// distance to its nearest neighbour, and the nominal distance there. Collective.
-///
-/// # Errors
-/// Returns the communication errors of `comm`.
-pub(super) fn lattice_figures(
-    nearest: impl Iterator<Item = (f64, f64)>,
-    atoms: usize,
-    comm: &dyn Comm,
-) -> Result<LatticeReport> {
-    let spacing: Vec<f64> = nearest
-        .filter(|(square, _)| square.is_finite())
-        .map(|(square, distance)| square.sqrt() / distance)
-        .collect();
-    let ranks = |total: usize| [0.01, 0.5, 0.99].map(|s| (s * (total - 1) as f64) as usize);
-    let spacing = order_statistics(&[spacing.iter().copied()], &[ranks], comm)?;
+    let spacing = relative_spacing(owned.chain(shared_minima));
+    let spacing = view.order_statistics(&[spacing.iter().copied()], &[spacing_ranks])?;
     Ok(LatticeReport {
-        atoms,
+        atoms: view.global_counts[0],
         spacing: std::array::from_fn(|i| spacing[0][i]),
         optimisation: None,
     })
+}
+
+/// Returns the distance of each atom to its nearest neighbour over the nominal distance. `nearest` has
+/// the square of the distance, and the nominal distance.
+pub(super) fn relative_spacing(nearest: impl Iterator<Item = (f64, f64)>) -> Vec<f64> {
+    let nearest = nearest.filter(|(square, _)| square.is_finite());
+    nearest.map(|(square, d)| square.sqrt() / d).collect()
+}
+
+/// Returns the ranks of the 1 %, 50 % and 99 % quantiles among `total` sorted values.
+pub(super) fn spacing_ranks(total: usize) -> [usize; 3] {
+    [0.01, 0.5, 0.99].map(|s| (s * (total - 1) as f64) as usize)
 }
 
 #[cfg(test)]

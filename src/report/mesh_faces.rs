@@ -22,51 +22,26 @@ impl<'a, const D: usize> MeshFaces<'a, D> {
     /// copies. Collective; `description` names the exchange.
     ///
     /// # Errors
-    /// Returns the communication errors of the mesh's `comm`.
+    /// Returns the communication errors of the view.
     pub fn owned_faces<M: Simplices<D>>(
         description: &str,
         view: &MeshView<'a, D, M>,
         mut faces: Vec<([u32; D], u8)>,
     ) -> Result<Self> {
         merge_equal_faces(&mut faces);
-        let (comm, is_shared) = (view.comm, view.shared_mask());
-        // The owner of the first node of a shared face receives the face from all ranks that have
-        // it.
-        let mut sent_indices = vec![Vec::new(); comm.size()];
-        let mut outgoing = vec![Vec::new(); comm.size()];
-        for (index, (face, sets)) in faces.iter().enumerate() {
-            if face.iter().all(|&n| is_shared[n as usize]) {
-                // Global numbers are in the order of local numbers, so the first node is the same
-                // on all ranks.
-                let global_nodes = face.map(|n| view.global_id(n));
-                let owner = view.owner_rank(global_nodes[0]);
-                sent_indices[owner].push(index);
-                outgoing[owner].push((global_nodes, *sets));
-            }
-        }
-        let received = comm.all_to_all(description, outgoing)?;
-        let mut answers: Vec<Vec<u8>> = received.iter().map(|faces| vec![0; faces.len()]).collect();
-        let mut entries = Vec::new();
-        for (rank, faces_of_rank) in received.iter().enumerate() {
-            entries.extend(
-                faces_of_rank
-                    .iter()
-                    .enumerate()
-                    .map(|(index, face)| (face.0, rank, index, face.1)),
-            );
-        }
-        entries.sort_unstable();
-        for group in entries.chunk_by(|a, b| a.0 == b.0) {
-            let (_, rank, index, _) = group[0];
-            answers[rank][index] = group.iter().fold(0, |sets, entry| sets | entry.3);
-        }
-        for (indices, answers) in sent_indices
-            .iter()
-            .zip(comm.all_to_all(description, answers)?)
-        {
-            for (&index, sets) in indices.iter().zip(answers) {
-                faces[index].1 = sets;
-            }
+        let is_shared = view.shared_mask();
+        let is_at_cut = |&f: &usize| faces[f].0.iter().all(|&n| is_shared[n as usize]);
+        let at_cuts: Vec<usize> = (0..faces.len()).filter(is_at_cut).collect();
+        // Global numbers are in the order of local numbers, so they are ascending, too.
+        let entry = |&f: &usize| (faces[f].0.map(|n| view.global_id(n)), faces[f].1);
+        let entries = at_cuts.iter().map(entry).collect();
+        let merged = view.exchange_by_nodes(description, entries, |copies| {
+            let mut answers = vec![0; copies.len()];
+            answers[0] = copies.iter().fold(0, |sets, copy| sets | copy.value);
+            answers
+        })?;
+        for (f, sets) in at_cuts.into_iter().zip(merged) {
+            faces[f].1 = sets;
         }
         faces.retain(|(_, sets)| *sets != 0);
         let (faces, sets) = faces.into_iter().unzip();

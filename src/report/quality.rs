@@ -2,12 +2,10 @@
 
 use super::Angles;
 use crate::Result;
-use crate::comm::selection::order_statistics;
-use crate::comm::{Comm, SelfComm};
 use crate::files::codec::codec_fields;
 use crate::geometry::statistics::lower_index;
 use crate::mesh::Simplices;
-use crate::mesh::view::MeshView;
+use crate::mesh::view::{MeshView, WHOLE_MESH_NEVER_FAILS};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 use serde::Serialize;
@@ -155,14 +153,14 @@ struct ShapeSums {
 /// Measures every cell in the space in which the nodes of the mesh are given.
 pub fn quality<const D: usize, M: Simplices<D>>(mesh: &M) -> Quality {
     quality_of_partition(&MeshView::from_mesh(mesh), &CancelToken::never())
-        .expect(SelfComm::NEVER_FAILS)
+        .expect(WHOLE_MESH_NEVER_FAILS)
 }
 
 /// Measures a mesh that may be distributed, until `cancel` is cancelled. The result of a cancelled
 /// call is meaningless. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of the mesh's `comm`.
+/// Returns the communication errors of the view.
 pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     cancel: &CancelToken<'_>,
@@ -173,7 +171,8 @@ pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
         .take_any_while(|_| !cancel.is_cancelled())
         .map(|(chunk, chunk_shapes)| measure_shapes(mesh, chunk * CELLS_PER_TASK, chunk_shapes))
         .collect();
-    let gathered = (view.comm).all_gather("shapes", LocalQuality::new(view, &shapes, &sums))?;
+    let local = ShapeTotals::new(view, &shapes, &sums);
+    let totals = view.merge_parts("shapes", local, ShapeTotals::merged)?;
     let series: [ShapeMeasure; 4] = [
         |c| c.smallest,
         |c| c.largest,
@@ -182,18 +181,13 @@ pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
     ];
     let series = series.map(|measure| shapes.iter().map(measure));
     let [smallest, largest, mean_ratio, radius_edge] = quantiles(
+        view,
         series,
         [BadEnd::Small, BadEnd::Small, BadEnd::Small, BadEnd::Large],
-        view.comm,
     )?;
-    let count = |k: usize| gathered.iter().map(|local| local.counts[k]).sum::<u64>();
     let [below_20, below_30, above_120, above_150, above_160] =
-        [0, 1, 2, 3, 4].map(|k| count(k) as usize);
-    let sum = |k: usize| gathered.iter().map(|local| local.sums[k]).sum::<f64>();
-    let mut worst: Vec<(f32, Worst)> = gathered
-        .iter()
-        .flat_map(|local| local.worst.clone())
-        .collect();
+        [0, 1, 2, 3, 4].map(|k| totals.counts[k] as usize);
+    let mut worst = totals.worst;
     worst.sort_by_key(|(_, worst)| worst.cell);
     Ok(Quality {
         space: "lattice".into(),
@@ -207,7 +201,7 @@ pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
         above_120,
         above_150,
         above_160,
-        histogram: std::array::from_fn(|bin| count(ANGLE_LIMITS.len() + bin)),
+        histogram: std::array::from_fn(|bin| totals.counts[ANGLE_LIMITS.len() + bin]),
         worst: worst_cells(worst)
             .into_iter()
             .map(|(_, worst)| worst)
@@ -215,12 +209,10 @@ pub(crate) fn quality_of_partition<const D: usize, M: Simplices<D>>(
         angles: None,
         mean_ratio,
         radius_edge,
-        mean_ratio_mean: sum(0) / view.global_counts[1] as f64,
-        volume: sum(1),
-        smallest_volume: (gathered.iter().map(|local| local.volume_range[0]))
-            .fold(f64::NAN, f64::min),
-        largest_volume: (gathered.iter().map(|local| local.volume_range[1]))
-            .fold(f64::NAN, f64::max),
+        mean_ratio_mean: totals.sums[0] / view.global_counts[1] as f64,
+        volume: totals.sums[1],
+        smallest_volume: totals.volume_range[0],
+        largest_volume: totals.volume_range[1],
     })
 }
 
@@ -237,8 +229,8 @@ const ANGLE_LIMITS: [(ShapeMeasure, f64); 5] = [
     (|c| c.largest, 20.0),
 ];
 
-/// Measures of the local cells, which each rank sends to the others.
-struct LocalQuality {
+/// Measures of some cells, those of one part of a mesh or of several.
+struct ShapeTotals {
     /// Counts for [`ANGLE_LIMITS`], then the bins of the histogram.
     counts: Vec<u64>,
     /// Sum of mean ratios, and sum of volumes.
@@ -249,9 +241,9 @@ struct LocalQuality {
     worst: Vec<(f32, Worst)>,
 }
 
-codec_fields! { LocalQuality as LocalQuality { counts, sums, volume_range, worst } }
+codec_fields! { ShapeTotals as ShapeTotals { counts, sums, volume_range, worst } }
 
-impl LocalQuality {
+impl ShapeTotals {
     fn new<const D: usize, M: Simplices<D>>(
         view: &MeshView<'_, D, M>,
         shapes: &[CellShape],
@@ -287,6 +279,16 @@ impl LocalQuality {
             ],
             worst: worst.into_iter().map(to_listed_cell).collect(),
         }
+    }
+
+    /// Returns the measures of the cells of both.
+    fn merged(mut self, other: Self) -> Self {
+        (self.counts.iter_mut().zip(other.counts)).for_each(|(sum, count)| *sum += count);
+        (self.sums.iter_mut().zip(other.sums)).for_each(|(sum, part)| *sum += part);
+        let ([low, high], [other_low, other_high]) = (self.volume_range, other.volume_range);
+        self.volume_range = [low.min(other_low), high.max(other_high)];
+        self.worst.extend(other.worst);
+        self
     }
 }
 
@@ -395,11 +397,11 @@ impl Quantiles {
     }
 }
 
-/// Returns the quantiles of each series of values over all ranks. Collective.
-fn quantiles<const N: usize>(
+/// Returns the quantiles of each series of values of all parts of a mesh. Collective.
+fn quantiles<const N: usize, const D: usize, M>(
+    view: &MeshView<'_, D, M>,
     series: [impl Iterator<Item = f32> + Clone + Sync; N],
     bad: [BadEnd; N],
-    comm: &dyn Comm,
 ) -> Result<[Quantiles; N]> {
     let ranks = bad.map(|bad| {
         move |total: usize| {
@@ -411,7 +413,7 @@ fn quantiles<const N: usize>(
             }
         }
     });
-    let values = order_statistics(&series, &ranks, comm)?;
+    let values = view.order_statistics(&series, &ranks)?;
     Ok(std::array::from_fn(|i| {
         let [worst, permille, percent, median] = std::array::from_fn(|rank| values[i][rank]);
         Quantiles {

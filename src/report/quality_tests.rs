@@ -1,10 +1,11 @@
 use super::*;
-use crate::comm::SelfComm;
 use crate::mesh::boxes::kuhn_box;
 use crate::mesh::{TetMesh, TriMesh};
 
 fn quantiles_of(values: impl Iterator<Item = f32> + Clone + Sync, bad: BadEnd) -> Quantiles {
-    let [quantiles] = super::quantiles([values], [bad], &SelfComm).unwrap();
+    let empty_mesh = TetMesh::default();
+    let view = MeshView::from_mesh(&empty_mesh);
+    let [quantiles] = super::quantiles(&view, [values], [bad]).unwrap();
     quantiles
 }
 

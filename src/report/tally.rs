@@ -1,8 +1,8 @@
-//! Statistics of distances that are distributed over ranks: fractions within a distance, maxima and
+//! Statistics of distances that are distributed over the parts of a mesh: fractions within a distance, maxima and
 //! quantiles. Counts and areas are integers, so that results do not depend on the distribution.
 
 use crate::Result;
-use crate::comm::Comm;
+use crate::mesh::view::MeshView;
 use crate::parallel::prelude::*;
 
 /// Number of units in which a square sample of area is counted.
@@ -70,7 +70,7 @@ impl WeightedDistances {
     }
 }
 
-/// Summary of the distances on all ranks.
+/// Summary of distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct DistanceShares<const N: usize> {
     /// Number of distances.
@@ -94,64 +94,59 @@ impl<const N: usize> DistanceShares<N> {
     }
 }
 
-/// Returns for each of the given lists the summary over all ranks, with the weight within each of
-/// the `limits`. Collective.
+/// Returns for each of the given lists the summary over all parts of a mesh, with the weight within
+/// each of the `limits`. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
-pub(super) fn summaries<const M: usize, const N: usize>(
-    local: [&WeightedDistances; M],
+/// Returns the communication errors of the view.
+pub(super) fn summaries<const L: usize, const N: usize, const D: usize, M>(
+    view: &MeshView<'_, D, M>,
+    local: [&WeightedDistances; L],
     limits: [f64; N],
-    comm: &dyn Comm,
-) -> Result<[DistanceShares<N>; M]> {
+) -> Result<[DistanceShares<N>; L]> {
     let summarize = |distances: &WeightedDistances| {
         let figures = [distances.sorted.len() as u64, distances.total_weight()];
         let within = limits.map(|distance| distances.weight_within(distance));
         (figures, (within, distances.sorted.last().copied()))
     };
-    let gathered = comm.all_gather("distances", local.map(summarize))?;
-    let combine = |i: usize| {
-        let mut shares = DistanceShares {
-            count: 0,
-            total_weight: 0,
-            weights_within: [0; N],
-            largest: None,
-        };
-        for ([count, weight], (within, largest)) in gathered.iter().map(|of_rank| of_rank[i]) {
-            shares.count += count;
-            shares.total_weight += weight;
-            shares.weights_within = std::array::from_fn(|k| shares.weights_within[k] + within[k]);
-            shares.largest = shares
-                .largest
-                .into_iter()
-                .chain(largest)
-                .max_by(f64::total_cmp);
-        }
-        shares
-    };
-    Ok(std::array::from_fn(combine))
+    let merged = view.merge_parts("distances", local.map(summarize), |all, part| {
+        std::array::from_fn(|i| {
+            let (([m, v], (sums, a)), ([n, w], (within, b))) = (all[i], part[i]);
+            let sums = std::array::from_fn(|k| sums[k] + within[k]);
+            let largest = a.into_iter().chain(b).max_by(f64::total_cmp);
+            ([m + n, v + w], (sums, largest))
+        })
+    })?;
+    Ok(merged.map(
+        |([count, total_weight], (weights_within, largest))| DistanceShares {
+            count,
+            total_weight,
+            weights_within,
+            largest,
+        },
+    ))
 }
 
-/// Returns for each of the given lists the smallest distance up to which all ranks together have
-/// the weight `weights[i]`, which is at least 1 and at most the total weight. Collective.
+/// Returns for each of the given lists the smallest distance up to which all parts of a mesh together
+/// have the weight `weights[i]`, which is at least 1 and at most the total weight. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
-pub(super) fn quantiles<const M: usize>(
-    local: [&WeightedDistances; M],
-    weights: [u64; M],
-    comm: &dyn Comm,
-) -> Result<[f64; M]> {
+/// Returns the communication errors of the view.
+pub(super) fn quantiles<const L: usize, const D: usize, M>(
+    view: &MeshView<'_, D, M>,
+    local: [&WeightedDistances; L],
+    weights: [u64; L],
+) -> Result<[f64; L]> {
     // The result is found bit by bit: it is the largest value before which there is less weight.
-    let mut bits = [0u64; M];
+    let mut bits = [0u64; L];
     for bit in (0..63).rev() {
         let candidates = bits.map(|bits| bits | 1 << bit);
-        let before: [u64; M] = std::array::from_fn(|i| local[i].weight_before(candidates[i]));
-        let gathered = comm.all_gather("distances before one", before)?;
-        for i in 0..M {
-            if gathered.iter().map(|before| before[i]).sum::<u64>() < weights[i] {
-                bits[i] = candidates[i];
-            }
+        let before: [u64; L] = std::array::from_fn(|i| local[i].weight_before(candidates[i]));
+        let before = view.merge_parts("distances before one", before, |a, b| {
+            std::array::from_fn(|i| a[i] + b[i])
+        })?;
+        for i in (0..L).filter(|&i| before[i] < weights[i]) {
+            bits[i] = candidates[i];
         }
     }
     Ok(bits.map(f64::from_bits))
@@ -160,12 +155,14 @@ pub(super) fn quantiles<const M: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::comm::{SelfComm, partition_range, run_threads};
+    use crate::comm::{partition_range, run_threads};
     use crate::geometry::random::Random;
+    use crate::mesh::TetMesh;
 
     #[test]
     fn figures_do_not_depend_on_the_number_of_ranks() {
-        let mut random = Random::new(3);
+        let (mut random, empty_mesh) = (Random::new(3), TetMesh::default());
+        let alone = MeshView::from_mesh(&empty_mesh);
         let mut random_samples = |count: usize| -> Vec<(f64, f64)> {
             let mut draw = || {
                 let distance = random.range(0.0, 3.0);
@@ -185,7 +182,7 @@ mod tests {
             let counted = WeightedDistances::from_distances(distances(&samples));
             let weighted = WeightedDistances::from_weighted(samples.clone());
             let series = [&counted, &weighted];
-            let expected = summaries(series, [0.5, 1.0], &SelfComm).unwrap();
+            let expected = summaries(&alone, series, [0.5, 1.0]).unwrap();
             let within = |limit: f64| samples.iter().filter(move |sample| sample.0 <= limit);
             assert_eq!(
                 expected[0].share(0),
@@ -208,7 +205,7 @@ mod tests {
             ];
             let weights = weights.map(|weight| weight.clamp(1, u64::MAX));
             let expected_weights = [weights[0].min(count as u64), weights[1]];
-            let expected_quantiles = quantiles(series, expected_weights, &SelfComm).unwrap();
+            let expected_quantiles = quantiles(&alone, series, expected_weights).unwrap();
             assert_eq!(
                 expected_quantiles[0],
                 sorted[weights[0].min(count as u64) as usize - 1]
@@ -220,7 +217,8 @@ mod tests {
             assert!(area(expected_quantiles[1]) >= 0.5 * total_area - 1e-6);
             assert!(previous.is_none_or(|&far| area(far) < 0.5 * total_area + 1e-6));
             for ranks in [2, 7] {
-                run_threads(ranks, |comm: &dyn Comm| {
+                run_threads(ranks, |comm| {
+                    let view = MeshView::from_cells(&empty_mesh, 0, [0; 2], comm);
                     let range = partition_range(count, comm.rank(), comm.size());
                     let local = &samples[range];
                     let local = [
@@ -228,14 +226,17 @@ mod tests {
                         WeightedDistances::from_weighted(local.to_vec()),
                     ];
                     let local = local.each_ref();
-                    assert_eq!(summaries(local, [0.5, 1.0], comm).unwrap(), expected);
+                    assert_eq!(summaries(&view, local, [0.5, 1.0]).unwrap(), expected);
                     let weights = [weights[0].min(count as u64), weights[1]];
-                    assert_eq!(quantiles(local, weights, comm).unwrap(), expected_quantiles);
+                    assert_eq!(
+                        quantiles(&view, local, weights).unwrap(),
+                        expected_quantiles
+                    );
                 });
             }
         }
         let empty = WeightedDistances::default();
-        let [shares] = summaries([&empty], [0.5], &SelfComm).unwrap();
+        let [shares] = summaries(&alone, [&empty], [0.5]).unwrap();
         assert!(shares.share(0).is_nan() && shares.largest.is_none() && shares.area() == 0.0);
     }
 }

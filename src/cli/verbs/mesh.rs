@@ -54,7 +54,7 @@ pub(crate) fn mesh(
     }
     let mut session = Session {
         objects: &Objects::default(),
-        progress: &mut console.job_progress(interrupts, comm),
+        progress: &mut console.job_progress(interrupts, comm.size() == 1),
     };
     let answer = run_distributed(&mut session, image, &spec, args.details, comm)
         .map_err(with_option_name::<MeshSpec>)?;

@@ -85,20 +85,21 @@ impl<const D: usize> GatheredCells<D> {
         }));
         let with_position = |n: u32| (view.global_id(n), view.mesh.nodes()[n as usize]);
         let nodes: Vec<(u32, [f64; D])> = nodes.into_iter().map(with_position).collect();
-        let mut other_nodes = Vec::new();
-        for (cells, nodes) in view.comm.all_gather("cells near rims", (cells, nodes))? {
-            other_nodes.extend(nodes.iter().map(|(id, _)| *id));
-            self.cells.extend(cells);
-            self.nodes.extend(nodes);
-        }
+        let (cells, nodes) =
+            view.merge_parts("cells near rims", (cells, nodes), |mut all, mut part| {
+                all.0.append(&mut part.0);
+                all.1.append(&mut part.1);
+                all
+            })?;
+        let mut other_nodes = sorted_distinct(nodes.iter().map(|(id, _)| *id));
+        self.cells.extend(cells);
+        self.nodes.extend(nodes);
         self.cells.sort_unstable_by_key(|cell| cell.global_id);
         self.nodes.sort_unstable_by_key(|(id, _)| *id);
         self.nodes.dedup_by_key(|(id, _)| *id);
         self.complete_nodes.extend(new_nodes);
         self.complete_nodes.sort_unstable();
         self.complete_nodes.dedup();
-        other_nodes.sort_unstable();
-        other_nodes.dedup();
         other_nodes.retain(|id| self.complete_nodes.binary_search(id).is_err());
         Ok(other_nodes)
     }

@@ -5,8 +5,8 @@ use super::surface::{MarkedSurface, RidgeFan, ridge_nodes};
 use super::{SealReport, Sealer};
 use crate::error::cause;
 use crate::files::codec::Codec;
-use crate::geometry::sorted_distinct;
 use crate::geometry::union_find::UnionFind;
+use crate::geometry::{sorted, sorted_distinct};
 use crate::mesh::Simplices;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
 use crate::mesh::view::MeshView;
@@ -22,62 +22,29 @@ impl<const D: usize, M: Simplices<D>> LocalSurface<'_, D, M> {
     /// Returns `value` on the other side of each face at a cut: pairs of a face and the value
     /// beyond it.
     fn values_across(&self, exchange: &str, value: impl Fn(u32) -> u32) -> Result<Vec<(u32, u32)>> {
-        // One rank receives a face from both sides: the smallest node of the face determines which
-        // rank.
-        let count = self.view.comm.size();
-        let mut faces = vec![Vec::new(); count];
-        let mut sent = vec![Vec::new(); count];
-        for (face, &beyond) in (0..).zip(self.surface.neighbours) {
-            if beyond == NOT_LOCAL {
-                let mut key = self
-                    .surface
-                    .face_nodes(face)
-                    .map(|n| self.view.global_id(n));
-                key.sort_unstable();
-                let rank = key[0] as usize % count;
-                faces[rank].push(face);
-                sent[rank].push((key, value(face)));
-            }
-        }
-        let received = self.view.comm.all_to_all(exchange, sent)?;
-        let mut entries = Vec::new();
-        for (sender, values) in received.iter().enumerate() {
-            let values = values.iter().enumerate();
-            entries.extend(values.map(|(position, &(key, value))| (key, sender, position, value)));
-        }
-        entries.sort_unstable();
-        let mut answers: Vec<Vec<Option<u32>>> = received
-            .iter()
-            .map(|values| vec![None; values.len()])
-            .collect();
-        for pair in entries.chunk_by(|a, b| a.0 == b.0) {
-            if let &[
-                (_, sender, position, value),
-                (_, other_sender, other_position, other_value),
-            ] = pair
-            {
-                answers[sender][position] = Some(other_value);
-                answers[other_sender][other_position] = Some(value);
-            }
-        }
-        let answers = self.view.comm.all_to_all(exchange, answers)?;
-        let mut across = Vec::new();
-        for (faces, answers) in faces.into_iter().zip(answers) {
-            for (face, value) in faces.into_iter().zip(answers) {
-                across.push((face, value.ok_or_else(|| self.unmatched_face_error(face))?));
-            }
-        }
-        Ok(across)
+        let at_cuts = (0..).zip(self.surface.neighbours);
+        let at_cuts = at_cuts.filter(|(_, beyond)| **beyond == NOT_LOCAL);
+        let faces: Vec<u32> = at_cuts.map(|(face, _)| face).collect();
+        let entry = |&face: &u32| (sorted(self.global_face_nodes(face)), value(face));
+        let entries = faces.iter().map(entry).collect();
+        let beyond = (self.view).exchange_by_nodes(exchange, entries, |sides| match sides {
+            [one, other] => vec![Some(other.value), Some(one.value)],
+            _ => vec![None; sides.len()],
+        })?;
+        (faces.into_iter().zip(beyond))
+            .map(|(face, value)| Ok((face, value.ok_or_else(|| self.unmatched_face_error(face))?)))
+            .collect()
+    }
+
+    /// Returns the global indices of the nodes of a face.
+    fn global_face_nodes(&self, face: u32) -> [u32; D] {
+        (self.surface.face_nodes(face)).map(|n| self.view.global_id(n))
     }
 
     /// Returns the error for a face at a cut that does not belong to exactly two partitions.
     fn unmatched_face_error(&self, face: u32) -> Error {
-        let nodes = self
-            .surface
-            .face_nodes(face)
-            .map(|n| self.view.global_id(n));
         Error::Mesh(cause(
-            format!("face {nodes:?}"),
+            format!("face {:?}", self.global_face_nodes(face)),
             "does not belong to exactly two partitions of the mesh",
             "mesh the image again",
         ))
@@ -142,9 +109,7 @@ impl<const D: usize, M: Simplices<D>> LocalSurface<'_, D, M> {
 
     /// Gathers the values of all ranks, in rising order and without duplicates.
     fn all_gather_sorted<T: Ord + Codec>(&self, exchange: &str, local: Vec<T>) -> Result<Vec<T>> {
-        let all = self.view.comm.all_gather(exchange, local)?.into_iter();
-        let all = sorted_distinct(all.flatten());
-        Ok(all)
+        Ok(sorted_distinct(self.view.concatenate(exchange, local)?))
     }
 
     /// Returns `true` if this partition has a cell, given by its global index.
@@ -180,11 +145,10 @@ impl<const D: usize, M: Simplices<D>> LocalSurface<'_, D, M> {
             }
         }
         let (local_compartments, local_volumes) = self.surface.compartments();
-        let volumes = self.view.comm.all_gather("compartments", local_volumes)?;
-        let first_compartment: usize = volumes[..self.view.comm.rank()].iter().map(Vec::len).sum();
         // Compartments of partitions are numbered in the order of their first cells in the whole
         // mesh, and so are the united ones.
-        let volumes = volumes.concat();
+        let first_compartment = (self.view).first_number("compartments", local_volumes.len())?;
+        let volumes = self.view.concatenate("compartments", local_volumes)?;
         let compartment_at =
             |face: u32| first_compartment as u32 + local_compartments[(face / n) as usize];
         let across = self.values_across("compartments at cuts", compartment_at)?;

@@ -21,7 +21,6 @@ use crate::parallel::prelude::*;
 
 use super::feature_planes::{FeaturePlanes, NearbyPlanes, SAME_SURFACE_COSINE};
 use crate::Result;
-use crate::comm::concatenate;
 use crate::feature::FeaturePoint;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{dot, norm, sorted_distinct, sub, to_3d};
@@ -109,7 +108,7 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
     marks: &mut [u8],
     cancel: &CancelToken<'_>,
 ) -> Result<SealReport> {
-    let (radius, comm) = (radius_at::<D>(max_distance), view.comm);
+    let radius = radius_at::<D>(max_distance);
     let planes = FeaturePlanes::new(points, to_3d(extent), radius, radius);
     let surface = MarkedSurface {
         mesh: view.mesh,
@@ -118,11 +117,8 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
     };
     let mut local = LocalSurface { view, surface };
     local.mark_both_sides()?;
-    let is_cancelled = || {
-        let flags = comm.all_gather("cancellation", cancel.is_cancelled())?;
-        Ok(flags.contains(&true))
-    };
-    if comm.size() == 1 {
+    let is_cancelled = || view.is_any("cancellation", cancel.is_cancelled());
+    if !view.is_partitioned() {
         let mut marks = local.surface.marks.to_vec();
         let surface = MarkedSurface {
             mesh: view.mesh,
@@ -162,10 +158,8 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
                 .into_iter()
                 .filter(|&c| local.has_cell(gathered.global_cell(c)));
             let owned_cells: Vec<u32> = owned_cells.collect();
-            Ok(concatenate(comm.all_gather(
-                "planes near cells",
-                sealer.planes_near_cells(&owned_cells),
-            )?))
+            let planes = sealer.planes_near_cells(&owned_cells);
+            view.concatenate("planes near cells", planes)
         })?;
         if sealer.incomplete_nodes.is_empty() {
             sealer.remove_overhangs();

@@ -24,9 +24,6 @@ const NODES_PER_TASK: usize = 4;
 /// Number of nodes whose tetrahedra one task collects.
 const NODES_PER_STAR_TASK: usize = 256;
 
-/// Smallest number of items that is shared with other ranks.
-const MIN_SHARED_COUNT: usize = 1 << 12;
-
 /// Largest ratio of the numbers of nodes to smooth in two successive rounds at which another round
 /// follows, while nodes may not leave their features and more tetrahedra are below target than can
 /// be repaired.
@@ -396,16 +393,6 @@ impl TetImprover<'_> {
             let tasks = items[range].par_chunks(task_size);
             tasks.flat_map_iter(search).collect()
         };
-        if self.comm.size() == 1 || items.len() < MIN_SHARED_COUNT {
-            return Ok(search_range(0..items.len()));
-        }
-        let mut found = Vec::with_capacity(items.len());
-        let work = |range, emit: &mut dyn FnMut(T)| {
-            search_range(range).into_iter().for_each(emit);
-            Ok(())
-        };
-        self.comm
-            .distribute(name, items.len(), work, &mut |item| found.push(item))?;
-        Ok(found)
+        self.work.search(name, items.len(), search_range)
     }
 }

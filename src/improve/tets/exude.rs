@@ -10,9 +10,8 @@
 //! ```
 
 use super::finish::{blocked_cells, faces_on_surfaces};
-use super::{ImproveContext, TetImprover};
+use super::{ImproveContext, SharedWork, TetImprover};
 use crate::Result;
-use crate::comm::Comm;
 use crate::improve::{ImproveReport, SliverMethod};
 use crate::lattice::AtomKind;
 use crate::mesh::delaunay::{self, cgal, exude};
@@ -32,13 +31,13 @@ pub fn exude(
     neighbours: Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     context: ImproveContext<'_>,
-    comm: &dyn Comm,
+    work: SharedWork<'_>,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let (planes, target_sine) = (context.planes, context.target_sine());
     let owned_mesh = std::mem::take(mesh);
     let mut improver = TetImprover::new(owned_mesh, neighbours, kinds, context, cancel);
-    improver.comm = comm;
+    improver.work = work;
     let below_target_before = improver.tets_below_target().len();
     improver.recover(cancel)?;
     let counts = improver.counts;

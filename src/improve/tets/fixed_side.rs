@@ -20,7 +20,6 @@
 use std::collections::{HashMap, VecDeque};
 
 use super::{ImproveContext, TetImprover};
-use crate::comm::SelfComm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::{add_scaled, cross, dot, norm, sorted, sorted_distinct, sub, unit};
 use crate::improve::ImproveReport;
@@ -74,7 +73,6 @@ pub fn improve_beside(
     }
     // The box ends beyond the side now. So its faces are those where the mesh ends, which do not change.
     improver.extent[axis] *= 2.0;
-    improver.comm = &SelfComm;
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
     Ok((finished.mesh, finished.kinds, report))

@@ -127,21 +127,13 @@ impl<'a> TetImprover<'a> {
             for (cube, tets) in &mut cubes {
                 tets.retain(|&t| self.is_below_target(t) && self.cube(t, edge) == *cube);
             }
-            let mut results = Vec::with_capacity(cubes.len());
-            let work = |range: Range<usize>, emit: &mut dyn FnMut(PatchResult)| {
-                let batch: Vec<PatchResult> = cubes[range]
-                    .par_iter()
-                    .with_max_len(1)
+            let try_range = |range: Range<usize>| -> Vec<PatchResult> {
+                (cubes[range].par_iter().with_max_len(1))
                     .map(|(_, tets)| self.try_in_patch(tets, &pool, cancel))
-                    .collect();
-                batch.into_iter().for_each(emit);
-                Ok(())
+                    .collect()
             };
             let weights: Vec<usize> = cubes.iter().map(|(_, tets)| tets.len()).collect();
-            self.comm
-                .distribute_weighted("patches", &weights, work, &mut |result| {
-                    results.push(result)
-                })?;
+            let results = self.work.patches(&weights, try_range)?;
             let start = self.attempts.clock();
             for ((_, tets), result) in cubes.into_iter().zip(results) {
                 if self.attempts.has_changed(start, &result.nodes) {

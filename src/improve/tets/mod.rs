@@ -7,6 +7,7 @@
 //! - `batch`: many flips and moves at once
 //! - `repair`: several operations at once, kept only if they help together
 //! - `local_patches`: many repairs at once
+//! - `shared_work`: searches and patches that ranks share
 //! - `collapse`: removes nodes that are too close to each other
 //! - `attempt_cache`: a cache of attempts that failed
 //! - `finish`: the mesh at the end, its faces on features, and what blocks the rest
@@ -27,13 +28,15 @@ mod local_patches;
 mod recover;
 mod repair;
 mod reshape;
+mod shared_work;
 mod slabs;
 mod smooth;
 
 pub use exude::exude;
 pub use fixed_side::improve_beside;
 pub use reshape::reshape;
-pub use slabs::{KnownAtoms, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
+pub use shared_work::SharedWork;
+pub use slabs::{DistributedSlabs, KnownAtoms, SlabCuts, SlabResult};
 
 use crate::parallel::prelude::*;
 
@@ -43,7 +46,6 @@ use super::feature_planes::{FeaturePlanes, LocalPlane};
 use super::intersect::find_intersection;
 use super::{Effort, ImproveReport, OperationCounts, Target};
 use crate::Result;
-use crate::comm::{Comm, SelfComm};
 use crate::geometry::sub;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
@@ -105,8 +107,7 @@ impl ImproveContext<'_> {
 /// `neighbours` are those of the tetrahedra (see [`complex`](crate::mesh::complex)) and are updated.
 /// `kinds` are those of the nodes; nodes that are inserted or removed change it. The result also
 /// has, for every tetrahedron, its faces on features: bit k for face k (opposite node k). If
-/// `cancel` is cancelled, the mesh keeps the changes made so far. The ranks of `comm` share the
-/// work.
+/// `cancel` is cancelled, the mesh keeps the changes made so far.
 ///
 /// # Errors
 /// Returns an error if another rank that shares the work fails.
@@ -115,12 +116,12 @@ pub fn improve(
     neighbours: &mut Vec<[u32; 4]>,
     kinds: &mut Vec<AtomKind>,
     context: ImproveContext<'_>,
-    comm: &dyn Comm,
+    work: SharedWork<'_>,
     cancel: &CancelToken<'_>,
 ) -> Result<(ImproveReport, Vec<u8>)> {
     let (owned_mesh, owned_neighbours) = (std::mem::take(mesh), std::mem::take(neighbours));
     let mut improver = TetImprover::new(owned_mesh, owned_neighbours, kinds, context, cancel);
-    improver.comm = comm;
+    improver.work = work;
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
     (*mesh, *neighbours, *kinds) = (finished.mesh, finished.neighbours, finished.kinds);
@@ -153,8 +154,8 @@ struct TetImprover<'a> {
     smoothing_target: f64,
     /// Largest distance, in samples, of smoothed nodes from the surfaces that hold them.
     max_deviation: f64,
-    /// The ranks that share the work; [`SelfComm`] if other ranks work on other meshes.
-    comm: &'a dyn Comm,
+    /// The ranks that share the work; none if other ranks work on other meshes.
+    work: SharedWork<'a>,
     /// Axis and range along it to which the work is limited.
     axis_range: Option<(usize, [f64; 2])>,
     counts: OperationCounts,
@@ -251,7 +252,7 @@ impl<'a> TetImprover<'a> {
             effort: Effort::Normal,
             smoothing_target: 1.0,
             max_deviation: 0.0,
-            comm: &SelfComm,
+            work: SharedWork::alone(),
             axis_range: None,
             counts: OperationCounts::default(),
             unrecovered_edges: Vec::new(),

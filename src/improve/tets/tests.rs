@@ -1,7 +1,6 @@
 //! Improves meshes whose result is known.
 
 use super::*;
-use crate::comm::SelfComm;
 use crate::feature::FeaturePoint;
 use crate::geometry::random::uniform_signed;
 use crate::geometry::{cross, norm, volume6};
@@ -84,7 +83,7 @@ fn run(
             distance: &Distance::Constant(4.5),
             target: Target::default(),
         },
-        &SelfComm,
+        SharedWork::alone(),
         &CancelToken::never(),
     )
     .unwrap()
@@ -247,7 +246,7 @@ fn exudation_keeps_the_faces_on_a_plane_and_removes_slivers() {
             distance: &Distance::Constant(4.5),
             target: Target::default(),
         },
-        &SelfComm,
+        SharedWork::alone(),
         &CancelToken::never(),
     )
     .unwrap();

@@ -18,9 +18,8 @@ pub(crate) use cells::broken_cells;
 pub use simplices::nodes_on_bent_side;
 
 use super::Mesh;
-use super::view::MeshView;
+use super::view::{MeshView, WHOLE_MESH_NEVER_FAILS};
 use crate::Result;
-use crate::comm::SelfComm;
 use crate::progress::CancelToken;
 use serde::Serialize;
 
@@ -117,11 +116,14 @@ impl CellTotals {
         let first = volumes.iter().position(is_not_positive);
         let first = first.map(|cell| view.first_cell + cell);
         let local = ((not_positive, first), volumes.iter().sum::<f64>());
-        let gathered = view.comm.all_gather("volumes", local)?;
+        let ((not_positive, first_not_positive), volume) =
+            view.merge_parts("volumes", local, |((m, first), v), ((n, other), w)| {
+                ((m + n, first.or(other)), v + w)
+            })?;
         Ok(Self {
-            not_positive: gathered.iter().map(|((count, _), _)| count).sum(),
-            first_not_positive: gathered.iter().find_map(|((_, first), _)| *first),
-            volume: gathered.iter().map(|(_, volume)| volume).sum(),
+            not_positive,
+            first_not_positive,
+            volume,
         })
     }
 }
@@ -135,8 +137,8 @@ fn unused_nodes<const D: usize, M: Mesh<D>>(view: &MeshView<'_, D, M>) -> Result
     let owned = is_used.iter().zip(view.shared_mask());
     let owned = owned.filter(|(used, is_shared)| **used && !is_shared);
     let used = owned.count() + shared.count();
-    let used = view.comm.all_gather("counts of used nodes", used)?;
-    Ok(view.global_counts[0].saturating_sub(used.iter().sum()))
+    let used = view.merge_parts("counts of used nodes", used, |a, b| a + b)?;
+    Ok(view.global_counts[0].saturating_sub(used))
 }
 
 /// Returns `true` if all coordinates are finite.
@@ -198,7 +200,7 @@ pub trait CellChecks<const D: usize> {
     /// `None` if that cannot be determined. Collective.
     ///
     /// # Errors
-    /// Returns the communication errors of the mesh's `comm`.
+    /// Returns the communication errors of the view.
     fn check_faces(
         view: &MeshView<'_, D, Self>,
         hints: CheckHints<'_>,
@@ -235,7 +237,7 @@ pub fn check_with_hints<const D: usize, M: Mesh<D>>(
     tolerance: f64,
 ) -> Check {
     let (view, never) = (MeshView::from_mesh(mesh), CancelToken::never());
-    check_view(&view, hints, low, high, tolerance, &never).expect(SelfComm::NEVER_FAILS)
+    check_view(&view, hints, low, high, tolerance, &never).expect(WHOLE_MESH_NEVER_FAILS)
 }
 
 /// Performs [`check_with_hints`] on a mesh that may be distributed, until `cancel` is cancelled.
@@ -243,7 +245,7 @@ pub fn check_with_hints<const D: usize, M: Mesh<D>>(
 /// mesh. If it is distributed, neighbours must be given.
 ///
 /// # Errors
-/// Returns the communication errors of the mesh's `comm`.
+/// Returns the communication errors of the view.
 pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
     view: &MeshView<'_, D, M>,
     hints: CheckHints<'_>,
@@ -260,9 +262,10 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
     };
     let unreadable_reason = mesh.unreadable_reason(view.first_cell);
     let local = (unreadable_reason, are_finite(mesh.nodes()));
-    let gathered = (view.comm).all_gather("whether meshes are readable", local)?;
-    let is_finite = gathered.iter().all(|(_, is_finite)| *is_finite);
-    let unreadable_reason = gathered.into_iter().find_map(|(reason, _)| reason);
+    let (unreadable_reason, is_finite) =
+        view.merge_parts("whether meshes are readable", local, |a, b| {
+            (a.0.or(b.0), a.1 && b.1)
+        })?;
     let not_finite = (!is_finite).then(|| NOT_FINITE.into());
     if let Some(problem) = unreadable_reason.or(not_finite) {
         report.add_problem(problem);

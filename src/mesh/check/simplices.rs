@@ -4,6 +4,7 @@
 use super::{
     BoxBounds, CellChecks, Check, CheckHints, SIDE_TOLERANCE, SideCoverage, singular_name,
 };
+use crate::geometry::sorted;
 use crate::mesh::Simplices;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
 use crate::mesh::view::MeshView;
@@ -94,38 +95,28 @@ fn first_mismatched_cell<const D: usize, M: Simplices<D>>(
     neighbours: &[u32],
     cancel: &CancelToken<'_>,
 ) -> crate::Result<Option<usize>> {
-    let (mesh, comm) = (view.mesh, view.comm);
+    let mesh = view.mesh;
     let (mismatched, unpaired) = match unpaired_count(mesh, neighbours, cancel) {
         Ok(unpaired) => (None, unpaired as i64),
         Err(cell) => (Some(view.first_cell + cell), 0),
     };
-    let mut by_rank = vec![Vec::new(); comm.size()];
-    for (i, _) in neighbours
-        .iter()
-        .enumerate()
-        .filter(|(_, n)| **n == NOT_LOCAL)
-    {
+    let at_cuts = (neighbours.iter().enumerate()).filter(|(_, n)| **n == NOT_LOCAL);
+    let entry = |(i, _)| {
         let (cell, k) = (i / (D + 1), i % (D + 1));
-        let mut face = mesh.face(cell, k).map(|n| view.global_id(n));
-        face.sort_unstable();
-        by_rank[view.owner_rank(face[0])].push((face, view.first_cell + cell));
-    }
-    let received = comm.all_to_all("faces between pieces", by_rank)?;
-    let mut faces: Vec<([u32; D], (usize, usize))> = (received.into_iter().enumerate())
-        .flat_map(|(rank, faces)| {
-            let with_rank = move |(face, cell)| (face, (cell, rank));
-            faces.into_iter().map(with_rank)
-        })
-        .collect();
-    faces.sort_unstable();
-    let unmatched = faces.chunk_by(|a, b| a.0 == b.0).filter(|same| match same {
-        [(_, (_, one)), (_, (_, other))] => one == other,
+        let face = sorted(mesh.face(cell, k).map(|n| view.global_id(n)));
+        (face, view.first_cell + cell)
+    };
+    let faces = view.collect_by_nodes("faces between pieces", at_cuts.map(entry).collect())?;
+    let unmatched = (faces.chunk_by(|a, b| a.nodes == b.nodes)).filter(|copies| match copies {
+        [one, other] => one.sender.0 == other.sender.0,
         _ => true,
     });
-    let mismatched = unmatched.map(|same| same[0].1.0).chain(mismatched).min();
-    let gathered = comm.all_gather("whether neighbours fit", (mismatched, unpaired))?;
-    let unpaired: i64 = gathered.iter().map(|(_, left_over)| left_over).sum();
-    let mismatched = gathered.iter().filter_map(|(cell, _)| *cell).min();
+    let unmatched = unmatched.map(|copies| copies[0].value);
+    let local = (unmatched.chain(mismatched).min(), unpaired);
+    let (mismatched, unpaired) =
+        view.merge_parts("whether neighbours fit", local, |(a, m), (b, n)| {
+            (a.into_iter().chain(b).min(), m + n)
+        })?;
     Ok(mismatched.or((unpaired != 0).then_some(0)))
 }
 
@@ -297,16 +288,17 @@ fn boundary_sides<const D: usize, M: Simplices<D>>(
     }
     let counts = [local.boundary_faces, local.faces_off_sides];
     let local = (counts, (local.flatness_error, sides.area));
-    sides.area = [[0.0; 2]; D];
-    for ([boundary_faces, faces_off_sides], (flatness_error, area)) in
-        view.comm.all_gather("sides", local)?
-    {
-        report.boundary_faces += boundary_faces;
-        report.faces_off_sides += faces_off_sides;
-        report.flatness_error = report.flatness_error.max(flatness_error);
-        let sums = sides.area.as_flattened_mut().iter_mut();
-        sums.zip(area.as_flattened())
-            .for_each(|(sum, area)| *sum += area);
-    }
+    let ([boundary_faces, faces_off_sides], (flatness_error, area)) =
+        view.merge_parts("sides", local, |([m, n], (error, mut sums)), other| {
+            let ([k, l], (other_error, area)) = other;
+            (sums.as_flattened_mut().iter_mut())
+                .zip(area.as_flattened())
+                .for_each(|(sum, area)| *sum += area);
+            ([m + k, n + l], (error.max(other_error), sums))
+        })?;
+    report.boundary_faces += boundary_faces;
+    report.faces_off_sides += faces_off_sides;
+    report.flatness_error = report.flatness_error.max(flatness_error);
+    sides.area = area;
     Ok(sides)
 }

@@ -22,7 +22,6 @@ use crate::parallel::prelude::*;
 use super::global_points::{GlobalPoints, INITIAL_HALO, MAX_HALO_TRIES};
 use super::native::predicates::orientation;
 use super::{DelaunayTets, Kernel};
-use crate::comm::Comm;
 use crate::error::{Error, Result};
 use crate::geometry::NONE;
 use crate::geometry::{cross, dot, sub};
@@ -37,33 +36,28 @@ const MAX_HULL_TESTS: usize = 16;
 /// with a margin.
 const ROUNDING_TOLERANCE: f64 = 1e-9;
 
+/// Function that triangulates a range of slabs, and returns the result of each.
+type TriangulateRange<'a> = &'a dyn Fn(Range<usize>) -> Vec<Result<Option<DelaunayTets>>>;
+
 /// Returns the triangulation of all points, with neighbours and in no particular order, from the
-/// output of `kernel` for `count` slabs, at most `worker_count` at the same time on each rank; the
-/// ranks of `comm` share the parts. Returns `None` if this does not work: for points whose hull is
-/// not nearly a box, or which are too unevenly distributed.
+/// output of `kernel` for `count` slabs, at most `worker_count` at the same time. `all_parts` gets a
+/// function that triangulates a range of the slabs, and returns the results of all slabs in their
+/// order. Returns `None` if this does not work: for points whose hull is not nearly a box, or which
+/// are too unevenly distributed.
 ///
 /// # Errors
-/// Returns the errors of `kernel`, on whichever rank.
+/// Returns the errors of `kernel` and of `all_parts`.
 pub fn triangulate_in_slabs(
     points: &[[f64; 3]],
     count: usize,
     worker_count: usize,
-    comm: &dyn Comm,
     kernel: &dyn Kernel,
+    all_parts: impl FnOnce(TriangulateRange<'_>) -> Result<Vec<Option<DelaunayTets>>>,
 ) -> Result<Option<DelaunayTets>> {
     let Some(slabs) = PointSlabs::new(points, count).filter(PointSlabs::has_flat_sides) else {
         return Ok(None);
     };
-    let mut parts: Vec<Option<DelaunayTets>> = Vec::with_capacity(count);
-    let triangulate = |own: Range<usize>, give: &mut dyn FnMut(Option<DelaunayTets>)| {
-        for part in slabs.triangulate_slabs(own, worker_count, kernel) {
-            give(part?);
-        }
-        Ok(())
-    };
-    comm.distribute("slabs of points", count, triangulate, &mut |part| {
-        parts.push(part)
-    })?;
+    let parts = all_parts(&|own| slabs.triangulate_slabs(own, worker_count, kernel))?;
     let parts: Option<Vec<DelaunayTets>> = parts.into_iter().collect();
     Ok(parts.and_then(|parts| match concatenate(parts) {
         (all, 0) => Some(all),
@@ -438,7 +432,6 @@ mod tests {
     use super::super::canonical::sort_canonical;
     use super::super::native::Native;
     use super::*;
-    use crate::comm::SelfComm;
     use crate::geometry::random::Random;
 
     /// Returns the points of a lattice that has points on all sides of its box. Inner coordinates
@@ -459,6 +452,13 @@ mod tests {
             }
         }
         points
+    }
+
+    fn in_slabs(points: &[[f64; 3]], count: usize) -> Option<DelaunayTets> {
+        triangulate_in_slabs(points, count, count.min(3), &Native, |triangulate| {
+            triangulate(0..count).into_iter().collect()
+        })
+        .unwrap()
     }
 
     fn triangulate_whole(points: &[[f64; 3]]) -> DelaunayTets {
@@ -486,10 +486,7 @@ mod tests {
         for (scene, points) in scenes.iter().enumerate() {
             let single = triangulate_whole(points);
             for count in [1, 2, 3, 5] {
-                let mut parts =
-                    triangulate_in_slabs(points, count, count.min(3), &SelfComm, &Native)
-                        .unwrap()
-                        .unwrap();
+                let mut parts = in_slabs(points, count).unwrap();
                 sort_canonical(points.len(), &mut parts);
                 assert!(parts.tets == single.tets, "scene {scene}, {count} parts");
                 assert!(
@@ -580,7 +577,6 @@ mod tests {
                 .filter(|p| dot(*p, *p) < 1.0)
                 .take(3000)
                 .collect();
-        let combined = triangulate_in_slabs(&ball, 2, 2, &SelfComm, &Native);
-        assert!(combined.unwrap().is_none());
+        assert!(in_slabs(&ball, 2).is_none());
     }
 }

@@ -21,11 +21,11 @@ mod rings;
 
 use crate::parallel::prelude::*;
 
-use crate::comm::{Comm, SelfComm};
 use crate::error::{Error, Result, cause};
 use crate::geometry::distance2;
+use crate::mesh::TetMesh;
 use crate::mesh::check::broken_cells;
-use crate::mesh::delaunay::{self, DelaunayKernel};
+use crate::mesh::delaunay;
 use crate::mesh::poly::PolyMesh;
 use mirror::MirroredAtoms;
 use rings::Rings;
@@ -58,25 +58,25 @@ pub fn voronoi(atoms: &[[f64; 3]], extent: [f64; 3]) -> Result<PolyMesh<3>> {
 /// # Errors
 /// Returns the errors of [`voronoi`].
 pub fn voronoi_welded(atoms: &[[f64; 3]], extent: [f64; 3], weld: f64) -> Result<PolyMesh<3>> {
-    distributed_voronoi(atoms, extent, weld, &SelfComm)
+    voronoi_by(atoms, extent, weld, delaunay::delaunay)
 }
 
-/// Returns the cells of [`voronoi_welded`] on all ranks of `comm`, which have the same atoms and
-/// share the work of the triangulation.
+/// Returns the cells of [`voronoi_welded`], with the [`delaunay`](delaunay::delaunay) triangulations
+/// that `triangulate` returns.
 ///
 /// # Errors
-/// Returns the errors of [`voronoi`], on whichever rank.
-pub(crate) fn distributed_voronoi(
+/// Returns the errors of [`voronoi`] and of `triangulate`.
+pub(crate) fn voronoi_by(
     atoms: &[[f64; 3]],
     extent: [f64; 3],
     weld: f64,
-    comm: &dyn Comm,
+    triangulate: impl Fn(&[[f64; 3]]) -> Result<TetMesh>,
 ) -> Result<PolyMesh<3>> {
     build_cells(
         atoms,
         extent,
         weld,
-        |points| Ok(delaunay::distributed_delaunay(points, DelaunayKernel::Auto, comm)?.tets),
+        |points| Ok(triangulate(points)?.tets),
         circumcentre::tetrahedron_circumcentre,
     )
 }

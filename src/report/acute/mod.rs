@@ -26,7 +26,6 @@ mod patches;
 mod wedges;
 
 use super::mesh_faces::MeshFaces;
-use crate::comm::Comm;
 use crate::files::codec::codec_fields;
 use crate::geometry::sorted;
 use crate::geometry::union_find::UnionFind;
@@ -55,7 +54,6 @@ struct RidgeFace {
 /// Face on a feature at a ridge that several ranks may have. Node numbers are global.
 #[derive(Debug, Clone, Copy)]
 struct SharedRidgeFace<const D: usize> {
-    ridge: [u32; 2],
     /// Nodes of the face, ascending, by which faces are ordered, and its global number.
     nodes: [u32; D],
     face: u32,
@@ -67,7 +65,7 @@ struct SharedRidgeFace<const D: usize> {
 }
 
 codec_fields! {
-    @(const D: usize) SharedRidgeFace<D> as SharedRidgeFace { ridge, nodes, face, ends, distance, apex }
+    @(const D: usize) SharedRidgeFace<D> as SharedRidgeFace { nodes, face, ends, distance, apex }
 }
 
 /// Finds the acute lines of a distributed mesh that fills the box `[0, extent]`. Collective; every
@@ -75,17 +73,15 @@ codec_fields! {
 /// owns, and `distance` returns d at a local node.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
+/// Returns the communication errors of the view.
 pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     surface: &MeshFaces<'_, D>,
     extent: [f64; D],
     distance: &dyn Fn(u32) -> f64,
 ) -> crate::Result<AcuteLines<D>> {
-    let (nodes, faces, comm) = (surface.nodes, &surface.faces, view.comm);
-    let counts: Vec<u32> = comm.all_gather("faces on features", faces.len() as u32)?;
-    // Global number of the first face of this rank.
-    let first: u32 = counts[..comm.rank()].iter().sum();
+    let (nodes, faces) = (surface.nodes, &surface.faces);
+    let first = view.first_number("faces on features", faces.len())? as u32;
     let mut ridge_faces: Vec<RidgeFace> = (0..)
         .zip(faces)
         .flat_map(|(face, nodes)| (0..D).map(move |k| ridge_face(nodes, face, k)))
@@ -93,7 +89,7 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
     ridge_faces.par_sort_unstable();
 
     let is_shared = view.shared_mask();
-    let mut outgoing = vec![Vec::new(); comm.size()];
+    let mut at_cuts = Vec::new();
     let mut patches = UnionFind::new(faces.len());
     let mut wedges = Vec::new();
     for group in ridge_faces.chunk_by(|a, b| a.ridge == b.ridge) {
@@ -102,15 +98,14 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
         let position = |n: u32| nodes[n as usize];
         let (ends, d) = (local_ridge.map(position), local_ridge.map(distance));
         if local_ridge.iter().all(|&n| is_shared[n as usize]) {
-            let owner = view.owner_rank(ridge[0]);
-            outgoing[owner].extend(group.iter().map(|ridge_face| SharedRidgeFace {
-                ridge,
+            let shared_face = |ridge_face: &RidgeFace| SharedRidgeFace {
                 nodes: faces[ridge_face.face as usize].map(|n| view.global_id(n)),
                 face: first + ridge_face.face,
                 ends,
                 distance: d,
                 apex: position(ridge_face.apex),
-            }));
+            };
+            at_cuts.extend((group.iter()).map(|ridge_face| (ridge, shared_face(ridge_face))));
             continue;
         }
         let mut apexes = group
@@ -122,16 +117,15 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
         }
     }
     drop(ridge_faces);
-    let shared = comm.all_to_all("ridges at cuts", outgoing)?.concat();
-    let (cut_wedges, united_faces) = wedges_at_cuts(shared, extent, comm)?;
+    let (cut_wedges, united_faces) = wedges_at_cuts(view, at_cuts, extent)?;
     let parts_per_area = parts_per_unit_area(extent);
-    let areas = patch_areas::<D, M>(
+    let areas = patch_areas(
+        view,
         surface,
         &mut patches,
         first,
         &united_faces,
         parts_per_area,
-        comm,
     )?;
     let local_faces = first..first + faces.len() as u32;
     let is_large = |wedge: &Wedge<D>| {
@@ -141,41 +135,36 @@ pub(super) fn acute_lines<const D: usize, M: Simplices<D>>(
         local.all(|face| area(face) >= wedge.min_patch_area())
     };
     wedges.retain(is_large);
-    let mut wedges: Vec<Wedge<D>> = comm.all_gather("wedges", wedges)?.concat();
-    wedges.extend(large_everywhere(cut_wedges, is_large, comm)?);
+    let mut wedges = view.concatenate("wedges", wedges)?;
+    wedges.extend(large_everywhere(view, cut_wedges, is_large)?);
     wedges.sort_by_key(|wedge| wedge.ridge);
     Ok(chain_lines(wedges))
 }
 
 /// Returns the wedges at ridges that several ranks share, on all ranks, and the pairs of faces that
-/// continue each other there. `shared` are the faces at the ridges of this rank. Collective.
+/// continue each other there. `at_cuts` are the local faces at such ridges. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
-fn wedges_at_cuts<const D: usize>(
-    mut shared: Vec<SharedRidgeFace<D>>,
+/// Returns the communication errors of the view.
+fn wedges_at_cuts<const D: usize, M>(
+    view: &MeshView<'_, D, M>,
+    at_cuts: Vec<([u32; 2], SharedRidgeFace<D>)>,
     extent: [f64; D],
-    comm: &dyn Comm,
 ) -> crate::Result<(Vec<Wedge<D>>, Vec<[u32; 2]>)> {
-    shared.sort_unstable_by_key(|face| (face.ridge, face.nodes));
+    let mut shared = view.collect_by_nodes("ridges at cuts", at_cuts)?;
+    shared.sort_unstable_by_key(|face| (face.nodes, face.value.nodes));
     let (mut wedges, mut united_faces) = (Vec::new(), Vec::new());
-    for group in shared.chunk_by(|a, b| a.ridge == b.ridge) {
-        let SharedRidgeFace {
-            ridge,
-            ends,
-            distance,
-            ..
-        } = group[0];
-        let mut apexes = group
-            .iter()
-            .map(|ridge_face| (ridge_face.apex, ridge_face.face));
+    for group in shared.chunk_by(|a, b| a.nodes == b.nodes) {
+        let (ridge, SharedRidgeFace { ends, distance, .. }) = (group[0].nodes, group[0].value);
+        let mut apexes = (group.iter()).map(|face| (face.value.apex, face.value.face));
         match narrowest_wedge(ridge, ends, distance, &mut apexes, extent) {
             Some(wedge) => wedges.push(wedge),
-            None => united_faces.extend(group.windows(2).map(|pair| [pair[0].face, pair[1].face])),
+            None => united_faces
+                .extend((group.windows(2)).map(|pair| [pair[0].value.face, pair[1].value.face])),
         }
     }
-    let wedges = comm.all_gather("wedges at cuts", wedges)?.concat();
-    let united_faces = comm.all_gather("patches at cuts", united_faces)?.concat();
+    let wedges = view.concatenate("wedges at cuts", wedges)?;
+    let united_faces = view.concatenate("patches at cuts", united_faces)?;
     Ok((wedges, united_faces))
 }
 

@@ -1,25 +1,27 @@
 //! Patches of faces on features, and their areas.
 
 use super::wedges::Wedge;
-use crate::comm::Comm;
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{sorted, sorted_distinct};
 use crate::mesh::Simplices;
+use crate::mesh::view::MeshView;
 use crate::report::mesh_faces::MeshFaces;
 
 /// Returns those of the wedges, which all ranks know, that are large on every rank. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
-pub fn large_everywhere<const D: usize>(
+/// Returns the communication errors of the view.
+pub fn large_everywhere<const D: usize, M>(
+    view: &MeshView<'_, D, M>,
     wedges: Vec<Wedge<D>>,
     is_large: impl Fn(&Wedge<D>) -> bool,
-    comm: &dyn Comm,
 ) -> crate::Result<Vec<Wedge<D>>> {
-    let is_small: Vec<bool> = wedges.iter().map(|wedge| !is_large(wedge)).collect();
-    let is_small: Vec<Vec<bool>> = comm.all_gather("small patches", is_small)?;
-    let is_large_everywhere = |i: usize| !is_small.iter().any(|of_rank| of_rank[i]);
-    let large = (0..).zip(wedges).filter(|(i, _)| is_large_everywhere(*i));
+    let is_large: Vec<bool> = wedges.iter().map(is_large).collect();
+    let is_large = view.merge_parts("small patches", is_large, |mut all, part| {
+        (all.iter_mut().zip(part)).for_each(|(all, part)| *all &= part);
+        all
+    })?;
+    let large = is_large.into_iter().zip(wedges).filter(|(large, _)| *large);
     Ok(large.map(|(_, wedge)| wedge).collect())
 }
 
@@ -35,14 +37,14 @@ pub fn parts_per_unit_area<const D: usize>(extent: [f64; D]) -> f64 {
 /// ranks that are in one patch. Collective.
 ///
 /// # Errors
-/// Returns the communication errors of `comm`.
+/// Returns the communication errors of the view.
 pub fn patch_areas<const D: usize, M: Simplices<D>>(
+    view: &MeshView<'_, D, M>,
     surface: &MeshFaces<'_, D>,
     patches: &mut UnionFind,
     first: u32,
     united_faces: &[[u32; 2]],
     parts_per_area: f64,
-    comm: &dyn Comm,
 ) -> crate::Result<Vec<u64>> {
     let count = surface.faces.len();
     let mut area = vec![0u64; count];
@@ -63,7 +65,7 @@ pub fn patch_areas<const D: usize, M: Simplices<D>>(
         }
     }
     let cut_faces = sorted_distinct(cut_faces);
-    let cut_faces = sorted(comm.all_gather("areas of patches", cut_faces)?.concat());
+    let cut_faces = sorted(view.concatenate("areas of patches", cut_faces)?);
     let cut_patches: Vec<(u32, u64)> = sorted_distinct(cut_faces.iter().map(|(_, patch)| *patch));
     let patch_index = |patch: u32| cut_patches.partition_point(|&(other, _)| other < patch) as u32;
     let patch_of_face = |face: u32| {

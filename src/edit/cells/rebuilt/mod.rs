@@ -7,13 +7,12 @@ use std::collections::BTreeSet;
 use super::patch::{CellNeighbourhood, CellPatch, NewCell, PatchFace, PlacedAtom};
 use super::preserved::{FeatureChanges, PreservedParts};
 use crate::Result;
-use crate::comm::SelfComm;
 use crate::edit::local_fields::LocalFields;
 use crate::edit::resolve::INFLUENCE_RADIUS;
 use crate::geometry::{add_scaled, distance2};
 use crate::job::cells::{RelaxOptions, cut_even_cells, relax_atoms};
 use crate::job::horizons::horizon_flags;
-use crate::job::{MeshSpace, Meshing};
+use crate::job::{MeshSpace, Meshing, StageRunner};
 use crate::lattice::AtomKind;
 use crate::lattice::optimise::temperature::relative_distance;
 use crate::lattice::seeding::Atoms;
@@ -159,6 +158,7 @@ where
         kinds.resize(positions.len(), AtomKind::Interior);
         let mut atoms = Atoms { positions, kinds };
         let (distance, progress) = (&fields.distance, &mut TokenProgress(cancel));
+        let stages = &mut StageRunner::new(progress);
         let relaxed = relax_atoms(
             &mut atoms,
             &sites,
@@ -168,18 +168,10 @@ where
                 edited: &neighbourhood.edited_places,
                 seed,
             },
-            &SelfComm,
-            progress,
+            stages,
         )?;
-        let mesh = cut_even_cells(
-            &mut atoms,
-            &mut sites,
-            distance,
-            extent,
-            editable.weld,
-            &SelfComm,
-            &mut || !cancel.is_cancelled(),
-        )?;
+        let weld = editable.weld;
+        let mesh = cut_even_cells(&mut atoms, &mut sites, distance, extent, weld, stages)?;
         let rebuilt = Self {
             neighbourhood,
             fields,

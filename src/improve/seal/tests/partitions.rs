@@ -1,7 +1,7 @@
 //! A partitioned mesh is sealed like the whole mesh.
 
 use super::*;
-use crate::comm::{SelfComm, run_threads};
+use crate::comm::run_threads;
 use crate::geometry::bounding_box;
 use crate::improve::tets::ImproveContext;
 use crate::mesh::Mesh;
@@ -227,7 +227,7 @@ fn improved_fault_network(seed: u64) -> MarkedMesh {
             distance: &distance,
             target: Target::default(),
         },
-        &SelfComm,
+        tets::SharedWork::alone(),
         &CancelToken::never(),
     )
     .unwrap();

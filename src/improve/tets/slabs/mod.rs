@@ -8,8 +8,10 @@
 //! The cuts depend on the atoms and d alone, so that the result is the same for any number of
 //! ranks.
 //!
+//! - `distributed`: the slabs of all ranks, and what ranks exchange about them
 //! - `submesh`: a part of a mesh as a mesh of its own
 
+mod distributed;
 mod submesh;
 #[cfg(test)]
 mod tests;
@@ -21,11 +23,8 @@ use crate::parallel::prelude::*;
 
 use super::{ImproveContext, TASK_SIZE, TetImprover};
 use crate::Result;
-use crate::comm::selection::order_statistics;
-use crate::comm::{Comm, partition_range};
 use crate::improve::{BlockedCell, ImproveReport, OperationCounts};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::complex::{NONE, NOT_LOCAL};
 use crate::mesh::mesh_partition::MeshPartition;
@@ -33,6 +32,8 @@ use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::progress::CancelToken;
 use submesh::SubMesh;
+
+pub use distributed::DistributedSlabs;
 
 /// Distance, in units of the largest d, to which a band extends on either side of its cut.
 const BAND_HALF_WIDTH: f64 = 6.0;
@@ -57,51 +58,6 @@ pub struct SlabCuts {
 }
 
 impl SlabCuts {
-    /// Chooses the cuts so that all slabs have the same number of atoms, where each rank has a part
-    /// of the atoms. Returns `None` if there is only one slab.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
-    pub fn new(
-        owned: &[[f64; 3]],
-        extent: [f64; 3],
-        distance: &Distance<3>,
-        comm: &dyn Comm,
-    ) -> Result<Option<Self>> {
-        let Some(axis) = (0..3).max_by(|&k, &l| extent[k].total_cmp(&extent[l])) else {
-            return Ok(None);
-        };
-        let half_width = BAND_HALF_WIDTH * distance.max();
-        let atoms: Vec<usize> = comm.all_gather("atoms", owned.len())?;
-        let atoms = atoms.iter().sum();
-        let max_count = Self::max_slabs(atoms, extent[axis], distance.max());
-        let coordinates = owned.iter().map(|x| x[axis]);
-        for count in (2..=max_count).rev() {
-            let order_indices: Vec<usize> = (1..count).map(|i| i * atoms / count).collect();
-            let cut_positions = order_statistics(
-                std::slice::from_ref(&coordinates),
-                &[|_| &order_indices],
-                comm,
-            )?
-            .swap_remove(0);
-            let mut ends = vec![0.0];
-            ends.extend(&cut_positions);
-            ends.push(extent[axis]);
-            // Bands must not touch each other.
-            if ends
-                .windows(2)
-                .all(|pair| pair[1] - pair[0] > 3.0 * half_width)
-            {
-                return Ok(Some(Self {
-                    axis,
-                    positions: cut_positions,
-                    half_width,
-                }));
-            }
-        }
-        Ok(None)
-    }
-
     /// Returns the largest number of slabs for a number of atoms, whose spacing is at most `d`, in
     /// a box of this length.
     pub fn max_slabs(atoms: usize, length: f64, d: f64) -> usize {
@@ -155,57 +111,6 @@ pub struct SlabResult {
     pub report: ImproveReport,
 }
 
-impl SlabResult {
-    /// Gathers the whole mesh on every rank.
-    ///
-    /// # Errors
-    /// Returns an error if another rank fails.
-    pub fn all_gather(mut self, comm: &dyn Comm) -> Result<Self> {
-        if comm.size() == 1 {
-            // Done in place, as this is the largest of all arrays.
-            let neighbours = self.partition.neighbours.as_flattened_mut().par_iter_mut();
-            neighbours
-                .filter(|n| **n == NOT_LOCAL)
-                .for_each(|n| *n = NONE);
-            return Ok(self);
-        }
-        let Self {
-            partition,
-            kinds,
-            feature_faces,
-            report,
-        } = self;
-        let (first_cell, global_counts) = (0, partition.global_counts);
-        let submesh = SubMesh {
-            constraints: Vec::new(),
-            neighbours: partition.local_neighbours(),
-            global_ids: partition.global_ids,
-            nodes: partition.mesh.nodes,
-            kinds,
-            tets: partition.mesh.tets,
-        };
-        let parts: Vec<(SubMesh, Vec<u8>)> =
-            comm.all_gather("partitions", (submesh, feature_faces))?;
-        let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = parts.into_iter().unzip();
-        let submesh = SubMesh::merge(parts);
-        Ok(Self {
-            partition: MeshPartition {
-                mesh: TetMesh {
-                    nodes: submesh.nodes,
-                    tets: submesh.tets,
-                },
-                neighbours: submesh.neighbours,
-                global_ids: submesh.global_ids,
-                first_cell,
-                global_counts,
-            },
-            kinds: submesh.kinds,
-            feature_faces: marks.concat(),
-            report,
-        })
-    }
-}
-
 impl ImproveContext<'_> {
     /// Returns `true` if a face lies in a side of the box.
     fn is_in_side(&self, face: [[f64; 3]; 3]) -> bool {
@@ -236,167 +141,101 @@ pub struct KnownAtoms {
     pub global_count: usize,
 }
 
-/// Returns the slabs of this rank.
-pub fn slabs_of_rank(slabs: usize, comm: &dyn Comm) -> Range<usize> {
-    partition_range(slabs, comm.rank(), comm.size())
-}
-
-/// Makes the slabs of each rank follow the features and removes their slivers, as [`improve`] does
-/// with a whole mesh.
-///
-/// `tets` are the Delaunay tetrahedra of the known atoms, at least those of the rank's [own
-/// slabs](slabs_of_rank), with their neighbours. The first node of each tetrahedron must be the one
-/// with the smallest index.
-///
-/// # Errors
-/// Returns an error if another rank fails.
-///
-/// [`improve`]: super::improve
-pub fn improve_in_slabs(
-    known: KnownAtoms,
-    tets: Vec<[u32; 4]>,
-    neighbours: Vec<[u32; 4]>,
-    cuts: &SlabCuts,
-    context: ImproveContext<'_>,
-    comm: &dyn Comm,
-    cancel: &CancelToken<'_>,
-) -> Result<SlabResult> {
-    let (slabs, bands) = (cuts.count(), cuts.positions.len());
-    let own_slabs = slabs_of_rank(slabs, comm);
-    let atom_count = known.global_count;
-    let (regions_of_rank, below_target_before) = regions(
-        tets,
-        neighbours,
-        cuts,
-        &own_slabs,
-        known,
-        context.target_sine(),
-    );
-    let (mut slab_parts, mut band_parts) = (Vec::new(), Vec::new());
-    for (i, part) in regions_of_rank.into_iter().enumerate() {
-        [&mut slab_parts, &mut band_parts][i % 2].push(part);
-    }
-    let own_bands = own_slabs.start..own_slabs.end.min(bands);
-    let mut improved_bands: Vec<ImprovedPart> =
-        (own_bands.into_par_iter().zip(band_parts).with_max_len(1))
-            .map(|(band, part)| {
-                let core = BAND_CORE_HALF_WIDTH / BAND_HALF_WIDTH * cuts.half_width;
-                let core_range = [cuts.positions[band] - core, cuts.positions[band] + core];
-                improve_part(part, Some((cuts.axis, core_range)), context, cancel)
-            })
-            .collect::<Result<Vec<ImprovedPart>>>()?;
-    let mut id_end = number_all_nodes(&mut improved_bands, atom_count as u32, comm)?;
-    let (mut counts, mut removed_nodes) = (OperationCounts::default(), Vec::new());
-    for band in &mut improved_bands {
-        // Edges that a band left intersecting are treated again in the slab, and counted there.
-        counts += OperationCounts {
-            intersecting_left: 0,
-            ..band.counts
+impl DistributedSlabs<'_> {
+    /// Makes the slabs of each rank follow the features and removes their slivers, as [`improve`] does
+    /// with a whole mesh.
+    ///
+    /// `tets` are the Delaunay tetrahedra of the known atoms, at least those of the rank's
+    /// [slabs](Self::local_slabs), with their neighbours. The first node of each tetrahedron must be the one
+    /// with the smallest index.
+    ///
+    /// # Errors
+    /// Returns an error if another rank fails.
+    ///
+    /// [`improve`]: super::improve
+    pub fn improve(
+        &self,
+        known: KnownAtoms,
+        tets: Vec<[u32; 4]>,
+        neighbours: Vec<[u32; 4]>,
+        context: ImproveContext<'_>,
+        cancel: &CancelToken<'_>,
+    ) -> Result<SlabResult> {
+        let (cuts, own_slabs) = (&self.cuts, self.local_slabs());
+        let atom_count = known.global_count;
+        let (regions_of_rank, below_target_before) = regions(
+            tets,
+            neighbours,
+            cuts,
+            &own_slabs,
+            known,
+            context.target_sine(),
+        );
+        let (mut slab_parts, mut band_parts) = (Vec::new(), Vec::new());
+        for (i, part) in regions_of_rank.into_iter().enumerate() {
+            [&mut slab_parts, &mut band_parts][i % 2].push(part);
+        }
+        let own_bands = own_slabs.start..own_slabs.end.min(cuts.positions.len());
+        let mut improved_bands: Vec<ImprovedPart> =
+            (own_bands.into_par_iter().zip(band_parts).with_max_len(1))
+                .map(|(band, part)| {
+                    let core = BAND_CORE_HALF_WIDTH / BAND_HALF_WIDTH * cuts.half_width;
+                    let core_range = [cuts.positions[band] - core, cuts.positions[band] + core];
+                    improve_part(part, Some((cuts.axis, core_range)), context, cancel)
+                })
+                .collect::<Result<Vec<ImprovedPart>>>()?;
+        let mut id_end = self.number_new_nodes(&mut improved_bands, atom_count as u32)?;
+        let (mut counts, mut removed_nodes) = (OperationCounts::default(), Vec::new());
+        for band in &mut improved_bands {
+            // Edges that a band left intersecting are treated again in the slab, and counted there.
+            counts += OperationCounts {
+                intersecting_left: 0,
+                ..band.counts
+            };
+            removed_nodes.append(&mut band.removed_nodes);
+        }
+        let parts = self.exchange_bands(improved_bands)?;
+        let mut improved_slabs: Vec<ImprovedPart> =
+            (slab_parts.into_par_iter().zip(parts).with_max_len(1))
+                .map(|(inner, mut parts)| {
+                    parts.push(inner);
+                    improve_part(SubMesh::merge(parts), None, context, cancel)
+                })
+                .collect::<Result<Vec<ImprovedPart>>>()?;
+        id_end = self.number_new_nodes(&mut improved_slabs, id_end)?;
+        let mut blocked = Vec::new();
+        for slab in &mut improved_slabs {
+            counts += slab.counts;
+            removed_nodes.append(&mut slab.removed_nodes);
+            blocked.append(&mut slab.blocked);
+        }
+        let removed_nodes = self.all_removed_nodes(removed_nodes)?;
+        let report = self.merge_reports(below_target_before, counts, blocked)?;
+        let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = (improved_slabs.into_iter())
+            .map(|slab| (slab.submesh, slab.feature_faces))
+            .unzip();
+        let mut merged = SubMesh::merge(parts);
+        mark_cut_faces(&mut merged, context);
+        let compact_id =
+            |id: u32| id - removed_nodes.partition_point(|&removed| removed < id) as u32;
+        let (first_cell, tet_count) = self.number_tets(merged.tets.len())?;
+        let partition = MeshPartition {
+            global_ids: merged.global_ids.iter().map(|&id| compact_id(id)).collect(),
+            first_cell,
+            global_counts: [id_end as usize - removed_nodes.len(), tet_count],
+            neighbours: merged.neighbours,
+            mesh: TetMesh {
+                nodes: merged.nodes,
+                tets: merged.tets,
+            },
         };
-        removed_nodes.append(&mut band.removed_nodes);
+        Ok(SlabResult {
+            partition,
+            kinds: merged.kinds,
+            feature_faces: marks.concat(),
+            report,
+        })
     }
-    let parts = exchange_bands(improved_bands, cuts, own_slabs, comm)?;
-    let mut improved_slabs: Vec<ImprovedPart> =
-        (slab_parts.into_par_iter().zip(parts).with_max_len(1))
-            .map(|(inner, mut parts)| {
-                parts.push(inner);
-                improve_part(SubMesh::merge(parts), None, context, cancel)
-            })
-            .collect::<Result<Vec<ImprovedPart>>>()?;
-    id_end = number_all_nodes(&mut improved_slabs, id_end, comm)?;
-    let mut blocked = Vec::new();
-    for slab in &mut improved_slabs {
-        counts += slab.counts;
-        removed_nodes.append(&mut slab.removed_nodes);
-        blocked.append(&mut slab.blocked);
-    }
-    let removed_nodes: Vec<Vec<u32>> = comm.all_gather("removed nodes", removed_nodes)?;
-    let mut removed_nodes = removed_nodes.concat();
-    removed_nodes.sort_unstable();
-    let report = gather_report(below_target_before, counts, blocked, comm)?;
-    let (parts, marks): (Vec<SubMesh>, Vec<Vec<u8>>) = (improved_slabs.into_iter())
-        .map(|slab| (slab.submesh, slab.feature_faces))
-        .unzip();
-    let mut merged = SubMesh::merge(parts);
-    mark_cut_faces(&mut merged, context);
-    let compact_id = |id: u32| id - removed_nodes.partition_point(|&removed| removed < id) as u32;
-    let tets: Vec<usize> = comm.all_gather("tetrahedra", merged.tets.len())?;
-    let partition = MeshPartition {
-        global_ids: merged.global_ids.iter().map(|&id| compact_id(id)).collect(),
-        first_cell: tets[..comm.rank()].iter().sum(),
-        global_counts: [id_end as usize - removed_nodes.len(), tets.iter().sum()],
-        neighbours: merged.neighbours,
-        mesh: TetMesh {
-            nodes: merged.nodes,
-            tets: merged.tets,
-        },
-    };
-    Ok(SlabResult {
-        partition,
-        kinds: merged.kinds,
-        feature_faces: marks.concat(),
-        report,
-    })
-}
-
-/// Cuts improved bands at their cuts, and returns the halves of bands at each of a rank's own slabs.
-/// The half beyond the cut goes to the rank of the next slab.
-///
-/// # Errors
-/// Returns an error if another rank fails.
-fn exchange_bands(
-    bands: Vec<ImprovedPart>,
-    cuts: &SlabCuts,
-    own_slabs: Range<usize>,
-    comm: &dyn Comm,
-) -> Result<Vec<Vec<SubMesh>>> {
-    let first = usize::from(own_slabs.start == 0);
-    let mut parts: Vec<Vec<SubMesh>> = own_slabs.clone().map(|_| Vec::new()).collect();
-    let mut outgoing: Vec<Vec<SubMesh>> = vec![Vec::new(); comm.size()];
-    for ((slab, parts), band) in own_slabs.zip(&mut parts).zip(bands) {
-        let half_band = |before: bool| {
-            (band.submesh).filter_tets(|t| cuts.is_before_cut(&band.submesh, t, slab) == before)
-        };
-        let (before, after) = rayon::join(|| half_band(true), || half_band(false));
-        parts.push(before);
-        outgoing[owner(slab + 1, cuts.count(), comm.size())].push(after);
-    }
-    let incoming = comm.all_to_all("bands", outgoing)?.concat();
-    for (parts, part) in parts.iter_mut().skip(first).zip(incoming) {
-        parts.push(part);
-    }
-    Ok(parts)
-}
-
-/// Adds up what all ranks did. The blocked cells are those with the smallest margins first.
-///
-/// # Errors
-/// Returns an error if another rank fails.
-fn gather_report(
-    below_target_before: usize,
-    counts: OperationCounts,
-    blocked: Vec<BlockedCell>,
-    comm: &dyn Comm,
-) -> Result<ImproveReport> {
-    let summaries: Vec<(usize, (OperationCounts, Vec<BlockedCell>))> =
-        comm.all_gather("improvement", (below_target_before, (counts, blocked)))?;
-    let mut report = ImproveReport::default();
-    for (below_target, (rank_counts, rank_blocked)) in summaries {
-        report.below_target_before += below_target;
-        report.counts += rank_counts;
-        report.blocked.extend(rank_blocked);
-    }
-    report.below_target_after = report.blocked.len();
-    let angle_margin = |cell: &BlockedCell| cell.min_angle.min(180.0 - cell.max_angle);
-    let by_margin = |a: &BlockedCell, b: &BlockedCell| angle_margin(a).total_cmp(&angle_margin(b));
-    report.blocked.sort_by(by_margin);
-    Ok(report)
-}
-
-/// Returns the rank that has a slab.
-fn owner(slab: usize, slabs: usize, count: usize) -> usize {
-    let owns = |rank: &usize| partition_range(slabs, *rank, count).contains(&slab);
-    (0..count).find(owns).unwrap_or(0)
 }
 
 /// Returns the regions of some slabs and of the bands after them, each as a part, and the number of
@@ -454,18 +293,6 @@ impl ImprovedPart {
             *next += 1;
         }
     }
-}
-
-/// Numbers the new nodes of all ranks, in the order of the parts, starting from `first`. Returns
-/// the next free index.
-fn number_all_nodes(parts: &mut [ImprovedPart], first: u32, comm: &dyn Comm) -> Result<u32> {
-    let new_count: u32 = parts.iter().map(|part| part.new_node_count as u32).sum();
-    let new_counts: Vec<u32> = comm.all_gather("new nodes", new_count)?;
-    let mut next = first + new_counts[..comm.rank()].iter().sum::<u32>();
-    parts
-        .iter_mut()
-        .for_each(|part| part.number_nodes(&mut next));
-    Ok(first + new_counts.iter().sum::<u32>())
 }
 
 /// Improves a part, or the range of it along an axis, as a mesh of its own. The nodes and faces

@@ -2,12 +2,14 @@
 
 use super::super::tests::box_mesh;
 use super::*;
-use crate::comm::{SelfComm, run_threads};
+use crate::comm::{Comm, SelfComm, partition_range, run_threads};
 use crate::feature::FeaturePoint;
 use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, normal};
 use crate::improve::Target;
 use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::tets::SharedWork;
+use crate::lattice::distance::Distance;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::complex;
 
@@ -43,10 +45,10 @@ fn assert_faces_cover_planes(
     context: ImproveContext<'_>,
 ) {
     let (mut mesh, mut neighbours, mut kinds) = (mesh.clone(), neighbours.to_vec(), kinds.to_vec());
-    let (comm, cancel) = (&SelfComm, &CancelToken::never());
+    let (work, cancel) = (SharedWork::alone(), &CancelToken::never());
     let (mesh, neighbours) = (&mut mesh, &mut neighbours);
     let (_, marks) =
-        super::super::improve(mesh, neighbours, &mut kinds, context, comm, cancel).unwrap();
+        super::super::improve(mesh, neighbours, &mut kinds, context, work, cancel).unwrap();
     let uncut_area = area_on_features(mesh, &marks);
     let cut_area = area_on_features(&cut.partition.mesh, &cut.feature_faces);
     assert!(
@@ -88,7 +90,9 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
         let atoms = atoms();
         let (tets, neighbours) = (mesh.tets.clone(), neighbours.clone());
         let cancel = &CancelToken::never();
-        improve_in_slabs(atoms, tets, neighbours, &cuts, context, comm, cancel).unwrap()
+        DistributedSlabs::new(cuts.clone(), comm)
+            .improve(atoms, tets, neighbours, context, cancel)
+            .unwrap()
     };
     let serial = improve(&SelfComm);
     let SlabResult {
@@ -112,9 +116,8 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
 
     for count in [2, 3, 5] {
         let results = run_threads(count, |comm| {
-            let local = improve(comm);
-            let local_partition = local.partition.clone();
-            (local_partition, local.all_gather(comm).unwrap())
+            let (local, slabs) = (improve(comm), DistributedSlabs::new(cuts.clone(), comm));
+            (local.partition.clone(), slabs.all_gather(local).unwrap())
         });
         let mut first = 0;
         for (local, gathered) in &results {
@@ -145,11 +148,13 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
     let cut = |n: [usize; 3], d: f64| {
         let extent = n.map(|n| (n - 1) as f64 * d);
         let (atoms, distance) = (atoms(n, d), Distance::Constant(d));
-        let serial = SlabCuts::new(&atoms, extent, &distance, &SelfComm).unwrap();
+        let serial = DistributedSlabs::cut(&atoms, extent, &distance, &SelfComm).unwrap();
+        let serial = serial.map(|slabs| slabs.cuts);
         // Several ranks with a part of the atoms each find the same cuts.
         for cuts in run_threads(3, |comm| {
             let range = partition_range(atoms.len(), comm.rank(), 3);
-            SlabCuts::new(&atoms[range], extent, &distance, comm).unwrap()
+            let slabs = DistributedSlabs::cut(&atoms[range], extent, &distance, comm).unwrap();
+            slabs.map(|slabs| slabs.cuts)
         }) {
             assert_eq!(cuts, serial);
         }
@@ -171,11 +176,26 @@ fn a_mesh_is_cut_where_slabs_are_thick_and_have_atoms() {
 #[test]
 fn every_slab_has_one_owner() {
     for (slabs, count) in [(1, 1), (3, 2), (4, 4), (2, 7), (5, 3)] {
-        let ranges = run_threads(count, |comm| slabs_of_rank(slabs, comm));
+        let cuts = SlabCuts {
+            axis: 0,
+            positions: vec![0.0; slabs - 1],
+            half_width: 0.0,
+        };
+        let (ranges, owners): (Vec<_>, Vec<_>) = run_threads(count, |comm| {
+            let slabs = DistributedSlabs::new(cuts.clone(), comm);
+            let owners: Vec<usize> = (0..slabs.cuts.count()).map(|i| slabs.owner(i)).collect();
+            (slabs.local_slabs(), owners)
+        })
+        .into_iter()
+        .unzip();
         let all: Vec<usize> = ranges.iter().cloned().flatten().collect();
         assert!(all.into_iter().eq(0..slabs));
         for slab in 0..slabs {
-            assert!(ranges[owner(slab, slabs, count)].contains(&slab));
+            assert!(
+                owners
+                    .iter()
+                    .all(|owners| ranges[owners[slab]].contains(&slab))
+            );
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::FeatureKind;
 use super::LabelOptions;
-use super::detectors::comparison::paths::PathSeeds;
+use super::detectors::paths::PathSeeds;
 use super::given::SharedPoints;
 use super::volume::Volume;
 use super::{MIN_FAULT_DIP, MissingData};

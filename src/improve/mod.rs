@@ -47,4 +47,3 @@ pub(crate) use seal::seal;
 pub(crate) use snap::snap_distributed;
 pub use snap::snap_to_features;
 pub use target::{Effort, SliverMethod, Target};
-pub use triangles::relax::Scheme;

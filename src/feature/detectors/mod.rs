@@ -19,14 +19,13 @@
 //! - `input`, `output`: what detectors get and return
 //! - `selection`: the detectors for the options
 //! - `auto`: choice of the kind that fits an image
-//! - `comparison`: detectors of others, kept to compare other detectors with them
+//! - `paths`: the boundary of one object, by random shortest paths
 //!
 //! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space.
 //! Positions and normals are converted to lattice space when candidates are grouped into surfaces.
 
 pub(crate) mod auto;
 pub(crate) mod canny;
-pub(crate) mod comparison;
 pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
@@ -37,6 +36,7 @@ pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
 mod output;
+pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 mod selection;
@@ -117,7 +117,7 @@ feature_kinds! {
     /// images; without it, that of Otsu's threshold
     Isosurface = "isosurface" [isosurface::Isosurface];
     /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
-    Paths = "paths" [comparison::paths::Paths];
+    Paths = "paths" [paths::Paths];
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons = "horizons" [horizons::Horizons];
     /// Places where layers of seismic amplitude are broken

@@ -18,17 +18,16 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::params::Evaluator;
+use super::params::{Evaluator, Optimizer};
 use crate::error::cause;
 use crate::feature::{
     DetectionOptions, FaultEvidence, FeatureKind, LabelOptions, MIN_FAULT_DIP, PathSeeds,
 };
 use crate::image::formats::InputOptions;
-use crate::improve::triangles::relax::Scheme;
 use crate::improve::{Effort, SliverMethod, Target};
-use crate::lattice::optimise::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
@@ -252,7 +251,7 @@ pub struct MeshSpec {
             help_heading = ATOMS
         )
     )]
-    pub optimizer: Method,
+    pub optimizer: Optimizer,
     /// Largest number of rounds, each of which perturbs atoms at random and minimises the energy;
     /// they end when a round gains nothing [default: 1; 3 with --kappa]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
@@ -412,7 +411,7 @@ impl Default for MeshSpec {
             well_distance: None,
             evaluator: Evaluator::Pairwise,
             kappa: 1.0,
-            optimizer: Method::Lbfgs,
+            optimizer: Optimizer::Lbfgs,
             rounds: None,
             max_evaluations: None,
             coarse_to_fine: 0,

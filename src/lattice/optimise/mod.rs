@@ -21,12 +21,9 @@ pub(crate) mod temperature;
 
 pub use crate::progress::{LatticeSnapshot, NoProgress, OptimiseStatus, Progress};
 
-use serde::{Deserialize, Serialize};
-
 use crate::comm::Comm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::to_3d;
-use crate::lattice::comparison::genetic;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, EnergyTerms};
 use crate::lattice::halo::{self, OwnedAndGhosts};
@@ -46,25 +43,40 @@ pub enum StopReason {
     Interrupted,
 }
 
+/// A round by another method: lowers the energy from the given positions, and stores the result in
+/// the minimiser. The integer is the number of the round.
+pub type Round<const D: usize> = fn(
+    &mut Minimiser<'_, D>,
+    &[[f64; D]],
+    &mut dyn Energy<D>,
+    &OptimiseOptions<D>,
+    usize,
+    &mut Budget,
+    &mut dyn Progress,
+) -> Result<StopReason>;
+
 /// The method that lowers the energy in a round.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// Limited-memory BFGS (fast)
+#[derive(Debug, Clone, Copy, Default)]
+pub enum Method<const D: usize> {
+    /// Limited-memory BFGS.
     #[default]
     Lbfgs,
-    /// Steepest descent, in coordinates scaled as for L-BFGS
+    /// Steepest descent, in coordinates scaled as for L-BFGS.
     Descent,
-    /// A genetic algorithm: a population of ten lattices (slow)
-    Genetic,
+    /// Another method for whole lattices, which sends its own snapshots.
+    Other {
+        /// One round.
+        run: Round<D>,
+        /// Evaluations that it needs, as a multiple of those of L-BFGS.
+        effort: usize,
+    },
 }
 
 /// Options of an optimisation.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OptimiseOptions {
+#[derive(Debug, Clone)]
+pub struct OptimiseOptions<const D: usize> {
     /// The method of each round.
-    pub method: Method,
+    pub method: Method<D>,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
     pub tolerance: f64,
     /// Most rounds of perturbation and minimisation.
@@ -79,7 +91,7 @@ pub struct OptimiseOptions {
     pub temperature: Vec<f64>,
 }
 
-impl Default for OptimiseOptions {
+impl<const D: usize> Default for OptimiseOptions<D> {
     fn default() -> Self {
         Self {
             method: Method::Lbfgs,
@@ -93,16 +105,15 @@ impl Default for OptimiseOptions {
     }
 }
 
-impl OptimiseOptions {
-    /// Sets the method and scales the limits to it: steepest descent needs more evaluations, and a
-    /// genetic algorithm many, of which as many run at once as there are threads. Three times as
-    /// many rounds are allowed if `is_regularised`, that is, if Laplacian coordinates change the
-    /// energy from round to round.
-    pub fn with_method(self, method: Method, is_regularised: bool) -> Self {
+impl<const D: usize> OptimiseOptions<D> {
+    /// Sets the method and scales the limits to it: other methods need more evaluations than L-BFGS.
+    /// Three times as many rounds are allowed if `is_regularised`, that is, if the energy changes
+    /// from round to round.
+    pub fn with_method(self, method: Method<D>, is_regularised: bool) -> Self {
         let effort = match method {
             Method::Lbfgs => 1,
             Method::Descent => 5,
-            Method::Genetic => 25,
+            Method::Other { effort, .. } => effort,
         };
         let rounds = if is_regularised { 3 } else { 1 };
         Self {
@@ -165,7 +176,7 @@ pub fn optimise<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
     check_options(options, atoms.len())?;
@@ -184,14 +195,14 @@ pub(crate) fn optimise_partition<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     comm: &dyn Comm,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
     let can_partition = energy.supports_partition()
         && Minimiser::<D>::CAN_PARTITION
         && options.temperature.is_empty();
-    if comm.size() > 1 && can_partition && options.method != Method::Genetic {
+    if comm.size() > 1 && can_partition && !matches!(options.method, Method::Other { .. }) {
         let sharing = LatticeSharing {
             comm,
             max_move: expected_move(distance),
@@ -217,7 +228,7 @@ fn optimise_with_halo<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     sharing: LatticeSharing<'_>,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
@@ -252,13 +263,13 @@ fn lower_energy<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     progress: &mut dyn Progress,
 ) -> Result<(OptimiseResult, f64)> {
     let mobility = mobility(atoms, extent, &options.temperature);
     let bounds = MoveBounds::new(atoms, distance, extent, &mobility);
     drop(mobility);
-    let is_steepest_descent = options.method == Method::Descent;
+    let is_steepest_descent = matches!(options.method, Method::Descent);
     let mut minimiser = Minimiser::new(halo, &atoms.positions, bounds, is_steepest_descent);
     let mut budget = Budget {
         evaluations: 0,
@@ -286,7 +297,7 @@ fn lower_energy<const D: usize>(
         rounds += 1;
         let key = options.seed.wrapping_add(rounds as u64);
         let stop = match options.method {
-            Method::Genetic => genetic::evolve(
+            Method::Other { run, .. } => run(
                 &mut minimiser,
                 &atoms.positions,
                 energy,
@@ -314,7 +325,7 @@ fn lower_energy<const D: usize>(
             best = minimiser.energy();
             atoms.positions.copy_from_slice(minimiser.positions());
         }
-        if options.method != Method::Genetic {
+        if !matches!(options.method, Method::Other { .. }) {
             let x = &atoms.positions;
             send_snapshot(x, halo, best, rounds, energy, &mut scratch, progress)?;
         }
@@ -339,7 +350,7 @@ fn lower_energy<const D: usize>(
 
 /// Passes a lattice, whose minimised energy is `minimised`, to the progress callback if it wants
 /// lattices.
-pub(in crate::lattice) fn send_snapshot<const D: usize>(
+pub(crate) fn send_snapshot<const D: usize>(
     x: &[[f64; D]],
     halo: &OwnedAndGhosts<'_>,
     minimised: f64,
@@ -363,7 +374,7 @@ pub(in crate::lattice) fn send_snapshot<const D: usize>(
     Ok(())
 }
 
-fn check_options(options: &OptimiseOptions, atom_count: usize) -> Result<()> {
+fn check_options<const D: usize>(options: &OptimiseOptions<D>, atom_count: usize) -> Result<()> {
     let fail = |place: &str, problem: String, remedy: &str| {
         Err(Error::Optimise(cause(place, problem, remedy)))
     };

@@ -65,13 +65,12 @@ use std::str::FromStr;
 macro_rules! feature_kinds {
     ($($(#[$help:meta])* $kind:ident = $name:tt [$($detector:expr),*];)+) => {
         /// Kinds of features. The doc comments of the variants are help texts of the command line.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-        #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
         pub enum FeatureKind {
             $(
                 $(#[$help])*
                 #[serde(rename = $name)]
-                #[cfg_attr(feature = "cli", value(name = $name))]
+                #[value(name = $name)]
                 $kind,
             )+
         }
@@ -388,12 +387,9 @@ mod tests {
             let name = kind.to_string();
             assert_eq!(name.parse::<FeatureKind>().unwrap(), kind);
             assert_eq!(serde_json::to_value(kind).unwrap(), name);
-            #[cfg(feature = "cli")]
-            {
-                let value = clap::ValueEnum::to_possible_value(&kind).unwrap();
-                assert_eq!(value.get_name(), name);
-                assert!(value.get_help().is_some(), "{name}");
-            }
+            let value = clap::ValueEnum::to_possible_value(&kind).unwrap();
+            assert_eq!(value.get_name(), name);
+            assert!(value.get_help().is_some(), "{name}");
         }
         let message = "ridge".parse::<FeatureKind>().unwrap_err().to_string();
         assert!(

@@ -3,8 +3,9 @@
 
 use atomesh::image::{ScalarField, SparseField};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, SampledEnergy};
+use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy};
 use atomesh::lattice::seeding::{self, Alignment};
+use atomesh::published::SampledEnergy;
 use divan::Bencher;
 
 fn main() {

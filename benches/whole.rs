@@ -12,9 +12,10 @@ use atomesh::feature;
 use atomesh::image::formats;
 use atomesh::image::synth::{self, Options, PRESETS, SyntheticKind};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, SampledEnergy};
+use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy};
 use atomesh::lattice::seeding::{self, Alignment};
 use atomesh::mesh::{delaunay, voronoi};
+use atomesh::published::SampledEnergy;
 use atomesh::report::cost::cpu_seconds;
 use serde_json::Value;
 

@@ -12,11 +12,12 @@ use atomesh::feature;
 use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::{Geometry, Image, ScalarField};
 use atomesh::lattice::distance::{self, Distance};
-use atomesh::lattice::energy::{Beta, Energy, SampledEnergy, pair};
+use atomesh::lattice::energy::{Beta, Energy, pair};
 use atomesh::lattice::seeding::{self, Alignment};
 use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
 use atomesh::model::surface::SurfaceKind;
 use atomesh::progress::CancelToken;
+use atomesh::published::SampledEnergy;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -11,10 +11,11 @@ use atomesh::feature;
 use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::{Geometry, Image};
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, SampledEnergy};
+use atomesh::lattice::energy::{Beta, Energy};
 use atomesh::lattice::optimise::{self, NoProgress};
 use atomesh::lattice::seeding::{self, Alignment, Atoms};
 use atomesh::model::slice::{self, Caption, Overlay};
+use atomesh::published::SampledEnergy;
 
 /// Weight of the image, as in the paper.
 const BETA: f64 = 0.3;

@@ -14,10 +14,8 @@ use atomesh::image::Image;
 use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::job::{MeshScene, MeshSpace, Meshing, StageRunner};
-use atomesh::lattice::comparison::genetic;
-use atomesh::lattice::comparison::laplacian::DEFAULT_KAPPA;
 use atomesh::lattice::distance::Distance;
-use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy};
+use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy};
 use atomesh::lattice::optimise::{self, Method, NoProgress, OptimiseOptions};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use atomesh::mesh::Simplices;
@@ -26,6 +24,9 @@ use atomesh::mesh::poly::Lists;
 use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
 use atomesh::model::surface::SurfaceKind;
 use atomesh::progress::CancelToken;
+use atomesh::published::guide::{GuideOptions, draw_lattice};
+use atomesh::published::laplacian::{DEFAULT_KAPPA, RegularisedEnergy};
+use atomesh::published::{genetic, projection};
 use atomesh::report::cost::cpu_seconds;
 use atomesh::report::quality;
 
@@ -106,7 +107,7 @@ where
             ("lbfgs", Some(Method::Lbfgs), 1.0),
             ("lbfgs, kappa 0.7", Some(Method::Lbfgs), DEFAULT_KAPPA),
             ("descent", Some(Method::Descent), 1.0),
-            ("genetic", Some(Method::Genetic), 1.0),
+            ("genetic", Some(genetic::method()), 1.0),
         ] {
             let mut sum = Figures::default();
             for seed in 1..=RUNS {
@@ -150,7 +151,7 @@ where
     for generations in [0, 1, 2, 4, 8, 16, 32, 64, 128] {
         let evaluations = 2 + generations * children;
         print!("| {evaluations}");
-        for method in [Method::Genetic, Method::Lbfgs] {
+        for method in [genetic::method(), Method::Lbfgs] {
             let mut atoms = case.seed("guide", 1)?;
             if generations > 0 {
                 let options = OptimiseOptions {
@@ -213,7 +214,7 @@ fn draw_seedings(image: &Image<2>, d: f64) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn optimise_options(seed: u64) -> OptimiseOptions {
+fn optimise_options<const D: usize>(seed: u64) -> OptimiseOptions<D> {
     OptimiseOptions {
         seed,
         tolerance: 1e-4,
@@ -236,26 +237,27 @@ where
     }
 
     fn seed(&self, name: &str, seed: u64) -> anyhow::Result<Atoms<D>> {
-        let method = match name {
-            "refine" => Seeding::Refine { seed },
-            "guide" => Seeding::Guide {
+        let (extent, distance) = (self.extent, &self.distance);
+        let (alignment, cancel) = (Alignment::OnFeatures, &CancelToken::never());
+        let potential = &self.features.potential.to_dense();
+        let guide = |fixed: &[[f64; D]]| {
+            let options = GuideOptions {
+                alignment,
                 seed,
                 max_atoms: usize::MAX,
-            },
-            "projection" => Seeding::Projection,
-            _ => Seeding::Fcc,
+            };
+            draw_lattice(extent, distance, potential, fixed, options, cancel)
         };
-        let potential = Some(&self.features.potential);
-        let (extent, distance) = (self.extent, &self.distance);
-        Ok(seeding::seed(
-            method,
-            extent,
-            distance,
-            &[],
-            Alignment::OnFeatures,
-            potential,
-            &CancelToken::never(),
-        )?)
+        let project = |fixed: &[[f64; D]]| {
+            projection::project_lattice(extent, distance, potential, fixed, alignment, cancel)
+        };
+        let seed_regular = |method| seeding::seed(method, extent, distance, &[], alignment, cancel);
+        Ok(match name {
+            "refine" => seed_regular(Seeding::Refine { seed })?,
+            "guide" => seeding::seed_with(extent, distance, &[], alignment, guide)?,
+            "projection" => seeding::seed_with(extent, distance, &[], alignment, project)?,
+            _ => seed_regular(Seeding::Fcc)?,
+        })
     }
 
     /// Returns the pairwise energy as published.
@@ -273,7 +275,7 @@ where
     fn move_atoms(
         &self,
         atoms: &mut Atoms<D>,
-        options: &OptimiseOptions,
+        options: &OptimiseOptions<D>,
         kappa: f64,
     ) -> anyhow::Result<()> {
         let pairs = self.pairwise_energy()?.with_auto_stiffness();

@@ -23,6 +23,7 @@
 //!               mesher: image in, mesh out
 //! feature       image -> points on features, and the potential b(x) with valleys on them
 //! lattice       positions of atoms: distance, seeding, energy, optimisation
+//! published     methods of others, to compare the default methods with
 //! improve       removes slivers and keeps features
 //! report        the quality of a mesh
 //! job           all of the above in order
@@ -94,6 +95,7 @@ pub mod names;
 pub(crate) mod option_text;
 pub(crate) mod parallel;
 pub mod progress;
+pub mod published;
 pub mod report;
 pub mod session;
 pub mod store;

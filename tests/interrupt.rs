@@ -3,12 +3,12 @@
 use atomesh::ErrorKind;
 use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::image::{Geometry, Image};
-use atomesh::improve::Scheme;
 use atomesh::job::spec::{MeshSpec, NominalDistance};
 use atomesh::job::{self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params};
 use atomesh::lattice::optimise::StopReason;
 use atomesh::mesh::check::{CheckHints, check, check_with_hints};
 use atomesh::progress::{Progress, Stage};
+use atomesh::published::relax::Scheme;
 
 /// A progress tracker that stops the job when a stage begins.
 struct Stopper {

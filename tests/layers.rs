@@ -39,7 +39,14 @@ const LAYERS: [Layer; 4] = [
     },
     Layer {
         name: "mesher",
-        modules: &["feature", "lattice", "improve", "report", "job"],
+        modules: &[
+            "feature",
+            "lattice",
+            "published",
+            "improve",
+            "report",
+            "job",
+        ],
         below: &["ground"],
     },
     Layer {

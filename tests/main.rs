@@ -54,6 +54,7 @@ mod plane;
 mod readme;
 mod refusals;
 mod reservoir;
+mod round_trips;
 mod scans;
 mod scans_files;
 mod scans_labels;

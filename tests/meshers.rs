@@ -103,6 +103,115 @@ fn meshio_reads_medit_tetgen_abaqus_and_nastran() {
     }
 }
 
+/// Returns the rows of at least `count` numbers that follow a line with `heading`.
+fn number_rows(text: &str, heading: &str, count: usize) -> Vec<Vec<f64>> {
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let lines = lines.skip_while(|line| !line.starts_with(heading)).skip(1);
+    let rows = lines.map_while(|line| {
+        let words = line.split([' ', ',']).filter(|word| !word.is_empty());
+        words
+            .map(|word| word.parse().ok())
+            .collect::<Option<Vec<f64>>>()
+    });
+    rows.filter(|row| row.len() >= count).collect()
+}
+
+/// Returns the numbers of the lines of a NASTRAN deck that begin with `card`, in fields of `width`
+/// characters.
+fn nastran_rows(text: &str, card: &str, width: usize) -> Vec<Vec<f64>> {
+    let text = text.replace("\n*       ", "");
+    let lines = text.lines().filter_map(|line| line.strip_prefix(card));
+    let rows = lines.map(|line| {
+        let fields = (0..line.len())
+            .step_by(width)
+            .map(|i| line[i..line.len().min(i + width)].trim());
+        let fields = fields.filter(|field| !field.is_empty());
+        fields.map(|field| field.parse().unwrap()).collect()
+    });
+    rows.collect()
+}
+
+#[test]
+fn texts_for_meshers_have_the_nodes_tetrahedra_and_sides_of_the_mesh() {
+    let folder = folder_with_meshes();
+    let folder = folder.path();
+    let mesh = read_vtu(&folder.join("tets.vtu")).unwrap().mesh;
+    for (to, file) in [
+        ("inp", "a.inp"),
+        ("medit", "a.mesh"),
+        ("tetgen", "a.node"),
+        ("nastran", "a.bdf"),
+    ] {
+        run(
+            folder,
+            &format!("export tets.vtu --to {to} -o {file} --quiet"),
+        );
+        let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+        let text = read(file);
+        // Rows of nodes, tetrahedra and triangles, with the column of the first coordinate, of the first
+        // node, and of the first node and the group.
+        let (nodes, tets, triangles) = match to {
+            "inp" => (
+                (number_rows(&text, "*NODE", 4), 1),
+                (number_rows(&text, "*ELEMENT", 5), 1),
+                (Vec::new(), [0; 2]),
+            ),
+            "medit" => (
+                (number_rows(&text, "Vertices", 4), 0),
+                (number_rows(&text, "Tetrahedra", 5), 0),
+                (number_rows(&text, "Triangles", 4), [0, 3]),
+            ),
+            "tetgen" => (
+                (number_rows(&text, "", 4), 1),
+                (number_rows(&read("a.ele"), "", 5), 1),
+                (number_rows(&read("a.face"), "", 5), [1, 4]),
+            ),
+            _ => (
+                (nastran_rows(&text, "GRID*   ", 16), 1),
+                (nastran_rows(&text, "CTETRA  ", 8), 2),
+                (nastran_rows(&text, "CTRIA3  ", 8), [2, 1]),
+            ),
+        };
+        let (rows, first) = nodes;
+        let nodes: Vec<[f64; 3]> = (rows.iter())
+            .map(|row| [0, 1, 2].map(|k| row[first + k]))
+            .collect();
+        assert_eq!(nodes.len(), mesh.nodes.len(), "{to}");
+        // Coordinates of NASTRAN have 16 characters.
+        let tolerance = if to == "nastran" { 1e-12 } else { 0.0 };
+        for (node, expected) in nodes.as_flattened().iter().zip(mesh.nodes.as_flattened()) {
+            assert!(
+                is_close(*node, *expected, tolerance),
+                "{to}: {node} {expected}"
+            );
+        }
+        let (rows, first) = tets;
+        let tets: Vec<[u32; 4]> = (rows.iter())
+            .map(|row| [0, 1, 2, 3].map(|k| row[first + k] as u32 - 1))
+            .collect();
+        assert!(tets == mesh.tets, "{to}");
+        let (rows, [first, group]) = triangles;
+        let mut areas = [0.0; 6];
+        for row in rows.iter().filter(|row| row[group] <= 6.0) {
+            let [a, b, c] = [0, 1, 2].map(|k| nodes[row[first + k] as usize - 1]);
+            let side = row[group] as usize - 1;
+            let (k, l) = ((side / 2 + 1) % 3, (side / 2 + 2) % 3);
+            let area = (b[k] - a[k]) * (c[l] - a[l]) - (b[l] - a[l]) * (c[k] - a[k]);
+            // Triangles point outwards.
+            areas[side] += if side % 2 == 0 {
+                -0.5 * area
+            } else {
+                0.5 * area
+            };
+        }
+        let [x, y, z] = [39.0, 35.0, 31.0];
+        let expected = [y * z, y * z, z * x, z * x, x * y, x * y];
+        for (area, expected) in areas.iter().zip(expected).filter(|_| to != "inp") {
+            assert!(is_close(*area, expected, 1e-9), "{to}: {areas:?}");
+        }
+    }
+}
+
 #[test]
 #[ignore = "needs meshio: make test-all"]
 fn meshio_reads_regions_sides_and_quadratic_elements_of_nastran() {

@@ -455,6 +455,70 @@ fn triangles_of_the_plane_are_exported_as_triangles() {
     assert!(error.contains("tetrahedra only"), "{error}");
 }
 
+/// Writes a row of boxes of 2 x 3 x 5 m along x.
+fn write_row_of_boxes(path: &Path, count: usize) {
+    let points = 4 * (count + 1);
+    let mut text = format!(
+        "# vtk DataFile Version 3.0\nrow\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {points} double\n"
+    );
+    for n in 0..points {
+        text += &format!("{} {} {}\n", 2 * (n / 4), 3 * (n / 2 % 2), 5 * (n % 2));
+    }
+    text += &format!("CELLS {count} {}\n", 9 * count);
+    for i in 0..count {
+        let corners = [0, 4, 2, 6, 1, 5, 3, 7].map(|n| (4 * i + n).to_string());
+        text += &format!("8 {}\n", corners.join(" "));
+    }
+    text += &format!("CELL_TYPES {count}\n{}", "11\n".repeat(count));
+    std::fs::write(path, text).unwrap();
+}
+
+/// Transmissibility in cP m3/day/bar of the faces between boxes of 100 mD: the manual of Eclipse has
+/// 0.00852702 for one millidarcy.
+const BOX_TRANSMISSIBILITY: f64 = 0.008_527_02 * 100.0 * 15.0 / 2.0;
+
+/// Format, file, the line before some rows, their number, a column of them (in `tough2` its first
+/// character), and the value there in each row.
+const ROWS_OF_DECKS: [(&str, &str, &str, usize, usize, f64); 10] = [
+    ("opm", "A.DATA", "NNC", 4, 6, BOX_TRANSMISSIBILITY),
+    ("opm", "A.DATA", "PORV", 1, 4, 0.2 * 30.0),
+    ("darts", "a.conn", "# block_m", 4, 2, BOX_TRANSMISSIBILITY),
+    ("darts", "a.conn", "# block_m", 4, 3, 7.5),
+    ("pflotran", "a.uge", "CELLS", 5, 4, 30.0),
+    ("pflotran", "a.uge", "CONNECTIONS", 4, 5, 15.0),
+    ("tough2", "MESH", "ELEME", 5, 20, 30.0),
+    ("tough2", "MESH", "CONNE", 4, 30, 1.0),
+    ("tough2", "MESH", "CONNE", 4, 40, 1.0),
+    ("tough2", "MESH", "CONNE", 4, 50, 15.0),
+];
+
+#[test]
+fn decks_have_the_volumes_and_transmissibilities_of_five_boxes_in_a_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_row_of_boxes(&folder.join("row.vtk"), 5);
+    let rock = "--porosity 0.2 --permeability 100,50,10 --permeability-unit mD";
+    for (to, file, heading, row_count, column, expected) in ROWS_OF_DECKS {
+        let export = format!("export row.vtk --to {to} -o {file} --length-unit m {rock} --quiet");
+        run(folder, &format!("{export} --depth-at-top 1000"));
+        let text = std::fs::read_to_string(folder.join(file)).unwrap();
+        let lines = text.lines().skip_while(|line| !line.starts_with(heading));
+        let rows = lines.skip(1).map(str::trim_start);
+        let value = |row: &str| -> f64 {
+            let word = match to {
+                "tough2" => &row[column..column + 10],
+                _ => row.split(' ').nth(column).unwrap(),
+            };
+            word.trim().parse().unwrap()
+        };
+        let is_row = |row: &&str| row.starts_with(|c: char| c == 'A' || c.is_ascii_digit());
+        let values: Vec<f64> = rows.take_while(is_row).map(value).collect();
+        assert_eq!(values.len(), row_count, "{to} {heading}");
+        let is_right = |value: &f64| is_close(*value, expected, 1e-6);
+        assert!(values.iter().all(is_right), "{to} {heading}: {values:?}");
+    }
+}
+
 #[test]
 fn impossible_exports_are_refused() {
     let folder = folder();

@@ -3,12 +3,12 @@
 use crate::common::{expect_refusal, run_args};
 use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
-use atomesh::improve::Scheme;
 use atomesh::job::spec::{MeshSpec, NominalDistance, SeedingKind, Slivers};
 use atomesh::job::{self, MeshSpace, Meshing, Outcome, Params};
 use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimise::NoProgress;
 use atomesh::mesh::{Mesh, Simplices};
+use atomesh::published::relax::Scheme;
 use serde_json::Value;
 
 /// Returns an image of a ball (a disc in the plane) of 100 on a background that rises along x.

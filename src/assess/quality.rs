@@ -22,16 +22,15 @@ use crate::store::{LatticeSpace, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
 /// Options of `atomesh quality`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct QualitySpec {
     /// The exact distance to the features, as `synth --truth` writes it
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DIST.npy"))]
+    #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
     /// Also write the lines where features, or a feature and a side of the box, meet at less than
     /// 30 degrees, with their angles
-    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
+    #[arg(long, value_name = "LINES.vtp")]
     pub lines: Option<PathBuf>,
 }
 

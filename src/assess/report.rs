@@ -18,22 +18,18 @@ use crate::store::{ImageInput, MeshInput};
 use crate::{Error, Result};
 
 /// Options of `atomesh report`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ReportSpec {
     /// The file that mesh --report has written, for its fidelity, notes and cost [default: figures
     /// are measured from the mesh]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "REPORT.json"))]
+    #[arg(long, value_name = "REPORT.json")]
     pub figures: Option<PathBuf>,
     /// Heading of the page [default: the mesh's name]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "TEXT"))]
+    #[arg(long, value_name = "TEXT")]
     pub title: Option<String>,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 

@@ -20,39 +20,29 @@ const ATOM_REMEDY: &str = "give the number of a point of the mesh, as ParaView s
 const MOVE_REMEDY: &str = "give an atom and its new place such as 812:1500,2000,300";
 
 /// Options of `atomesh edit`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct EditSpec {
     /// A new atom, in the image's physical coordinates (X,Y in 2-D). This and the other edits may
     /// be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub add: Vec<PointValue>,
     /// Move atom N to X,Y,Z. N is the number of a point of the mesh as ParaView shows it, or of a
     /// cell for Voronoi cells
-    #[cfg_attr(
-        feature = "cli",
-        arg(long = "move", value_name = "N:X,Y,Z", allow_hyphen_values = true)
-    )]
+    #[arg(long = "move", value_name = "N:X,Y,Z", allow_hyphen_values = true)]
     #[serde(rename = "move")]
     pub moves: Vec<AtomMove>,
     /// Remove atom N
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[arg(long, value_name = "N")]
     pub remove: Vec<AtomNumber>,
     /// A CSV file of edits, one per line: add,X,Y,Z or move,N,X,Y,Z or remove,N
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
+    #[arg(long, value_name = "FILE.csv")]
     pub edits: Option<PathBuf>,
     /// Let added and moved atoms move like all others. By default they stay in place, as wells do
-    #[cfg_attr(feature = "cli", arg(long))]
+    #[arg(long)]
     pub free: bool,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 

@@ -29,30 +29,23 @@ use crate::surface_file::stl::read_stl;
 use crate::{Error, Result};
 
 /// Options of `atomesh convert`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ConvertSpec {
     /// Convert an image from two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s or a file of
     /// interval velocities in m/s. Such a file is a grid in two-way time, and the image is
     /// resampled
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// Write SEG-Y (OUT.sgy) with the headers of this survey, which has as many samples: its text,
     /// lines, coordinates and order of traces
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SURVEY.sgy"))]
+    #[arg(long, value_name = "SURVEY.sgy")]
     pub like: Option<PathBuf>,
     /// The samples of SEG-Y that is written: ibm or ieee floats [default: as in the survey]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FORMAT", requires = "like"))]
+    #[arg(long, value_name = "FORMAT", requires = "like")]
     pub sample_format: Option<SegyFloat>,
     /// Options for reading the image, and the survey.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 

@@ -15,53 +15,43 @@ use crate::option_text::serde_as_text;
 use crate::{Error, Result};
 
 /// Options of `atomesh export`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ExportSpec {
     /// Options for the rock in the cells.
-    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Rock"))]
+    #[command(flatten, next_help_heading = "Rock")]
     pub rock: RockOptions,
     /// Options that say how faults resist flow; they are open by default.
-    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Faults"))]
+    #[command(flatten, next_help_heading = "Faults")]
     pub fault_options: FaultOptions,
     /// Options for fault rock that is computed from clay.
-    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Faults"))]
+    #[command(flatten, next_help_heading = "Faults")]
     pub gouge: GougeOptions,
     /// Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
     /// as fine as the cells]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "NX,NY,NZ", help_heading = None)
-    )]
+    #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
     pub grid: Option<GridCounts>,
     /// Duplicate the nodes along surfaces and add elements between the two sides (tetrahedra only):
     /// faults, horizons, all, or a list of numbers and names as `atomesh surface MESH` prints them
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WHICH", help_heading = None))]
+    #[arg(long, value_name = "WHICH", help_heading = None)]
     pub split: Option<BarrierSelection>,
     /// Add nodes in the middle of edges: elements of second order
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, help_heading = None, conflicts_with = "split")
-    )]
+    #[arg(long, help_heading = None, conflicts_with = "split")]
     pub quadratic: bool,
     /// Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the mesh,
     /// along the faces of cells. An extension has a name of its own, such as fault1_extension, and the law
     /// of its fault
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DIST", help_heading = "Faults")
-    )]
+    #[arg(long, value_name = "DIST", help_heading = "Faults")]
     pub extend_faults: Option<f64>,
     /// Report which share of the flow passes each closed fault, how much of its way to the next fault or
     /// the sides of the mesh it covers, and the wells in each compartment
-    #[cfg_attr(feature = "cli", arg(long, help_heading = "Faults"))]
+    #[arg(long, help_heading = "Faults")]
     pub check_seals: bool,
     /// Options that convert coordinates to metres and depth.
-    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Space"))]
+    #[command(flatten, next_help_heading = "Space")]
     pub space: SpaceOptions,
     /// Options for wells, fluids and the duration of the simulation.
-    #[cfg_attr(feature = "cli", command(flatten, next_help_heading = "Case"))]
+    #[command(flatten, next_help_heading = "Case")]
     pub case: CaseOptions,
 }
 

@@ -2,7 +2,7 @@
 
 use super::FeatureKind;
 use super::LabelOptions;
-use super::detectors::comparison::paths::PathSeeds;
+use super::detectors::paths::PathSeeds;
 use super::given::SharedPoints;
 use super::volume::Volume;
 use super::{MIN_FAULT_DIP, MissingData};
@@ -13,8 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 /// Evidence for faults in seismic amplitudes.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultEvidence {
     /// The network, or semblance in surveys whose traces are far apart

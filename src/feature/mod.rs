@@ -100,7 +100,7 @@ pub use confidence::{Confidences, DOUBTFUL_CONFIDENCE};
 pub(crate) use detection::fills_gaps;
 pub use detection::{DetectionOptions, FaultEvidence};
 pub use detectors::FeatureKind;
-pub use detectors::comparison::paths::PathSeeds;
+pub use detectors::paths::PathSeeds;
 pub(crate) use detectors::{Brightness, ThresholdMeaning};
 pub use doubt::Doubt;
 pub use given::{GivenPoints, GivenSurface, SurfaceName};

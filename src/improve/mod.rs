@@ -47,4 +47,3 @@ pub(crate) use seal::seal;
 pub use snap::snap_to_features;
 pub(crate) use snap::{snap_distributed, snap_halo_width};
 pub use target::{Effort, SliverMethod, Target};
-pub use triangles::relax::Scheme;

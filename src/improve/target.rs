@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 pub(super) const UNUSABLE_ANGLE: f64 = 21.0;
 
 /// How much work goes into a mesh.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Effort {
     /// Less time: angles from 15 degrees, no search for crossing surfaces, atoms

@@ -14,6 +14,7 @@ use crate::lattice::distance::DistributedDistance;
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::{self, Atoms};
 use crate::progress::{CancelToken, Stage};
+use crate::published::canny;
 
 /// Returns atoms at Canny's points, moved onto the smooth features on which the points around them
 /// agree.
@@ -30,7 +31,7 @@ where
 {
     let image = smooth_image(image, frame.step, params.spec.sigma.unwrap_or(1.0), cancel);
     let (mut atoms, distance) =
-        seeding::canny::place_atoms(&features.points, &image, &frame.fixed_atoms, cancel)?;
+        canny::place_atoms(&features.points, &image, &frame.fixed_atoms, cancel)?;
     cancel.check(Stage::Placing)?;
     let seeded_count = atoms.len() - frame.fixed_atoms.len();
     let scene = MeshScene {

@@ -12,6 +12,7 @@ use super::equalise::CellEqualiser;
 use super::job_domain::JobDomain;
 use super::measure::measure_unless_cancelled;
 use super::named_faces::close_given_surfaces;
+use super::placement::seed_atoms;
 use super::{
     AnnotatedMesh, BOX_TOLERANCE, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner,
     join, placement, regions, simplices,
@@ -32,7 +33,7 @@ use crate::lattice::halo::SharedLattice;
 use crate::lattice::optimise::{self, StopReason, temperature};
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::lattice::seeding::line_atoms::{Projection, line_atoms};
-use crate::lattice::seeding::{self, Alignment, Atoms, fixed_atoms};
+use crate::lattice::seeding::{Alignment, Atoms, fixed_atoms};
 use crate::mesh::check::{CheckHints, check_view};
 use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
@@ -405,13 +406,13 @@ fn relax_around_sites<const D: usize>(
     let fixed: Vec<[f64; D]> = fixed_atoms.iter().chain(&positions).copied().collect();
     // There is a lattice already, if only one for surfaces, so that a stop takes effect after
     // seeding.
-    let mut atoms = seeding::seed(
-        params.seeding(),
+    let mut atoms = seed_atoms(
+        params,
         extent,
         distance,
         &fixed,
         Alignment::AlongsideFeatures,
-        Some(&features.potential),
+        &features.potential,
         &CancelToken::never(),
     )?;
     // Seeding appends fixed atoms, and the sites are the last of these.

@@ -1,12 +1,12 @@
 //! Estimates of the size of a mesh, and checks that it fits into memory.
 
 use super::CellKind;
+use super::spec::SeedingKind;
 use crate::Result;
 use crate::feature::FeatureKind;
 use crate::image::ImageSource;
 use crate::improve::tets::SlabCuts;
 use crate::lattice::distance::Distance;
-use crate::lattice::seeding::Seeding;
 use crate::memory;
 use crate::progress::SizeEstimate;
 
@@ -78,7 +78,7 @@ pub(super) fn estimate_per_rank<const D: usize>(
     total: SizeEstimate,
     extent: [f64; D],
     distance: &Distance<D>,
-    seeding: Seeding,
+    seeding: SeedingKind,
     rank_count: usize,
 ) -> SizeEstimate {
     let longest = extent.into_iter().fold(0.0, f64::max);
@@ -88,7 +88,7 @@ pub(super) fn estimate_per_rank<const D: usize>(
     }
     let share = slabs.div_ceil(rank_count) as f64 / slabs as f64;
     let placed_atoms = match seeding {
-        Seeding::Fcc | Seeding::Grown => total.atoms / rank_count as f64,
+        SeedingKind::Fcc | SeedingKind::Grown => total.atoms / rank_count as f64,
         _ => total.atoms,
     };
     SizeEstimate {
@@ -120,8 +120,7 @@ mod tests {
             let total = estimate_from_distance(&d, extent, CellKind::Simplices);
             let bytes_per_rank =
                 |seeding| estimate_per_rank(total, extent, &d, seeding, rank_count).bytes;
-            let [regular, drawn] =
-                [Seeding::Grown, Seeding::Refine { seed: 0 }].map(bytes_per_rank);
+            let [regular, drawn] = [SeedingKind::Grown, SeedingKind::Refine].map(bytes_per_rank);
             let placed = PLACING_BYTES_PER_ATOM * total.atoms;
             let difference = placed - placed / rank_count as f64;
             assert!((drawn - regular - difference).abs() < 1e-6 * drawn);
@@ -137,27 +136,17 @@ mod tests {
         }
         let small = [450.0; 3];
         let total = estimate_from_distance(&d, small, CellKind::Simplices);
-        let per_rank = estimate_per_rank(total, small, &d, Seeding::Fcc, 4);
+        let per_rank = estimate_per_rank(total, small, &d, SeedingKind::Fcc, 4);
         assert_eq!(per_rank.bytes, total.bytes);
     }
 
     #[test]
     fn the_estimated_atom_count_is_close_to_the_seeded_one() {
-        use crate::lattice::seeding::{Alignment, seed};
-        use crate::progress::CancelToken;
+        use crate::lattice::seeding::{Alignment, fcc};
 
         fn assert_as_seeded<const D: usize>(extent: [f64; D]) {
             let d = Distance::Constant(5.0);
-            let (seeding, cancel) = (Seeding::default(), &CancelToken::never());
-            let seeded = seed(
-                seeding,
-                extent,
-                &d,
-                &[],
-                Alignment::OnFeatures,
-                None,
-                cancel,
-            );
+            let seeded = fcc(extent, &d, &[], Alignment::OnFeatures);
             let atoms = seeded.unwrap().positions.len() as f64;
             let estimate = estimate_from_distance(&d, extent, CellKind::Simplices).atoms;
             assert!(

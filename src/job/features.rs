@@ -22,90 +22,62 @@ use crate::progress::{CancelToken, Progress, Stage};
 use crate::{Error, Result};
 
 /// Options of `atomesh feature`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FeatureSpec {
     /// Also write the lines (in 2-D points) at which features cross, branch off one another and
     /// end, with the angle and the two feature surfaces: .vtp
-    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp"))]
+    #[arg(long, value_name = "LINES.vtp")]
     pub lines: Option<PathBuf>,
     /// Also write the feature points with normal, strength and surface: .csv or .vtp
-    #[cfg_attr(feature = "cli", arg(long, value_name = "POINTS.csv"))]
+    #[arg(long, value_name = "POINTS.csv")]
     pub points: Option<PathBuf>,
     /// The features to find
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "KIND", default_value = "auto")
-    )]
+    #[arg(long, value_name = "KIND", default_value = "auto")]
     pub feature: FeatureKind,
     /// Nominal distance between atoms, in samples. The valleys of the potential are a quarter as
     /// wide
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "D", default_value_t = Self::default().distance)
-    )]
+    #[arg(long, value_name = "D", default_value_t = Self::default().distance)]
     pub distance: f64,
     /// Scale of the features, in samples [default: depends on the kind of feature]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "S"))]
+    #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
     /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     /// [default: automatic; it is printed]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "T", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub threshold: Option<f32>,
     /// How faults are recognised in seismic amplitudes
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "EVIDENCE", default_value_t, value_enum)
-    )]
+    #[arg(long, value_name = "EVIDENCE", default_value_t, value_enum)]
     pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DEGREES", default_value_t = Self::default().min_dip)
-    )]
+    #[arg(long, value_name = "DEGREES", default_value_t = Self::default().min_dip)]
     pub min_dip: f64,
     /// Smallest size of a fault in samples, whatever the distance between atoms: its area is at least
     /// the square of it, in 2-D its length [default: 20]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES"))]
+    #[arg(long, value_name = "SAMPLES")]
     pub min_fault_size: Option<f64>,
     /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
-    #[cfg_attr(feature = "cli", arg(long))]
+    #[arg(long)]
     pub keep_chaos: bool,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
-    #[cfg_attr(feature = "cli", arg(long, value_name = "F,H", default_value_t))]
+    #[arg(long, value_name = "F,H", default_value_t)]
     pub feature_weights: FeatureWeights,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub object: Vec<PointValue>,
     /// A point of the background, for --feature paths; may be repeated [default: the image's
     /// outermost samples]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
     pub background: Vec<PointValue>,
     /// Also write the fraction of paths that passes through each sample, for --feature paths: .vti,
     /// .npy, .nrrd, .mha, .nii or .png
-    #[cfg_attr(feature = "cli", arg(long, value_name = "OUT.png"))]
+    #[arg(long, value_name = "OUT.png")]
     pub confidence_out: Option<PathBuf>,
     /// Seed of the random numbers, for --feature paths
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "N", default_value_t = Self::default().rng_seed)
-    )]
+    #[arg(long, value_name = "N", default_value_t = Self::default().rng_seed)]
     pub rng_seed: u64,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 

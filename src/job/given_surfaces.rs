@@ -29,7 +29,7 @@ pub struct FollowedSurface {
     /// The surface, in the coordinates of its file.
     pub surface: PickedSurface,
     /// The options that give the surface again, and its names there.
-    pub twins: Vec<String>,
+    pub duplicates: Vec<String>,
 }
 
 /// Given surfaces in an image.
@@ -80,9 +80,13 @@ pub(crate) fn read(
         }
         for mut surface in picked {
             surface.is_horizon = option.is_horizon.or(surface.is_horizon);
-            let twin = surfaces.iter_mut().find(|s| s.surface.is_twin(&surface));
-            if let Some(twin) = twin {
-                twin.twins.push(format!("{} of {place}", surface.name));
+            let known = surfaces
+                .iter_mut()
+                .find(|s| s.surface.is_duplicate(&surface));
+            if let Some(known) = known {
+                known
+                    .duplicates
+                    .push(format!("{} of {place}", surface.name));
                 continue;
             }
             let same_name = surfaces.iter().find(|s| s.surface.name == surface.name);
@@ -98,7 +102,7 @@ pub(crate) fn read(
                 option: place.clone(),
                 coordinates: option.coordinates.with_nulls(nulls.map(<[f64]>::to_vec)),
                 surface,
-                twins: Vec::new(),
+                duplicates: Vec::new(),
             });
         }
     }
@@ -210,8 +214,8 @@ impl FollowedSurface {
         };
         note += if is_horizon { " a horizon" } else { " a fault" };
         note += &origin;
-        for twin in &self.twins {
-            note += &format!(", the same as {twin}");
+        for duplicate in &self.duplicates {
+            note += &format!(", the same as {duplicate}");
         }
         for text in &placed.notes {
             note += &format!(", {text}");

@@ -15,7 +15,6 @@ use crate::geometry::to_3d;
 use crate::image::{Geometry, ImageSource};
 use crate::improve::feature_planes::FeaturePlanes;
 use crate::improve::tets::{DistributedSlabs, ImproveContext, KnownAtoms, SharedWork};
-use crate::improve::triangles::relax::Relaxation;
 use crate::improve::{
     self, ImproveReport, ReshapeError, ReshapeRequest, ReshapeResult, SealReport, SliverMethod,
     Target, tets, triangles,
@@ -30,6 +29,7 @@ use crate::mesh::view::MeshView;
 use crate::mesh::voronoi;
 use crate::mesh::{Dimension, Simplices, Space as MeshSpace, TetMesh, TriMesh};
 use crate::progress::{CancelToken, Progress, Stage};
+use crate::published::relax::{self, Relaxation};
 use crate::report::{AngleAssessment, Improvement, PaddingReport};
 use crate::{Error, Result};
 
@@ -532,13 +532,7 @@ impl Meshing<2> for MeshSpace<2> {
                 stages
                     .run_cancellable(|cancel| {
                         let points = atoms.positions;
-                        triangles::relax::relax(
-                            points,
-                            &feature_edges,
-                            &mobility,
-                            relaxation,
-                            cancel,
-                        )
+                        relax::relax(points, &feature_edges, &mobility, relaxation, cancel)
                     })?
                     .0
             }

@@ -590,7 +590,7 @@ fn afford_lattice<const D: usize>(
     let cells = params.spec.cell_kind();
     let mut estimate = estimate::estimate_from_distance(&sparsest, extent, cells);
     if let Some(count) = rank_count {
-        let seeding = params.seeding();
+        let seeding = params.spec.seeding;
         estimate = estimate::estimate_per_rank(estimate, extent, &sparsest, seeding, count);
     }
     estimate::afford(&estimate)

@@ -2,19 +2,21 @@
 
 use super::job_domain::JobDomain;
 use super::spec::SeedingKind;
-use super::{CellKind, Evaluator, Params};
+use super::{CellKind, Evaluator, Optimizer, Params};
 use crate::Result;
 use crate::comm::Comm;
-use crate::feature::{Features, gaussian};
+use crate::feature::Features;
 use crate::image::SparseField;
 use crate::improve::Effort;
 use crate::lattice::distance::{Distance, DistributedDistance};
-use crate::lattice::energy::{Beta, Energy, PairwiseEnergy, RegularisedEnergy, SampledEnergy};
+use crate::lattice::energy::{Beta, Energy, PairwiseEnergy};
 use crate::lattice::halo::SharedLattice;
 use crate::lattice::optimise::{self, StopReason};
 use crate::lattice::owned_atoms::OwnedAtoms;
 use crate::mesh::delaunay::{DelaunayKernel, distributed_delaunay};
 use crate::progress::{CancelToken, Progress};
+use crate::published::coarse_to_fine::smoothed_potential;
+use crate::published::{RegularisedEnergy, SampledEnergy};
 use crate::report::Optimisation;
 
 /// Distance around its atoms to which a rank has the potential, in units of d. Atoms move less than
@@ -131,7 +133,7 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
         && params.spec.evaluator == Evaluator::Pairwise
         && params.spec.kappa == 1.0
         && params.spec.coarse_to_fine == 0
-        && params.spec.optimizer != optimise::Method::Genetic
+        && params.spec.optimizer != Optimizer::Genetic
 }
 
 /// Most evaluations of the energy for L-BFGS.
@@ -149,7 +151,7 @@ const BEST_ROUND_FACTOR: usize = 3;
 pub(crate) fn optimise_options<const D: usize>(
     params: &Params<D>,
     distance: &Distance<D>,
-) -> optimise::OptimiseOptions {
+) -> optimise::OptimiseOptions<D> {
     let (spec, effort) = (&params.spec, params.spec.effort());
     let is_improved_later = D == 3
         && spec.cell_kind() == CellKind::Simplices
@@ -161,7 +163,7 @@ pub(crate) fn optimise_options<const D: usize>(
         _ => MAX_EVALUATIONS,
     };
     let mut options = default_optimise_options(spec.rng_seed, evaluations)
-        .with_method(spec.optimizer, spec.kappa != 1.0);
+        .with_method(spec.optimizer.method(), spec.kappa != 1.0);
     if effort == Effort::Best && !is_improved_later {
         options.max_rounds *= BEST_ROUND_FACTOR;
         options.max_evaluations *= BEST_ROUND_FACTOR;
@@ -177,10 +179,10 @@ pub(crate) fn optimise_options<const D: usize>(
 }
 
 /// Returns the default options of the optimiser, with L-BFGS and at most `max_evaluations`.
-pub(crate) fn default_optimise_options(
+pub(crate) fn default_optimise_options<const D: usize>(
     seed: u64,
     max_evaluations: usize,
-) -> optimise::OptimiseOptions {
+) -> optimise::OptimiseOptions<D> {
     optimise::OptimiseOptions {
         seed,
         tolerance: 1e-3,
@@ -190,29 +192,6 @@ pub(crate) fn default_optimise_options(
         max_evaluations,
         ..optimise::OptimiseOptions::default()
     }
-}
-
-/// Returns a potential whose valleys, of width `sigma`, are made `factor` times as wide and as deep
-/// as before.
-fn smoothed_potential<const D: usize>(
-    potential: &SparseField<D>,
-    sigma: f64,
-    factor: f64,
-    cancel: &CancelToken<'_>,
-) -> SparseField<D> {
-    let mut smoothed = potential.to_dense();
-    // Widths add in quadrature; the depth of a straight valley falls as its width grows.
-    let added_sigma = sigma * (factor * factor - 1.0).sqrt();
-    gaussian::smooth(
-        smoothed.dims,
-        &mut smoothed.samples,
-        smoothed.step.map(|step| added_sigma / step),
-        cancel,
-    );
-    for b in &mut smoothed.samples {
-        *b = (*b * factor as f32).clamp(-1.0, 0.0);
-    }
-    SparseField::from_field(&smoothed)
 }
 
 /// Returns the report on the optimiser; energies are per atom.

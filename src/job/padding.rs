@@ -413,7 +413,7 @@ impl LayerBuilder<'_> {
     ) -> Result<Atoms<3>> {
         let atoms = stages.run_or_interrupt(Stage::Padding, |cancel| {
             let (seeding, alignment) = (Seeding::Refine { seed: 0 }, Alignment::OnFeatures);
-            seeding::seed(seeding, extent, distance, fixed, alignment, None, cancel)
+            seeding::seed(seeding, extent, distance, fixed, alignment, cancel)
         })?;
         let axis = self.layer.axis;
         let is_high_enough = |x: [f64; 3], kind: AtomKind| {

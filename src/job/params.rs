@@ -18,8 +18,9 @@ use crate::geometry::norm;
 use crate::image::formats::{AnyImage, InputOptions, ReadImage, read_with_options};
 use crate::image::{Geometry, Image, ImageSource, LabelTable, LabelValue, Modality, VelocityModel};
 use crate::improve::Effort;
-use crate::lattice::seeding::{self, Seeding};
+use crate::lattice::optimise::Method;
 use crate::names::append_distinct;
+use crate::published::{canny, genetic};
 use crate::well_file::WellFile;
 use crate::{Error, Result};
 
@@ -58,7 +59,7 @@ pub enum Spacing {
         /// Largest distance.
         max: f64,
     },
-    /// The distances of the atoms that [`Seeding::Canny`] places.
+    /// The distances of the atoms that [`SeedingKind::Canny`] places.
     FromCannyAtoms {
         /// Smallest distance between atoms on features.
         min: f64,
@@ -97,11 +98,11 @@ impl Spacing {
         }
     }
 
-    /// Returns the spacing of [`Seeding::Canny`] in a space of `dimensions` dimensions.
+    /// Returns the spacing of [`SeedingKind::Canny`] in a space of `dimensions` dimensions.
     pub fn for_canny(dimensions: usize) -> Self {
         Self::FromCannyAtoms {
-            min: seeding::canny::min_point_distance(dimensions),
-            max: seeding::canny::UNIFORM_SPACING,
+            min: canny::min_point_distance(dimensions),
+            max: canny::UNIFORM_SPACING,
         }
     }
 }
@@ -173,14 +174,37 @@ pub enum Weight<const D: usize = 3> {
 }
 
 /// Evaluators of the lattice energy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Evaluator {
     /// Neighbour lists and exact gradients (fast)
     Pairwise,
     /// Accumulated on the image's grid, as published in 2001 (slow)
     Sampled,
+}
+
+/// Methods that move atoms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Optimizer {
+    /// Limited-memory BFGS (fast)
+    #[default]
+    Lbfgs,
+    /// Steepest descent, in coordinates scaled as for L-BFGS
+    Descent,
+    /// A genetic algorithm: a population of ten lattices (slow)
+    Genetic,
+}
+
+impl Optimizer {
+    /// Returns the method that moves atoms.
+    pub(crate) fn method<const D: usize>(self) -> Method<D> {
+        match self {
+            Self::Lbfgs => Method::Lbfgs,
+            Self::Descent => Method::Descent,
+            Self::Genetic => genetic::method(),
+        }
+    }
 }
 
 /// An atom that a user placed.
@@ -410,22 +434,6 @@ impl<const D: usize> Params<D> {
             DistanceSource::Image => Spacing::FromImage { min, max },
             DistanceSource::Laplacian => Spacing::FromLaplacian { min, max },
             DistanceSource::File(_) => Spacing::FromDistanceMap { min, max },
-        }
-    }
-
-    /// Returns how atoms are placed.
-    pub fn seeding(&self) -> Seeding {
-        let seed = self.spec.rng_seed;
-        match self.spec.seeding {
-            SeedingKind::Fcc => Seeding::Fcc,
-            SeedingKind::Grown => Seeding::Grown,
-            SeedingKind::Refine => Seeding::Refine { seed },
-            SeedingKind::Canny => Seeding::Canny,
-            SeedingKind::Guide => Seeding::Guide {
-                seed,
-                max_atoms: self.spec.max_atoms.unwrap_or(usize::MAX),
-            },
-            SeedingKind::Projection => Seeding::Projection,
         }
     }
 

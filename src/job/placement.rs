@@ -13,8 +13,11 @@ use crate::image::{Image, ImageSource, LabelValue, ScalarField, SparseField};
 use crate::lattice::distance::{self, DenseRegion, Distance, DistanceLimits, DistributedDistance};
 use crate::lattice::optimise::{self, StopReason};
 use crate::lattice::owned_atoms::OwnedAtoms;
-use crate::lattice::seeding::{self, Alignment, Seeding, SharedBox, wells};
+use crate::lattice::seeding::{self, Alignment, Atoms, Seeding, SharedBox, wells};
 use crate::progress::{CancelToken, Stage};
+use crate::published::guide::{GuideOptions, draw_lattice};
+use crate::published::laplacian_distance::laplacian_distance;
+use crate::published::projection::project_lattice;
 use crate::{Error, Result};
 
 /// Largest gradient |grad d| of a variable nominal distance.
@@ -65,7 +68,7 @@ where
 
 /// Returns `true` if placing and moving atoms needs the potential only near each atom.
 pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
-    matches!(params.seeding(), Seeding::Fcc | Seeding::Grown)
+    matches!(params.spec.seeding, SeedingKind::Fcc | SeedingKind::Grown)
         && !matches!(params.spacing(), Spacing::FromLaplacian { .. })
         && minimisation::needs_only_local_potential(params)
 }
@@ -111,8 +114,13 @@ pub(super) fn nominal_distance<const D: usize>(
     let outline = distance.outline();
     let mut estimate = estimate::estimate_from_distance(&outline, extent, params.spec.cell_kind());
     if stages.may_partition {
-        estimate =
-            estimate::estimate_per_rank(estimate, extent, &outline, params.seeding(), comm.size());
+        estimate = estimate::estimate_per_rank(
+            estimate,
+            extent,
+            &outline,
+            params.spec.seeding,
+            comm.size(),
+        );
     }
     stages.progress.estimate(&estimate);
     estimate::afford(&estimate)?;
@@ -136,6 +144,83 @@ pub(super) fn fixed_atoms<const D: usize>(
     Ok(fixed)
 }
 
+/// Seeds a lattice by the method of the job.
+///
+/// # Errors
+/// Returns the errors of the method, and an [`Error::Seeding`] for [`SeedingKind::Canny`], which
+/// places atoms by the image instead of a distance.
+pub(super) fn seed_atoms<const D: usize>(
+    params: &Params<D>,
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+    potential: &SparseField<D>,
+    cancel: &CancelToken<'_>,
+) -> Result<Atoms<D>> {
+    let seed = params.spec.rng_seed;
+    let seeding = match params.spec.seeding {
+        SeedingKind::Fcc => Seeding::Fcc,
+        SeedingKind::Grown => Seeding::Grown,
+        SeedingKind::Refine => Seeding::Refine { seed },
+        kind => {
+            let max_atoms = params.spec.max_atoms.unwrap_or(usize::MAX);
+            let options = GuideOptions {
+                alignment,
+                seed,
+                max_atoms,
+            };
+            return seeding::seed_with(extent, distance, fixed, alignment, |fixed| {
+                let potential = &potential.to_dense();
+                match kind {
+                    SeedingKind::Guide => {
+                        draw_lattice(extent, distance, potential, fixed, options, cancel)
+                    }
+                    SeedingKind::Projection => {
+                        project_lattice(extent, distance, potential, fixed, alignment, cancel)
+                    }
+                    _ => Err(Error::Seeding(cause(
+                        "seeding 'canny'",
+                        "places atoms by features and image, not by a distance",
+                        "choose another seeding",
+                    ))),
+                }
+            });
+        }
+    };
+    seeding::seed(seeding, extent, distance, fixed, alignment, cancel)
+}
+
+/// Seeds a lattice with atoms on features by the method of the job, and returns the atoms that this
+/// rank owns.
+fn seed_partition<const D: usize>(
+    params: &Params<D>,
+    extent: [f64; D],
+    distance: &DistributedDistance<D>,
+    fixed: &[[f64; D]],
+    potential: &SparseField<D>,
+    comm: &dyn Comm,
+    cancel: &CancelToken<'_>,
+) -> Result<OwnedAtoms<D>> {
+    let regular = match params.spec.seeding {
+        SeedingKind::Fcc => Seeding::Fcc,
+        SeedingKind::Grown => Seeding::Grown,
+        _ => {
+            let (distance, alignment) = (distance.global(comm)?, Alignment::OnFeatures);
+            let atoms = seed_atoms(
+                params, extent, &distance, fixed, alignment, potential, cancel,
+            )?;
+            comm.ensure_identical("atoms placed", &atoms)?;
+            return Ok(OwnedAtoms::from_global(atoms, comm));
+        }
+    };
+    let shared_box = SharedBox::new(extent, comm);
+    let range = seeding::required_range(shared_box, distance.max());
+    let distance = distance.fetch_between(D - 1, range, comm)?;
+    let alignment = Alignment::OnFeatures;
+    seeding::seed_regular(shared_box, regular, &distance, fixed, alignment, cancel)
+}
+
 /// Seeds a lattice with atoms on features, and moves it.
 pub(super) fn optimised_lattice<const D: usize>(
     params: &Params<D>,
@@ -149,11 +234,8 @@ pub(super) fn optimised_lattice<const D: usize>(
     let (atoms, optimised) = stages.load_or_run_shares("3-moved", |stages| {
         let (mut atoms, ()) = stages.load_or_run_shares("2-seeded", |stages| {
             let atoms = stages.run_or_interrupt(Stage::Placing, |cancel| {
-                let (method, potential) = (params.seeding(), &features.potential);
-                let shared_box = SharedBox::new(frame.extent, comm);
-                seed_lattice(
-                    shared_box, method, &distance, fixed, potential, comm, cancel,
-                )
+                let (extent, potential) = (frame.extent, &features.potential);
+                seed_partition(params, extent, &distance, fixed, potential, comm, cancel)
             })?;
             Ok((atoms, ()))
         })?;
@@ -177,32 +259,6 @@ pub(super) fn optimised_lattice<const D: usize>(
         distance,
         optimise_result: Some(optimised),
     })
-}
-
-/// Seeds a lattice and returns the atoms that this rank owns. If the lattice is regular or grown, no
-/// rank ever has more than these.
-fn seed_lattice<const D: usize>(
-    shared_box: SharedBox<'_, D>,
-    method: Seeding,
-    distance: &DistributedDistance<D>,
-    fixed: &[[f64; D]],
-    potential: &SparseField<D>,
-    comm: &dyn Comm,
-    cancel: &CancelToken<'_>,
-) -> Result<OwnedAtoms<D>> {
-    let (extent, alignment) = (shared_box.extent, Alignment::OnFeatures);
-    if let Seeding::Fcc | Seeding::Grown = method {
-        let range = seeding::required_range(shared_box, distance.max());
-        let distance = distance.fetch_between(D - 1, range, comm)?;
-        return seeding::seed_regular(shared_box, method, &distance, fixed, alignment, cancel);
-    }
-    let distance = distance.global(comm)?;
-    let potential = Some(potential);
-    let atoms = seeding::seed(
-        method, extent, &distance, fixed, alignment, potential, cancel,
-    )?;
-    comm.ensure_identical("atoms placed", &atoms)?;
-    Ok(OwnedAtoms::from_global(atoms, comm))
 }
 
 /// Returns the brightness at which a distance from the image is smallest, which is that of the
@@ -353,7 +409,7 @@ fn base_distance<const D: usize>(
             let dense = densest_brightness(&image, features).0;
             distance::from_image(&field(&image), dense, min, max, MAX_DISTANCE_GROWTH, cancel)
         }
-        Spacing::FromLaplacian { min, max } => distance::from_laplacian(
+        Spacing::FromLaplacian { min, max } => laplacian_distance(
             &features.potential.to_dense(),
             features.sigma,
             min,

@@ -12,11 +12,11 @@ use crate::feature::volume::Volume;
 use crate::image::{Image, ImageSource, ScalarField};
 use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
-use crate::improve::triangles::relax::{self, Relaxation};
 use crate::lattice::seeding::Atoms;
 use crate::mesh::view::MeshView;
 use crate::mesh::{Dimension, Simplices};
 use crate::progress::{CancelToken, Stage};
+use crate::published::relax::{self, Relaxation};
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 

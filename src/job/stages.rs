@@ -213,6 +213,7 @@ impl<'a> StageRunner<'a> {
 
 #[cfg(test)]
 mod tests {
+    use crate::job::Optimizer;
     use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance, SeedingKind};
     use std::collections::BTreeMap;
 
@@ -224,7 +225,7 @@ mod tests {
     use crate::job::{
         self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Outcome, Params,
     };
-    use crate::lattice::optimise::{Method, StopReason};
+    use crate::lattice::optimise::StopReason;
     use crate::mesh::check::{CheckHints, check, check_with_hints};
 
     /// Counts polls by stage; stops the job from some poll of one stage on.
@@ -420,7 +421,7 @@ mod tests {
         ];
         assert_stops(&ball(), &params, &stages);
         let genetic = Params::new(MeshSpec {
-            optimizer: Method::Genetic,
+            optimizer: Optimizer::Genetic,
             ..params.spec
         })
         .unwrap();

@@ -343,7 +343,7 @@ mod tests {
         });
         FollowedSurface {
             option: "topography ground.irap".into(),
-            twins: Vec::new(),
+            duplicates: Vec::new(),
             coordinates: Default::default(),
             surface: PickedSurface {
                 name: "ground".into(),

@@ -5,11 +5,9 @@
 //! - [`seeding`]: initial lattices that fill the image's box
 //! - [`energy`]: the energy of the lattice and its gradient
 //! - [`optimise`]: moves atoms to lower the energy
-//! - [`comparison`]: methods of others, kept to compare the default methods with them
 //! - `owned_atoms`: distribution of the atoms over ranks
 //! - `halo`: owned atoms and ghosts of a rank while atoms move
 
-pub mod comparison;
 pub mod distance;
 pub mod energy;
 pub(crate) mod halo;

@@ -115,12 +115,12 @@ impl<'a, const D: usize> Geodesics<'a, D> {
 
     /// Finds the shortest paths from any of the sources to the centres of all cells whose cost is
     /// at most `max_cost`. Paths cross only links for which `passes` returns `true`. The cost of a
-    /// path is its length plus the `toll` of each link that it crosses.
+    /// path is its length plus the `penalty` of each link that it crosses.
     pub fn shortest_paths(
         &self,
         sources: &[GeodesicSource<D>],
         passes: impl Fn(usize) -> bool,
-        toll: impl Fn(usize) -> f64,
+        penalty: impl Fn(usize) -> f64,
         max_cost: f64,
     ) -> Arrivals {
         let cells = self.cells;
@@ -168,7 +168,7 @@ impl<'a, const D: usize> Geodesics<'a, D> {
                 };
                 if std::mem::replace(&mut last_turn[n as usize], turn) != turn {
                     let start_point = &turns[turn as usize];
-                    if let Some(straight) = self.straight_cost(start_point, n, &passes, &toll) {
+                    if let Some(straight) = self.straight_cost(start_point, n, &passes, &penalty) {
                         improve(
                             start_point.cost + straight,
                             turn,
@@ -177,7 +177,8 @@ impl<'a, const D: usize> Geodesics<'a, D> {
                     }
                 }
                 // If the path is straight, this path is not shorter.
-                let turned = cost + norm(sub(cells.centres[n as usize], turn_position)) + toll(l);
+                let turned =
+                    cost + norm(sub(cells.centres[n as usize], turn_position)) + penalty(l);
                 if turned < arrivals.cost[n as usize] && turned <= max_cost {
                     let via = *own_turn.get_or_insert(turns.len() as u32);
                     improve(turned, via, &mut arrivals.cost[n as usize]);
@@ -211,7 +212,7 @@ impl<'a, const D: usize> Geodesics<'a, D> {
         start_point: &TurningPoint<D>,
         target: u32,
         passes: impl Fn(usize) -> bool,
-        toll: impl Fn(usize) -> f64,
+        penalty: impl Fn(usize) -> f64,
     ) -> Option<f64> {
         let direction = sub(self.cells.centres[target as usize], start_point.position);
         let (mut cell, mut entry_link, mut cost) = (start_point.cell, None, norm(direction));
@@ -235,7 +236,7 @@ impl<'a, const D: usize> Geodesics<'a, D> {
             if exit_link == NONE || !passes(exit_link as usize) {
                 return None;
             }
-            cost += toll(exit_link as usize);
+            cost += penalty(exit_link as usize);
             entry_link = Some(exit_link);
             let [a, b] = self.cells.links[exit_link as usize].cells;
             cell = if a == cell { b } else { a };

@@ -186,21 +186,21 @@ fn tolls_add_to_costs_and_the_nearest_source_wins() {
         }
     };
     let sources = [source(4.3, 1), source(30.1, 2)];
-    let divide_position = |toll: &dyn Fn(usize) -> f64| {
-        let arrivals = geodesics.shortest_paths(&sources, |_| true, toll, f64::INFINITY);
+    let divide_position = |penalty: &dyn Fn(usize) -> f64| {
+        let arrivals = geodesics.shortest_paths(&sources, |_| true, penalty, f64::INFINITY);
         let first_cells = (0..cells.len()).filter(|&c| arrivals.label[c] == Some(1));
         first_cells.map(|c| cells.volumes[c]).sum::<f64>() / 10.0
     };
     // The divide is half-way, because nothing bends the lines.
     let free = divide_position(&|_| 0.0);
     assert!((free - 17.2).abs() < 0.3, "{free}");
-    // A toll of six at x = 12 moves the divide by three.
-    let toll = |l: usize| {
+    // A penalty of six at x = 12 moves the divide by three.
+    let penalty = |l: usize| {
         let [a, b] = cells.links[l]
             .cells
             .map(|c| cells.centres[c as usize][0] > 12.0);
         if a == b { 0.0 } else { 6.0 }
     };
-    let paid = divide_position(&toll);
+    let paid = divide_position(&penalty);
     assert!((paid - 14.2).abs() < 0.5, "{paid}");
 }

@@ -53,7 +53,7 @@ pub struct PickedSurface {
 impl PickedSurface {
     /// Returns `true` if two surfaces are one that was given twice: of the same points, in whatever
     /// order, and with the same statements about them.
-    pub fn is_twin(&self, other: &Self) -> bool {
+    pub fn is_duplicate(&self, other: &Self) -> bool {
         let sorted = |mut points: Vec<[f64; 3]>| {
             points.sort_by(|a, b| {
                 let order = a.iter().zip(b).map(|(a, b)| a.total_cmp(b));
@@ -704,7 +704,7 @@ mod tests {
     }
 
     #[test]
-    fn twins_have_the_same_points_in_any_order() {
+    fn duplicates_have_the_same_points_in_any_order() {
         let sticks = |points: Vec<Vec<[f64; 3]>>| PickedSurface {
             name: "F".into(),
             is_horizon: None,
@@ -721,8 +721,8 @@ mod tests {
         };
         let [a, b, c] = [[0.0; 3], [1.0; 3], [2.0; 3]];
         let first = sticks(vec![vec![a, b], vec![c]]);
-        assert!(first.is_twin(&sticks(vec![vec![c], vec![b, a]])));
-        assert!(!first.is_twin(&sticks(vec![vec![c], vec![b, b]])));
+        assert!(first.is_duplicate(&sticks(vec![vec![c], vec![b, a]])));
+        assert!(!first.is_duplicate(&sticks(vec![vec![c], vec![b, b]])));
     }
 
     #[test]

@@ -644,7 +644,7 @@ mod tests {
             let surfaces = read(&text);
             let names: Vec<&str> = surfaces.iter().map(|surface| &*surface.name).collect();
             assert_eq!(names, ["Top_A", "Base_B"], "{row}");
-            assert!(!surfaces[0].is_twin(&surfaces[1]), "{row}");
+            assert!(!surfaces[0].is_duplicate(&surfaces[1]), "{row}");
             for surface in &surfaces {
                 assert_eq!(surface.shape.points().count(), 100, "{row}");
             }

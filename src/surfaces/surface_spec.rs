@@ -14,109 +14,83 @@ use crate::surface_file::FileOption;
 use crate::{Error, Result};
 
 /// Options of `atomesh surface`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SurfaceSpec {
     /// An image; faces on its features are used and not those that the mesh declares
-    #[cfg_attr(feature = "cli", arg(value_name = "IMAGE"))]
+    #[arg(value_name = "IMAGE")]
     pub image: Option<PathBuf>,
     /// Options that group faces into surfaces.
-    #[cfg_attr(feature = "cli", command(flatten))]
+    #[command(flatten)]
     pub grouping: GroupingOptions,
     /// The criterion by which faces form a surface
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "WHAT", default_value_t, value_enum)
-    )]
+    #[arg(long, value_name = "WHAT", default_value_t, value_enum)]
     pub by: GroupBy,
     /// Smallest area of a surface, in square samples (length in 2-D); smaller ones are omitted, and
     /// 0 keeps all [default: ten faces, and 2 % of the largest surface]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "AREA", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "AREA", allow_negative_numbers = true)]
     pub min_area: Option<f64>,
     /// The number of the surface that becomes a grid or points, as in the printed table [default: all
     /// horizons, with a file each]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[arg(long, value_name = "N")]
     pub number: Option<usize>,
     /// Distance between sticks, or between the nodes of a grid, in the unit of x [default: ten
     /// sticks per fault; for a grid the bins of the survey, or about the length of the surface's edges]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "LENGTH", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "LENGTH", allow_negative_numbers = true)]
     pub step: Option<f64>,
     /// Surfaces of an earlier interpretation, whose names the surfaces at the same place get: .vtp,
     /// .ts, .obj, grids, sticks or points, and what the file does not say, as for mesh --surface. All
     /// other surfaces get numbers that no earlier name has
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "FILE[:NAME][,unit=U][,z=up|down]")
-    )]
+    #[arg(long, value_name = "FILE[:NAME][,unit=U][,z=up|down]")]
     pub names_from: Option<FileOption>,
     /// Also write the mesh with the names of these surfaces, which every verb then uses
-    #[cfg_attr(feature = "cli", arg(long, value_name = "NAMED.vtu"))]
+    #[arg(long, value_name = "NAMED.vtu")]
     pub mesh_out: Option<PathBuf>,
     /// Show in the table which surfaces meet (--json always does)
-    #[cfg_attr(feature = "cli", arg(long))]
+    #[arg(long)]
     pub meets: bool,
     /// The image of amplitudes that was meshed. It gives throw of faults, polarity of horizons, and
     /// confidence; its lines number points, and its bins are the nodes of grids
-    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[arg(long, value_name = "IMAGE")]
     pub survey: Option<PathBuf>,
     /// Smallest confidence of a fault or horizon in the survey: omit those below. Noise has about 1
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "C",
-            allow_negative_numbers = true,
-            requires = "survey"
-        )
+    #[arg(
+        long,
+        value_name = "C",
+        allow_negative_numbers = true,
+        requires = "survey"
     )]
     pub min_confidence: Option<f64>,
     /// Depth of the valleys of b(x), from 0 to 1, from which faces count as lying on the features
     /// of IMAGE [default: 0.6]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DEPTH", requires = "image"))]
+    #[arg(long, value_name = "DEPTH", requires = "image")]
     pub depth: Option<f64>,
     /// The features to detect in IMAGE [default: auto]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "KIND", requires = "image"))]
+    #[arg(long, value_name = "KIND", requires = "image")]
     pub feature: Option<FeatureKind>,
     /// Scale of the features, in samples [default: depends on the kind of feature]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "S", requires = "image"))]
+    #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
     /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     /// [default: automatic; it is printed]
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "T",
-            allow_negative_numbers = true,
-            requires = "image"
-        )
+    #[arg(
+        long,
+        value_name = "T",
+        allow_negative_numbers = true,
+        requires = "image"
     )]
     pub threshold: Option<f32>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole mesh, or a
     /// file of interval velocities in m/s on a grid in two-way time
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 
 /// The criterion by which faces form a surface.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum GroupBy {
     /// Faces on features that continue one another: faults, horizons

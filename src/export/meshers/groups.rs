@@ -15,9 +15,9 @@ use crate::store::named_sets::NamedSet;
 /// Number of the faces on the boundary that are on no side of the box.
 const BOUNDARY_NUMBER: u32 = 7;
 /// Number of the faces on surface fragments, which are too small to be surfaces of their own.
-const SCRAPS_NUMBER: u32 = 8;
+const FRAGMENTS_NUMBER: u32 = 8;
 /// Number of names that every mesh has: the sides, `boundary` and `scraps`.
-pub const PROGRAM_NAME_COUNT: usize = SCRAPS_NUMBER as usize;
+pub const PROGRAM_NAME_COUNT: usize = FRAGMENTS_NUMBER as usize;
 
 /// Names of the faces of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -88,8 +88,8 @@ impl FaceNames {
                 0 => regions(f).map_or(0, |pair| {
                     known_count + 1 + pairs.partition_point(|known| *known < pair) as u32
                 }),
-                surface if surface as usize <= surfaces.kept_count => SCRAPS_NUMBER + surface,
-                _ => SCRAPS_NUMBER,
+                surface if surface as usize <= surfaces.kept_count => FRAGMENTS_NUMBER + surface,
+                _ => FRAGMENTS_NUMBER,
             },
         };
         let mut face_names = Self {
@@ -130,7 +130,7 @@ impl FaceNames {
     pub fn separate(&mut self, surface_count: usize) -> Vec<String> {
         let mut sets = std::mem::take(&mut self.sets);
         sets.sort_by_key(|(number, faces)| (std::cmp::Reverse(faces.len()), *number));
-        let surfaces = SCRAPS_NUMBER + 1..=SCRAPS_NUMBER + surface_count as u32;
+        let surfaces = FRAGMENTS_NUMBER + 1..=FRAGMENTS_NUMBER + surface_count as u32;
         let mut losers = Vec::new();
         for (number, faces) in sets {
             for face in faces {
@@ -181,9 +181,9 @@ impl FaceNames {
     /// [`FaceSurfaces`](crate::model::reservoir::FaceSurfaces).
     pub fn surface_number(&self, model: &Model, surface: u32) -> u32 {
         if surface as usize <= model.surfaces.kept_count {
-            SCRAPS_NUMBER + surface
+            FRAGMENTS_NUMBER + surface
         } else {
-            SCRAPS_NUMBER
+            FRAGMENTS_NUMBER
         }
     }
 

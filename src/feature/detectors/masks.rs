@@ -261,7 +261,7 @@ mod tests {
         ];
         // Ragged by noise, with a hole through one surface and stray fragments.
         let mut noise = Noise::new(3);
-        let strays: Vec<[f64; 3]> = (0..12)
+        let specks: Vec<[f64; 3]> = (0..12)
             .map(|_| dims.map(|n| n as f64 * noise.uniform()))
             .collect();
         let image = image_of(dims, |p| {
@@ -272,7 +272,7 @@ mod tests {
             let painted = distance_to([33.0, 10.0, 48.0]) > 4.0
                 && surfaces.iter().any(|s| distance(s) < thick);
             f64::from(u8::from(
-                painted || strays.iter().any(|&c| distance_to(c) < 1.7),
+                painted || specks.iter().any(|&c| distance_to(c) < 1.7),
             ))
         });
         let features = detect(&image, &gap_options()).unwrap();

@@ -19,14 +19,13 @@
 //! - `input`, `output`: what detectors get and return
 //! - `selection`: the detectors for the options
 //! - `auto`: choice of the kind that fits an image
-//! - `comparison`: detectors of others, kept to compare other detectors with them
+//! - `paths`: the boundary of one object, by random shortest paths
 //!
 //! Widths of Gaussians, windows and reaches are in samples, whatever the step of lattice space.
 //! Positions and normals are converted to lattice space when candidates are grouped into surfaces.
 
 pub(crate) mod auto;
 pub(crate) mod canny;
-pub(crate) mod comparison;
 pub(crate) mod edges;
 pub(crate) mod faults;
 pub(crate) mod faults_and_horizons;
@@ -37,6 +36,7 @@ pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
 mod output;
+pub(crate) mod paths;
 pub(crate) mod potential;
 pub(crate) mod ridges;
 mod selection;
@@ -65,13 +65,12 @@ use std::str::FromStr;
 macro_rules! feature_kinds {
     ($($(#[$help:meta])* $kind:ident = $name:tt [$($detector:expr),*];)+) => {
         /// Kinds of features. The doc comments of the variants are help texts of the command line.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-        #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
         pub enum FeatureKind {
             $(
                 $(#[$help])*
                 #[serde(rename = $name)]
-                #[cfg_attr(feature = "cli", value(name = $name))]
+                #[value(name = $name)]
                 $kind,
             )+
         }
@@ -117,7 +116,7 @@ feature_kinds! {
     /// images; without it, that of Otsu's threshold
     Isosurface = "isosurface" [isosurface::Isosurface];
     /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
-    Paths = "paths" [comparison::paths::Paths];
+    Paths = "paths" [paths::Paths];
     /// Peaks and troughs of seismic amplitude along the bedding's normal
     Horizons = "horizons" [horizons::Horizons];
     /// Places where layers of seismic amplitude are broken
@@ -388,12 +387,9 @@ mod tests {
             let name = kind.to_string();
             assert_eq!(name.parse::<FeatureKind>().unwrap(), kind);
             assert_eq!(serde_json::to_value(kind).unwrap(), name);
-            #[cfg(feature = "cli")]
-            {
-                let value = clap::ValueEnum::to_possible_value(&kind).unwrap();
-                assert_eq!(value.get_name(), name);
-                assert!(value.get_help().is_some(), "{name}");
-            }
+            let value = clap::ValueEnum::to_possible_value(&kind).unwrap();
+            assert_eq!(value.get_name(), name);
+            assert!(value.get_help().is_some(), "{name}");
         }
         let message = "ridge".parse::<FeatureKind>().unwrap_err().to_string();
         assert!(

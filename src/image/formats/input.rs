@@ -24,8 +24,7 @@ pub fn read_with_options(path: &Path, input: &InputOptions) -> Result<AnyImage> 
 }
 
 /// The quantity along a trace.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum SampleDomain {
     /// Two-way time
@@ -44,100 +43,90 @@ impl std::fmt::Display for SampleDomain {
 }
 
 /// Options for reading an image whose file lacks information.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct InputOptions {
     /// The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     /// 100x400x208:f32be
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DIMS:TYPE"))]
+    #[arg(long, value_name = "DIMS:TYPE")]
     #[serde(deserialize_with = "deserialize_optional")]
     pub raw: Option<String>,
     /// Distances between samples along the axes of the array, the fastest first, or one for all: for
     /// an array without geometry (.npy, raw, .tif, .png), or in place of those of the file
-    #[cfg_attr(feature = "cli", arg(long, value_name = "A,B,C"))]
+    #[arg(long, value_name = "A,B,C")]
     #[serde(deserialize_with = "deserialize_optional")]
     pub spacing: Option<String>,
     /// The position of the first sample
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     #[serde(deserialize_with = "deserialize_optional")]
     pub origin: Option<String>,
     /// Units of x, y and z (in this order, whatever the axes are), or one for all, such as m, ft, ms, um.
     /// They replace those of the file; numbers are not converted
-    #[cfg_attr(feature = "cli", arg(long, value_name = "U,V,W"))]
+    #[arg(long, value_name = "U,V,W")]
     #[serde(deserialize_with = "deserialize_optional")]
     pub unit: Option<String>,
     /// The axes of the array, the fastest first: x, y, z (-z where the coordinate decreases from sample
     /// to sample), or time, depth, sample (all downwards), crossline, inline [default: those of the
     /// file, or x,y,z]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "A,B,C", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "A,B,C", allow_hyphen_values = true)]
     #[serde(deserialize_with = "deserialize_optional")]
     pub axes: Option<String>,
     /// Distance between samples along the vertical axis (time, depth or z), in its unit, in place of
     /// that of the file
-    #[cfg_attr(feature = "cli", arg(long, value_name = "STEP"))]
+    #[arg(long, value_name = "STEP")]
     pub interval: Option<f64>,
     /// Take the geometry of this image, which has as many samples (.sgy, .vti ...)
-    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[arg(long, value_name = "IMAGE")]
     pub geometry_from: Option<PathBuf>,
     /// Values that stand for missing samples, e.g. -999.25,1e30; none: no value does. Without this
     /// option common null values are recognised, and traces that are zero throughout count as
     /// missing
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V,...", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "V,...", allow_hyphen_values = true)]
     #[serde(deserialize_with = "deserialize_optional")]
     pub null: Option<String>,
     /// An image with as many samples, such as labels of salt or gas: where it is not 0, samples are
     /// left out, and neither they nor their edge are features
-    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[arg(long, value_name = "IMAGE")]
     pub mask: Option<PathBuf>,
     /// The block of the image to read, both ends included: ranges of line numbers, of coordinates or
     /// of indices from 0, separated by commas, such as inline=100:200,time=1000:1500, x=A:B,y=A:B,z=A:B
     /// or i=A:B. Everything is as if the file held only this block
-    #[cfg_attr(feature = "cli", arg(long, value_name = "RANGES"))]
+    #[arg(long, value_name = "RANGES")]
     #[serde(deserialize_with = "deserialize_optional")]
     pub crop: Option<String>,
     /// Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or .vtp), or an
     /// image with as many samples that is 0 outside
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE"))]
+    #[arg(long, value_name = "FILE")]
     pub inside: Option<PathBuf>,
     /// A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to read,
     /// from 0
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[arg(long, value_name = "N")]
     pub layer: Option<usize>,
     /// SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual header
     /// says so]. In depth, sample intervals are in thousandths of a metre or foot, and the first
     /// sample in metres or feet
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DOMAIN"))]
+    #[arg(long, value_name = "DOMAIN")]
     pub domain: Option<SampleDomain>,
     /// SEG-Y: trace header byte of the inline number [default: 189]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub inline_byte: Option<usize>,
     /// SEG-Y: trace header byte of the crossline number [default: 193]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub crossline_byte: Option<usize>,
     /// SEG-Y: trace header byte of the x coordinate [default: 181]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub x_byte: Option<usize>,
     /// SEG-Y: trace header byte of the y coordinate [default: 185]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub y_byte: Option<usize>,
     /// SEG-Y: trace header byte of the coordinates' scale factor [default: 71]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub scalar_byte: Option<usize>,
     /// SEG-Y: trace header byte of the first sample's time in ms [default: 109]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub delay_byte: Option<usize>,
     /// SEG-Y: trace header byte of the sample interval in microseconds [default: 117]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BYTE"))]
+    #[arg(long, value_name = "BYTE")]
     pub interval_byte: Option<usize>,
 }
 

@@ -350,7 +350,7 @@ pub(super) fn mask(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
         f64::from(!is_hole && distance <= 0.5 * thickness && faults[k].strength(foot.point) >= 0.5)
     });
     let [nx, ny, _] = options.dims;
-    let strays = blobs(options, 0x57aa, count_for(3), [1.0, 3.0]);
+    let spurious_blobs = blobs(options, 0x57aa, count_for(3), [1.0, 3.0]);
     samples
         .par_chunks_mut(nx * ny)
         .enumerate()
@@ -361,7 +361,7 @@ pub(super) fn mask(faults: &[ImplicitSurface], options: &Options) -> Vec<f32> {
                     let gap = sub(p, c);
                     dot(gap, gap) < r * r
                 };
-                if strays.iter().any(is_inside) {
+                if spurious_blobs.iter().any(is_inside) {
                     *sample = 1.0;
                 }
             }
@@ -553,7 +553,7 @@ mod tests {
     fn masks_are_one_to_five_samples_thick_with_holes_and_strays() {
         for seed in 1..5 {
             let synthetic = make(SyntheticKind::NetworkMask, &network_options(seed)).unwrap();
-            let (mut on, mut holes, mut strays) = (0, 0, 0);
+            let (mut on, mut holes, mut spurious_blobs) = (0, 0, 0);
             let next = synthetic.truth.next_feature.unwrap();
             let samples = synthetic
                 .image
@@ -565,11 +565,11 @@ mod tests {
                 assert!(*sample == 0.0 || *sample == 1.0);
                 on += usize::from(distance < 0.45 && *sample == 1.0);
                 holes += usize::from(distance < 0.45 && *sample == 0.0);
-                strays += usize::from(distance > 2.6 && *sample == 1.0);
+                spurious_blobs += usize::from(distance > 2.6 && *sample == 1.0);
             }
             assert!(
-                holes > 10 && strays > 5 && on > 8 * holes,
-                "{seed}: {on} {holes} {strays}"
+                holes > 10 && spurious_blobs > 5 && on > 8 * holes,
+                "{seed}: {on} {holes} {spurious_blobs}"
             );
         }
     }

@@ -15,44 +15,31 @@ use crate::option_text::{deserialize_text, serde_as_text};
 use crate::{Error, Result};
 
 /// Options of `atomesh synth`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SynthSpec {
     /// Also write the exact distance to the features
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DIST.npy"))]
+    #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
     /// Also write the depth of each sample before folding and faulting, which is constant along a
     /// reflector (amplitude and network-amplitude)
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DEPTH.npy"))]
+    #[arg(long, value_name = "DEPTH.npy")]
     pub layers: Option<PathBuf>,
     /// Number of samples along x, y and z; NX,NY makes a 2-D image
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "NX,NY,NZ", default_value_t = Self::default().dims)
-    )]
+    #[arg(long, value_name = "NX,NY,NZ", default_value_t = Self::default().dims)]
     pub dims: SynthDims,
     /// Number of faults or shells [default: 4; for a network 2 to 6, from its seed]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[arg(long, value_name = "N")]
     pub count: Option<usize>,
     /// Ratio of the signal to the rms of the noise; inf for no noise
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "RATIO", default_value_t = Self::default().signal_to_noise)
-    )]
+    #[arg(long, value_name = "RATIO", default_value_t = Self::default().signal_to_noise)]
     #[serde(deserialize_with = "deserialize_ratio")]
     pub signal_to_noise: f64,
     /// Standard deviation of the features' profile, in samples
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "SAMPLES", default_value_t = Self::default().width)
-    )]
+    #[arg(long, value_name = "SAMPLES", default_value_t = Self::default().width)]
     pub width: f64,
     /// Seed of all random numbers
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "N", default_value_t = Self::default().rng_seed)
-    )]
+    #[arg(long, value_name = "N", default_value_t = Self::default().rng_seed)]
     pub rng_seed: u64,
 }
 

@@ -161,8 +161,8 @@ impl TetImprover<'_> {
                     continue;
                 }
                 let tet = self.complex.tets[t as usize];
-                let freed_one = (0..4).any(|k| self.attempt(|s| s.free_nodes(t, &tet[k..=k])));
-                if freed_one || self.attempt(|s| s.free_nodes(t, &tet)) {
+                let has_freed_node = (0..4).any(|k| self.attempt(|s| s.free_nodes(t, &tet[k..=k])));
+                if has_freed_node || self.attempt(|s| s.free_nodes(t, &tet)) {
                     self.counts.released += 1;
                 }
             }

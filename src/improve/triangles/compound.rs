@@ -35,9 +35,9 @@ enum CompoundOperation {
     Split([u32; 2]),
 }
 
-/// Badness of a part of a mesh: less is better. Fields are compared in their order.
+/// Defects of a part of a mesh: less is better. Fields are compared in their order.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
-struct Badness {
+struct Defects {
     /// Number of unusable triangles.
     unusable_count: usize,
     /// Number of triangles below target.
@@ -46,7 +46,7 @@ struct Badness {
     worst_cotangent: f64,
 }
 
-impl Badness {
+impl Defects {
     /// Compares two values in a total order: the fields in their order.
     fn total_cmp(&self, other: &Self) -> Ordering {
         let counts = |b: &Self| (b.unusable_count, b.below_target_count);
@@ -101,7 +101,7 @@ impl<'a> TriImprover<'a> {
         let patch = self.extract_patch(t);
         let original = &patch.improver;
         let (current, length, intersecting_count) = (
-            original.badness(),
+            original.defects(),
             original.feature_length(),
             original.intersecting_edges().len(),
         );
@@ -109,8 +109,8 @@ impl<'a> TriImprover<'a> {
             trial.feature_length() >= MIN_FEATURE_LENGTH_RATIO * length
                 && trial.intersecting_edges().len() <= intersecting_count
         };
-        let better = |(badness, trial): &(Badness, TriImprover<'a>)| {
-            *badness < current && keeps_features(trial)
+        let better = |(defects, trial): &(Defects, TriImprover<'a>)| {
+            *defects < current && keeps_features(trial)
         };
         let mut tried = original.try_operations(0, current, keeps_features, cancel);
         let mut best = tried.iter().position(better);
@@ -144,10 +144,10 @@ impl<'a> TriImprover<'a> {
     fn try_operations(
         &self,
         t: u32,
-        current: Badness,
+        current: Defects,
         keeps_features: impl Fn(&Self) -> bool,
         cancel: &CancelToken<'_>,
-    ) -> Vec<(Badness, Self)> {
+    ) -> Vec<(Defects, Self)> {
         let mut tried = Vec::new();
         let counts = (current.unusable_count, current.below_target_count);
         for operation in self.candidate_operations(t) {
@@ -155,10 +155,10 @@ impl<'a> TriImprover<'a> {
             if trial.apply_operation(operation) {
                 trial.flip_queue(cancel);
                 trial.flip_and_smooth(cancel);
-                let badness = trial.badness();
-                let fewer = (badness.unusable_count, badness.below_target_count) < counts;
+                let defects = trial.defects();
+                let fewer = (defects.unusable_count, defects.below_target_count) < counts;
                 let enough = fewer && keeps_features(&trial);
-                tried.push((badness, trial));
+                tried.push((defects, trial));
                 if enough {
                     break;
                 }
@@ -310,9 +310,9 @@ impl<'a> TriImprover<'a> {
         }
     }
 
-    /// Returns the badness of all triangles.
-    fn badness(&self) -> Badness {
-        let empty = Badness {
+    /// Returns the defects of all triangles.
+    fn defects(&self) -> Defects {
+        let empty = Defects {
             unusable_count: 0,
             below_target_count: 0,
             worst_cotangent: 0.0,
@@ -320,7 +320,7 @@ impl<'a> TriImprover<'a> {
         let cotangents = self
             .live_triangles()
             .map(|t| self.cotangent(self.triangles[t as usize]));
-        cotangents.fold(empty, |total, value| Badness {
+        cotangents.fold(empty, |total, value| Defects {
             unusable_count: total.unusable_count + usize::from(value > self.max_usable_cotangent),
             below_target_count: total.below_target_count
                 + usize::from(value > self.target_cotangent),

@@ -19,12 +19,10 @@
 //! - `smooth`: moves a node to its best position
 //! - `compound`: tries an operation together with those that must follow
 //! - `reshape`: adds, removes and moves atoms in a part of a mesh
-//! - `relax`: smoothing before all other steps (centroidal or optimal Delaunay)
 
 mod compound;
 mod edges;
 mod recover;
-pub(crate) mod relax;
 mod repair;
 mod reshape;
 mod smooth;

@@ -70,10 +70,10 @@ impl TriImprover<'_> {
                     .into_iter()
                     .filter(|&n| self.constraints[n as usize].surface_count > 0)
                     .collect();
-                let freed_one = constrained.iter().any(|&n| self.free_node(n));
+                let has_freed_node = constrained.iter().any(|&n| self.free_node(n));
                 // In the first rounds, flips around single released nodes may be enough for the
                 // other triangles.
-                if !freed_one && round > 1 {
+                if !has_freed_node && round > 1 {
                     self.counts.released += constrained.len();
                     for n in constrained {
                         self.constraints[n as usize].clear_surfaces();

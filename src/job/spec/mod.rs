@@ -18,61 +18,49 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::params::Evaluator;
+use super::params::{Evaluator, Optimizer};
 use crate::error::cause;
 use crate::feature::{
     DetectionOptions, FaultEvidence, FeatureKind, LabelOptions, MIN_FAULT_DIP, PathSeeds,
 };
 use crate::image::formats::InputOptions;
-use crate::improve::triangles::relax::Scheme;
 use crate::improve::{Effort, SliverMethod, Target};
-use crate::lattice::optimise::Method;
 use crate::mesh::delaunay::DelaunayKernel;
 pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
 pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding};
 
 /// Headings of the command line's help; options without one come first.
-#[cfg(feature = "cli")]
 const FEATURES: &str = "Features";
-#[cfg(feature = "cli")]
 const ATOMS: &str = "Atoms";
-#[cfg(feature = "cli")]
 const SHAPES: &str = "Shapes of cells";
-#[cfg(feature = "cli")]
 const FILES: &str = "More files to write";
 
 /// Options of `atomesh mesh`. Lengths are in samples unless an option says otherwise.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct MeshSpec {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
-    #[cfg_attr(feature = "cli", arg(short, long, value_name = "MESH.vtu"))]
+    #[arg(short, long, value_name = "MESH.vtu")]
     pub output: Option<PathBuf>,
     /// Nominal distance between atoms, in samples: one number, or MIN:MAX
-    #[cfg_attr(feature = "cli", arg(long, value_name = "D", default_value_t = defaults().distance))]
+    #[arg(long, value_name = "D", default_value_t = defaults().distance)]
     pub distance: NominalDistance,
     /// Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
     /// or cross at shallow angles), features (MIN on them, increasing away from them), image (MIN
     /// where it is darkest, or brightest if bright features are followed), laplacian (of the
     /// potential), or a file with a distance for each sample
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "WHAT", default_value_t = defaults().distance_from)
-    )]
+    #[arg(long, value_name = "WHAT", default_value_t = defaults().distance_from)]
     pub distance_from: DistanceSource,
     /// How much work goes into the mesh: draft is for trying options out, best for the last mesh. A
     /// preset of other options, which override it [default: normal]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", value_enum))]
+    #[arg(long, value_name = "HOW", value_enum)]
     pub effort: Option<Effort>,
     /// The features to follow
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum)
-    )]
+    #[arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum)]
     pub feature: FeatureKind,
     /// Faults and horizons to follow as they are, beside the features that are found (none with
     /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one. GOCAD
@@ -80,282 +68,219 @@ pub struct MeshSpec {
     /// brought to the image's coordinates. What the file does not say follows it: ,fault or ,horizon;
     /// ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or ,domain=depth; ,null=-999.
     /// May be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "FILE[:NAME][,...]", help_heading = FEATURES)
-    )]
+    #[arg(long, value_name = "FILE[:NAME][,...]", help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface: Vec<FileOption>,
     /// Scale of the features, in samples [default: depends on the kind of feature]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "S", help_heading = FEATURES))]
+    #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub sigma: Option<f64>,
     /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     /// [default: automatic; it is printed]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)
-    )]
+    #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)]
     pub threshold: Option<f32>,
     /// How faults are recognised in seismic amplitudes
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "EVIDENCE",
             default_value_t = defaults().fault_evidence,
             value_enum,
             help_heading = FEATURES
-        )
-    )]
+        )]
     pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or else
     /// at 2,000 m/s
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DEGREES", default_value_t = defaults().min_dip, help_heading = FEATURES)
-    )]
+    #[arg(long, value_name = "DEGREES", default_value_t = defaults().min_dip, help_heading = FEATURES)]
     pub min_dip: f64,
     /// Smallest size of a fault in samples, whatever the distance between atoms: its area is at least
     /// the square of it, in 2-D its length [default: 20]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", help_heading = FEATURES))]
+    #[arg(long, value_name = "SAMPLES", help_heading = FEATURES)]
     pub min_fault_size: Option<f64>,
     /// Smallest confidence of a fault or horizon in seismic amplitudes: leave out those below. Noise has
     /// up to 1
-    #[cfg_attr(feature = "cli", arg(long, value_name = "C", help_heading = FEATURES))]
+    #[arg(long, value_name = "C", help_heading = FEATURES)]
     pub min_confidence: Option<f64>,
     /// Seek faults and horizons in chaotic zones (salt, gas chimneys), too
-    #[cfg_attr(feature = "cli", arg(long, help_heading = FEATURES))]
+    #[arg(long, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub keep_chaos: bool,
     /// Weights F,H of faults and horizons, each in (0, 1], if both are followed
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "F,H",
             default_value_t = defaults().feature_weights,
             help_heading = FEATURES
-        )
-    )]
+        )]
     pub feature_weights: FeatureWeights,
     /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
     /// or VALUE:into=VALUE, which merges it into another label; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)
-    )]
+    #[arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
-    )]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub object: Vec<PointValue>,
     /// A point of the background, for --feature paths; may be repeated [default: the image's
     /// outermost samples]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)
-    )]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub background: Vec<PointValue>,
     /// Also write the potential b(x)
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vti", help_heading = FILES))]
+    #[arg(long, value_name = "FILE.vti", help_heading = FILES)]
     pub potential_out: Option<PathBuf>,
     /// Also write the lines where features, or a feature and a side of the box, meet at less than 30
     /// degrees, with their angles
-    #[cfg_attr(feature = "cli", arg(long, value_name = "LINES.vtp", help_heading = FILES))]
+    #[arg(long, value_name = "LINES.vtp", help_heading = FILES)]
     pub lines: Option<PathBuf>,
     /// Also write a page with mesh, image and figures: one HTML file for any browser
-    #[cfg_attr(feature = "cli", arg(long, value_name = "PAGE.html"))]
+    #[arg(long, value_name = "PAGE.html")]
     pub page: Option<PathBuf>,
     /// A folder in which the result of each stage is stored. The same command, started again after
     /// it was stopped, continues from there and makes the same mesh
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FOLDER", help_heading = FILES))]
+    #[arg(long, value_name = "FOLDER", help_heading = FILES)]
     pub checkpoint: Option<PathBuf>,
     /// Also write the faces on features with the number of their surface, as `atomesh surface` does
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SURFACES.vtp", help_heading = FILES))]
+    #[arg(long, value_name = "SURFACES.vtp", help_heading = FILES)]
     pub surfaces: Option<PathBuf>,
     /// Position of atoms: on features, or alongside them [default: on; alongside with --cells
     /// voronoi]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE", help_heading = ATOMS))]
+    #[arg(long, value_name = "WHERE", help_heading = ATOMS)]
     pub align: Option<AtomAlignment>,
     /// Kind of cells [default: tets; voronoi with --align alongside]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "KIND"))]
+    #[arg(long, value_name = "KIND")]
     pub cells: Option<CellKind>,
     /// Weight of the image against the lattice, in [0, 1): a number, or an image of weights
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "B", default_value_t = defaults().beta, help_heading = ATOMS)
-    )]
+    #[arg(long, value_name = "B", default_value_t = defaults().beta, help_heading = ATOMS)]
     pub beta: NumberOrFile,
     /// Initial positions of atoms
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "HOW",
             default_value_t = defaults().seeding,
             value_enum,
             help_heading = ATOMS
-        )
-    )]
+        )]
     pub seeding: SeedingKind,
     /// Largest number of atoms that --seeding guide places [default: as many as fit]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    #[arg(long, value_name = "N", help_heading = ATOMS)]
     pub max_atoms: Option<usize>,
     /// A table of fixed atoms (wells, sources) with the columns x, y and z (x and y in 2-D), which are
     /// brought to the image's coordinates; what it does not say follows it, as for --surface
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
+    #[arg(long, value_name = "FILE.csv", help_heading = ATOMS)]
     pub atoms_from: Option<FileOption>,
     /// A table of well trajectories, along which atoms are fixed: columns x, y, z and radius (x, y and
     /// radius in 2-D), or a deviation survey; they are brought to the image's coordinates. FILE:NAME
     /// takes one well. What the file does not say follows it, as for --surface, and ,head=x,y,z is the
     /// wellhead; may be repeated
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv", help_heading = ATOMS))]
+    #[arg(long, value_name = "FILE.csv", help_heading = ATOMS)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<FileOption>,
     /// Distance between atoms at wells, in samples; it increases to --distance away from them
-    #[cfg_attr(feature = "cli", arg(long, value_name = "D", help_heading = ATOMS))]
+    #[arg(long, value_name = "D", help_heading = ATOMS)]
     pub well_distance: Option<f64>,
     /// Evaluator of the lattice energy
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "HOW",
             default_value_t = defaults().evaluator,
             value_enum,
             alias = "potential",
             help_heading = ATOMS
-        )
-    )]
+        )]
     #[serde(alias = "potential")]
     pub evaluator: Evaluator,
     /// Weight, in [0, 1], of the energy between atoms against their Laplacian coordinates, which
     /// make the lattice more regular. 1 omits them, 0.7 is typical with them
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "K", default_value_t = defaults().kappa, help_heading = ATOMS)
-    )]
+    #[arg(long, value_name = "K", default_value_t = defaults().kappa, help_heading = ATOMS)]
     pub kappa: f64,
     /// Method that moves atoms
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "HOW",
             default_value_t = defaults().optimizer,
             value_enum,
             help_heading = ATOMS
-        )
-    )]
-    pub optimizer: Method,
+        )]
+    pub optimizer: Optimizer,
     /// Largest number of rounds, each of which perturbs atoms at random and minimises the energy;
     /// they end when a round gains nothing [default: 1; 3 with --kappa]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    #[arg(long, value_name = "N", help_heading = ATOMS)]
     pub rounds: Option<usize>,
     /// Largest number of evaluations of the energy in all rounds together [default: 12 to 40 a
     /// round, more with --kappa and for slower optimisers]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N", help_heading = ATOMS))]
+    #[arg(long, value_name = "N", help_heading = ATOMS)]
     pub max_evaluations: Option<NonZeroUsize>,
     /// Number of initial passes on a smoother potential
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "N",
             default_value_t = defaults().coarse_to_fine,
             help_heading = ATOMS
-        )
-    )]
+        )]
     pub coarse_to_fine: usize,
     /// Target for the smallest dihedral angle, in degrees (in 2-D the smallest angle); the target
     /// for the largest is 180 minus it [default: 30; 15 with --effort draft]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DEGREES", help_heading = SHAPES))]
+    #[arg(long, value_name = "DEGREES", help_heading = SHAPES)]
     pub min_dihedral: Option<f64>,
     /// Method that removes slivers
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "HOW",
             default_value_t = defaults().slivers,
             value_enum,
             help_heading = SHAPES
-        )
-    )]
+        )]
     pub slivers: Slivers,
     /// Program that joins atoms to tetrahedra. The result does not depend on it
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "KERNEL",
             default_value_t = defaults().delaunay,
             value_enum,
             help_heading = SHAPES
-        )
-    )]
+        )]
     pub delaunay: DelaunayKernel,
     /// Distance within which nodes of Voronoi cells are merged, as a fraction of the cells' radius,
     /// which removes the smallest faces
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "SHARE", default_value_t = defaults().weld, help_heading = SHAPES)
-    )]
+    #[arg(long, value_name = "SHARE", default_value_t = defaults().weld, help_heading = SHAPES)]
     pub weld: f64,
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
-    #[cfg_attr(feature = "cli", arg(long, value_name = "HOW", help_heading = SHAPES))]
+    #[arg(long, value_name = "HOW", help_heading = SHAPES)]
     pub smooth: Option<Scheme>,
     /// Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance is then in
     /// physical units, not in samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
     /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     /// (SX,SY in 2-D)
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)
-    )]
+    #[arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)]
     pub metric: Metric,
     /// Continue the mesh beyond the image, with cells that coarsen away from it:
     /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The cells belong to the
     /// regions overburden, underburden and sideburden
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=DIST,..."))]
+    #[arg(long, value_name = "SIDE=DIST,...")]
     pub pad: Option<Padding>,
     /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
     /// heights (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), GOCAD .ts, .vtp, .obj or points x,y,z, which are brought to the image's coordinates; what
     /// it does not say follows it, as for --surface. It must cover the image and the sides of --pad, and replaces
     /// above=DIST of --pad
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE[:NAME][,...]"))]
+    #[arg(long, value_name = "FILE[:NAME][,...]")]
     pub topography: Option<FileOption>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// Seed of all random numbers
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "N", default_value_t = defaults().rng_seed, help_heading = ATOMS)
-    )]
+    #[arg(long, value_name = "N", default_value_t = defaults().rng_seed, help_heading = ATOMS)]
     pub rng_seed: u64,
     /// Also write the report as JSON
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.json", help_heading = FILES))]
+    #[arg(long, value_name = "FILE.json", help_heading = FILES)]
     pub report: Option<PathBuf>,
     /// Also write the lattice before atoms move and after each round or generation, for ParaView.
     /// The report then has the energy and the quality of each
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.pvd", help_heading = FILES))]
+    #[arg(long, value_name = "FILE.pvd", help_heading = FILES)]
     pub trace: Option<PathBuf>,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 
@@ -372,7 +297,6 @@ const LATTICE_OPTIONS: &[&str] = &[
 ];
 
 /// Default options, which the command line shows.
-#[cfg(feature = "cli")]
 fn defaults() -> MeshSpec {
     MeshSpec::default()
 }
@@ -412,7 +336,7 @@ impl Default for MeshSpec {
             well_distance: None,
             evaluator: Evaluator::Pairwise,
             kappa: 1.0,
-            optimizer: Method::Lbfgs,
+            optimizer: Optimizer::Lbfgs,
             rounds: None,
             max_evaluations: None,
             coarse_to_fine: 0,
@@ -434,8 +358,7 @@ impl Default for MeshSpec {
 }
 
 /// Methods that place atoms.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum SeedingKind {
     /// A regular lattice fitted to the box: face-centred cubic, or triangular in 2-D; grown where
@@ -456,8 +379,7 @@ pub enum SeedingKind {
 }
 
 /// Methods that remove slivers.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Slivers {
     /// Flips and smoothing that keep faces on features
@@ -489,8 +411,7 @@ impl Slivers {
 }
 
 /// Position of atoms relative to features, which depends on the kind of cells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum AtomAlignment {
     /// On features, which the faces of tetrahedra then follow
@@ -500,17 +421,16 @@ pub enum AtomAlignment {
 }
 
 /// Kinds of cells.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum CellKind {
     /// Tetrahedra; triangles in 2-D
     #[default]
-    #[cfg_attr(feature = "cli", value(name = "tets", alias = "triangles"))]
+    #[value(name = "tets", alias = "triangles")]
     #[serde(rename = "tets", alias = "triangles")]
     Simplices,
     /// Voronoi cells (PEBI): polyhedra; polygons in 2-D
-    #[cfg_attr(feature = "cli", value(alias = "pebi"))]
+    #[value(alias = "pebi")]
     #[serde(alias = "pebi")]
     Voronoi,
 }

@@ -109,7 +109,7 @@ pub(crate) fn coarse_field<const D: usize>(extent: [f64; D], min: f64, max: f64)
 impl DistanceLimits {
     /// Returns an error if the limits are not positive and in order, or if the growth is not in (0,
     /// 1].
-    pub(super) fn check(self) -> Result<()> {
+    pub(crate) fn check(self) -> Result<()> {
         let Self { min, max, growth } = self;
         let fail = |problem: String, remedy: &str| {
             Err(Error::Distance(cause("varying distance", problem, remedy)))

@@ -1,24 +1,21 @@
 //! The nominal distance d(x) between neighbouring atoms near x, in lattice units.
 //!
-//! - `atoms`: d from the spacing of given atoms
 //! - `grading`: limits |grad d| by fast sweeping and preserves minima
 //! - `features`: d that grows away from detected features
 //! - `distributed_distance`: d that is distributed over ranks in layers
-//! - `sources`: d from an image, from the Laplacian of b, or given as samples
+//! - `sources`: d from an image, or given as samples
 
-pub(crate) mod atoms;
 pub(crate) mod distributed_distance;
 pub(crate) mod features;
 pub(crate) mod grading;
 pub(crate) mod sources;
 
-pub use atoms::from_atoms;
 pub use distributed_distance::DistanceBricks;
 pub(crate) use distributed_distance::DistributedDistance;
 pub use features::{DistanceLimits, from_features};
 pub(crate) use features::{coarse_field, lower_cell_corners};
 pub use grading::limit_gradient;
-pub use sources::{DenseRegion, from_image, from_laplacian, from_samples};
+pub use sources::{DenseRegion, from_image, from_samples};
 
 use crate::geometry::grid_index::strides;
 use crate::geometry::norm;

@@ -14,16 +14,12 @@
 //! - `neighbours`: the Verlet list
 //! - `mirror_images`: mirror images of atoms beyond the sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
-//!
-//! The folder [`comparison`](super::comparison) has two other ways to compute an energy.
 
 pub(crate) mod mirror_images;
 pub(crate) mod neighbours;
 pub mod pair;
 pub mod pairwise;
 
-pub use super::comparison::laplacian::RegularisedEnergy;
-pub use super::comparison::sampled::SampledEnergy;
 pub(crate) use neighbours::CHUNK_ATOMS;
 pub use pairwise::PairwiseEnergy;
 
@@ -42,7 +38,7 @@ pub enum Beta<const D: usize> {
 
 impl<const D: usize> Beta<D> {
     /// Returns the [stiffening](pair) that suits beta, or its largest value where beta is a field.
-    pub(in crate::lattice) fn stiffness(&self) -> f32 {
+    pub(crate) fn stiffness(&self) -> f32 {
         pair::stiffness(match self {
             Self::Constant(beta) => *beta,
             Self::Field(field) => f64::from(field.samples.iter().copied().fold(0.0, f32::max)),
@@ -70,19 +66,14 @@ pub struct EnergyTerms {
     /// The part of the minimised energy that comes from the [stiffening](pair) of the force between
     /// atoms.
     pub stiffening: f64,
-    /// The part of the minimised energy that comes from A' in the place of A
-    /// ([`laplacian`](super::comparison::laplacian)).
+    /// The part of the minimised energy that comes from a regularised energy A' in the place of A.
     pub smoothing: f64,
 }
 
 impl EnergyTerms {
     /// Returns the terms without Laplacian coordinates: the part of `minimised` that is not P is
     /// stiffening.
-    pub(in crate::lattice) fn from_pairs(
-        published: EnergyParts,
-        energy: f64,
-        minimised: f64,
-    ) -> Self {
+    pub(crate) fn from_pairs(published: EnergyParts, energy: f64, minimised: f64) -> Self {
         Self {
             published,
             energy,

@@ -21,11 +21,8 @@ pub(crate) mod temperature;
 
 pub use crate::progress::{LatticeSnapshot, NoProgress, OptimiseStatus, Progress};
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::{Error, Result, cause};
 use crate::geometry::to_3d;
-use crate::lattice::comparison::genetic;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::{Energy, EnergyTerms};
 use crate::lattice::halo::{self, OwnedAndGhosts, SharedLattice};
@@ -44,25 +41,40 @@ pub enum StopReason {
     Interrupted,
 }
 
+/// A round by another method: lowers the energy from the given positions, and stores the result in
+/// the minimiser. The integer is the number of the round.
+pub type Round<const D: usize> = fn(
+    &mut Minimiser<'_, D>,
+    &[[f64; D]],
+    &mut dyn Energy<D>,
+    &OptimiseOptions<D>,
+    usize,
+    &mut Budget,
+    &mut dyn Progress,
+) -> Result<StopReason>;
+
 /// The method that lowers the energy in a round.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// Limited-memory BFGS (fast)
+#[derive(Debug, Clone, Copy, Default)]
+pub enum Method<const D: usize> {
+    /// Limited-memory BFGS.
     #[default]
     Lbfgs,
-    /// Steepest descent, in coordinates scaled as for L-BFGS
+    /// Steepest descent, in coordinates scaled as for L-BFGS.
     Descent,
-    /// A genetic algorithm: a population of ten lattices (slow)
-    Genetic,
+    /// Another method for whole lattices, which sends its own snapshots.
+    Other {
+        /// One round.
+        run: Round<D>,
+        /// Evaluations that it needs, as a multiple of those of L-BFGS.
+        effort: usize,
+    },
 }
 
 /// Options of an optimisation.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OptimiseOptions {
+#[derive(Debug, Clone)]
+pub struct OptimiseOptions<const D: usize> {
     /// The method of each round.
-    pub method: Method,
+    pub method: Method<D>,
     /// Relative decrease of P, a step and a round, below which steps and rounds end (Hale: 1e-3).
     pub tolerance: f64,
     /// Most rounds of perturbation and minimisation.
@@ -77,7 +89,7 @@ pub struct OptimiseOptions {
     pub temperature: Vec<f64>,
 }
 
-impl Default for OptimiseOptions {
+impl<const D: usize> Default for OptimiseOptions<D> {
     fn default() -> Self {
         Self {
             method: Method::Lbfgs,
@@ -91,16 +103,15 @@ impl Default for OptimiseOptions {
     }
 }
 
-impl OptimiseOptions {
-    /// Sets the method and scales the limits to it: steepest descent needs more evaluations, and a
-    /// genetic algorithm many, of which as many run at once as there are threads. Three times as
-    /// many rounds are allowed if `is_regularised`, that is, if Laplacian coordinates change the
-    /// energy from round to round.
-    pub fn with_method(self, method: Method, is_regularised: bool) -> Self {
+impl<const D: usize> OptimiseOptions<D> {
+    /// Sets the method and scales the limits to it: other methods need more evaluations than L-BFGS.
+    /// Three times as many rounds are allowed if `is_regularised`, that is, if the energy changes
+    /// from round to round.
+    pub fn with_method(self, method: Method<D>, is_regularised: bool) -> Self {
         let effort = match method {
             Method::Lbfgs => 1,
             Method::Descent => 5,
-            Method::Genetic => 25,
+            Method::Other { effort, .. } => effort,
         };
         let rounds = if is_regularised { 3 } else { 1 };
         Self {
@@ -163,7 +174,7 @@ pub fn optimise<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
     check_options(options, atoms.len())?;
@@ -182,13 +193,13 @@ pub(crate) fn optimise_partition<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
     let can_partition = energy.supports_partition()
         && Minimiser::<D>::CAN_PARTITION
         && options.temperature.is_empty();
-    if lattice.is_shared() && can_partition && options.method != Method::Genetic {
+    if lattice.is_shared() && can_partition && !matches!(options.method, Method::Other { .. }) {
         let max_move = expected_move(distance);
         return optimise_with_halo(
             lattice, energy, distance, extent, options, max_move, progress,
@@ -204,7 +215,7 @@ fn optimise_with_halo<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     mut max_move: f64,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
@@ -234,13 +245,13 @@ fn lower_energy<const D: usize>(
     energy: &mut dyn Energy<D>,
     distance: &Distance<D>,
     extent: [f64; D],
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     progress: &mut dyn Progress,
 ) -> Result<(OptimiseResult, f64)> {
     let mobility = mobility(atoms, extent, &options.temperature);
     let bounds = MoveBounds::new(atoms, distance, extent, &mobility);
     drop(mobility);
-    let is_steepest_descent = options.method == Method::Descent;
+    let is_steepest_descent = matches!(options.method, Method::Descent);
     let mut minimiser = Minimiser::new(halo, &atoms.positions, bounds, is_steepest_descent);
     let mut budget = Budget {
         evaluations: 0,
@@ -268,7 +279,7 @@ fn lower_energy<const D: usize>(
         rounds += 1;
         let key = options.seed.wrapping_add(rounds as u64);
         let stop = match options.method {
-            Method::Genetic => genetic::evolve(
+            Method::Other { run, .. } => run(
                 &mut minimiser,
                 &atoms.positions,
                 energy,
@@ -296,7 +307,7 @@ fn lower_energy<const D: usize>(
             best = minimiser.energy();
             atoms.positions.copy_from_slice(minimiser.positions());
         }
-        if options.method != Method::Genetic {
+        if !matches!(options.method, Method::Other { .. }) {
             let x = &atoms.positions;
             send_snapshot(x, halo, best, rounds, energy, &mut scratch, progress)?;
         }
@@ -321,7 +332,7 @@ fn lower_energy<const D: usize>(
 
 /// Passes a lattice, whose minimised energy is `minimised`, to the progress callback if it wants
 /// lattices.
-pub(in crate::lattice) fn send_snapshot<const D: usize>(
+pub(crate) fn send_snapshot<const D: usize>(
     x: &[[f64; D]],
     halo: &OwnedAndGhosts<'_>,
     minimised: f64,
@@ -345,7 +356,7 @@ pub(in crate::lattice) fn send_snapshot<const D: usize>(
     Ok(())
 }
 
-fn check_options(options: &OptimiseOptions, atom_count: usize) -> Result<()> {
+fn check_options<const D: usize>(options: &OptimiseOptions<D>, atom_count: usize) -> Result<()> {
     let fail = |place: &str, problem: String, remedy: &str| {
         Err(Error::Optimise(cause(place, problem, remedy)))
     };

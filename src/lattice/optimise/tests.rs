@@ -36,7 +36,7 @@ fn evaluator<'a>(distance: &'a Distance<3>, valley: &'a SparseField<3>) -> Pairw
 fn optimise_box(
     atoms: &mut Atoms<3>,
     energy: &mut dyn Energy<3>,
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<3>,
     progress: &mut dyn Progress,
 ) -> Result<OptimiseResult> {
     let distance = Distance::Constant(D);

@@ -426,7 +426,7 @@ fn neighbour_steps<const D: usize>(axes: &[usize]) -> Vec<[f64; D]> {
 
 /// Returns the sets of sides that meet on the faces of the box of `rank` sides each: corners for a
 /// rank of `D`.
-pub(in crate::lattice) fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
+pub(crate) fn faces<const D: usize>(rank: usize) -> impl Iterator<Item = u8> {
     (0..1u8 << (2 * D)).filter(move |sides| {
         let (low, high) = (sides & ((1 << D) - 1), sides >> D);
         low & high == 0 && sides.count_ones() as usize == rank
@@ -507,4 +507,4 @@ pub fn grow_lattice<const D: usize>(
 
 #[cfg(test)]
 #[path = "grow_tests.rs"]
-pub(in crate::lattice) mod tests;
+pub(crate) mod tests;

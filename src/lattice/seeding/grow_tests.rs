@@ -81,7 +81,7 @@ fn regular_share<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
 ) -> f64 {
-    let atoms = seed_on_features(seeding, extent, distance, &[], None).unwrap();
+    let atoms = seed_on_features(seeding, extent, distance, &[]).unwrap();
     // The sides are exact and have their own lattice.
     let count = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
     assert_eq!(count(AtomKind::Corner), 1 << D);
@@ -269,7 +269,7 @@ fn wells_are_seeds_of_the_lattice() {
     let distance = Distance::Constant(5.0);
     let wells = [[22.3, 31.1, 17.7], [40.9, 20.2, 44.4]];
     let neighbours = |seeding: Seeding| {
-        let atoms = seed_on_features(seeding, extent, &distance, &wells, None).unwrap();
+        let atoms = seed_on_features(seeding, extent, &distance, &wells).unwrap();
         assert_eq!(atoms.positions[atoms.len() - 2..], wells);
         let sites = wells.iter().flat_map(|well| {
             let step = |step: [f64; 3]| std::array::from_fn(|k| well[k] + 5.0 * step[k]);
@@ -285,13 +285,7 @@ fn wells_are_seeds_of_the_lattice() {
     assert!(neighbours(Seeding::Fcc) < 4);
     // In the plane there are six.
     let (well, extent) = ([22.3, 31.1], [61.0, 57.0]);
-    let atoms = seed_on_features(
-        Seeding::Grown,
-        extent,
-        &Distance::Constant(5.0),
-        &[well],
-        None,
-    );
+    let atoms = seed_on_features(Seeding::Grown, extent, &Distance::Constant(5.0), &[well]);
     let atoms = atoms.unwrap().positions;
     let is_taken = |step: [f64; 2]| {
         let site = [well[0] + 5.0 * step[0], well[1] + 5.0 * step[1]];

@@ -4,14 +4,12 @@
 //! - `regular`: the atoms of that lattice, or those of one rank
 //! - `grow`: a pseudo-regular lattice grown atom by atom, for variable d
 //! - `refine`: an isotropic lattice by Delaunay refinement
-//! - `canny`: atoms on features, dense where these bend, and few elsewhere
 //! - `fixed_atoms`: atoms given by the user
 //! - `line_atoms`: atoms along the lines where feature surfaces meet
 //! - `wells`: atoms along trajectories, and d(x) near them
 //! - [`morton`]: memory order of atoms along a Morton curve, for cache locality
 //! - `shared_box`: the box in slabs that ranks fill, and distribution of sites in that order
 
-pub(crate) mod canny;
 pub mod densest_lattice;
 pub(crate) mod fixed_atoms;
 pub(crate) mod grow;
@@ -24,11 +22,8 @@ pub(crate) mod wells;
 
 use self::fixed_atoms::Clearance;
 use self::morton::MortonCurve;
-use super::comparison::guide::{self, GuideOptions};
-use super::comparison::projection;
-use crate::error::{Error, Result, cause};
+use crate::error::Result;
 use crate::geometry::incremental_grid::IncrementalGrid;
-use crate::image::{ScalarField, SparseField};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::owned_atoms::OwnedAtoms;
@@ -117,14 +112,14 @@ pub fn kind_at<const D: usize>(x: [f64; D], extent: [f64; D]) -> AtomKind {
 }
 
 /// A site is free if no atom is nearer than this, in units of d (Hale 2001: 0.8).
-pub(in crate::lattice) const MIN_SITE_DISTANCE: f64 = 0.8;
+pub(crate) const MIN_SITE_DISTANCE: f64 = 0.8;
 /// Smallest distance of a site from the sides of the region that it fills, in units of d; 0.71 in a
 /// regular lattice.
-pub(in crate::lattice) const SIDE_MARGIN: f64 = 0.4;
+pub(crate) const SIDE_MARGIN: f64 = 0.4;
 
 /// Creates an empty grid for atoms in the box from `low` to `high` that are at least about
 /// `min_distance` apart.
-pub(in crate::lattice) fn empty_grid<const D: usize>(
+pub(crate) fn empty_grid<const D: usize>(
     low: [f64; D],
     high: [f64; D],
     min_distance: f64,
@@ -155,33 +150,20 @@ pub enum Seeding {
         /// Seed of the position of the first point inside.
         seed: u64,
     },
-    /// Random atoms with the image as their density, features first (`comparison::guide`).
-    Guide {
-        /// Seed of the random numbers.
-        seed: u64,
-        /// Largest count of atoms.
-        max_atoms: usize,
-    },
-    /// Sites of a fine lattice projected onto the image's features (`comparison::projection`).
-    Projection,
-    /// From features and image (`canny::place_atoms`), which determine d, too.
-    Canny,
 }
 
 /// Seeds a lattice that fills the box `[0, extent]`. With [`Alignment::OnFeatures`], corners, edges
 /// and sides of the box have atoms; with [`Alignment::AlongsideFeatures`], the outermost atoms are
 /// half a d inside.
 ///
-/// `potential` is the image as -1 on features and 0 elsewhere, over the box; only some methods need
-/// it. `fixed` atoms (lattice space) are kept exactly where they are. A lattice that is grown grows
-/// from them; in other lattices, atoms too near to them are removed (`fixed_atoms::insert`). Atoms
-/// come in the order of a space-filling curve, fixed atoms last.
+/// `fixed` atoms (lattice space) are kept exactly where they are. A lattice that is grown grows from
+/// them; in other lattices, atoms too near to them are removed (`fixed_atoms::insert`). Atoms come
+/// in the order of a space-filling curve, fixed atoms last.
 ///
 /// # Errors
-/// Returns [`Error::Distance`] if d does not suit the box. Returns [`Error::Seeding`] if a fixed
-/// atom lies outside the box (alongside, also on a side of it), if two lie at one place, for
-/// [`Seeding::Canny`], for projection alongside features, and for the methods that need an image if
-/// there is none or it is the same everywhere.
+/// Returns [`Error::Distance`](crate::Error::Distance) if d does not suit the box. Returns
+/// [`Error::Seeding`](crate::Error::Seeding) if a fixed atom lies outside the box (alongside, also
+/// on a side of it), or if two lie at one place.
 ///
 /// Once `cancel` is cancelled, the function returns soon, with a useless result.
 pub fn seed<const D: usize>(
@@ -190,53 +172,34 @@ pub fn seed<const D: usize>(
     distance: &Distance<D>,
     fixed: &[[f64; D]],
     alignment: Alignment,
-    potential: Option<&SparseField<D>>,
     cancel: &CancelToken<'_>,
 ) -> Result<Atoms<D>> {
-    let regular = || {
-        let shared_box = SharedBox::of_one_process(extent);
-        seed_regular(shared_box, seeding, distance, fixed, alignment, cancel)
-    };
+    if let Seeding::Refine { seed } = seeding {
+        let refine = |fixed: &[[f64; D]]| {
+            refine::refine_lattice(extent, distance, fixed, alignment, seed, cancel)
+        };
+        return seed_with(extent, distance, fixed, alignment, refine);
+    }
     distance.validate(extent)?;
-    let image = || {
-        potential.map(SparseField::to_dense).ok_or_else(|| {
-            seeding_error(
-                "needs the potential of an image",
-                "give one, or use a regular seeding",
-            )
-        })
-    };
+    let shared_box = SharedBox::of_one_process(extent);
+    let atoms = seed_regular(shared_box, seeding, distance, fixed, alignment, cancel)?;
+    Ok(atoms.atoms)
+}
+
+/// Seeds a lattice as [`seed`] does, at the positions that `place` returns for the fixed atoms.
+///
+/// # Errors
+/// Returns an error as [`seed`] does, and those of `place`.
+pub fn seed_with<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    fixed: &[[f64; D]],
+    alignment: Alignment,
+    place: impl FnOnce(&[[f64; D]]) -> Result<Vec<[f64; D]>>,
+) -> Result<Atoms<D>> {
+    distance.validate(extent)?;
     let fixed = fixed_atoms::validate(fixed, extent, distance, alignment)?;
-    let mut positions = match seeding {
-        Seeding::Fcc | Seeding::Grown => return Ok(regular()?.atoms),
-        Seeding::Refine { seed } => {
-            refine::refine_lattice(extent, distance, &fixed, alignment, seed, cancel)?
-        }
-        Seeding::Canny => {
-            return Err(Error::Seeding(cause(
-                "seeding 'canny'",
-                "places atoms by features and image, not by a distance",
-                "call seeding::canny::place_atoms",
-            )));
-        }
-        Seeding::Guide { seed, max_atoms } => {
-            let options = GuideOptions {
-                alignment,
-                seed,
-                max_atoms,
-            };
-            guide::draw_lattice(extent, distance, &image()?, &fixed, options, cancel)?
-        }
-        Seeding::Projection if alignment == Alignment::AlongsideFeatures => {
-            return Err(seeding_error(
-                "projection puts atoms onto features, which the faces of Voronoi cells follow",
-                "use another seeding for Voronoi cells",
-            ));
-        }
-        Seeding::Projection => {
-            projection::project_lattice(extent, distance, &image()?, &fixed, cancel)?
-        }
-    };
+    let mut positions = place(&fixed)?;
     morton::sort_by_curve(&mut positions, extent, 2.0 * distance.min());
     let mut atoms = Atoms::from_positions(positions, extent);
     fixed_atoms::insert(&mut atoms, &fixed, extent, distance);
@@ -280,7 +243,7 @@ pub fn fcc<const D: usize>(
 ) -> Result<Atoms<D>> {
     let seeding = Seeding::Fcc;
     let cancel = &CancelToken::never();
-    seed(seeding, extent, distance, fixed, alignment, None, cancel)
+    seed(seeding, extent, distance, fixed, alignment, cancel)
 }
 
 /// Seeds a lattice by [`seed`] on features, for tests.
@@ -290,64 +253,7 @@ pub(in crate::lattice) fn seed_on_features<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
-    potential: Option<&ScalarField<D>>,
 ) -> Result<Atoms<D>> {
-    let potential = potential.map(SparseField::from_field);
-    let (alignment, cancel) = (Alignment::OnFeatures, CancelToken::never());
-    seed(
-        seeding,
-        extent,
-        distance,
-        fixed,
-        alignment,
-        potential.as_ref(),
-        &cancel,
-    )
-}
-
-fn seeding_error(problem: impl std::fmt::Display, remedy: &str) -> Error {
-    Error::Seeding(cause("seeding", problem, remedy))
-}
-
-/// Returns the smallest and the largest sample of a potential from which atoms are placed in the
-/// box `[0, extent]`. Returns an error if the potential does not span the box, is not finite or is
-/// constant.
-pub(in crate::lattice) fn potential_range<const D: usize>(
-    potential: &ScalarField<D>,
-    extent: [f64; D],
-    name: &str,
-) -> Result<[f32; 2]> {
-    let refuse = |problem: String, remedy: &str| {
-        let place = format!("seeding {name}: image potential");
-        Err(Error::Seeding(cause(place, problem, remedy)))
-    };
-    let count: usize = potential.dims.iter().product();
-    let spans = (0..D).all(|k| (potential.extent()[k] - extent[k]).abs() <= 1e-6 * extent[k]);
-    if !spans || potential.samples.len() != count || u32::try_from(count).is_err() {
-        let problem = format!(
-            "its {count} samples span {:?}, the box {extent:?}",
-            potential.extent()
-        );
-        return refuse(
-            problem,
-            "give one that spans the box, of fewer than 2^32 samples",
-        );
-    }
-    if !potential.samples.iter().all(|b| b.is_finite()) {
-        return refuse(
-            "is not a number everywhere".into(),
-            "give one without NaN and infinities",
-        );
-    }
-    let fold = |f: fn(f32, f32) -> f32, start| potential.samples.iter().copied().fold(start, f);
-    let [low, high] = [
-        fold(f32::min, f32::INFINITY),
-        fold(f32::max, f32::NEG_INFINITY),
-    ];
-    if low < high {
-        Ok([low, high])
-    } else {
-        let problem = format!("is {low} everywhere: no place is more likely than another");
-        refuse(problem, "follow other features, or use another seeding")
-    }
+    let (alignment, cancel) = (Alignment::OnFeatures, &CancelToken::never());
+    seed(seeding, extent, distance, fixed, alignment, cancel)
 }

@@ -139,11 +139,7 @@ fn faces<const D: usize>(axes: &[usize]) -> impl Iterator<Item = [f64; D]> {
 }
 
 /// Returns positions between the ends of a length, evenly spread in units of d(t).
-pub(in crate::lattice) fn graded_positions(
-    length: f64,
-    min_d: f64,
-    d: impl Fn(f64) -> f64,
-) -> Vec<f64> {
+pub(crate) fn graded_positions(length: f64, min_d: f64, d: impl Fn(f64) -> f64) -> Vec<f64> {
     // Count of spacings from the start to each of many points (midpoint rule).
     let piece_count = (8.0 * length / min_d).ceil().max(8.0) as usize;
     let piece = length / piece_count as f64;
@@ -173,12 +169,12 @@ mod tests {
 
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>) -> [f64; 5] {
         let seeding = Seeding::Refine { seed: 1 };
-        let atoms = seed_on_features(seeding, extent, distance, &[], None).unwrap();
+        let atoms = seed_on_features(seeding, extent, distance, &[]).unwrap();
         let count_kind = |kind| atoms.kinds.iter().filter(|&&k| k == kind).count();
         assert_eq!(count_kind(AtomKind::Corner), 1 << D);
         assert!(count_kind(AtomKind::Edge) > 20 && (D == 2 || count_kind(AtomKind::Side) > 100));
         let refined = spacing_quantiles(&atoms, distance);
-        let regular = seed_on_features(Seeding::Fcc, extent, distance, &[], None).unwrap();
+        let regular = seed_on_features(Seeding::Fcc, extent, distance, &[]).unwrap();
         let regular = spacing_quantiles(&regular, distance);
         println!(
             "{D}-D, {} atoms: nearest / d {refined:.3?}, regular {regular:.3?}",
@@ -224,7 +220,6 @@ mod tests {
                 &distance,
                 &fixed,
                 alignment,
-                None,
                 &CancelToken::never(),
             )
             .unwrap();

@@ -50,8 +50,8 @@ pub struct Complex {
     pub neighbours: Vec<[u32; 4]>,
     tet_of_node: Vec<u32>,
     free_slots: Vec<u32>,
-    slot_stamps: Vec<u32>,
-    stamp: u32,
+    slot_epochs: Vec<u32>,
+    epoch: u32,
     open_faces: OpenFaces,
     journal: Option<Vec<JournalEntry>>,
     reached_nonlocal: AtomicBool,
@@ -88,13 +88,13 @@ impl Complex {
                 tet_of_node[n as usize] = t as u32;
             }
         }
-        let slot_stamps = vec![0; mesh.tets.len()];
+        let slot_epochs = vec![0; mesh.tets.len()];
         Self {
             nodes: mesh.nodes,
             tets: mesh.tets,
             neighbours,
             tet_of_node,
-            slot_stamps,
+            slot_epochs,
             ..Self::default()
         }
     }
@@ -153,7 +153,7 @@ impl Complex {
                 JournalEntry::NewSlot => {
                     self.tets.pop();
                     self.neighbours.pop();
-                    self.slot_stamps.pop();
+                    self.slot_epochs.pop();
                 }
                 JournalEntry::Freed => {
                     self.free_slots.pop();
@@ -182,13 +182,13 @@ impl Complex {
         self.tet_of_node[n as usize] = t;
     }
 
-    fn next_stamp(&mut self) -> u32 {
-        if self.stamp == u32::MAX {
-            self.slot_stamps.iter_mut().for_each(|m| *m = 0);
-            self.stamp = 0;
+    fn next_epoch(&mut self) -> u32 {
+        if self.epoch == u32::MAX {
+            self.slot_epochs.iter_mut().for_each(|m| *m = 0);
+            self.epoch = 0;
         }
-        self.stamp += 1;
-        self.stamp
+        self.epoch += 1;
+        self.epoch
     }
 
     /// Returns the tetrahedron across face k of `t`, if there is one.
@@ -319,9 +319,9 @@ impl Complex {
     /// faces. Only faces on the boundary may differ if they cover the same area. The slots of the
     /// new tetrahedra are written to `slots`, in the order of `new`.
     pub fn exchange(&mut self, old: &[u32], new: &[[u32; 4]], slots: &mut Vec<u32>) {
-        let stamp = self.next_stamp();
+        let epoch = self.next_epoch();
         for &t in old {
-            self.slot_stamps[t as usize] = stamp;
+            self.slot_epochs[t as usize] = epoch;
         }
         // Collects the outer faces: the face, the neighbour beyond it, and the face's index in that
         // neighbour.
@@ -330,7 +330,7 @@ impl Complex {
         for &t in old {
             for k in 0..4 {
                 let n = self.neighbours[t as usize][k];
-                if n < NOT_LOCAL && self.slot_stamps[n as usize] == stamp {
+                if n < NOT_LOCAL && self.slot_epochs[n as usize] == epoch {
                     continue;
                 }
                 let key = face_key(FACES[k].map(|i| self.tets[t as usize][i]));
@@ -362,7 +362,7 @@ impl Complex {
                 self.log(JournalEntry::NewSlot);
                 self.tets.push([NONE; 4]);
                 self.neighbours.push([NONE; 4]);
-                self.slot_stamps.push(0);
+                self.slot_epochs.push(0);
                 (self.tets.len() - 1) as u32
             };
             slots.push(slot);

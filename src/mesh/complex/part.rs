@@ -66,9 +66,9 @@ impl Complex {
         self.tets.clear();
         self.neighbours.clear();
         self.tet_of_node.clear();
-        self.slot_stamps.clear();
+        self.slot_epochs.clear();
         self.free_slots.clear();
-        (self.stamp, self.journal) = (0, None);
+        (self.epoch, self.journal) = (0, None);
         *self.reached_nonlocal.get_mut() = false;
 
         slots.extend_from_slice(seeds);
@@ -106,7 +106,7 @@ impl Complex {
             }));
             current += 1;
         }
-        self.slot_stamps.resize(self.tets.len(), 0);
+        self.slot_epochs.resize(self.tets.len(), 0);
         // Links to neighbours that were added after this tetrahedron was visited.
         for t in 0..self.tets.len() {
             for k in 0..4 {

@@ -69,8 +69,7 @@ pub trait Kernel: Sync {
 }
 
 /// Programs that compute Delaunay triangulations in space.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum DelaunayKernel {
     /// TetGen below 40,000 nodes if it is built in, else atomesh's own kernel

@@ -17,48 +17,32 @@ use crate::surface_file::FileOption;
 use crate::{Error, Result};
 
 /// Options of `atomesh columns`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ColumnsSpec {
     /// Number of layers between two horizons: one number for all intervals, or N,N,... [default: 1]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "N,...", conflicts_with = "layer_thickness")
-    )]
+    #[arg(long, value_name = "N,...", conflicts_with = "layer_thickness")]
     pub layers: Option<LayerCounts>,
     /// Mean thickness of the layers; replaces --layers
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "T", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "T", allow_hyphen_values = true)]
     pub layer_thickness: Option<f64>,
     /// Smallest thickness of a layer; thinner layers vanish at that place
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "T",
-            default_value_t = 0.0,
-            allow_hyphen_values = true
-        )
+    #[arg(
+        long,
+        value_name = "T",
+        default_value_t = 0.0,
+        allow_hyphen_values = true
     )]
     pub least_thickness: f64,
     /// Let horizons be offset at the map's faults: z closer than DIST to a fault is continued from the
     /// same side
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DIST", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "DIST", allow_hyphen_values = true)]
     pub throws: Option<f64>,
     /// Unit of z [default: the unit of the map's x]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
+    #[arg(long, value_name = "UNIT")]
     pub z_unit: Option<String>,
     /// Options for reading the images.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading images")
-    )]
+    #[command(flatten, next_help_heading = "Reading images")]
     pub input: InputOptions,
 }
 

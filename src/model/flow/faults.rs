@@ -50,35 +50,28 @@ const MULTIPLIERS: ValueTable = ValueTable {
 };
 
 /// Options that say how the surfaces of a mesh resist flow.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FaultOptions {
     /// Resistance of faults to flow: closed, open, or a factor by which the permeability is
     /// multiplied there, from 0 to 1, in an export also above 1 [default: closed for flow, open for
     /// export]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "HOW", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "HOW", allow_hyphen_values = true)]
     pub faults: Option<FaultResistance>,
     /// Thickness (m) of the layer to which the factor of --faults applies [default: the distance
     /// between the two cells]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "W"))]
+    #[arg(long, value_name = "W")]
     pub fault_thickness: Option<f64>,
     /// Factor of some surfaces: their number or name as `atomesh surface MESH` prints it
     /// (fault3:0.01), the two regions that they separate (1/11:0), or a pattern with * and ?
     /// ('interface_*_11:0'). May be repeated, and the last match applies; or a CSV file of lines
     /// surface,factor or surface,factor,thickness
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "WHICH:FACTOR", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "WHICH:FACTOR", allow_hyphen_values = true)]
     pub fault_multiplier: Vec<FaultMultiplier>,
     /// Surfaces to which --faults applies: faults, horizons, all, or a list of numbers, names,
     /// pairs of regions and patterns as in --fault-multiplier. All others are open [default:
     /// faults]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WHICH"))]
+    #[arg(long, value_name = "WHICH")]
     pub barriers: Option<BarrierSelection>,
 }
 

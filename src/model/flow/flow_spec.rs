@@ -21,74 +21,55 @@ use crate::{Error, Result, memory};
 const DEFAULT_RATE: f64 = 1e-3;
 
 /// Options of `atomesh flow`, in SI units.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FlowSpec {
     /// A point (X,Y in 2-D) where fluid enters, with its rate in m^3/s [default rate: 0.001]; may
     /// be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub source: Vec<FlowPoint>,
     /// A point where fluid leaves [default rate: all that enters, or 0.001 with --pressure]; may be
     /// repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "X,Y,Z[:RATE]", allow_hyphen_values = true)]
     pub sink: Vec<FlowPoint>,
     /// Pressure (Pa) on a side of the box: xmin, xmax, ymin ... along the image's axes, x the
     /// fastest in memory. Sides without a pressure are closed
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE=P"))]
+    #[arg(long, value_name = "SIDE=P")]
     pub pressure: Vec<SidePressure>,
     /// Options that say how faults resist flow; they are closed by default.
-    #[cfg_attr(feature = "cli", command(flatten))]
+    #[command(flatten)]
     pub fault_options: FaultOptions,
     /// Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the mesh,
     /// along the faces of cells. An extension has a name of its own, such as fault1_extension, and the law
     /// of its fault
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DIST", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "DIST", allow_hyphen_values = true)]
     pub extend_faults: Option<f64>,
     /// Permeability in m^2 (1 mD is 9.87e-16 m^2): K; KX,KY,KZ; KXX,KYY,KZZ,KXY,KYZ,KXZ (in 2-D K;
     /// KX,KY; KXX,KYY,KXY); a CSV file of lines region,K; or a cell array of the mesh
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "K",
-            default_value = "1e-13",
-            allow_hyphen_values = true
-        )
+    #[arg(
+        long,
+        value_name = "K",
+        default_value = "1e-13",
+        allow_hyphen_values = true
     )]
     pub permeability: FlowPermeability,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s or a file of interval
     /// velocities in m/s on a grid in two-way time. Sources and sinks are then in depth
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// Viscosity in Pa s
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "MU",
             default_value_t = FlowSpec::default().viscosity,
             allow_hyphen_values = true
-        )
-    )]
+        )]
     pub viscosity: f64,
     /// Also write streamlines that carry equal rates, for ParaView
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.vtp"))]
+    #[arg(long, value_name = "FILE.vtp")]
     pub streamlines: Option<PathBuf>,
     /// Number of streamlines [default: 200]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    #[arg(long, value_name = "N")]
     pub lines: Option<usize>,
 }
 

@@ -182,8 +182,8 @@ pub fn grow<const D: usize>(
         let [a, b] = links[l].cells.map(|c| block[c as usize]);
         links[l].is_open && a == b
     };
-    let toll = |l: usize| factors.map_or(0.0, |factors| (factors[l] - 1.0) * links[l].distance);
-    geodesics.shortest_paths(seeds, passes, toll, level)
+    let penalty = |l: usize| factors.map_or(0.0, |factors| (factors[l] - 1.0) * links[l].distance);
+    geodesics.shortest_paths(seeds, passes, penalty, level)
 }
 
 /// Returns for each link the factor by which differences of image values slow down paint: 1 +

@@ -16,48 +16,38 @@ use crate::surface_file::SURFACE_EXTENSIONS;
 use crate::{Error, Result};
 
 /// Options of `atomesh paint`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct PaintSpec {
     /// Points where paint begins, in physical coordinates (X,Y in 2-D); =N sets the region,
     /// otherwise each seed has its own. May be repeated; `auto` paints every block between surfaces,
     /// `blocks` every block between faults, across horizons
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "X,Y,Z[=N]",
-            required = true,
-            allow_hyphen_values = true
-        )
+    #[arg(
+        long,
+        value_name = "X,Y,Z[=N]",
+        required = true,
+        allow_hyphen_values = true
     )]
     pub seed: Vec<PaintSeed>,
     /// An image; paint flows less easily where its values change
-    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[arg(long, value_name = "IMAGE")]
     pub image: Option<PathBuf>,
     /// Largest distance of paint from its seed, in samples, along the shortest path that crosses no
     /// surface
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES"))]
+    #[arg(long, value_name = "SAMPLES")]
     pub level: Option<f64>,
     /// Largest width of an opening that paint does not pass, as a fraction of the blocks that it
     /// connects; 0 for none
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "SHARE", default_value_t = Self::default().neck)
-    )]
+    #[arg(long, value_name = "SHARE", default_value_t = Self::default().neck)]
     pub neck: f64,
     /// Also write the surfaces around the painted regions: .vtp, .obj, or GOCAD's .ts
-    #[cfg_attr(feature = "cli", arg(long, value_name = "S.vtp"))]
+    #[arg(long, value_name = "S.vtp")]
     pub surface_out: Option<PathBuf>,
     /// Options that group faces into the surfaces that paint does not cross.
-    #[cfg_attr(feature = "cli", command(flatten))]
+    #[command(flatten)]
     pub grouping: GroupingOptions,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 

@@ -24,8 +24,7 @@ const DEFAULT_DAYS: f64 = 3650.0;
 const DEFAULT_WELL_RADIUS: f64 = 0.1;
 
 /// The fluids in the pores.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FluidChoice {
     /// Water only
@@ -37,73 +36,63 @@ pub enum FluidChoice {
 }
 
 /// Options for the wells, fluids and duration of a simulation.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct CaseOptions {
     /// Fluids in the pores [default: water]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FLUID"))]
+    #[arg(long, value_name = "FLUID")]
     pub fluid: Option<FluidChoice>,
     /// A well that injects water at a rate in m^3/day. It is vertical in the cell at X,Y,Z (the
     /// mesh's coordinates), or follows the trajectory in a table of columns x, y, z and radius:
     /// [NAME=]FILE.csv:RATE; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "[NAME=]X,Y,Z:RATE", allow_hyphen_values = true)]
     pub injector: Vec<WellOption>,
     /// A well that produces at a pressure in bar, at X,Y,Z or along the trajectory in a CSV file;
     /// may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "[NAME=]X,Y,Z:BAR", allow_hyphen_values = true)]
     pub producer: Vec<WellOption>,
     /// A well whose rates and pressures are in --schedule, at X,Y,Z or along the trajectory in a CSV
     /// file; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "[NAME=]X,Y,Z", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "[NAME=]X,Y,Z", allow_hyphen_values = true)]
     pub well: Vec<ScheduledWell>,
     /// A CSV table of what wells and groups do, with a row of names at the top: date, well, group,
     /// type, status, mode, control, oil, water, gas, liquid, reservoir, bhp, skin
-    #[cfg_attr(feature = "cli", arg(long, value_name = "FILE.csv"))]
+    #[arg(long, value_name = "FILE.csv")]
     pub schedule: Option<PathBuf>,
     /// First day of the simulation, year-month-day [default: the first date of the schedule, or
     /// 2000-01-01]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DATE"))]
+    #[arg(long, value_name = "DATE")]
     pub start: Option<Date>,
     /// Depth (m) of a contact between fluids, which are in equilibrium at the start:
     /// oil-water=DEPTH or gas-oil=DEPTH, perhaps with the capillary pressure there (bar), and before it the
     /// number of an equilibration region: 2/oil-water=2450:0.1; may be repeated
-    #[cfg_attr(feature = "cli", arg(long, value_name = "[REGION/]FLUIDS=DEPTH[:BAR]"))]
+    #[arg(long, value_name = "[REGION/]FLUIDS=DEPTH[:BAR]")]
     pub contact: Vec<ContactOption>,
     /// Initial pressure (bar) at a depth (m) where there are contacts; may be repeated [default: that of a
     /// column of water at the contact with oil]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "[REGION/]DEPTH:BAR"))]
+    #[arg(long, value_name = "[REGION/]DEPTH:BAR")]
     pub datum: Vec<DatumOption>,
     /// Capillary pressure between oil and water after Brooks and Corey: entry pressure (bar) and exponent,
     /// for all or one of the tables of --satnum; may be repeated [default: none; exponent 2]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "[TABLE/]BAR[:EXPONENT]"))]
+    #[arg(long, value_name = "[TABLE/]BAR[:EXPONENT]")]
     pub capillary_pressure: Vec<CapillaryOption>,
     /// An aquifer beyond a side of the mesh (xmin ... zmax): Carter-Tracy with permeability (mD), porosity,
     /// thickness (m), radius (m) and angle (degrees), or Fetkovich with volume (m^3) and productivity
     /// (m^3/day/bar); both with compressibility (1/bar), below (depth), datum and pressure; may be
     /// repeated
-    #[cfg_attr(feature = "cli", arg(long, value_name = "SIDE:NAME=VALUE,..."))]
+    #[arg(long, value_name = "SIDE:NAME=VALUE,...")]
     pub aquifer: Vec<AquiferOption>,
     /// Radius (m) of wells that are given by a point, or whose file has no radius [default: 0.1]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "R"))]
+    #[arg(long, value_name = "R")]
     pub well_radius: Option<f64>,
     /// Initial pressure (bar) at the top [default: hydrostatic from 1.01325 at depth 0]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "BAR"))]
+    #[arg(long, value_name = "BAR")]
     pub pressure_at_top: Option<f64>,
     /// Ignore gravity: no hydrostatic gradient
-    #[cfg_attr(feature = "cli", arg(long))]
+    #[arg(long)]
     pub no_gravity: bool,
     /// Number of days to simulate [default: 3650]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "DAYS"))]
+    #[arg(long, value_name = "DAYS")]
     pub days: Option<f64>,
 }
 

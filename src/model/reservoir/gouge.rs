@@ -47,24 +47,17 @@ const THROWS: ValueTable = ValueTable {
 };
 
 /// Options for fault rock that is computed from clay.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct GougeOptions {
     /// Throw (m) of faults, whose fault rock then follows from --clay: their number or name, or a
     /// pattern (fault3:25), negative for reverse faults. May be repeated, and the last match
     /// applies; or a CSV file of lines surface,throw
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "WHICH:THROW", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "WHICH:THROW", allow_hyphen_values = true)]
     pub throw: Vec<FaultThrow>,
     /// Clay fraction of the rock, 0 to 1, given like a porosity: with --throw it gives the
     /// shale-gouge ratio, the permeability and the thickness of fault rock
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "FRACTION", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "FRACTION", allow_hyphen_values = true)]
     pub clay: Option<CellValue>,
 }
 

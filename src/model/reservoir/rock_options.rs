@@ -22,68 +22,55 @@ use crate::units::values::ValueMeasure;
 use crate::{Error, Result};
 
 /// Options for the rock in the cells.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RockOptions {
     /// Porosity: a number, a CSV file of lines region,porosity, a cell array of the mesh, or an
     /// image with an optional mean: FILE[:arithmetic|harmonic|geometric|nearest] [default mean:
     /// arithmetic]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "PHI", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "PHI", allow_hyphen_values = true)]
     pub porosity: Option<CellValue>,
     /// Permeability: K, or KX,KY,KZ along the mesh's coordinates, each a number or an image with an
     /// optional mean [default: geometric]; or a CSV file of lines region,K or region,KX,KY,KZ
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "K", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "K", allow_hyphen_values = true)]
     pub permeability: Option<CellPermeability>,
     /// Unit of the permeability: mD or m2
-    #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
+    #[arg(long, value_name = "UNIT")]
     pub permeability_unit: Option<PermeabilityUnit>,
     /// Net-to-gross ratio, given like a porosity: the part of a cell's height that is reservoir rock.
     /// It reduces pore volumes and the permeability along x and y
-    #[cfg_attr(feature = "cli", arg(long, value_name = "RATIO"))]
+    #[arg(long, value_name = "RATIO")]
     pub net_to_gross: Option<CellValue>,
     /// A lower limit below which cells are inactive: of porosity, permeability (the largest along an
     /// axis, in its unit), net-to-gross, or a --property; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "NAME=LIMIT", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "NAME=LIMIT", allow_hyphen_values = true)]
     pub cutoff: Vec<CutOff>,
     /// Numbers of the cells' tables of relative permeability and capillary pressure: a CSV file of
     /// lines region,number, a cell array of the mesh, an image, or a number
-    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    #[arg(long, value_name = "NUMBERS")]
     pub satnum: Option<CellValue>,
     /// Numbers of the cells' tables of fluid volumes, given like --satnum
-    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    #[arg(long, value_name = "NUMBERS")]
     pub pvtnum: Option<CellValue>,
     /// Numbers of the cells' equilibration regions, which have contacts of their own, given like
     /// --satnum
-    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    #[arg(long, value_name = "NUMBERS")]
     pub eqlnum: Option<CellValue>,
     /// Numbers of the regions for which fluids in place are reported, given like --satnum [default:
     /// the regions]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "NUMBERS"))]
+    #[arg(long, value_name = "NUMBERS")]
     pub fipnum: Option<CellValue>,
     /// Another property of the cells, such as a seismic attribute, given like a porosity; may be
     /// repeated
-    #[cfg_attr(feature = "cli", arg(long, value_name = "NAME=VALUE"))]
+    #[arg(long, value_name = "NAME=VALUE")]
     pub property: Vec<CellProperty>,
     /// An image of labels that sets the regions of the cells: each cell has the label that fills the
     /// largest part of it, or with `:nearest` at the end that at its centre
-    #[cfg_attr(feature = "cli", arg(long, value_name = "IMAGE"))]
+    #[arg(long, value_name = "IMAGE")]
     #[serde(deserialize_with = "deserialize_optional")]
     pub region: Option<String>,
     /// Options for reading the images.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading images")
-    )]
+    #[command(flatten, next_help_heading = "Reading images")]
     pub input: InputOptions,
 }
 

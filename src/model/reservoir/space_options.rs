@@ -10,41 +10,31 @@ use crate::option_text::SignedAxis;
 use crate::{Error, Result};
 
 /// Options that convert a mesh's coordinates to metres and depth.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SpaceOptions {
     /// Unit of the mesh's coordinates, if it is not the one that the mesh states: m, km, ft, cm,
     /// mm, um or nm. The export is in metres [default: what the mesh states, or m; scans in mm or
     /// less keep their unit where flow is not simulated]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "UNIT"))]
+    #[arg(long, value_name = "UNIT")]
     pub length_unit: Option<String>,
     /// The coordinate that is depth, with its sign: -z if z grows upwards, z if it grows downwards,
     /// x ...
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "AXIS",
             default_value_t = SpaceOptions::default().down,
             allow_hyphen_values = true
-        )
-    )]
+        )]
     pub down: SignedAxis,
     /// Depth (m) of the mesh's shallowest point [default: from its coordinates]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "DEPTH", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "DEPTH", allow_hyphen_values = true)]
     pub depth_at_top: Option<f64>,
     /// Velocity (m/s) that converts two-way time to depth
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "V", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub velocity: Option<f64>,
     /// Thickness of a 2-D mesh, in the unit of its coordinates [default: 1]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "T"))]
+    #[arg(long, value_name = "T")]
     pub thickness: Option<f64>,
 }
 

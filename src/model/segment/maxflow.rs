@@ -1,6 +1,6 @@
 //! Minimum cut between two terminals by the two search trees of Boykov & Kolmogorov (2004), "An
 //! experimental comparison of min-cut/max-flow algorithms for energy minimization in vision", with
-//! the time stamps and distances of the authors' own program.
+//! the timestamps and distances of the authors' own program.
 //!
 //! Capacities are integers, so that saturation is exact and every machine finds the same cut. Nodes
 //! and arcs lie in two flat arrays; the arcs of a node are adjacent.
@@ -39,7 +39,7 @@ struct FlowNode {
     /// Arc to the parent, or one of `FREE`, `TERMINAL` and `ORPHAN`.
     parent: u32,
     /// Time at which `distance` was last known to be right.
-    stamp: u32,
+    timestamp: u32,
     /// Estimated number of arcs to the terminal.
     distance: u32,
     /// Residual capacity from the source (positive) or to the sink (negative).
@@ -81,7 +81,7 @@ impl Network {
         let node = FlowNode {
             first_arc: 0,
             parent: FREE,
-            stamp: 0,
+            timestamp: 0,
             distance: 0,
             terminal_residual: 0,
             is_in_sink: false,
@@ -232,7 +232,7 @@ impl Network {
     fn grow(&mut self, i: u32) -> Option<u32> {
         let FlowNode {
             is_in_sink: in_sink,
-            stamp,
+            timestamp,
             distance,
             ..
         } = self.nodes[i as usize];
@@ -254,15 +254,15 @@ impl Network {
             if node.parent == FREE {
                 node.is_in_sink = in_sink;
                 node.parent = sister;
-                node.stamp = stamp;
+                node.timestamp = timestamp;
                 node.distance = distance + 1;
                 self.activate(head);
             } else if node.is_in_sink != in_sink {
                 return Some(if in_sink { sister } else { a });
-            } else if node.stamp <= stamp && node.distance > distance {
+            } else if node.timestamp <= timestamp && node.distance > distance {
                 // This path to the terminal is shorter.
                 node.parent = sister;
-                node.stamp = stamp;
+                node.timestamp = timestamp;
                 node.distance = distance + 1;
             }
         }
@@ -349,7 +349,7 @@ impl Network {
         let node = &mut self.nodes[i as usize];
         node.parent = best_arc;
         if best_arc != FREE {
-            node.stamp = time;
+            node.timestamp = time;
             node.distance = min_distance + 1;
             return;
         }
@@ -395,13 +395,13 @@ impl Network {
         let (mut j, mut steps) = (start, 0);
         let total = loop {
             let node = &mut self.nodes[j as usize];
-            if node.stamp == self.time {
+            if node.timestamp == self.time {
                 break steps + node.distance;
             }
             steps += 1;
             match node.parent {
                 TERMINAL => {
-                    node.stamp = self.time;
+                    node.timestamp = self.time;
                     node.distance = 1;
                     break steps;
                 }
@@ -412,10 +412,10 @@ impl Network {
         let (mut j, mut remaining) = (start, total);
         loop {
             let node = &mut self.nodes[j as usize];
-            if node.stamp == self.time {
+            if node.timestamp == self.time {
                 return Some(total);
             }
-            node.stamp = self.time;
+            node.timestamp = self.time;
             node.distance = remaining;
             remaining -= 1;
             j = self.arcs[node.parent as usize].head;

@@ -17,60 +17,47 @@ use crate::surface_file::SURFACE_EXTENSIONS;
 use crate::{Error, Result};
 
 /// Options of `atomesh segment`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SegmentSpec {
     /// Places in the object, in physical coordinates: a point X,Y,Z (X,Y in 2-D), or a box given by
     /// two of its corners, X,Y,Z:X,Y,Z. May be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "X,Y,Z[:X,Y,Z]",
-            required = true,
-            allow_hyphen_values = true
-        )
+    #[arg(
+        long,
+        value_name = "X,Y,Z[:X,Y,Z]",
+        required = true,
+        allow_hyphen_values = true
     )]
     pub object: Vec<PlaceValue>,
     /// Places in the background, given like those of the object; may be repeated
-    #[cfg_attr(
-        feature = "cli",
-        arg(
-            long,
-            value_name = "X,Y,Z[:X,Y,Z]",
-            required = true,
-            allow_hyphen_values = true
-        )
+    #[arg(
+        long,
+        value_name = "X,Y,Z[:X,Y,Z]",
+        required = true,
+        allow_hyphen_values = true
     )]
     pub background: Vec<PlaceValue>,
     /// Also write the label of each sample as an image
-    #[cfg_attr(feature = "cli", arg(long, value_name = "L.npy"))]
+    #[arg(long, value_name = "L.npy")]
     pub labels_out: Option<PathBuf>,
     /// Also write the boundary between object and background, smoothed: .vtp, .obj, or GOCAD's .ts
-    #[cfg_attr(feature = "cli", arg(long, value_name = "S.vtp"))]
+    #[arg(long, value_name = "S.vtp")]
     pub surface_out: Option<PathBuf>,
     /// Weight of the image values against the boundary
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "NUMBER", default_value_t = Self::default().lambda)
-    )]
+    #[arg(long, value_name = "NUMBER", default_value_t = Self::default().lambda)]
     pub lambda: f64,
     /// Difference of neighbouring cells' values at which a boundary is cheap [default: the root
     /// mean square of all differences]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "VALUE"))]
+    #[arg(long, value_name = "VALUE")]
     pub sigma: Option<f64>,
     /// An image of the true object (not 0), to be compared with the result
-    #[cfg_attr(feature = "cli", arg(long, value_name = "T.npy"))]
+    #[arg(long, value_name = "T.npy")]
     pub truth: Option<PathBuf>,
     /// Also cut the image's samples themselves, which is the classical method, and report both
-    #[cfg_attr(feature = "cli", arg(long))]
+    #[arg(long)]
     pub voxels: bool,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 

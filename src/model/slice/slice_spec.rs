@@ -17,43 +17,30 @@ use crate::option_text::{InvalidValue, PointValue, SignedAxis};
 use crate::{Error, Result};
 
 /// Options of `atomesh slice`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SliceSpec {
     /// The view: sections with three planes, or a view in space of which a part is cut away
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "VIEW", default_value = "sections")
-    )]
+    #[arg(long, value_name = "VIEW", default_value = "sections")]
     pub view: View,
     /// Array of the mesh, of cells or of nodes, that colours the cells, such as pressure or region
     /// [default: the image]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "ARRAY"))]
+    #[arg(long, value_name = "ARRAY")]
     pub color: Option<String>,
     /// The point where the planes meet, in physical coordinates; of a survey, also lines, such as
     /// inline=2047, or inline=2047,crossline=310,z=-900 [default: the middle]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)
-    )]
+    #[arg(long, value_name = "X,Y,Z", allow_negative_numbers = true)]
     pub at: Option<SlicePosition>,
     /// The part that is cut away in --view 3d: the corner beyond that point, or all in front of the
     /// plane through it across x, y or z [default: corner]
-    #[cfg_attr(feature = "cli", arg(long, value_name = "WHERE"))]
+    #[arg(long, value_name = "WHERE")]
     pub cut: Option<CutMode>,
     /// The direction that is up: x, y, z or -x, -y, -z in physical coordinates [default: as the
     /// image has it; z if unknown]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "AXIS", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<SignedAxis>,
     /// Options for reading the image.
-    #[cfg_attr(
-        feature = "cli",
-        command(flatten, next_help_heading = "Reading the image")
-    )]
+    #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
 }
 
@@ -149,22 +136,20 @@ fn line_index(head: Option<&ImageHeader<3>>, name: &str, value: f64) -> Result<(
 }
 
 /// The view that a picture shows.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum View {
     /// The whole mesh in 2-D, or its sections with three planes in 3-D
     #[default]
     Sections,
     /// The objects in space, seen from outside (3-D)
-    #[cfg_attr(feature = "cli", value(name = "3d"))]
+    #[value(name = "3d")]
     #[serde(rename = "3d")]
     Solid,
 }
 
 /// The part of a body that is cut away.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum CutMode {
     /// A corner; of a mesh, whole cells are removed

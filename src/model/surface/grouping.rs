@@ -11,26 +11,19 @@ use crate::option_text::SignedAxis;
 use crate::{Error, Result};
 
 /// Options that group faces into surfaces, and set their orientation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, clap::Args)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct GroupingOptions {
     /// Largest bend from face to face within a surface, in degrees
-    #[cfg_attr(
-        feature = "cli",
-        arg(
+    #[arg(
             long,
             value_name = "DEGREES",
             default_value_t = Options::default().max_bend
-        )
-    )]
+        )]
     pub max_bend: f64,
     /// The direction that is up: x, y, z or -x, -y, -z in physical coordinates [default: z; y in
     /// 2-D]
-    #[cfg_attr(
-        feature = "cli",
-        arg(long, value_name = "AXIS", allow_hyphen_values = true)
-    )]
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
     pub up: Option<SignedAxis>,
 }
 

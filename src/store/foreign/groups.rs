@@ -8,7 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{SCRAPS_NAME, assign_regions};
+use super::{FRAGMENTS_NAME, assign_regions};
 use crate::geometry::sorted_distinct;
 use crate::mesh::poly::Lists;
 use crate::store::named_sets::{FaceSet, NamedSet};
@@ -251,7 +251,7 @@ impl<'a, F: Ord + AsRef<[u32]>> GroupedFaces<'a, F> {
     /// Returns the name of a group that can be a surface.
     fn name(&self, group: Group) -> Option<&str> {
         let name = self.names.get(&group).map(String::as_str);
-        name.filter(|&name| name != SCRAPS_NAME)
+        name.filter(|&name| name != FRAGMENTS_NAME)
     }
 
     /// Returns the group of the surface on which a face lies, if one of its groups has a name: the one
@@ -294,8 +294,8 @@ impl<'a, F: Ord + AsRef<[u32]>> GroupedFaces<'a, F> {
     pub fn into_sets(self, kind: &str) -> (Vec<FaceSet>, usize) {
         let mut sets = Vec::new();
         for &group in self.sizes.keys() {
-            let is_scraps = self.names.get(&group).is_some_and(|n| n == SCRAPS_NAME);
-            if !group.is_given() || is_scraps {
+            let is_fragments = self.names.get(&group).is_some_and(|n| n == FRAGMENTS_NAME);
+            if !group.is_given() || is_fragments {
                 continue;
             }
             let faces = (0..self.faces.len()).filter(|&face| {

@@ -183,7 +183,7 @@ pub(super) fn read_start(path: &Path, count: u64) -> Result<Vec<u8>> {
 const SIMPLEX_TYPES: [i64; 4] = [1, 3, 5, 10];
 
 /// Name in our exports of faces on features that belong to no surface.
-const SCRAPS_NAME: &str = "scraps";
+const FRAGMENTS_NAME: &str = "scraps";
 
 /// Returns `true` if a file has tetrahedra together with triangles, lines or vertices.
 pub(super) fn is_mixed(types: &[i64]) -> bool {

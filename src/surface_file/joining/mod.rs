@@ -29,8 +29,8 @@ use self::line::{Line, Point};
 use self::order::Distances;
 use self::scattered::join_crossing_lines;
 use self::screening::{
-    MAX_GAP_RATIO, Merged, Misfit, find_misfit, merge_continuations, merge_twins, offset_between,
-    usual_spacing,
+    MAX_GAP_RATIO, Merged, Misfit, find_misfit, merge_continuations, merge_duplicates,
+    offset_between, usual_spacing,
 };
 use self::strip::join_lines;
 use super::sticks::Stick;
@@ -94,7 +94,7 @@ pub fn join_sticks(
     let mut lines: Vec<Line> = sticks.iter().enumerate().map(line).collect();
     notes.single_points(&lines);
     lines.retain(|line| line.length > 0.0);
-    let mut merged = merge_twins(&mut lines);
+    let mut merged = merge_duplicates(&mut lines);
     let spacing = usual_spacing(&lines);
     merged.extend(merge_continuations(&mut lines, spacing));
     notes.merged(&merged);
@@ -256,9 +256,12 @@ impl Notes<'_> {
     }
 
     fn merged(&mut self, merged: &[Merged]) {
-        for is_twin in [true, false] {
-            let of_kind: Vec<&Merged> = merged.iter().filter(|m| m.is_twin == is_twin).collect();
-            let what = if is_twin {
+        for is_duplicate in [true, false] {
+            let of_kind: Vec<&Merged> = merged
+                .iter()
+                .filter(|m| m.is_duplicate == is_duplicate)
+                .collect();
+            let what = if is_duplicate {
                 "repeated by"
             } else {
                 "continued by"
@@ -268,7 +271,7 @@ impl Notes<'_> {
                 self.texts.push(format!("{kept} {what} {stick}"));
             } else if !of_kind.is_empty() {
                 let names = self.names(&of_kind.iter().map(|m| m.stick).collect::<Vec<_>>());
-                let what = if is_twin {
+                let what = if is_duplicate {
                     "repeat others"
                 } else {
                     "continue others"

@@ -7,7 +7,7 @@ use crate::geometry::statistics::lower_quantile;
 use crate::geometry::{dot, norm, sub};
 
 /// Distance, relative to the length of a stick, below which it repeats another.
-const TWIN_TOLERANCE: f64 = 1e-3;
+const DUPLICATE_TOLERANCE: f64 = 1e-3;
 
 /// Distance between lines, in units of the spacing of sticks, below which they are the same line.
 const SAME_LINE_RATIO: f64 = 0.15;
@@ -46,27 +46,27 @@ pub(super) struct Merged {
     /// The stick whose line stays.
     pub kept: usize,
     /// `true` if most of the stick lies on the other.
-    pub is_twin: bool,
+    pub is_duplicate: bool,
 }
 
 /// Removes lines that lie wholly on a longer one, whichever their direction and points. The longest
 /// lines come first afterwards.
-pub(super) fn merge_twins(lines: &mut Vec<Line>) -> Vec<Merged> {
+pub(super) fn merge_duplicates(lines: &mut Vec<Line>) -> Vec<Merged> {
     lines.sort_by(|a, b| b.length.total_cmp(&a.length));
     let mut merged = Vec::new();
     let mut kept: Vec<Line> = Vec::new();
     for line in std::mem::take(lines) {
-        let max = TWIN_TOLERANCE * line.length;
+        let max = DUPLICATE_TOLERANCE * line.length;
         let is_on = |other: &&Line| {
             line.points
                 .iter()
                 .all(|&p| other.nearest(p).distance <= max)
         };
         match kept.iter().find(is_on) {
-            Some(twin) => merged.push(Merged {
+            Some(duplicate) => merged.push(Merged {
                 stick: line.sticks[0],
-                kept: twin.sticks[0],
-                is_twin: true,
+                kept: duplicate.sticks[0],
+                is_duplicate: true,
             }),
             None => kept.push(line),
         }
@@ -115,7 +115,7 @@ pub(super) fn merge_continuations(lines: &mut Vec<Line>, spacing: f64) -> Vec<Me
             let union = united(&lines[i], &lines[j], spacing)?;
             Some((j, union))
         });
-        let Some((j, (points, is_twin))) = found else {
+        let Some((j, (points, is_duplicate))) = found else {
             i += 1;
             continue;
         };
@@ -123,7 +123,7 @@ pub(super) fn merge_continuations(lines: &mut Vec<Line>, spacing: f64) -> Vec<Me
         merged.push(Merged {
             stick: other.sticks[0],
             kept: lines[i].sticks[0],
-            is_twin,
+            is_duplicate,
         });
         let mut sticks = lines[i].sticks.clone();
         sticks.extend(other.sticks);

@@ -151,7 +151,7 @@ impl<'a, const D: usize> PairwiseEnergy<'a, D> {
     }
 
     /// Sets the weight of A, so that P = (1 - beta) kappa A + beta B.
-    pub(in crate::lattice) fn with_kappa(mut self, kappa: f64) -> Self {
+    pub(crate) fn with_kappa(mut self, kappa: f64) -> Self {
         self.kappa = kappa;
         self
     }
@@ -491,4 +491,4 @@ impl<const D: usize> Energy<D> for PairwiseEnergy<'_, D> {
 }
 
 #[cfg(test)]
-pub(in crate::lattice) mod tests;
+pub(crate) mod tests;

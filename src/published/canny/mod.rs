@@ -11,8 +11,10 @@
 //! A point of the second and third kind keeps three samples away from those before it. Nothing is
 //! optimised: the density of the atoms determines d(x), not the other way round.
 
-use super::morton::sort_by_curve;
-use super::{Alignment, Atoms, fixed_atoms, side_count};
+mod atom_distance;
+
+use atom_distance::distance_from_atoms;
+
 use crate::error::{Error, Result, cause};
 use crate::feature::FeaturePoint;
 use crate::feature::candidate::Candidate;
@@ -24,7 +26,9 @@ use crate::geometry::grid_index::{block_rows, index_at, offset_of};
 use crate::geometry::statistics::upper_quantile;
 use crate::image::ScalarField;
 use crate::lattice::AtomKind;
-use crate::lattice::distance::{Distance, from_atoms};
+use crate::lattice::distance::Distance;
+use crate::lattice::seeding::morton::sort_by_curve;
+use crate::lattice::seeding::{Alignment, Atoms, fixed_atoms, side_count};
 use crate::progress::CancelToken;
 
 /// Returns the smallest distance (samples) between points that are kept: one more than the smallest
@@ -140,12 +144,12 @@ pub fn place_atoms<const D: usize>(
     let mut atoms = Atoms::from_positions(other_points, extent);
     atoms.positions.extend_from_slice(&on_features);
     atoms.kinds.resize(atoms.positions.len(), AtomKind::Fixed);
-    let mut distance = from_atoms(&atoms.positions, extent, MAX_DISTANCE_SLOPE, cancel);
+    let mut distance = distance_from_atoms(&atoms.positions, extent, MAX_DISTANCE_SLOPE, cancel);
     distance.validate(extent)?;
     if !fixed.is_empty() {
         let fixed = fixed_atoms::validate(fixed, extent, &distance, Alignment::OnFeatures)?;
         fixed_atoms::insert(&mut atoms, &fixed, extent, &distance);
-        distance = from_atoms(&atoms.positions, extent, MAX_DISTANCE_SLOPE, cancel);
+        distance = distance_from_atoms(&atoms.positions, extent, MAX_DISTANCE_SLOPE, cancel);
     }
     Ok((atoms, distance))
 }

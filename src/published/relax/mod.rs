@@ -21,8 +21,7 @@ use crate::mesh::tri::{SIDES, double_area, squared_sides};
 use crate::progress::CancelToken;
 
 /// Position to which a node moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheme {
     /// Centroidal: each node moves to the weighted centroid of the triangles around it (formula 10)

@@ -18,14 +18,15 @@
 use crate::geometry::grid_index::{offset_of, strides};
 use crate::parallel::prelude::*;
 
-use crate::error::Result;
+use crate::error::{Error, Result, cause};
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::{
     Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, SharedBox, densest_lattice, empty_grid, grow,
-    potential_range, side_count,
+    side_count,
 };
 use crate::progress::CancelToken;
+use crate::published::guide::potential_range;
 
 /// Spacing of the sites, in units of d: sqrt(3) / 3.
 const SITE_SPACING_RATIO: f64 = 0.577_350_269_189_625_8;
@@ -36,15 +37,23 @@ const SITE_SPACING_RATIO: f64 = 0.577_350_269_189_625_8;
 /// nearer than 0.8 d to `fixed` atoms, which are in the box and not in the result.
 ///
 /// # Errors
-/// Returns [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere or
-/// does not span the box.
+/// Returns [`Error::Seeding`] if the potential is the same everywhere or
+/// does not span the box, and for [`Alignment::AlongsideFeatures`].
 pub fn project_lattice<const D: usize>(
     extent: [f64; D],
     distance: &Distance<D>,
     potential: &ScalarField<D>,
     fixed: &[[f64; D]],
+    alignment: Alignment,
     cancel: &CancelToken<'_>,
 ) -> Result<Vec<[f64; D]>> {
+    if alignment == Alignment::AlongsideFeatures {
+        return Err(Error::Seeding(cause(
+            "seeding",
+            "projection puts atoms onto features, which the faces of Voronoi cells follow",
+            "use another seeding for Voronoi cells",
+        )));
+    }
     potential_range(potential, extent, "projection")?;
     let sites = regular_lattice(extent, &site_distance(distance), cancel)?;
     let best: Vec<Option<(f64, [f64; D])>> = sites
@@ -189,10 +198,9 @@ fn lowest_sample<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::SparseField;
-    use crate::lattice::comparison::guide::tests::{check_atoms_in_valley, valley};
     use crate::lattice::seeding::grow::tests::varying_distance;
-    use crate::lattice::seeding::{Seeding, seed, seed_on_features};
+    use crate::lattice::seeding::seed_with;
+    use crate::published::guide::tests::{check_atoms_in_valley, valley};
 
     #[test]
     fn the_lowest_sample_is_found() {
@@ -222,8 +230,11 @@ mod tests {
     fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
         let potential = valley(extent);
         let place_atoms = || {
-            let seeding = Seeding::Projection;
-            seed_on_features(seeding, extent, distance, &[], Some(&potential)).unwrap()
+            let (alignment, cancel) = (Alignment::OnFeatures, &CancelToken::never());
+            let project = |fixed: &[[f64; D]]| {
+                project_lattice(extent, distance, &potential, fixed, alignment, cancel)
+            };
+            seed_with(extent, distance, &[], alignment, project).unwrap()
         };
         let atoms = place_atoms();
         check_atoms_in_valley(&atoms, extent, distance, densest);
@@ -247,16 +258,9 @@ mod tests {
     #[test]
     fn cells_alongside_are_refused() {
         let (extent, distance) = ([40.0, 30.0], Distance::Constant(5.0));
-        let seeding = Seeding::Projection;
-        let refused = seed(
-            seeding,
-            extent,
-            &distance,
-            &[],
-            Alignment::AlongsideFeatures,
-            Some(&SparseField::from_field(&valley(extent))),
-            &CancelToken::never(),
-        );
+        let (alignment, cancel) = (Alignment::AlongsideFeatures, &CancelToken::never());
+        let potential = valley(extent);
+        let refused = project_lattice(extent, &distance, &potential, &[], alignment, cancel);
         assert!(refused.unwrap_err().to_string().contains("onto features"));
     }
 }

@@ -28,7 +28,7 @@ use crate::lattice::optimise::bounds::MoveBounds;
 use crate::lattice::optimise::minimise::{
     Budget, INITIAL_INVERSE_CURVATURE, Minimiser, check_finite,
 };
-use crate::lattice::optimise::{OptimiseOptions, StopReason, send_snapshot};
+use crate::lattice::optimise::{Method, OptimiseOptions, StopReason, send_snapshot};
 use crate::progress::{CancelToken, OptimiseStatus, Progress};
 
 /// Individuals in a generation (Fernandes & Gattass 2009).
@@ -45,14 +45,26 @@ struct Individual<const D: usize> {
     parts: EnergyParts,
 }
 
+/// Evaluations that the algorithm needs, as a multiple of those of L-BFGS. As many run at once as
+/// there are threads.
+const EFFORT: usize = 25;
+
+/// Returns the method for [`OptimiseOptions::method`].
+pub fn method<const D: usize>() -> Method<D> {
+    Method::Other {
+        run: evolve,
+        effort: EFFORT,
+    }
+}
+
 /// Lets a population evolve from `start` until the energy of its best individual has fallen by less
 /// than the tolerance, relatively, in ten generations, or until the budget is spent. The result is
 /// stored in the minimiser.
-pub fn evolve<const D: usize>(
+fn evolve<const D: usize>(
     minimiser: &mut Minimiser<'_, D>,
     start: &[[f64; D]],
     energy: &mut dyn Energy<D>,
-    options: &OptimiseOptions,
+    options: &OptimiseOptions<D>,
     round: usize,
     budget: &mut Budget,
     progress: &mut dyn Progress,
@@ -276,9 +288,11 @@ mod tests {
     use super::*;
     use crate::image::{ScalarField, SparseField};
     use crate::lattice::distance::Distance;
-    use crate::lattice::energy::{Beta, PairwiseEnergy, RegularisedEnergy};
-    use crate::lattice::optimise::{Method, NoProgress, OptimiseResult, optimise};
-    use crate::lattice::seeding::{Alignment, Atoms, Seeding, seed};
+    use crate::lattice::energy::{Beta, PairwiseEnergy};
+    use crate::lattice::optimise::{NoProgress, OptimiseResult, optimise};
+    use crate::lattice::seeding::{Alignment, Atoms};
+    use crate::published::RegularisedEnergy;
+    use crate::published::guide::{GuideOptions, tests::seed_guided};
 
     const D: f64 = 5.0;
     const EXTENT: [f64; 2] = [90.0, 70.0];
@@ -297,20 +311,12 @@ mod tests {
     }
 
     fn random_lattice(valley: &SparseField<2>) -> Atoms<2> {
-        let seeding = Seeding::Guide {
+        let options = GuideOptions {
+            alignment: Alignment::OnFeatures,
             seed: 1,
             max_atoms: usize::MAX,
         };
-        seed(
-            seeding,
-            EXTENT,
-            &DISTANCE,
-            &[],
-            Alignment::OnFeatures,
-            Some(valley),
-            &CancelToken::never(),
-        )
-        .unwrap()
+        seed_guided(EXTENT, &DISTANCE, &valley.to_dense(), options).unwrap()
     }
 
     fn evaluator(valley: &SparseField<2>) -> PairwiseEnergy<'_, 2> {
@@ -318,7 +324,7 @@ mod tests {
     }
 
     fn run(
-        method: Method,
+        method: Method<2>,
         evaluations: usize,
         progress: &mut dyn Progress,
     ) -> (Atoms<2>, OptimiseResult) {
@@ -352,7 +358,7 @@ mod tests {
             }
         }
         let mut energies = Energies::default();
-        let (atoms, outcome) = run(Method::Genetic, 900, &mut energies);
+        let (atoms, outcome) = run(method(), 900, &mut energies);
         println!("{outcome:?}");
         assert!(energies.0.len() > 20 && energies.0.is_sorted_by(|a, b| a > b));
         assert_eq!(energies.0.last(), Some(&outcome.energy_after));
@@ -380,7 +386,7 @@ mod tests {
         let [lbfgs, descent, genetic] = [
             gain(Method::Lbfgs, 60),
             gain(Method::Descent, 200),
-            gain(Method::Genetic, 1000),
+            gain(method(), 1000),
         ];
         println!("gained: L-BFGS {lbfgs:.2}, descent {descent:.2}, genetic {genetic:.2}");
         assert!(genetic > 0.2 * lbfgs && descent > 0.5 * lbfgs);
@@ -392,7 +398,7 @@ mod tests {
         let run_with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new();
             let pool = pool.num_threads(threads).build().unwrap();
-            pool.install(|| run(Method::Genetic, 100, &mut NoProgress).0)
+            pool.install(|| run(method(), 100, &mut NoProgress).0)
         };
         assert_eq!(run_with(1), run_with(3));
     }
@@ -410,7 +416,7 @@ mod tests {
             }
         }
         let mut stopper = Stopper(0);
-        let (_, outcome) = run(Method::Genetic, 1000, &mut stopper);
+        let (_, outcome) = run(method(), 1000, &mut stopper);
         assert_eq!(outcome.stop, StopReason::Interrupted);
         // The start is evaluated twice (as given, and as the first individual), then whole
         // generations follow.
@@ -452,7 +458,7 @@ mod tests {
                 .unwrap();
             laplacian_only.parts().lattice / atoms.len() as f64
         };
-        for method in [Method::Lbfgs, Method::Genetic] {
+        for method in [Method::Lbfgs, method()] {
             let (regularised, plain) = (length(0.7, method), length(1.0, method));
             println!("{method:?}: mean |L| / d {regularised:.4} with, {plain:.4} without");
             assert!(regularised < plain);

@@ -22,16 +22,14 @@ mod table;
 
 pub use table::GuideTable;
 
-use crate::error::Result;
+use crate::error::{Error, Result, cause};
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::random::Random;
 use crate::image::ScalarField;
 use crate::lattice::distance::Distance;
 use crate::lattice::seeding::refine::graded_positions;
-use crate::lattice::seeding::{
-    Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, empty_grid, potential_range,
-};
+use crate::lattice::seeding::{Alignment, MIN_SITE_DISTANCE, SIDE_MARGIN, empty_grid};
 use crate::progress::CancelToken;
 
 /// Failures in a row after which the next table is used (Fernandes & Gattass 2009, table 1).
@@ -99,6 +97,7 @@ fn random_sequence(seed: u64) -> Random {
 /// Options of [`draw_lattice`].
 #[derive(Debug, Clone, Copy)]
 pub struct GuideOptions {
+    /// Where atoms end up.
     pub alignment: Alignment,
     /// Seed of the random numbers.
     pub seed: u64,
@@ -112,7 +111,7 @@ pub struct GuideOptions {
 /// samples. None is nearer than 0.8 d to `fixed` atoms, which are in the box and not in the result.
 ///
 /// # Errors
-/// Returns [`Error::Seeding`](crate::Error::Seeding) if the potential is the same everywhere, does
+/// Returns [`Error::Seeding`] if the potential is the same everywhere, does
 /// not span the box or has 2^32 samples or more.
 pub fn draw_lattice<const D: usize>(
     extent: [f64; D],
@@ -282,6 +281,49 @@ impl<'a, const D: usize> FieldFace<'a, D> {
                 index[k] as f64 * self.field.step[k]
             }
         })
+    }
+}
+
+/// Returns the smallest and the largest sample of a potential from which atoms are placed in the
+/// box `[0, extent]`. Returns an error if the potential does not span the box, is not finite or is
+/// constant.
+pub(super) fn potential_range<const D: usize>(
+    potential: &ScalarField<D>,
+    extent: [f64; D],
+    name: &str,
+) -> Result<[f32; 2]> {
+    let refuse = |problem: String, remedy: &str| {
+        let place = format!("seeding {name}: image potential");
+        Err(Error::Seeding(cause(place, problem, remedy)))
+    };
+    let count: usize = potential.dims.iter().product();
+    let spans = (0..D).all(|k| (potential.extent()[k] - extent[k]).abs() <= 1e-6 * extent[k]);
+    if !spans || potential.samples.len() != count || u32::try_from(count).is_err() {
+        let problem = format!(
+            "its {count} samples span {:?}, the box {extent:?}",
+            potential.extent()
+        );
+        return refuse(
+            problem,
+            "give one that spans the box, of fewer than 2^32 samples",
+        );
+    }
+    if !potential.samples.iter().all(|b| b.is_finite()) {
+        return refuse(
+            "is not a number everywhere".into(),
+            "give one without NaN and infinities",
+        );
+    }
+    let fold = |f: fn(f32, f32) -> f32, start| potential.samples.iter().copied().fold(start, f);
+    let [low, high] = [
+        fold(f32::min, f32::INFINITY),
+        fold(f32::max, f32::NEG_INFINITY),
+    ];
+    if low < high {
+        Ok([low, high])
+    } else {
+        let problem = format!("is {low} everywhere: no place is more likely than another");
+        refuse(problem, "follow other features, or use another seeding")
     }
 }
 

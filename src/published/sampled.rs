@@ -1,7 +1,7 @@
 //! The energy from a sampled potential field: Hale 2001, Algorithm 1.
 //!
 //! The potential of all atoms, a(x) = sum over j of phi(|x - x_j| / d(x_j)), is accumulated on the
-//! grid of the image from tabulated stamps, one for each nominal distance, and read at the sample
+//! grid of the image from tables of phi, one for each nominal distance, and read at the sample
 //! nearest to each atom:
 //!
 //! - p(x) = (1 - beta) a(x) + beta b(x)
@@ -24,12 +24,12 @@ use crate::lattice::energy::{Beta, Energy, EnergyParts, EnergyTerms};
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::seeding::Alignment;
 
-/// Stamps per doubling of d, where d varies: neighbouring stamps differ by less than one percent.
-const STAMPS_PER_OCTAVE: f64 = 80.0;
+/// Tables per doubling of d, where d varies: neighbouring tables differ by less than one percent.
+const TABLES_PER_OCTAVE: f64 = 80.0;
 
 /// phi around one atom, cut into runs of samples along x.
 #[derive(Clone, Default)]
-struct Stamp<const D: usize> {
+struct PotentialTable<const D: usize> {
     runs: Vec<SampleRun<D>>,
 }
 
@@ -41,7 +41,7 @@ struct SampleRun<const D: usize> {
     values: Vec<f32>,
 }
 
-impl<const D: usize> Stamp<D> {
+impl<const D: usize> PotentialTable<D> {
     fn new(d: f64, step: [f64; D], stiffness: f32) -> Self {
         let radius = step.map(|s| (f64::from(CUTOFF_RATIO) * d / s) as i64);
         let mut block = radius.map(|r| 2 * r as usize + 1);
@@ -80,8 +80,8 @@ pub struct SampledEnergy<'a, const D: usize> {
     beta: Beta<D>,
     alignment: Alignment,
     stiffness: f32,
-    /// Ordered by d, from the smallest up, [`STAMPS_PER_OCTAVE`] per doubling.
-    stamps: Vec<Stamp<D>>,
+    /// Ordered by d, from the smallest up, [`TABLES_PER_OCTAVE`] per doubling.
+    tables: Vec<PotentialTable<D>>,
     min_d: f64,
     /// a(x) on the grid of `potential`.
     atom_potential: Vec<f32>,
@@ -98,12 +98,12 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
             beta,
             alignment: Alignment::OnFeatures,
             stiffness: 0.0,
-            stamps: Vec::new(),
+            tables: Vec::new(),
             min_d: distance.min(),
             atom_potential: field,
             parts: EnergyParts::default(),
         };
-        sampled.build_stamps();
+        sampled.build_tables();
         sampled
     }
 
@@ -125,16 +125,16 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
     /// [`PairwiseEnergy::with_stiffness`](crate::lattice::energy::PairwiseEnergy::with_stiffness) does.
     pub fn with_stiffness(mut self, stiffness: f32) -> Self {
         self.stiffness = stiffness.max(0.0);
-        self.build_stamps();
+        self.build_tables();
         self
     }
 
-    fn build_stamps(&mut self) {
+    fn build_tables(&mut self) {
         let octaves = (self.distance.max() / self.min_d).log2();
-        let count = (octaves * STAMPS_PER_OCTAVE).round() as usize + 1;
-        let d = |n: usize| self.min_d * (n as f64 / STAMPS_PER_OCTAVE).exp2();
-        let stamp = |n: usize| Stamp::new(d(n), self.potential.step, self.stiffness);
-        self.stamps = (0..count).map(stamp).collect();
+        let count = (octaves * TABLES_PER_OCTAVE).round() as usize + 1;
+        let d = |n: usize| self.min_d * (n as f64 / TABLES_PER_OCTAVE).exp2();
+        let table = |n: usize| PotentialTable::new(d(n), self.potential.step, self.stiffness);
+        self.tables = (0..count).map(table).collect();
     }
 
     /// Returns the total potential field p(x) = (1 - beta) a(x) + beta b(x) of the atoms last
@@ -175,7 +175,7 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
         }
     }
 
-    /// Adds the stamp of an atom to the field and, for alignment alongside features, the stamps of
+    /// Adds the table of an atom to the field and, for alignment alongside features, the tables of
     /// its mirror images.
     fn add_atom(&mut self, x: &[f64; D]) {
         let centre = self.nearest_sample(x).map(|c| c as i64);
@@ -191,17 +191,17 @@ impl<'a, const D: usize> SampledEnergy<'a, D> {
                 1 => -centre[k],
                 _ => 2 * (self.potential.dims[k] as i64 - 1) - centre[k],
             });
-            self.add_stamp(x, centre);
+            self.add_table(x, centre);
         }
     }
 
-    /// Adds the stamp of an atom at `x`, moved to a centre in samples. Parts outside the box are
+    /// Adds the table of an atom at `x`, moved to a centre in samples. Parts outside the box are
     /// left out.
-    fn add_stamp(&mut self, x: &[f64; D], centre: [i64; D]) {
+    fn add_table(&mut self, x: &[f64; D], centre: [i64; D]) {
         let octaves = (self.distance.value_at(*x) / self.min_d).log2();
-        let stamp = (octaves * STAMPS_PER_OCTAVE).round().max(0.0) as usize;
+        let table = (octaves * TABLES_PER_OCTAVE).round().max(0.0) as usize;
         let dims = self.potential.dims;
-        for run in &self.stamps[stamp.min(self.stamps.len() - 1)].runs {
+        for run in &self.tables[table.min(self.tables.len() - 1)].runs {
             let first: [i64; D] = std::array::from_fn(|k| centre[k] + run.offset[k]);
             if (1..D).any(|k| first[k] < 0 || first[k] >= dims[k] as i64) {
                 continue;
@@ -279,11 +279,11 @@ impl<const D: usize> Energy<D> for SampledEnergy<'_, D> {
     ) -> Result<EnergyTerms> {
         let (parts, stiffness) = (self.parts, self.stiffness);
         self.stiffness = 0.0;
-        self.build_stamps();
+        self.build_tables();
         let energy = self.evaluate(x, gradient);
         let published = std::mem::replace(&mut self.parts, parts);
         self.stiffness = stiffness;
-        self.build_stamps();
+        self.build_tables();
         Ok(EnergyTerms::from_pairs(published, energy?, minimised))
     }
 
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn the_total_field_is_the_image_and_a_stamp_for_each_atom() {
+    fn the_total_field_is_the_image_and_a_table_for_each_atom() {
         let dims = [17, 13];
         let valley = ScalarField::from_fn(dims, [1.0; 2], |x| -0.1 * x[1] / 12.0);
         let distance = Distance::Constant(4.0);
@@ -464,7 +464,7 @@ mod tests {
         let total = sampled.total_potential();
         for (i, p) in total.samples.iter().enumerate() {
             let x = [(i % 17) as f64, (i / 17) as f64];
-            let stamps = atoms.map(|a| {
+            let tables = atoms.map(|a| {
                 let u = (x[0] - a[0]).hypot(x[1] - a[1]) / 4.0;
                 if u < 1.5 {
                     potential(u as f32, 0.0)
@@ -472,7 +472,7 @@ mod tests {
                     0.0
                 }
             });
-            let expected = 0.75 * (stamps[0] + stamps[1]) + 0.25 * valley.samples[i];
+            let expected = 0.75 * (tables[0] + tables[1]) + 0.25 * valley.samples[i];
             assert!((p - expected).abs() < 1e-5, "{x:?}: {p} {expected}");
         }
     }

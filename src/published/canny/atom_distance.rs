@@ -1,9 +1,9 @@
 //! Nominal distance d(x) from the spacing of given atoms.
 
-use super::{Distance, limit_gradient, lower_cell_corners};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::distance2;
 use crate::image::ScalarField;
+use crate::lattice::distance::{Distance, limit_gradient, lower_cell_corners};
 use crate::progress::CancelToken;
 
 /// Step of the grid of d, in units of the mean distance between atoms.
@@ -12,7 +12,7 @@ const SAMPLE_SPACING_RATIO: f64 = 0.5;
 /// Returns d(x) of atoms in the box `[0, extent]`: at every atom the distance of its nearest
 /// neighbour, growing away from it by `growth` per lattice unit, up to half the box's shortest
 /// side.
-pub fn from_atoms<const D: usize>(
+pub fn distance_from_atoms<const D: usize>(
     positions: &[[f64; D]],
     extent: [f64; D],
     growth: f64,
@@ -101,7 +101,7 @@ mod tests {
         let extent = [60.0, 48.0];
         let grid = |i: u32| [f64::from(i % 16) * 4.0, f64::from(i / 16) * 4.0];
         let positions: Vec<[f64; 2]> = (0..16 * 13).map(grid).collect();
-        let distance = from_atoms(&positions, extent, 0.3, &CancelToken::never());
+        let distance = distance_from_atoms(&positions, extent, 0.3, &CancelToken::never());
         distance.validate(extent).unwrap();
         for x in [[10.0, 10.0], [31.5, 17.25], [0.0, 48.0]] {
             let d = distance.value_at(x);
@@ -109,7 +109,7 @@ mod tests {
         }
         // Far from all atoms d is larger.
         let sparse = [[0.0, 0.0], [4.0, 0.0], [60.0, 48.0], [60.0, 44.0]];
-        let distance = from_atoms(&sparse, extent, 0.3, &CancelToken::never());
+        let distance = distance_from_atoms(&sparse, extent, 0.3, &CancelToken::never());
         assert!(distance.value_at([30.0, 24.0]) > 8.0);
         assert!((distance.value_at([0.0, 0.0]) - 4.0).abs() < 1e-6);
     }

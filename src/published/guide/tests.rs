@@ -1,9 +1,21 @@
 //! Tests of draws against their probabilities, and of lattices that are drawn.
 
 use super::*;
-use crate::image::SparseField;
 use crate::lattice::seeding::grow::tests::{spacing_quantiles, varying_distance};
-use crate::lattice::seeding::{Atoms, Seeding, seed, seed_on_features};
+use crate::lattice::seeding::{Atoms, seed_with};
+
+/// Returns a lattice of the box without fixed atoms.
+pub fn seed_guided<const D: usize>(
+    extent: [f64; D],
+    distance: &Distance<D>,
+    potential: &ScalarField<D>,
+    options: GuideOptions,
+) -> Result<Atoms<D>> {
+    let cancel = &CancelToken::never();
+    let draw =
+        |fixed: &[[f64; D]]| draw_lattice(extent, distance, potential, fixed, options, cancel);
+    seed_with(extent, distance, &[], options.alignment, draw)
+}
 
 fn uniform_numbers(seed: u64, count: usize) -> impl Iterator<Item = f64> {
     let mut random = random_sequence(seed);
@@ -163,35 +175,24 @@ pub fn check_atoms_in_valley<const D: usize>(
 
 fn check<const D: usize>(extent: [f64; D], distance: &Distance<D>, densest: f64) {
     let potential = valley(extent);
-    let guide = |seed, max_atoms| Seeding::Guide { seed, max_atoms };
-    let place_atoms = |seeding, alignment| {
-        seed(
-            seeding,
-            extent,
-            distance,
-            &[],
+    let place_atoms = |seed, max_atoms, alignment| {
+        let options = GuideOptions {
             alignment,
-            Some(&SparseField::from_field(&potential)),
-            &CancelToken::never(),
-        )
-        .unwrap()
+            seed,
+            max_atoms,
+        };
+        seed_guided(extent, distance, &potential, options).unwrap()
     };
-    let atoms = place_atoms(guide(1, usize::MAX), Alignment::OnFeatures);
+    let atoms = place_atoms(1, usize::MAX, Alignment::OnFeatures);
     // Nearly as many atoms on the feature as random positions could fill there (Renyi: 0.75 of the
     // length in the plane; 0.547 of the area in space).
     check_atoms_in_valley(&atoms, extent, distance, densest);
-    assert_eq!(
-        atoms,
-        place_atoms(guide(1, usize::MAX), Alignment::OnFeatures)
-    );
-    assert_ne!(
-        atoms,
-        place_atoms(guide(2, usize::MAX), Alignment::OnFeatures)
-    );
-    let few = place_atoms(guide(1, atoms.len() - 20), Alignment::OnFeatures);
+    assert_eq!(atoms, place_atoms(1, usize::MAX, Alignment::OnFeatures));
+    assert_ne!(atoms, place_atoms(2, usize::MAX, Alignment::OnFeatures));
+    let few = place_atoms(1, atoms.len() - 20, Alignment::OnFeatures);
     assert_eq!(few.len(), atoms.len() - 20);
 
-    let alongside = place_atoms(guide(1, usize::MAX), Alignment::AlongsideFeatures);
+    let alongside = place_atoms(1, usize::MAX, Alignment::AlongsideFeatures);
     let margin = SIDE_MARGIN * distance.min() - 1e-9;
     let is_clear = |x: &[f64; D]| (0..D).all(|k| x[k] > margin && x[k] < extent[k] - margin);
     assert!(alongside.positions.iter().all(is_clear));
@@ -216,18 +217,17 @@ fn a_potential_without_features_is_refused() {
     let extent = [40.0, 30.0];
     let distance = Distance::Constant(5.0);
     let mut field = valley(extent);
-    let seeding = Seeding::Guide {
+    let options = GuideOptions {
+        alignment: Alignment::OnFeatures,
         seed: 1,
         max_atoms: usize::MAX,
     };
-    let message = |field: Option<&ScalarField<2>>| {
-        seed_on_features(seeding, extent, &distance, &[], field)
-            .unwrap_err()
-            .to_string()
+    let message = |field: &ScalarField<2>| {
+        let seeded = seed_guided(extent, &distance, field, options);
+        seeded.unwrap_err().to_string()
     };
-    assert!(message(None).contains("image"));
     field.samples.fill(-0.25);
-    assert!(message(Some(&field)).contains("everywhere: no place"));
+    assert!(message(&field).contains("everywhere: no place"));
     field.samples[3] = f32::NAN;
-    assert!(message(Some(&field)).contains("not a number"));
+    assert!(message(&field).contains("not a number"));
 }

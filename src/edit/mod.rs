@@ -36,8 +36,9 @@ use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{self, ResolvedOptions};
 use crate::image::{Image, ImageSource};
+use crate::improve::Reshape;
+use crate::job::Params;
 use crate::job::output::{resolved_options, resolved_options_field};
-use crate::job::{MeshSpace, Meshing, Params};
 use crate::mesh::Simplices;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{Clock, Quality, StageCost};
@@ -115,7 +116,7 @@ pub struct EditedMesh<M> {
 /// exist or cannot be removed; [`Error::Seeding`] if a position is outside the box or at the place
 /// of another atom; [`Error::Image`] if the image has other dimensions than the mesh;
 /// [`Error::Interrupted`] if `progress` cancels the edit.
-pub fn edit_simplices<const D: usize, M: Simplices<D>>(
+pub fn edit_simplices<const D: usize, M: Reshape<D>>(
     file: MeshFile<M>,
     place: &str,
     image: &Image<D>,
@@ -123,10 +124,7 @@ pub fn edit_simplices<const D: usize, M: Simplices<D>>(
     edits: &[Edit<D>],
     free: bool,
     progress: &mut dyn Progress,
-) -> Result<EditedMesh<M>>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+) -> Result<EditedMesh<M>> {
     refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
     let mut stages = EditStages { clock, progress };

@@ -10,15 +10,15 @@ use crate::comm::SelfComm;
 use crate::error::cause;
 use crate::feature::{self, Features};
 use crate::geometry::{distance2, sorted_distinct};
-use crate::improve::{ReshapeError, ReshapeRequest};
+use crate::improve::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::job::horizons::horizon_bits;
-use crate::job::{self, MeshScene, MeshSpace, Meshing, Params};
+use crate::job::simplices::cell_neighbours;
+use crate::job::{self, MeshScene, Params};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::Energy;
 use crate::lattice::optimise::{self, temperature};
 use crate::lattice::seeding::{Atoms, kind_at, side_count};
-use crate::mesh::Simplices;
 use crate::progress::{CancelToken, TokenProgress};
 use crate::{Error, Result};
 
@@ -81,10 +81,7 @@ pub struct Neighbourhood<const D: usize, M> {
     insertions: Vec<EditStep<D>>,
 }
 
-impl<const D: usize, M: Simplices<D>> Neighbourhood<D, M>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+impl<const D: usize, M: Reshape<D>> Neighbourhood<D, M> {
     /// Finds the neighbourhood of a group of steps.
     pub fn new(
         editable: &EditableMesh<D, M>,
@@ -325,6 +322,34 @@ where
         });
     }
 
+    /// Joins the atoms of the part again, and closes holes in its features. The part's outer faces do
+    /// not change.
+    ///
+    /// # Errors
+    /// Returns the node that cannot be moved to its target or cannot be removed, or another error.
+    fn rejoin(
+        &self,
+        scene: &MeshScene<'_, D>,
+        min_angle: f64,
+    ) -> std::result::Result<ReshapeResult<M>, ReshapeError> {
+        let mut request = self.target_state.clone();
+        let planes = scene.snap(&mut request.targets, &request.kinds);
+        let (extent, distance, mesh) = (scene.extent, scene.distance, &self.local_mesh);
+        let mut part = mesh.reshape(&request, extent, &planes, distance, min_angle)?;
+        let neighbours = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
+        let (points, marks) = (&scene.features.points, &mut part.feature_faces);
+        scene
+            .close_holes(
+                &part.mesh,
+                &neighbours,
+                points,
+                marks,
+                &CancelToken::never(),
+            )
+            .map_err(ReshapeError::Mesh)?;
+        Ok(part)
+    }
+
     /// Rebuilds the part's cells and puts them into the whole mesh. Returns the part before and
     /// after, in lattice space.
     ///
@@ -353,8 +378,7 @@ where
             distance: &fields.distance,
         };
         let reshaped = loop {
-            let request = self.target_state.clone();
-            match MeshSpace::<D>::rejoin(self.local_mesh.clone(), request, &scene, min_angle) {
+            match self.rejoin(&scene, min_angle) {
                 Ok(reshaped) => break reshaped,
                 Err(ReshapeError::Node(node)) => self.replace_shift(node as usize, context)?,
                 Err(ReshapeError::Mesh(error)) => return Err(error),

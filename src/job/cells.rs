@@ -13,8 +13,8 @@ use super::job_domain::JobDomain;
 use super::measure::measure_unless_cancelled;
 use super::named_faces::close_given_surfaces;
 use super::{
-    AnnotatedMesh, BOX_TOLERANCE, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner,
-    join, placement, regions, simplices,
+    AnnotatedMesh, BOX_TOLERANCE, JoinAtoms, MeshScene, Params, StageRunner, placement, regions,
+    simplices,
 };
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
@@ -38,6 +38,7 @@ use crate::mesh::graph::Graph;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::mesh::view::MeshView;
 use crate::mesh::voronoi::conform::{ConformingSites, FacetSurface};
+use crate::mesh::{Dimension, SimplexMesh, Space};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{self, Reference, Report};
 
@@ -69,12 +70,9 @@ const MAX_SURFACE_SPACING_RATIO: f64 = 1.5;
 const MIN_SURFACE_ANGLE: f64 = 30.0;
 
 /// Voronoi cells with what is known of them.
-pub(super) struct MadeCells<const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub(super) struct MadeCells<const D: usize> {
     /// The cells.
-    pub mesh: MeshResult<D>,
+    pub mesh: PolyMesh<D>,
     /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
     pub face_names: Vec<u32>,
     /// Their report.
@@ -94,7 +92,7 @@ pub(super) fn make_cells<const D: usize>(
     stages: &mut StageRunner<'_>,
 ) -> Result<MadeCells<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     let (extent, weld) = (frame.extent, params.spec.weld);
     stages.begin_unless_stopped(Stage::Placing)?;
@@ -171,7 +169,7 @@ where
             Ok::<_, crate::Error>(report)
         })?;
     Ok(MadeCells {
-        mesh: MeshResult::Voronoi { mesh, weld },
+        mesh,
         face_names,
         report,
         distance,
@@ -210,7 +208,7 @@ fn assign_labels<const D: usize>(
 /// until cells are of more equal size. It stops early if `keep_going` returns `false`.
 ///
 /// # Errors
-/// Returns the errors of [`Meshing::voronoi_cells`].
+/// Returns the errors of [`Dimension::voronoi_cells`].
 pub(crate) fn cut_even_cells<const D: usize>(
     atoms: &mut Atoms<D>,
     sites: &mut ConformingSites<D>,
@@ -221,7 +219,7 @@ pub(crate) fn cut_even_cells<const D: usize>(
     keep_going: &mut dyn FnMut() -> bool,
 ) -> Result<PolyMesh<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     let mut mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
     let first_opening = RELAXATION_ROUNDS + SPLITTING_ROUNDS;
@@ -279,7 +277,7 @@ pub(crate) fn feature_surface_in_box<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<FacetSurface<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     let frame = JobDomain {
         step,
@@ -302,7 +300,7 @@ fn feature_surface<const D: usize>(
     stages: &mut StageRunner<'_>,
 ) -> Result<FacetSurface<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     if features.points.is_empty() {
         return Ok(FacetSurface::default());
@@ -339,7 +337,7 @@ where
         ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
-    let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
+    let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), stages)?;
     let (joined, neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
     let mut annotated = joined.annotated_mesh;
     let face_names = stages.run_cancellable(|cancel| {
@@ -368,15 +366,12 @@ where
 fn atoms_at_lines<const D: usize>(
     scene: &MeshScene<'_, D>,
     cancel: &CancelToken<'_>,
-) -> Result<Vec<[f64; D]>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<Vec<[f64; D]>> {
     let lines = lines_with_cancel(scene.features, cancel)?;
     if lines.is_empty() {
         return Ok(Vec::new());
     }
-    let planes = MeshSpace::<D>::local_planes(scene);
+    let planes = scene.local_planes();
     let project = |x: [f64; D], normal: [f64; D]| {
         let (x, normal) = (to_3d(x), to_3d(normal));
         let is_same = |plane: &&LocalPlane| dot(plane.normal, normal).abs() > SAME_SURFACE_COSINE;
@@ -392,7 +387,7 @@ where
         mut positions,
         kinds,
     } = Atoms::from_positions(positions, scene.extent);
-    let reach = join::snap_distance(scene);
+    let reach = scene.snap_distance();
     improve::snap_to_features(&mut positions, &kinds, scene.extent, &planes, reach);
     Ok(positions)
 }
@@ -537,11 +532,11 @@ fn cut_cells<const D: usize>(
     comm: &dyn Comm,
 ) -> Result<PolyMesh<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     let mut positions = atoms.positions.clone();
     positions.extend(sites.sites());
-    MeshSpace::<D>::voronoi_cells(&positions, extent, weld, comm)
+    Space::<D>::voronoi_cells(&positions, extent, weld, comm)
 }
 
 /// Measures cells. Figures that are incomplete when `cancel` is cancelled are omitted.

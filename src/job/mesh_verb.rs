@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
+use super::distributed::MakePartition;
 use super::given_surfaces::SurfacesInImage;
 use super::job_domain::{JobDomain, lattice_extent};
 use super::minimisation::optimisation_report;
-use super::padding::PaddingCells;
+use super::padding::{Pad, PaddingCells};
 use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
-    AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Metric, Params,
-    Spacing, StageRunner, cells, estimate, horizons, live, simplices,
+    AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, MeshScene, MeshShare, Metric, Params, Spacing,
+    StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -24,7 +25,7 @@ use crate::lattice::optimise::{self, StopReason};
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::{Dimension, Mesh};
+use crate::mesh::{Dimension, SimplexMesh, Simplices, Space, TetMesh, TriMesh};
 use crate::mesh_file::Provenance;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
@@ -32,12 +33,9 @@ use crate::{Error, Result};
 
 /// Result of a job, in lattice space.
 #[derive(Debug, Clone)]
-pub struct Outcome<const D: usize = 3>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     /// The mesh; it fills the box `[0, extent]`.
-    pub mesh: MeshResult<D>,
+    pub mesh: MeshResult<D, M>,
     /// The far corner of the box.
     pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
@@ -69,12 +67,9 @@ where
 
 /// A mesh of either kind of cells.
 #[derive(Debug, Clone)]
-pub enum MeshResult<const D: usize = 3>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub enum MeshResult<const D: usize = 3, M = SimplexMesh<D>> {
     /// Tetrahedra, or triangles in the plane. The atoms are their nodes.
-    Simplices(AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>),
+    Simplices(AnnotatedMesh<M>),
     /// Voronoi cells. The atoms are inside them.
     Voronoi {
         /// The cells.
@@ -84,12 +79,9 @@ where
     },
 }
 
-impl<const D: usize> Outcome<D>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+impl<const D: usize, M> Outcome<D, M> {
     /// Returns the tetrahedra or triangles, if the mesh has them.
-    pub fn simplices(&self) -> Option<&AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>> {
+    pub fn simplices(&self) -> Option<&AnnotatedMesh<M>> {
         match &self.mesh {
             MeshResult::Simplices(annotated) => Some(annotated),
             MeshResult::Voronoi { .. } => None,
@@ -139,7 +131,7 @@ pub fn run<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
     run_from(
         ImageSource::InMemory(image),
@@ -184,20 +176,57 @@ pub fn run_from<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
-    MeshSpace::<D>::run(source, params, run_options, progress)
+    Space::<D>::run_job(source, params, run_options, progress)
 }
 
-/// Runs a job like [`run_from`]. It is instantiated in this crate.
-pub(super) fn run_precompiled<const D: usize>(
+/// A dimension in which images are meshed.
+pub trait MeshImage<const D: usize>: Dimension<D> {
+    /// Runs a job as [`run_from`] does. It is compiled once with this crate and not again in each
+    /// crate that meshes.
+    ///
+    /// # Errors
+    /// Returns the errors of [`run_from`].
+    fn run_job(
+        source: ImageSource<'_, D>,
+        params: &Params<D>,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome<D, Self::Mesh>>;
+}
+
+impl MeshImage<2> for Space<2> {
+    fn run_job(
+        source: ImageSource<'_, 2>,
+        params: &Params<2>,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome<2, TriMesh>> {
+        run_stages(source, params, run_options, progress)
+    }
+}
+
+impl MeshImage<3> for Space<3> {
+    fn run_job(
+        source: ImageSource<'_, 3>,
+        params: &Params<3>,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome<3, TetMesh>> {
+        run_stages(source, params, run_options, progress)
+    }
+}
+
+/// Runs all stages of a job.
+fn run_stages<const D: usize, M: JoinAtoms<D> + MakePartition<D> + Pad<D>>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
     run_options: RunOptions<'_>,
     progress: &mut dyn Progress,
-) -> Result<Outcome<D>>
+) -> Result<Outcome<D, M>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh = M>,
 {
     let comm = run_options.comm;
     params.spec.validate()?;
@@ -288,14 +317,11 @@ fn can_be_partitioned<const D: usize>(params: &Params<D>, comm: &dyn Comm) -> bo
 }
 
 /// Gathers a distributed potential at the nodes of a mesh, as it is written to the mesh file.
-fn gather_potential<const D: usize>(
+fn gather_potential<const D: usize, M: Simplices<D>>(
     features: &mut Features<D>,
-    mesh: &MeshResult<D>,
+    mesh: &MeshResult<D, M>,
     comm: &dyn Comm,
-) -> Result<()>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<()> {
     if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, mesh) {
         let nodes = annotated.mesh.nodes();
         features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
@@ -369,10 +395,10 @@ fn shape_option<const D: usize>(
 }
 
 /// Returns `true` if there is memory for a mesh with half the distance between atoms.
-fn has_memory_for_finer<const D: usize>(mesh: &MeshResult<D>, cells: CellKind) -> bool
-where
-    MeshSpace<D>: Meshing<D>,
-{
+fn has_memory_for_finer<const D: usize, M: Simplices<D>>(
+    mesh: &MeshResult<D, M>,
+    cells: CellKind,
+) -> bool {
     let atoms = match mesh {
         MeshResult::Simplices(annotated) => annotated.mesh.nodes().len(),
         MeshResult::Voronoi { mesh, .. } => mesh.sites.len(),
@@ -419,24 +445,21 @@ fn scene_of<'a, const D: usize>(
 }
 
 /// Continues a mesh beyond its image, if the options ask for that.
-fn pad<const D: usize>(
+fn pad<const D: usize, M: Pad<D>>(
     params: &Params<D>,
     topography: Option<&Topography>,
-    mesh: &MeshResult<D>,
+    mesh: &MeshResult<D, M>,
     scene: &MeshScene<'_, D>,
     geometry: &Geometry<D>,
     report: &mut Report,
     stages: &mut StageRunner<'_>,
-) -> Result<Option<PaddingCells<D>>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<Option<PaddingCells<D>>> {
     let padding = padding_of(params.spec.pad, topography, report);
     let (Some(padding), MeshResult::Simplices(annotated)) = (padding, mesh) else {
         return Ok(None);
     };
     let (mesh, angle) = (&annotated.mesh, params.spec.min_angle());
-    let padded = MeshSpace::<D>::pad(mesh, &padding, topography, scene, geometry, angle, stages)?;
+    let padded = mesh.pad(&padding, topography, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);
         cells
@@ -597,11 +620,8 @@ fn afford_lattice<const D: usize>(
 }
 
 /// A mesh, or a rank's part of it, with what is known of it.
-struct MadeMesh<const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
-    mesh: MeshResult<D>,
+struct MadeMesh<const D: usize, M> {
+    mesh: MeshResult<D, M>,
     /// Names of faces, as in [`Outcome::face_names`].
     face_names: Vec<u32>,
     report: Report,
@@ -612,22 +632,25 @@ where
 }
 
 /// Makes a mesh of the kind of cells that the options ask for.
-fn make_mesh<const D: usize>(
+fn make_mesh<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
     features: &mut Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeMesh<D>>
+) -> Result<MadeMesh<D, M>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh = M>,
 {
     if params.spec.cell_kind() == CellKind::Simplices {
         return join_atoms(source, params, features, frame, stages);
     }
     let cells = cells::make_cells(source, params, features, frame, stages)?;
     Ok(MadeMesh {
-        mesh: cells.mesh,
+        mesh: MeshResult::Voronoi {
+            mesh: cells.mesh,
+            weld: params.spec.weld,
+        },
         face_names: cells.face_names,
         report: cells.report,
         share: None,
@@ -638,16 +661,13 @@ where
 
 /// Places atoms, joins them and improves the mesh: each rank its part, if possible, or else the
 /// whole mesh on each rank. Features that a rank does not need are dropped.
-fn join_atoms<const D: usize>(
+fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
     features: &mut Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeMesh<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<MadeMesh<D, M>> {
     let (comm, extent) = (stages.comm, frame.extent);
     let PlacedAtoms {
         mut atoms,
@@ -663,7 +683,7 @@ where
             distance: &outline,
         };
         let target = params.spec.target();
-        MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target.as_ref(), stages)?
+        M::make_partition(&mut atoms, &scene, &distance, target.as_ref(), stages)?
     } else {
         None
     };
@@ -690,7 +710,7 @@ where
     let atoms = atoms.all_gather(comm)?;
     let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
     Ok(MadeMesh {
-        mesh: made.mesh,
+        mesh: MeshResult::Simplices(made.annotated),
         face_names: made.face_names,
         report: made.report,
         share: None,

@@ -4,7 +4,7 @@
 use super::job_domain::JobDomain;
 use super::minimisation::{self, optimise};
 use super::spec::SeedingKind;
-use super::{MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
+use super::{Params, Spacing, StageRunner, canny, estimate};
 use crate::comm::Comm;
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
@@ -42,10 +42,7 @@ pub(super) fn place_atoms<const D: usize>(
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<PlacedAtoms<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<PlacedAtoms<D>> {
     stages.begin_unless_stopped(Stage::Placing)?;
     let comm = stages.comm;
     if params.spec.seeding == SeedingKind::Canny {

@@ -1,12 +1,13 @@
 //! Makes tetrahedra, or triangles in the plane, from atoms at rest.
 
 use super::canny::smooth_image;
-use super::join::{JoinedMesh, cell_neighbours, close_holes};
+use super::join::{AnnotatedMesh, JoinAtoms, JoinedMesh};
 use super::measure::MeasuredMesh;
 use super::named_faces::close_given_surfaces;
 use super::regions;
-use super::{MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
+use super::{MeshScene, Params, StageRunner};
 use crate::comm::Comm;
+use crate::error::cause;
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::image::{Image, ImageSource, ScalarField};
@@ -14,19 +15,16 @@ use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
 use crate::improve::triangles::relax::{self, Relaxation};
 use crate::lattice::seeding::Atoms;
+use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
-use crate::mesh::{Dimension, Simplices};
 use crate::progress::{CancelToken, Stage};
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 
 /// A mesh of simplices, the names of its faces, and its report.
-pub(super) struct MadeSimplices<const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub(super) struct MadeSimplices<M> {
     /// The mesh.
-    pub mesh: MeshResult<D>,
+    pub annotated: AnnotatedMesh<M>,
     /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
     pub face_names: Vec<u32>,
     /// Its report.
@@ -34,16 +32,13 @@ where
 }
 
 /// Joins atoms, improves the mesh, and measures it.
-pub(super) fn make_simplices<const D: usize>(
+pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     atoms: Atoms<D>,
     scene: &MeshScene<'_, D>,
     source: ImageSource<'_, D>,
     params: &Params<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeSimplices<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<MadeSimplices<M>> {
     let step = scene.features.potential.step;
     let relaxation = match params.spec.smooth {
         Some(scheme) => Some(relaxation_options(
@@ -58,8 +53,7 @@ where
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
-        let joined =
-            MeshSpace::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+        let joined = M::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
         seal_mesh(joined, scene, stages)
     })?;
     let JoinedMesh {
@@ -115,7 +109,7 @@ where
     })?;
     annotated.angle_assessment = assessment;
     Ok(MadeSimplices {
-        mesh: MeshResult::Simplices(annotated),
+        annotated,
         face_names,
         report,
     })
@@ -145,14 +139,11 @@ fn measure_baseline<const D: usize, M: Simplices<D>>(
 }
 
 /// Closes the holes in the features of an improved mesh. Also returns the neighbours of cells.
-pub(super) fn seal_mesh<const D: usize>(
-    mut joined: JoinedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
+pub(super) fn seal_mesh<const D: usize, M: Simplices<D>>(
+    mut joined: JoinedMesh<M>,
     scene: &MeshScene<'_, D>,
     stages: &mut StageRunner<'_>,
-) -> Result<(JoinedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>, Vec<u32>)>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<(JoinedMesh<M>, Vec<u32>)> {
     let JoinedMesh {
         annotated_mesh: annotated,
         neighbours,
@@ -166,10 +157,25 @@ where
     if let Some(improvement) = improvement {
         improvement.sealed = stages.run_cancellable(|cancel| {
             let marks = &mut annotated.feature_faces;
-            close_holes(&annotated.mesh, &neighbours, scene, None, marks, cancel)
+            let points = &scene.features.points;
+            scene.close_holes(&annotated.mesh, &neighbours, points, marks, cancel)
         })?;
     }
     Ok((joined, neighbours))
+}
+
+/// Returns for every cell and face, in order, the cell on the other side, or `NONE`.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] if a face belongs to more than two cells.
+pub(crate) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
+    mesh.neighbours().map_err(|face| {
+        Error::Mesh(cause(
+            format!("face {face:?}"),
+            format!("belongs to more than two {}", M::CELLS_NAME),
+            "mesh the image again",
+        ))
+    })
 }
 
 /// Returns the options for smoothing triangles.

@@ -32,7 +32,6 @@ mod smooth;
 
 pub use exude::exude;
 pub use fixed_side::improve_beside;
-pub use reshape::reshape;
 pub use slabs::{KnownAtoms, SlabCuts, SlabResult, improve_in_slabs, slabs_of_rank};
 
 use crate::parallel::prelude::*;

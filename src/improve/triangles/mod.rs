@@ -29,8 +29,6 @@ mod repair;
 mod reshape;
 mod smooth;
 
-pub use reshape::reshape;
-
 use super::constraint::NodeConstraint;
 use super::feature_planes::{FeaturePlanes, MAX_FACE_OFFSET, SAME_SURFACE_COSINE};
 use super::intersect::find_intersection;

@@ -221,12 +221,7 @@ pub(super) fn optimisation_report(
         added_by_laplacian: terms.smoothing * per_atom,
         minimised: outcome.energy_after * per_atom,
         evaluations: outcome.evaluations,
-        stop: match outcome.stop {
-            StopReason::Converged => "converged",
-            StopReason::MaxIterations => "as many rounds as allowed",
-            StopReason::Interrupted => "interrupted",
-        }
-        .into(),
+        stop: outcome.stop,
     }
 }
 

@@ -21,6 +21,7 @@
 //! - `table`: a whole report on one screen
 //! - `verdict`: a report in three lines
 //! - `issues`: what is wrong with a mesh, and what helps
+//! - `job_facts`: what the verdict needs to know of the job
 
 mod acute;
 mod angle_space;
@@ -33,6 +34,7 @@ mod face_samples;
 pub(crate) mod fidelity;
 mod given_surfaces;
 mod issues;
+mod job_facts;
 pub(crate) mod lattice;
 mod mesh_faces;
 mod padding;

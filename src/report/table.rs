@@ -538,6 +538,7 @@ fn bar_chart(bins: &[u64]) -> String {
 pub(super) mod tests {
     use super::super::*;
     use super::*;
+    use crate::lattice::optimise::StopReason;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
     use crate::progress::Stage;
@@ -589,7 +590,7 @@ pub(super) mod tests {
             added_by_laplacian: 0.005,
             minimised: -0.165,
             evaluations: 120,
-            stop: "converged".into(),
+            stop: StopReason::Converged,
         });
         Report {
             input: Some(Input {

@@ -21,7 +21,9 @@ pub(crate) mod temperature;
 
 pub use crate::progress::{LatticeSnapshot, NoProgress, OptimiseStatus, Progress};
 
-use serde::{Deserialize, Serialize};
+use std::fmt::{self, Display, Formatter};
+
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::comm::Comm;
 use crate::error::{Error, Result, cause};
@@ -44,6 +46,22 @@ pub enum StopReason {
     MaxIterations,
     /// The progress callback asked to stop.
     Interrupted,
+}
+
+impl Display for StopReason {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Converged => "converged",
+            Self::MaxIterations => "as many rounds as allowed",
+            Self::Interrupted => "interrupted",
+        })
+    }
+}
+
+impl Serialize for StopReason {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
 }
 
 /// The method that lowers the energy in a round.

@@ -37,8 +37,8 @@ use crate::error::cause;
 use crate::feature::{self, ResolvedOptions};
 use crate::image::{Image, ImageSource};
 use crate::improve::Reshape;
-use crate::job::Params;
 use crate::job::output::{resolved_options, resolved_options_field};
+use crate::job::{LatticeParams, Params};
 use crate::mesh::Simplices;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{Clock, Quality, StageCost};
@@ -131,9 +131,7 @@ pub fn edit_simplices<const D: usize, M: Reshape<D>>(
     let resolved = resolved_options(&file);
     let mut editable = EditableMesh::new(file, place)?;
     editable.check_dims(image.dims())?;
-    // The file records the units of its lattice space.
-    let lengths = params.spec.metric.lengths(&image.geometry);
-    let params = &*params.in_lattice_units(lengths[0] / editable.step[0]);
+    let params = &LatticeParams::for_step(params, &image.geometry, editable.step);
     let mut summary = Summary {
         nodes: [editable.nodes.len(), 0],
         atoms: vec![None; edits.len()],
@@ -214,7 +212,7 @@ impl EditStages<'_> {
     fn resolve_detection<const D: usize>(
         &mut self,
         image: &Image<D>,
-        params: &Params<D>,
+        params: &LatticeParams<'_, D>,
         step: [f64; D],
         summary: &mut Summary,
         fields: &mut Vec<(String, FieldValue)>,

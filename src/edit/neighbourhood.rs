@@ -13,7 +13,7 @@ use crate::geometry::{distance2, sorted_distinct};
 use crate::improve::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::job::horizons::horizon_bits;
 use crate::job::simplices::cell_neighbours;
-use crate::job::{self, MeshScene, Params};
+use crate::job::{self, LatticeParams, MeshScene};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::Energy;
@@ -41,7 +41,7 @@ const MIN_ANGLE: f64 = 30.0;
 /// # Errors
 /// Returns the errors of [`job::job_energy`].
 fn energy<'a, const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     fields: &'a LocalFields<D>,
     mobility: Vec<[f64; D]>,
     extent: [f64; D],
@@ -364,7 +364,7 @@ impl<const D: usize, M: Reshape<D>> Neighbourhood<D, M> {
         summary: &mut Summary,
     ) -> Result<[M; 2]> {
         let no_features;
-        let (features, min_angle) = match context.params.spec.target() {
+        let (features, min_angle) = match context.params.spec().target() {
             Some(target) => (&fields.features, target.min_dihedral),
             None => {
                 no_features =
@@ -551,7 +551,7 @@ mod tests {
     use super::*;
     use crate::feature::DetectionOptions;
     use crate::image::{ScalarField, SparseField};
-    use crate::job::{Evaluator, MeshSpec};
+    use crate::job::{Evaluator, MeshSpec, Params};
     use crate::lattice::energy::Beta;
 
     #[test]
@@ -576,6 +576,7 @@ mod tests {
                 ..MeshSpec::default()
             })
             .unwrap();
+            let params = LatticeParams::new(&params, 1.0);
             let mut energy = energy(&params, &fields, Vec::new(), extent).unwrap();
             let mut gradient = vec![[0.0; 2]; positions.len()];
             energy.evaluate(&positions, &mut gradient).unwrap()

@@ -2,7 +2,7 @@
 
 use super::job_domain::JobDomain;
 use super::placement::PlacedAtoms;
-use super::{MeshScene, Params};
+use super::{LatticeParams, MeshScene};
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{Features, gaussian};
@@ -19,13 +19,18 @@ use crate::progress::{CancelToken, Stage};
 /// agree.
 pub(super) fn canny_atoms<const D: usize>(
     image: &Image<D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<PlacedAtoms<D>> {
-    let image = smooth_image(image, frame.step, params.spec.sigma.unwrap_or(1.0), cancel);
+    let image = smooth_image(
+        image,
+        frame.step,
+        params.spec().sigma.unwrap_or(1.0),
+        cancel,
+    );
     let (mut atoms, distance) =
         seeding::canny::place_atoms(&features.points, &image, &frame.fixed_atoms, cancel)?;
     cancel.check(Stage::Placing)?;

@@ -13,8 +13,8 @@ use super::job_domain::JobDomain;
 use super::measure::measure_unless_cancelled;
 use super::named_faces::close_given_surfaces;
 use super::{
-    AnnotatedMesh, BOX_TOLERANCE, JoinAtoms, MeshScene, Params, StageRunner, placement, regions,
-    simplices,
+    AnnotatedMesh, BOX_TOLERANCE, JoinAtoms, LatticeParams, MeshScene, StageRunner, placement,
+    regions, simplices,
 };
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
@@ -86,7 +86,7 @@ pub(super) struct MadeCells<const D: usize> {
 /// Makes Voronoi cells that conform to features, and measures them.
 pub(super) fn make_cells<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
@@ -94,7 +94,7 @@ pub(super) fn make_cells<const D: usize>(
 where
     Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
-    let (extent, weld) = (frame.extent, params.spec.weld);
+    let (extent, weld) = (frame.extent, params.spec().weld);
     stages.begin_unless_stopped(Stage::Placing)?;
     let distance = placement::nominal_distance(source, params, features, frame, stages)?
         .into_global(stages.comm)?;
@@ -154,7 +154,7 @@ where
                     let contacts = regions::contacts_of_cells(&mesh, label_indices);
                     regions::report(
                         image,
-                        &params.spec.label,
+                        &params.spec().label,
                         &sample_points,
                         &contacts,
                         label_indices,
@@ -268,7 +268,7 @@ where
 /// # Errors
 /// Returns the errors of seeding and of the triangulation.
 pub(crate) fn feature_surface_in_box<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
     features: &Features<D>,
     step: [f64; D],
@@ -293,7 +293,7 @@ where
 /// Returns the surfaces of features: the faces on features of an aligned mesh. That mesh is
 /// somewhat coarser than the cells, but as fine in the narrowest gaps.
 fn feature_surface<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
@@ -332,7 +332,7 @@ where
         distance: &distance,
     };
     let target = Target {
-        min_dihedral: (params.spec.target())
+        min_dihedral: (params.spec().target())
             .map_or(MIN_SURFACE_ANGLE, |target| target.min_dihedral),
         ..Target::default()
     };
@@ -397,7 +397,7 @@ fn atoms_at_lines<const D: usize>(
 fn relax_around_sites<const D: usize>(
     sites: &ConformingSites<D>,
     fixed_atoms: &[[f64; D]],
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
@@ -429,7 +429,7 @@ fn relax_around_sites<const D: usize>(
         extent,
         RelaxOptions {
             edited: &[],
-            seed: params.spec.rng_seed,
+            seed: params.spec().rng_seed,
         },
         comm,
         progress,

@@ -11,8 +11,8 @@ use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
-    AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, MeshScene, MeshShare, Metric, Params, Spacing,
-    StageRunner, cells, estimate, horizons, live, simplices,
+    AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
+    Params, Spacing, StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -133,12 +133,8 @@ pub fn run<const D: usize>(
 where
     Space<D>: MeshImage<D>,
 {
-    run_from(
-        ImageSource::InMemory(image),
-        params,
-        RunOptions::default(),
-        progress,
-    )
+    let image = ImageSource::InMemory(image);
+    Space::<D>::run_job(image, params, RunOptions::default(), progress)
 }
 
 /// Options of a run that do not change the mesh.
@@ -246,9 +242,9 @@ where
     let distance_in_use = params.spec.distance.to_string();
     let shape_option = shape_option(params, geometry, dims);
     estimate::afford_features(source, params.spec.feature, comm.size())?;
-    let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
-    afford_lattice(params, extent, is_partitioned.then(|| comm.size()))?;
-    let frame = JobDomain::new(dims, geometry, params)?;
+    let lattice_params = &LatticeParams::new(params, params.spec.metric.unit(geometry));
+    afford_lattice(lattice_params, extent, is_partitioned.then(|| comm.size()))?;
+    let frame = JobDomain::new(dims, geometry, lattice_params)?;
 
     let mut stages = StageRunner::new(progress)
         .with_comm(comm)
@@ -261,13 +257,13 @@ where
     let may_distribute = is_partitioned && run_options.checkpoint.is_none();
     let mut features = find_features(
         source,
-        params,
+        lattice_params,
         step,
         given.as_ref(),
         may_distribute,
         &mut stages,
     )?;
-    let mut made = make_mesh(source, params, &mut features, &frame, &mut stages)?;
+    let mut made = make_mesh(source, lattice_params, &mut features, &frame, &mut stages)?;
     gather_potential(&mut features, &made.mesh, comm)?;
     let (mesh, distance, report) = (&made.mesh, &made.distance, &mut made.report);
     check_validity(report)?;
@@ -280,7 +276,11 @@ where
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let notes = notes_on_points.into_iter().chain(notes_on_given);
-    (report.notes).extend(notes.chain(placement::distance_note(source, params, &features)?));
+    (report.notes).extend(notes.chain(placement::distance_note(
+        source,
+        lattice_params,
+        &features,
+    )?));
     let scene = scene_of(extent, &features, distance);
     let padding = pad(
         params,
@@ -333,7 +333,7 @@ fn gather_potential<const D: usize, M: Simplices<D>>(
 /// ranks if `may_distribute`.
 fn find_features<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     step: [f64; D],
     given: Option<&SurfacesInImage<D>>,
     may_distribute: bool,
@@ -602,7 +602,7 @@ impl<const D: usize> PreparedImage<D> {
 /// Checks that there is memory for the lattice, if all atoms were at the largest distance;
 /// `rank_count` ranks share it, if it is partitioned.
 fn afford_lattice<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     extent: [f64; D],
     rank_count: Option<usize>,
 ) -> Result<()> {
@@ -610,7 +610,7 @@ fn afford_lattice<const D: usize>(
         return Ok(());
     }
     let sparsest = Distance::Constant(params.spacing().max());
-    let cells = params.spec.cell_kind();
+    let cells = params.spec().cell_kind();
     let mut estimate = estimate::estimate_from_distance(&sparsest, extent, cells);
     if let Some(count) = rank_count {
         let seeding = params.seeding();
@@ -634,7 +634,7 @@ struct MadeMesh<const D: usize, M> {
 /// Makes a mesh of the kind of cells that the options ask for.
 fn make_mesh<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &mut Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
@@ -642,14 +642,14 @@ fn make_mesh<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
 where
     Space<D>: Dimension<D, Mesh = M>,
 {
-    if params.spec.cell_kind() == CellKind::Simplices {
+    if params.spec().cell_kind() == CellKind::Simplices {
         return join_atoms(source, params, features, frame, stages);
     }
     let cells = cells::make_cells(source, params, features, frame, stages)?;
     Ok(MadeMesh {
         mesh: MeshResult::Voronoi {
             mesh: cells.mesh,
-            weld: params.spec.weld,
+            weld: params.spec().weld,
         },
         face_names: cells.face_names,
         report: cells.report,
@@ -663,7 +663,7 @@ where
 /// whole mesh on each rank. Features that a rank does not need are dropped.
 fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &mut Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
@@ -682,7 +682,7 @@ fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
             features,
             distance: &outline,
         };
-        let target = params.spec.target();
+        let target = params.spec().target();
         M::make_partition(&mut atoms, &scene, &distance, target.as_ref(), stages)?
     } else {
         None

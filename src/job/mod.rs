@@ -87,6 +87,7 @@ pub(crate) use minimisation::{job_energy, optimise_options};
 pub use output::lines::{write_feature_lines, write_lines};
 pub use output::points::write_feature_points;
 pub use padding::PaddingCells;
+pub(crate) use params::LatticeParams;
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use placed_points::PointFile;
 pub use scene::MeshScene;

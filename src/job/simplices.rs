@@ -5,7 +5,7 @@ use super::join::{AnnotatedMesh, JoinAtoms, JoinedMesh};
 use super::measure::MeasuredMesh;
 use super::named_faces::close_given_surfaces;
 use super::regions;
-use super::{MeshScene, Params, StageRunner};
+use super::{LatticeParams, MeshScene, StageRunner};
 use crate::comm::Comm;
 use crate::error::cause;
 use crate::feature::gradient_magnitude::gradient_magnitude;
@@ -36,11 +36,11 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     atoms: Atoms<D>,
     scene: &MeshScene<'_, D>,
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     stages: &mut StageRunner<'_>,
 ) -> Result<MadeSimplices<M>> {
     let step = scene.features.potential.step;
-    let relaxation = match params.spec.smooth {
+    let relaxation = match params.spec().smooth {
         Some(scheme) => Some(relaxation_options(
             &*source.to_image()?,
             scheme,
@@ -49,7 +49,7 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
         )),
         None => None,
     };
-    let options = params.spec.target();
+    let options = params.spec().target();
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
@@ -91,7 +91,7 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
-            let (labels, points) = (&params.spec.label, &sample_points);
+            let (labels, points) = (&params.spec().label, &sample_points);
             report.regions =
                 regions::report(image, labels, points, &contacts, indices, step, cancel);
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
@@ -182,12 +182,12 @@ pub(crate) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Resu
 fn relaxation_options<const D: usize>(
     image: &Image<D>,
     scheme: relax::Scheme,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     step: [f64; D],
 ) -> Relaxation<D> {
     // Images of the plane are smoothed quickly, so that no cancellation is needed.
     let cancel = &CancelToken::never();
-    let image = smooth_image(image, step, params.spec.sigma.unwrap_or(1.0), cancel);
+    let image = smooth_image(image, step, params.spec().sigma.unwrap_or(1.0), cancel);
     let gradient = gradient_magnitude(Volume::new(image.dims, &image.samples), cancel);
     Relaxation {
         scheme,

@@ -24,7 +24,7 @@ use super::{AtomChange, Edit, EditStages, EditedMesh, Summary, history, resolve}
 use crate::Result;
 use crate::image::Image;
 use crate::job::output::resolved_options;
-use crate::job::{JoinAtoms, Params};
+use crate::job::{JoinAtoms, LatticeParams, Params};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Dimension, Space};
 use crate::progress::{Progress, Stage};
@@ -63,9 +63,7 @@ where
     let mut editable = EditableCells::new(file, place, params)?;
     editable.space.check_dims(image.dims(), "the image")?;
     let step = editable.space.step;
-    // The file records the units of its lattice space.
-    let lengths = params.spec.metric.lengths(&image.geometry);
-    let params = &*params.in_lattice_units(lengths[0] / step[0]);
+    let params = &LatticeParams::for_step(params, &image.geometry, step);
     let mut summary = Summary {
         nodes: [editable.mesh.nodes.len(), 0],
         atoms: vec![None; edits.len()],

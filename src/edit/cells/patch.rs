@@ -207,7 +207,7 @@ where
                 range,
                 is_removed: &is_removed,
             };
-            let seed = context.params.spec.rng_seed;
+            let seed = context.params.spec().rng_seed;
             let (rebuilt, evaluations) =
                 RebuiltCells::new(self, fields, scope, &placed_atoms, seed, cancel)?;
             summary.evaluations += evaluations;

@@ -123,7 +123,7 @@ impl MakePartition<3> for TetMesh {
             tets::improve_in_slabs(atoms, tets, neighbours, &cuts, context, comm, cancel)
         })?;
         drop(planes);
-        let mut improvement = Improvement::from(&improved);
+        let mut improvement = Improvement::from(improved);
         let view = MeshView::from_partition(&partition, comm);
         let neighbours = partition.neighbours.as_flattened();
         improvement.sealed = seal_partition(

@@ -195,7 +195,7 @@ impl JoinAtoms<3> for TetMesh {
         Ok(JoinedMesh {
             annotated_mesh: AnnotatedMesh::new(mesh, kinds, feature_faces),
             neighbours,
-            improvement: Some(Improvement::from(&outcome)),
+            improvement: Some(outcome.into()),
             baseline,
         })
     }
@@ -253,7 +253,7 @@ impl JoinAtoms<2> for TriMesh {
         Ok(JoinedMesh {
             annotated_mesh: AnnotatedMesh::new(mesh, kinds, feature_faces),
             neighbours: None,
-            improvement: Some(Improvement::from(&outcome)),
+            improvement: Some(outcome.into()),
             baseline: None,
         })
     }

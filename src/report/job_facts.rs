@@ -1,4 +1,4 @@
-//! What the verdict needs to know of the job that made a mesh.
+//! Facts about the job that made a mesh, on which the verdict depends.
 
 use serde_json::Value;
 

@@ -595,12 +595,10 @@ impl TetImprover<'_> {
             self.raise_angles(cancel)?;
         }
         self.counts.intersecting_left = self.count_intersecting_edges(cancel);
-        let blocked = self.blocked_cells();
         Ok(ImproveReport {
             below_target_before,
-            below_target_after: blocked.len(),
             counts: self.counts,
-            blocked,
+            blocked: self.blocked_cells(),
         })
     }
 }

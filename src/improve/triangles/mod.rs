@@ -209,12 +209,10 @@ impl<'a> TriImprover<'a> {
         self.apply_compound(self.max_usable_cotangent, cancel);
         self.release_nodes(cancel);
         self.apply_compound(self.target_cotangent, cancel);
-        let blocked = self.blocked_cells();
         ImproveReport {
             below_target_before,
-            below_target_after: blocked.len(),
             counts: self.counts,
-            blocked,
+            blocked: self.blocked_cells(),
         }
     }
 

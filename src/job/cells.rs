@@ -11,10 +11,11 @@ use crate::parallel::prelude::*;
 use super::equalise::CellEqualiser;
 use super::job_domain::JobDomain;
 use super::measure::measure_unless_cancelled;
+use super::mesh_verb::MadeMesh;
 use super::named_faces::close_given_surfaces;
 use super::{
-    AnnotatedMesh, BOX_TOLERANCE, JoinAtoms, LatticeParams, MeshScene, StageRunner, placement,
-    regions, simplices,
+    AnnotatedMesh, BOX_TOLERANCE, JoinAtoms, LatticeParams, MeshResult, MeshScene, StageRunner,
+    placement, regions, simplices,
 };
 use crate::Result;
 use crate::comm::{Comm, SelfComm};
@@ -69,20 +70,6 @@ const MAX_SURFACE_SPACING_RATIO: f64 = 1.5;
 /// are not removed.
 const MIN_SURFACE_ANGLE: f64 = 30.0;
 
-/// Voronoi cells with what is known of them.
-pub(super) struct MadeCells<const D: usize> {
-    /// The cells.
-    pub mesh: PolyMesh<D>,
-    /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
-    pub face_names: Vec<u32>,
-    /// Their report.
-    pub report: Report,
-    /// Nominal distance between atoms.
-    pub distance: Distance<D>,
-    /// Result of the optimiser.
-    pub optimise_result: optimise::OptimiseResult,
-}
-
 /// Makes Voronoi cells that conform to features, and measures them.
 pub(super) fn make_cells<const D: usize>(
     source: ImageSource<'_, D>,
@@ -90,7 +77,7 @@ pub(super) fn make_cells<const D: usize>(
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeCells<D>>
+) -> Result<MadeMesh<D, SimplexMesh<D>>>
 where
     Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
@@ -168,12 +155,13 @@ where
             }
             Ok::<_, crate::Error>(report)
         })?;
-    Ok(MadeCells {
-        mesh,
+    Ok(MadeMesh {
+        mesh: MeshResult::Voronoi { mesh, weld },
         face_names,
         report,
+        share: None,
         distance,
-        optimise_result,
+        optimise_result: Some(optimise_result),
     })
 }
 

@@ -242,9 +242,9 @@ where
     let distance_in_use = params.spec.distance.to_string();
     let shape_option = shape_option(params, geometry, dims);
     estimate::afford_features(source, params.spec.feature, comm.size())?;
-    let lattice_params = &LatticeParams::new(params, params.spec.metric.unit(geometry));
-    afford_lattice(lattice_params, extent, is_partitioned.then(|| comm.size()))?;
-    let frame = JobDomain::new(dims, geometry, lattice_params)?;
+    let lattice = &LatticeParams::new(params, params.spec.metric.unit(geometry));
+    afford_lattice(lattice, extent, is_partitioned.then(|| comm.size()))?;
+    let frame = JobDomain::new(dims, geometry, lattice)?;
 
     let mut stages = StageRunner::new(progress)
         .with_comm(comm)
@@ -257,13 +257,13 @@ where
     let may_distribute = is_partitioned && run_options.checkpoint.is_none();
     let mut features = find_features(
         source,
-        lattice_params,
+        lattice,
         step,
         given.as_ref(),
         may_distribute,
         &mut stages,
     )?;
-    let mut made = make_mesh(source, lattice_params, &mut features, &frame, &mut stages)?;
+    let mut made = make_mesh(source, lattice, &mut features, &frame, &mut stages)?;
     gather_potential(&mut features, &made.mesh, comm)?;
     let (mesh, distance, report) = (&made.mesh, &made.distance, &mut made.report);
     check_validity(report)?;
@@ -276,11 +276,7 @@ where
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let notes = notes_on_points.into_iter().chain(notes_on_given);
-    (report.notes).extend(notes.chain(placement::distance_note(
-        source,
-        lattice_params,
-        &features,
-    )?));
+    (report.notes).extend(notes.chain(placement::distance_note(source, lattice, &features)?));
     let scene = scene_of(extent, &features, distance);
     let padding = pad(
         params,
@@ -620,15 +616,15 @@ fn afford_lattice<const D: usize>(
 }
 
 /// A mesh, or a rank's part of it, with what is known of it.
-struct MadeMesh<const D: usize, M> {
-    mesh: MeshResult<D, M>,
+pub(super) struct MadeMesh<const D: usize, M> {
+    pub mesh: MeshResult<D, M>,
     /// Names of faces, as in [`Outcome::face_names`].
-    face_names: Vec<u32>,
-    report: Report,
+    pub face_names: Vec<u32>,
+    pub report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
-    share: Option<MeshShare>,
-    distance: Distance<D>,
-    optimise_result: Option<optimise::OptimiseResult>,
+    pub share: Option<MeshShare>,
+    pub distance: Distance<D>,
+    pub optimise_result: Option<optimise::OptimiseResult>,
 }
 
 /// Makes a mesh of the kind of cells that the options ask for.
@@ -645,18 +641,7 @@ where
     if params.spec().cell_kind() == CellKind::Simplices {
         return join_atoms(source, params, features, frame, stages);
     }
-    let cells = cells::make_cells(source, params, features, frame, stages)?;
-    Ok(MadeMesh {
-        mesh: MeshResult::Voronoi {
-            mesh: cells.mesh,
-            weld: params.spec().weld,
-        },
-        face_names: cells.face_names,
-        report: cells.report,
-        share: None,
-        distance: cells.distance,
-        optimise_result: Some(cells.optimise_result),
-    })
+    cells::make_cells(source, params, features, frame, stages)
 }
 
 /// Places atoms, joins them and improves the mesh: each rank its part, if possible, or else the

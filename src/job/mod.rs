@@ -80,7 +80,8 @@ pub use distributed::MeshShare;
 pub use features::{FeatureOutcome, FeatureSpec, features};
 pub use given_surfaces::FollowedSurface;
 pub(crate) use job_domain::{lattice_beta, lattice_points, lattice_well_paths};
-pub use join::{AnnotatedMesh, JoinAtoms, JoinedMesh};
+pub use join::AnnotatedMesh;
+pub(crate) use join::{JoinAtoms, JoinedMesh};
 pub use measure::scaled_mesh;
 pub use mesh_verb::{MeshImage, MeshResult, Outcome, RunOptions, run, run_from};
 pub(crate) use minimisation::{job_energy, optimise_options};
@@ -90,9 +91,9 @@ pub use padding::PaddingCells;
 pub(crate) use params::LatticeParams;
 pub use params::{Evaluator, FixedAtom, Params, Spacing, Weight, WellPath};
 pub use placed_points::PointFile;
-pub use scene::MeshScene;
+pub(crate) use scene::MeshScene;
 pub use spec::{CellKind, MeshSpec, Metric};
-pub use stages::StageRunner;
+pub(crate) use stages::StageRunner;
 
 /// Makes a mesh of an image, as `atomesh mesh` does, and reads the files that the options name.
 ///

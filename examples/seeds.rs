@@ -13,14 +13,13 @@ use atomesh::feature::{self, Features};
 use atomesh::image::Image;
 use atomesh::image::formats::{self, AnyImage, ReadOptions};
 use atomesh::image::synth::{self, SyntheticKind};
-use atomesh::job::{MeshScene, MeshSpace, Meshing, StageRunner};
 use atomesh::lattice::distance::Distance;
 use atomesh::lattice::energy::{Beta, Energy, PairwiseEnergy};
 use atomesh::lattice::optimise::{self, Method, NoProgress, OptimiseOptions};
 use atomesh::lattice::seeding::{self, Alignment, Atoms, Seeding};
-use atomesh::mesh::Simplices;
 use atomesh::mesh::delaunay;
 use atomesh::mesh::poly::Lists;
+use atomesh::mesh::{Dimension, Simplices, Space};
 use atomesh::model::slice::{self, Caption, Overlay, Skeleton};
 use atomesh::model::surface::SurfaceKind;
 use atomesh::progress::CancelToken;
@@ -94,7 +93,7 @@ struct Figures {
 
 fn compare_methods<const D: usize>(name: &str, image: &Image<D>, d: f64) -> anyhow::Result<()>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     let features = detect_features(image, d)?;
     let case = Case::new(&features, d);
@@ -226,7 +225,7 @@ fn optimise_options<const D: usize>(seed: u64) -> OptimiseOptions<D> {
 
 impl<const D: usize> Case<'_, D>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     fn new(features: &Features<D>, d: f64) -> Case<'_, D> {
         Case {
@@ -304,17 +303,8 @@ where
         let energy = self
             .pairwise_energy()?
             .evaluate(&atoms.positions, &mut gradient)?;
-        let scene = MeshScene {
-            extent: self.extent,
-            features: self.features,
-            distance: &self.distance,
-        };
         let count = atoms.len() as f64;
-        let mut progress = NoProgress;
-        let stages = &mut StageRunner::new(&mut progress);
-        let mesh = MeshSpace::<D>::join(atoms, &scene, None, None, stages)?
-            .annotated_mesh
-            .mesh;
+        let mesh = Space::<D>::delaunay(&atoms.positions)?;
         let [worst, mean] = worst_and_mean_quality(&mesh);
         Ok(Figures {
             atoms: count,

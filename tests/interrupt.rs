@@ -4,8 +4,9 @@ use atomesh::ErrorKind;
 use atomesh::image::synth::{self, SyntheticKind};
 use atomesh::image::{Geometry, Image};
 use atomesh::job::spec::{MeshSpec, NominalDistance};
-use atomesh::job::{self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Params};
+use atomesh::job::{self, BOX_TOLERANCE, CellKind, MeshImage, MeshResult, Params};
 use atomesh::lattice::optimise::StopReason;
+use atomesh::mesh::Space;
 use atomesh::mesh::check::{CheckHints, check, check_with_hints};
 use atomesh::progress::{Progress, Stage};
 use atomesh::published::relax::Scheme;
@@ -34,7 +35,7 @@ fn assert_stops_in_each_stage<const D: usize>(
     params: &Params<D>,
     stages: &[Stage],
 ) where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
     for &stage in stages {
         let mut stopper = Stopper {

@@ -4,10 +4,10 @@ use crate::common::{expect_refusal, run_args};
 use atomesh::feature::FeatureKind;
 use atomesh::image::{Geometry, Image};
 use atomesh::job::spec::{MeshSpec, NominalDistance, SeedingKind, Slivers};
-use atomesh::job::{self, MeshSpace, Meshing, Outcome, Params};
+use atomesh::job::{self, MeshImage, Outcome, Params};
 use atomesh::lattice::AtomKind;
 use atomesh::lattice::optimise::NoProgress;
-use atomesh::mesh::{Mesh, Simplices};
+use atomesh::mesh::{Simplices, Space};
 use atomesh::published::relax::Scheme;
 use serde_json::Value;
 
@@ -32,7 +32,7 @@ fn mesh_canny_points<const D: usize>(
     min_dihedral: Option<f64>,
 ) -> Outcome<D>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
     let (slivers, min_dihedral) = match min_dihedral {
         Some(angle) => (Slivers::Joe, Some(angle)),
@@ -50,10 +50,7 @@ where
 }
 
 /// Returns the positions of the fixed nodes, sorted.
-fn fixed_nodes<const D: usize>(outcome: &Outcome<D>) -> Vec<[f64; D]>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+fn fixed_nodes<const D: usize, M: Simplices<D>>(outcome: &Outcome<D, M>) -> Vec<[f64; D]> {
     let simplices = outcome.simplices().unwrap();
     let nodes = simplices.mesh.nodes().iter().zip(&simplices.node_kinds);
     let mut fixed_nodes: Vec<[f64; D]> = nodes

@@ -9,7 +9,7 @@ use crate::feature::resolved::detection_reach;
 use crate::feature::{Features, ResolvedOptions, detect_part};
 use crate::geometry::bounding_box;
 use crate::image::Image;
-use crate::job::{Params, Spacing, lattice_beta};
+use crate::job::{LatticeParams, Spacing, lattice_beta};
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::Beta;
 use crate::progress::CancelToken;
@@ -19,7 +19,7 @@ pub struct Context<'a, const D: usize> {
     /// The whole image.
     pub image: &'a Image<D>,
     /// Parameters with which the mesh was made.
-    pub params: &'a Params<D>,
+    pub params: &'a LatticeParams<'a, D>,
     /// Detection options as they were resolved for the whole image.
     pub resolved_options: Vec<ResolvedOptions>,
     /// Weight of the image.
@@ -35,7 +35,7 @@ impl<'a, const D: usize> Context<'a, D> {
     /// Returns an error if the weight does not fit the image.
     pub fn new(
         image: &'a Image<D>,
-        params: &'a Params<D>,
+        params: &'a LatticeParams<'a, D>,
         edits: &'a [Edit<D>],
         resolved_options: Vec<ResolvedOptions>,
         step: [f64; D],
@@ -44,7 +44,7 @@ impl<'a, const D: usize> Context<'a, D> {
             image,
             params,
             resolved_options,
-            beta: lattice_beta(&params.beta, image.dims(), step)?,
+            beta: lattice_beta(params.beta(), image.dims(), step)?,
             edits,
         })
     }

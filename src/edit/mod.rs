@@ -35,8 +35,9 @@ use serde::Serialize;
 use crate::error::cause;
 use crate::feature::ResolvedOptions;
 use crate::image::Image;
+use crate::improve::Reshape;
 use crate::job::output::{resolved_options, resolved_options_field};
-use crate::job::{self, MeshSpace, Meshing, Params};
+use crate::job::{self, LatticeParams, Params};
 use crate::mesh::Simplices;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{Clock, Quality, StageCost};
@@ -114,7 +115,7 @@ pub struct EditedMesh<M> {
 /// exist or cannot be removed; [`Error::Seeding`] if a position is outside the box or at the place
 /// of another atom; [`Error::Image`] if the image has other dimensions than the mesh;
 /// [`Error::Interrupted`] if `progress` cancels the edit.
-pub fn edit_simplices<const D: usize, M: Simplices<D>>(
+pub fn edit_simplices<const D: usize, M: Reshape<D>>(
     file: MeshFile<M>,
     place: &str,
     image: &Image<D>,
@@ -122,19 +123,14 @@ pub fn edit_simplices<const D: usize, M: Simplices<D>>(
     edits: &[Edit<D>],
     free: bool,
     progress: &mut dyn Progress,
-) -> Result<EditedMesh<M>>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+) -> Result<EditedMesh<M>> {
     refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
     let mut stages = EditStages { clock, progress };
     let resolved = resolved_options(&file);
     let mut editable = EditableMesh::new(file, place)?;
     editable.check_dims(image.dims())?;
-    // The file records the units of its lattice space.
-    let lengths = params.spec.metric.lengths(&image.geometry);
-    let params = &*params.in_lattice_units(lengths[0] / editable.step[0]);
+    let params = &LatticeParams::for_step(params, &image.geometry, editable.step);
     let mut summary = Summary {
         nodes: [editable.nodes.len(), 0],
         atoms: vec![None; edits.len()],
@@ -215,7 +211,7 @@ impl EditStages<'_> {
     fn resolve_detection<const D: usize>(
         &mut self,
         image: &Image<D>,
-        params: &Params<D>,
+        params: &LatticeParams<'_, D>,
         step: [f64; D],
         summary: &mut Summary,
         fields: &mut Vec<(String, FieldValue)>,

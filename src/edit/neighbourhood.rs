@@ -9,15 +9,15 @@ use super::{AtomChange, Summary};
 use crate::error::cause;
 use crate::feature::{self, Features};
 use crate::geometry::{distance2, sorted_distinct};
-use crate::improve::{ReshapeError, ReshapeRequest};
+use crate::improve::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::job::horizons::horizon_bits;
-use crate::job::{self, MeshScene, MeshSpace, Meshing, Params};
+use crate::job::simplices::cell_neighbours;
+use crate::job::{self, LatticeParams, MeshScene};
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
 use crate::lattice::energy::Energy;
 use crate::lattice::optimise::{self, temperature};
 use crate::lattice::seeding::{Atoms, kind_at, side_count};
-use crate::mesh::Simplices;
 use crate::progress::{CancelToken, TokenProgress};
 use crate::{Error, Result};
 
@@ -40,7 +40,7 @@ const MIN_ANGLE: f64 = 30.0;
 /// # Errors
 /// Returns the errors of [`job::job_energy`].
 fn energy<'a, const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     fields: &'a LocalFields<D>,
     mobility: Vec<[f64; D]>,
     extent: [f64; D],
@@ -80,10 +80,7 @@ pub struct Neighbourhood<const D: usize, M> {
     insertions: Vec<EditStep<D>>,
 }
 
-impl<const D: usize, M: Simplices<D>> Neighbourhood<D, M>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+impl<const D: usize, M: Reshape<D>> Neighbourhood<D, M> {
     /// Finds the neighbourhood of a group of steps.
     pub fn new(
         editable: &EditableMesh<D, M>,
@@ -324,6 +321,34 @@ where
         });
     }
 
+    /// Joins the atoms of the part again, and closes holes in its features. The part's outer faces do
+    /// not change.
+    ///
+    /// # Errors
+    /// Returns the node that cannot be moved to its target or cannot be removed, or another error.
+    fn rejoin(
+        &self,
+        scene: &MeshScene<'_, D>,
+        min_angle: f64,
+    ) -> std::result::Result<ReshapeResult<M>, ReshapeError> {
+        let mut request = self.target_state.clone();
+        let planes = scene.snap(&mut request.targets, &request.kinds);
+        let (extent, distance, mesh) = (scene.extent, scene.distance, &self.local_mesh);
+        let mut part = mesh.reshape(&request, extent, &planes, distance, min_angle)?;
+        let neighbours = cell_neighbours(&part.mesh).map_err(ReshapeError::Mesh)?;
+        let (points, marks) = (&scene.features.points, &mut part.feature_faces);
+        scene
+            .close_holes(
+                &part.mesh,
+                &neighbours,
+                points,
+                marks,
+                &CancelToken::never(),
+            )
+            .map_err(ReshapeError::Mesh)?;
+        Ok(part)
+    }
+
     /// Rebuilds the part's cells and puts them into the whole mesh. Returns the part before and
     /// after, in lattice space.
     ///
@@ -338,7 +363,7 @@ where
         summary: &mut Summary,
     ) -> Result<[M; 2]> {
         let no_features;
-        let (features, min_angle) = match context.params.spec.target() {
+        let (features, min_angle) = match context.params.spec().target() {
             Some(target) => (&fields.features, target.min_dihedral),
             None => {
                 no_features =
@@ -352,8 +377,7 @@ where
             distance: &fields.distance,
         };
         let reshaped = loop {
-            let request = self.target_state.clone();
-            match MeshSpace::<D>::rejoin(self.local_mesh.clone(), request, &scene, min_angle) {
+            match self.rejoin(&scene, min_angle) {
                 Ok(reshaped) => break reshaped,
                 Err(ReshapeError::Node(node)) => self.replace_shift(node as usize, context)?,
                 Err(ReshapeError::Mesh(error)) => return Err(error),
@@ -526,7 +550,7 @@ mod tests {
     use super::*;
     use crate::feature::DetectionOptions;
     use crate::image::{ScalarField, SparseField};
-    use crate::job::{Evaluator, MeshSpec};
+    use crate::job::{Evaluator, MeshSpec, Params};
     use crate::lattice::energy::Beta;
 
     #[test]
@@ -551,6 +575,7 @@ mod tests {
                 ..MeshSpec::default()
             })
             .unwrap();
+            let params = LatticeParams::new(&params, 1.0);
             let mut energy = energy(&params, &fields, Vec::new(), extent).unwrap();
             let mut gradient = vec![[0.0; 2]; positions.len()];
             energy.evaluate(&positions, &mut gradient).unwrap()

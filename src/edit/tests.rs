@@ -6,11 +6,11 @@ use crate::feature;
 use crate::geometry::distance2;
 use crate::image::Geometry;
 use crate::job::output::simplex_mesh_file;
-use crate::job::{self, BOX_TOLERANCE, FixedAtom};
+use crate::job::{self, BOX_TOLERANCE, FixedAtom, MeshImage};
 use crate::lattice::AtomKind;
 use crate::lattice::optimise::NoProgress;
-use crate::mesh::TriMesh;
 use crate::mesh::check::check;
+use crate::mesh::{Space, TriMesh};
 use crate::report::{Reference, fidelity, quality};
 use crate::store::StoredMesh;
 
@@ -42,7 +42,7 @@ pub(super) fn params<const D: usize>(d: f64) -> Params<D> {
 
 fn make_mesh<const D: usize, M: Simplices<D>>(image: &Image<D>, params: &Params<D>) -> MeshFile<M>
 where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
+    Space<D>: MeshImage<D, Mesh = M>,
 {
     let outcome = job::run(image, params, &mut NoProgress).unwrap();
     simplex_mesh_file(&outcome, outcome.simplices().unwrap())
@@ -56,15 +56,12 @@ pub(super) fn named_edits<const D: usize>(changes: &[AtomChange<D>]) -> Vec<Edit
     changes.iter().enumerate().map(edit).collect()
 }
 
-fn edit_mesh<const D: usize, M: Simplices<D>>(
+fn edit_mesh<const D: usize, M: Reshape<D>>(
     file: &MeshFile<M>,
     image: &Image<D>,
     params: &Params<D>,
     changes: &[AtomChange<D>],
-) -> Result<EditedMesh<M>>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+) -> Result<EditedMesh<M>> {
     let edits = named_edits(changes);
     edit_simplices(
         file.clone(),
@@ -144,7 +141,7 @@ fn assert_good_mesh<const D: usize, M: Simplices<D>>(
     image: &Image<D>,
     params: &Params<D>,
 ) where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
+    Space<D>: MeshImage<D, Mesh = M>,
 {
     let stored = meshes.map(|file| StoredMesh::new(file, "mesh").unwrap());
     let validity = check(
@@ -185,9 +182,9 @@ fn assert_good_mesh<const D: usize, M: Simplices<D>>(
 
 /// Adds, moves (by a small and by a large distance) and removes atoms, near each other and far
 /// apart.
-fn edits_stay_local<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
+fn edits_stay_local<const D: usize, M: Reshape<D>>(dims: [usize; D], d: f64)
 where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
+    Space<D>: MeshImage<D, Mesh = M>,
 {
     let (image, params) = (image(dims), params(d));
     let before = make_mesh(&image, &params);
@@ -278,9 +275,9 @@ fn edits_in_the_plane_stay_local() {
 }
 
 /// Compares a mesh with edited atoms and a new mesh with the same atoms.
-fn compare_with_remeshing<const D: usize, M: Simplices<D>>(dims: [usize; D], d: f64)
+fn compare_with_remeshing<const D: usize, M: Reshape<D>>(dims: [usize; D], d: f64)
 where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
+    Space<D>: MeshImage<D, Mesh = M>,
 {
     let image = image(dims);
     let plain = params(d);
@@ -352,9 +349,9 @@ fn edits_in_the_plane_are_as_good_as_remeshing() {
 
 /// Makes a mesh of an image of these dimensions, adds one atom, and returns the summary of the
 /// edit.
-fn edit_work<const D: usize, M: Simplices<D>>(dims: [usize; D], params: &Params<D>) -> Summary
+fn edit_work<const D: usize, M: Reshape<D>>(dims: [usize; D], params: &Params<D>) -> Summary
 where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
+    Space<D>: MeshImage<D, Mesh = M>,
 {
     let image = image(dims);
     let file = make_mesh(&image, params);

@@ -10,7 +10,7 @@ use crate::feature::FeaturePoint;
 use crate::files::codec::codec_fields;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::morphology::dilate;
-use crate::geometry::{add_scaled, bounding_box, dot, norm, sub};
+use crate::geometry::{add_scaled, bounding_box, dot, norm, sub, to_3d};
 use crate::parallel::prelude::*;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -164,19 +164,25 @@ pub struct FeaturePlanes {
 }
 
 impl FeaturePlanes {
-    /// Creates the planes of points in the box `[0, extent]`. Planes are fitted to the points
+    /// Creates the planes of points in the box `[0, extent]`. Points in the plane are in space, with
+    /// z = 0. Planes are fitted to the points
     /// within `radius` samples. [`FeaturePlanes::is_far`] means that no point lies within `reach`,
     /// or within `radius` if that is larger.
-    pub fn new(points: &[FeaturePoint<3>], extent: [f64; 3], radius: f64, reach: f64) -> Self {
+    pub fn new<const D: usize>(
+        points: &[FeaturePoint<D>],
+        extent: [f64; D],
+        radius: f64,
+        reach: f64,
+    ) -> Self {
         let coarse_size = reach.max(radius) / f64::from(DILATION_CELLS);
-        let position = |p: &FeaturePoint<3>| p.position.map(f64::from);
+        let position = |p: &FeaturePoint<D>| to_3d(p.position).map(f64::from);
         let positions = points.iter().map(position);
         let [low, high] = bounding_box(positions.clone());
         let window = |side: f64, margin: usize| {
             if points.is_empty() {
                 return CellWindow::empty();
             }
-            let [last_cell, low, high] = [extent, low, high].map(|x| cell_of(side, x));
+            let [last_cell, low, high] = [to_3d(extent), low, high].map(|x| cell_of(side, x));
             let global_dims = last_cell.map(|last| last + 1);
             let [low, high] =
                 [low, high].map(|c| std::array::from_fn(|k| c[k].min(global_dims[k] - 1)));
@@ -191,7 +197,7 @@ impl FeaturePlanes {
         };
         let sorted = cells.order().par_iter().map(|&i| {
             let p = &points[i as usize];
-            (p.position, p.normal)
+            (to_3d(p.position), to_3d(p.normal))
         });
         let atomic_near: Vec<AtomicBool> = atomic_marks(coarse_cells.count());
         let atomic_fine: Vec<AtomicU64> = atomic_marks(fine_cells.count() / 64 + 2);

@@ -87,12 +87,10 @@ impl BlockedCell {
 }
 
 /// Report of an improvement.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImproveReport {
     /// Number of cells below target before improvement.
     pub below_target_before: usize,
-    /// Number of cells below target after improvement.
-    pub below_target_after: usize,
     /// Operations made.
     pub counts: OperationCounts,
     /// The cells that stay below target, worst first.

@@ -19,7 +19,7 @@
 //!   labels
 //! - `target`: the quality to reach
 //! - `improve_report`: counts of operations, and the cells that stay below target
-//! - `reshape`: request and result of changing the nodes of a part of a mesh
+//! - `reshape`: the trait of meshes whose parts get other nodes, with request and result
 //!
 //! One invariant keeps the features: *no edge passes through a feature surface*. Then every cell
 //! lies on one side of the surface or has its nodes on it, so the surface is a union of faces,
@@ -41,7 +41,7 @@ mod snap;
 mod target;
 
 pub use improve_report::{BlockedCell, ImproveReport, OperationCounts};
-pub use reshape::{ReshapeError, ReshapeRequest, ReshapeResult};
+pub use reshape::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};
 pub use seal::SealReport;
 pub(crate) use seal::seal;
 pub use snap::snap_to_features;

@@ -1,9 +1,12 @@
-//! Request and result of changing the nodes of a part of a mesh: atoms are added, removed and
+//! The trait of meshes of which a part gets other nodes, with request and result: atoms are added, removed and
 //! moved.
 
 use super::ImproveReport;
+use super::feature_planes::FeaturePlanes;
 use crate::Error;
 use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
+use crate::mesh::Simplices;
 
 /// Nodes that a part of a mesh is to have.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,4 +44,23 @@ pub struct ReshapeResult<M> {
     pub feature_faces: Vec<u8>,
     /// Report of the improvement that followed.
     pub report: ImproveReport,
+}
+
+/// Simplices of which a part can be reshaped.
+pub trait Reshape<const D: usize>: Simplices<D> {
+    /// Reshapes a part of a mesh in the box `[0, extent]`: inserts new nodes, removes those that are
+    /// to be removed, moves all nodes to their targets as far as the mesh allows, and improves the
+    /// part up to this smallest angle, in degrees. Its outer faces do not change.
+    ///
+    /// # Errors
+    /// Returns the node that cannot reach its target or cannot be removed, or
+    /// [`ReshapeError::Mesh`] for another problem.
+    fn reshape(
+        &self,
+        request: &ReshapeRequest<D>,
+        extent: [f64; D],
+        planes: &FeaturePlanes,
+        distance: &Distance<D>,
+        min_angle: f64,
+    ) -> Result<ReshapeResult<Self>, ReshapeError>;
 }

@@ -2,7 +2,7 @@
 
 use super::job_domain::JobDomain;
 use super::placement::PlacedAtoms;
-use super::{MeshScene, MeshSpace, Meshing, Params};
+use super::{LatticeParams, MeshScene};
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{Features, gaussian};
@@ -20,16 +20,18 @@ use crate::published::canny;
 /// agree.
 pub(super) fn canny_atoms<const D: usize>(
     image: &Image<D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
-) -> Result<PlacedAtoms<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
-    let image = smooth_image(image, frame.step, params.spec.sigma.unwrap_or(1.0), cancel);
+) -> Result<PlacedAtoms<D>> {
+    let image = smooth_image(
+        image,
+        frame.step,
+        params.spec().sigma.unwrap_or(1.0),
+        cancel,
+    );
     let (mut atoms, distance) =
         canny::place_atoms(&features.points, &image, &frame.fixed_atoms, cancel)?;
     cancel.check(Stage::Placing)?;
@@ -58,9 +60,7 @@ fn snap_to_features<const D: usize>(
     atoms: &mut Atoms<D>,
     seeded_count: usize,
     scene: &MeshScene<'_, D>,
-) where
-    MeshSpace<D>: Meshing<D>,
-{
+) {
     let extent = to_3d(scene.extent);
     let kinds: Vec<AtomKind> = atoms
         .positions
@@ -68,7 +68,7 @@ fn snap_to_features<const D: usize>(
         .map(|&x| seeding::kind_at(x, scene.extent))
         .collect();
     let mut moved: Vec<[f64; 3]> = atoms.positions.iter().map(|&x| to_3d(x)).collect();
-    let planes = MeshSpace::<D>::local_planes(scene);
+    let planes = scene.local_planes();
     improve::snap_to_features(&mut moved, &kinds, extent, &planes, MAX_SNAP_DISTANCE);
     let is_fixed = |&n: &usize| atoms.kinds[n] == AtomKind::Fixed;
     for n in (0..seeded_count).filter(is_fixed) {

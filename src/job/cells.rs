@@ -11,11 +11,12 @@ use crate::parallel::prelude::*;
 use super::equalise::CellEqualiser;
 use super::job_domain::JobDomain;
 use super::measure::measure_unless_cancelled;
+use super::mesh_verb::MadeMesh;
 use super::named_faces::close_given_surfaces;
 use super::placement::seed_atoms;
 use super::{
-    AnnotatedMesh, BOX_TOLERANCE, MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner,
-    join, placement, regions, simplices,
+    AnnotatedMesh, BOX_TOLERANCE, JoinAtoms, LatticeParams, MeshResult, MeshScene, StageRunner,
+    placement, regions, simplices,
 };
 use crate::Result;
 use crate::comm::Comm;
@@ -36,10 +37,12 @@ use crate::lattice::seeding::line_atoms::{Projection, line_atoms};
 use crate::lattice::seeding::{Alignment, Atoms, fixed_atoms};
 use crate::mesh::check::{CheckHints, check_view};
 use crate::mesh::complex::NONE;
+use crate::mesh::delaunay::{DelaunayKernel, distributed_delaunay};
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::mesh::view::MeshView;
 use crate::mesh::voronoi::conform::{ConformingSites, FacetSurface};
+use crate::mesh::{Dimension, SimplexMesh, Space};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::{self, Reference, Report};
 
@@ -70,35 +73,18 @@ const MAX_SURFACE_SPACING_RATIO: f64 = 1.5;
 /// are not removed.
 const MIN_SURFACE_ANGLE: f64 = 30.0;
 
-/// Voronoi cells with what is known of them.
-pub(super) struct MadeCells<const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
-    /// The cells.
-    pub mesh: MeshResult<D>,
-    /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
-    pub face_names: Vec<u32>,
-    /// Their report.
-    pub report: Report,
-    /// Nominal distance between atoms.
-    pub distance: Distance<D>,
-    /// Result of the optimiser.
-    pub optimise_result: optimise::OptimiseResult,
-}
-
 /// Makes Voronoi cells that conform to features, and measures them.
 pub(super) fn make_cells<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeCells<D>>
+) -> Result<MadeMesh<D, SimplexMesh<D>>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
-    let (extent, weld) = (frame.extent, params.spec.weld);
+    let (extent, weld) = (frame.extent, params.spec().weld);
     stages.begin_unless_stopped(Stage::Placing)?;
     let distance = placement::nominal_distance(source, params, features, frame, stages)?
         .into_global(stages.comm)?;
@@ -149,7 +135,7 @@ where
                     let contacts = regions::contacts_of_cells(&mesh, label_indices);
                     regions::report(
                         image,
-                        &params.spec.label,
+                        &params.spec().label,
                         &sample_points,
                         &contacts,
                         label_indices,
@@ -163,12 +149,13 @@ where
             }
             Ok::<_, crate::Error>(report)
         })?;
-    Ok(MadeCells {
+    Ok(MadeMesh {
         mesh: MeshResult::Voronoi { mesh, weld },
         face_names,
         report,
+        share: None,
         distance,
-        optimise_result,
+        optimise_result: Some(optimise_result),
     })
 }
 
@@ -203,7 +190,7 @@ fn assign_labels<const D: usize>(
 /// until cells are of more equal size. It stops early if the caller stops the job.
 ///
 /// # Errors
-/// Returns the errors of [`Meshing::voronoi_cells`].
+/// Returns the errors of [`Dimension::voronoi_cells`].
 pub(crate) fn cut_even_cells<const D: usize>(
     atoms: &mut Atoms<D>,
     sites: &mut ConformingSites<D>,
@@ -213,7 +200,7 @@ pub(crate) fn cut_even_cells<const D: usize>(
     stages: &mut StageRunner<'_>,
 ) -> Result<PolyMesh<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     let comm = stages.comm;
     let mut mesh = cut_cells(atoms, sites, extent, 0.0, comm)?;
@@ -263,7 +250,7 @@ where
 /// # Errors
 /// Returns the errors of seeding and of the triangulation.
 pub(crate) fn feature_surface_in_box<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
     features: &Features<D>,
     step: [f64; D],
@@ -272,7 +259,7 @@ pub(crate) fn feature_surface_in_box<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<FacetSurface<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     let frame = JobDomain {
         step,
@@ -288,14 +275,14 @@ where
 /// Returns the surfaces of features: the faces on features of an aligned mesh. That mesh is
 /// somewhat coarser than the cells, but as fine in the narrowest gaps.
 fn feature_surface<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
 ) -> Result<FacetSurface<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     if features.points.is_empty() {
         return Ok(FacetSurface::default());
@@ -327,12 +314,12 @@ where
         distance: &distance,
     };
     let target = Target {
-        min_dihedral: (params.spec.target())
+        min_dihedral: (params.spec().target())
             .map_or(MIN_SURFACE_ANGLE, |target| target.min_dihedral),
         ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
-    let joined = MeshSpace::<D>::join(atoms, &scene, None, Some(&target), stages)?;
+    let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), stages)?;
     let (joined, neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
     let mut annotated = joined.annotated_mesh;
     let face_names = stages.run_cancellable(|cancel| {
@@ -361,15 +348,12 @@ where
 fn atoms_at_lines<const D: usize>(
     scene: &MeshScene<'_, D>,
     cancel: &CancelToken<'_>,
-) -> Result<Vec<[f64; D]>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<Vec<[f64; D]>> {
     let lines = lines_with_cancel(scene.features, cancel)?;
     if lines.is_empty() {
         return Ok(Vec::new());
     }
-    let planes = MeshSpace::<D>::local_planes(scene);
+    let planes = scene.local_planes();
     let project = |x: [f64; D], normal: [f64; D]| {
         let (x, normal) = (to_3d(x), to_3d(normal));
         let is_same = |plane: &&LocalPlane| dot(plane.normal, normal).abs() > SAME_SURFACE_COSINE;
@@ -385,7 +369,7 @@ where
         mut positions,
         kinds,
     } = Atoms::from_positions(positions, scene.extent);
-    let reach = join::snap_distance(scene);
+    let reach = scene.snap_distance();
     improve::snap_to_features(&mut positions, &kinds, scene.extent, &planes, reach);
     Ok(positions)
 }
@@ -395,7 +379,7 @@ where
 fn relax_around_sites<const D: usize>(
     sites: &ConformingSites<D>,
     fixed_atoms: &[[f64; D]],
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
@@ -426,7 +410,7 @@ fn relax_around_sites<const D: usize>(
         extent,
         RelaxOptions {
             edited: &[],
-            seed: params.spec.rng_seed,
+            seed: params.spec().rng_seed,
         },
         stages,
     )?;
@@ -528,11 +512,13 @@ fn cut_cells<const D: usize>(
     comm: &dyn Comm,
 ) -> Result<PolyMesh<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     let mut positions = atoms.positions.clone();
     positions.extend(sites.sites());
-    MeshSpace::<D>::voronoi_cells(&positions, extent, weld, comm)
+    Space::<D>::voronoi_cells(&positions, extent, weld, &|points| {
+        distributed_delaunay(points, DelaunayKernel::Auto, comm)
+    })
 }
 
 /// Measures cells. Figures that are incomplete when `cancel` is cancelled are omitted.

@@ -7,9 +7,9 @@
 //! and after atoms are snapped, and triangulates only these; a process that has all of them would
 //! copy them. What follows is the same code for both: improving slabs, closing holes, measuring.
 
-use super::join::{AnnotatedMesh, MeshScene};
+use super::join::AnnotatedMesh;
 use super::measure::MeasuredMesh;
-use super::{StageRunner, join};
+use super::{MeshScene, StageRunner};
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{FeaturePoint, PointSubset};
@@ -21,12 +21,12 @@ use crate::improve::{self, SealReport, SliverMethod, Target};
 use crate::lattice::distance::{Distance, DistributedDistance};
 use crate::lattice::halo::OwnedAndGhosts;
 use crate::lattice::owned_atoms::{IndexedAtoms, OwnedAtoms};
-use crate::mesh::TetMesh;
 use crate::mesh::delaunay::{
     Delaunay, DelaunayKernel, DelaunayTets, GlobalPoints, delaunay_in_intervals,
     distributed_delaunay_with_neighbours,
 };
 use crate::mesh::view::MeshView;
+use crate::mesh::{TetMesh, TriMesh};
 use crate::progress::Stage;
 use crate::report::{Improvement, Report};
 
@@ -57,100 +57,119 @@ pub struct PartitionResult<M, const D: usize> {
 /// Tetrahedra, and the four neighbours of each.
 type TetsAndNeighbours = (Vec<[u32; 4]>, Vec<[u32; 4]>);
 
-/// Joins atoms, removes slivers, closes holes and measures the mesh, each rank for its own part.
-/// Returns `None` if the mesh is too small to be divided, or if the options need the whole mesh on
-/// one rank.
-///
-/// # Errors
-/// Returns the errors of the triangulation, and those of other ranks.
-pub fn make_partition(
-    atoms: &mut OwnedAtoms<3>,
-    scene: &MeshScene<'_, 3>,
-    distance: &DistributedDistance<3>,
-    target: Option<&Target>,
-    stages: &mut StageRunner<'_>,
-) -> Result<Option<PartitionResult<TetMesh, 3>>> {
-    let (extent, outline) = (scene.extent, scene.distance);
-    let has_labels = scene.features.labels.is_some();
-    let Some(target) = target.filter(|t| t.method == SliverMethod::Joe && !has_labels) else {
-        return Ok(None);
-    };
-    let comm = stages.comm;
-    let positions = &atoms.atoms.positions;
-    let Some(slabs) = DistributedSlabs::cut(positions, extent, outline, comm)? else {
-        return Ok(None);
-    };
-    let mut atoms = std::mem::take(atoms);
-    let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
-    let snap_distance = join::snap_distance(scene);
-    let halo_width = improve::snap_halo_width(snap_distance);
-    let local = OwnedAndGhosts::with_halo(&atoms, halo_width, comm)?;
-    improve::snap_distributed(&mut atoms, local, extent, &planes, snap_distance)?;
-    drop(planes);
-    stages.begin(Stage::Triangulating);
-    let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &slabs, stages.kernel, comm)?;
-    stages.begin(Stage::Improving);
-    let (points, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
-    let local_distance = distance_around(&atoms.atoms.positions, distance, slabs.cuts.axis, comm)?;
-    let scene = &MeshScene {
-        distance: &local_distance,
-        ..*scene
-    };
-    let context = ImproveContext {
-        extent,
-        planes: &planes,
-        distance: &local_distance,
-        target: *target,
-    };
-    let SlabResult {
-        partition,
-        kinds,
-        mut feature_faces,
-        report: improved,
-    } = stages.run_cancellable(|cancel| slabs.improve(atoms, tets, neighbours, context, cancel))?;
-    drop(planes);
-    let mut improvement = Improvement::from(&improved);
-    let view = MeshView::from_partition(&partition, comm);
-    let neighbours = partition.neighbours.as_flattened();
-    improvement.sealed = seal_partition(
-        &view,
-        neighbours,
-        &points.points,
-        extent,
-        distance,
-        &mut feature_faces,
-        stages,
-    )?;
-    stages.begin(Stage::Measuring);
-    let measured = MeasuredMesh {
-        view,
-        neighbours: Some(neighbours),
-        tagged_faces: Some(&feature_faces),
-        feature_faces: Some(&feature_faces),
-        scene,
-        near_points: &points.points,
-    };
-    let figures = stages.run_cancellable(|cancel| measured.figures(comm, cancel))?;
-    let (mut report, assessment) = figures.into_report(Some(improvement));
-    let note = missing_distance_note(&local_distance, comm)?;
-    report.notes.extend(note);
-    Ok(Some(PartitionResult {
-        share: MeshShare {
-            nodes: partition.global_ids,
-            first_cell: partition.first_cell,
-            global_counts: partition.global_counts,
-        },
-        annotated_mesh: AnnotatedMesh {
-            regions: Vec::new(),
-            mesh: partition.mesh,
-            node_kinds: kinds,
-            feature_faces,
-            angle_assessment: assessment,
-        },
-        near_points: points,
-        distance: local_distance,
-        report,
-    }))
+/// Simplices that several ranks can make together.
+pub(super) trait MakePartition<const D: usize>: Sized {
+    /// Joins atoms, removes slivers, closes holes and measures the mesh, each rank for its own part.
+    /// Returns `None` in the plane, if the mesh is too small to be divided, or if the options need
+    /// the whole mesh on one rank.
+    ///
+    /// # Errors
+    /// Returns the errors of the triangulation, and those of other ranks.
+    fn make_partition(
+        _: &mut OwnedAtoms<D>,
+        _: &MeshScene<'_, D>,
+        _: &DistributedDistance<D>,
+        _: Option<&Target>,
+        _: &mut StageRunner<'_>,
+    ) -> Result<Option<PartitionResult<Self, D>>> {
+        Ok(None)
+    }
+}
+
+impl MakePartition<2> for TriMesh {}
+
+impl MakePartition<3> for TetMesh {
+    fn make_partition(
+        atoms: &mut OwnedAtoms<3>,
+        scene: &MeshScene<'_, 3>,
+        distance: &DistributedDistance<3>,
+        target: Option<&Target>,
+        stages: &mut StageRunner<'_>,
+    ) -> Result<Option<PartitionResult<Self, 3>>> {
+        let (extent, outline) = (scene.extent, scene.distance);
+        let has_labels = scene.features.labels.is_some();
+        let Some(target) = target.filter(|t| t.method == SliverMethod::Joe && !has_labels) else {
+            return Ok(None);
+        };
+        let comm = stages.comm;
+        let positions = &atoms.atoms.positions;
+        let Some(slabs) = DistributedSlabs::cut(positions, extent, outline, comm)? else {
+            return Ok(None);
+        };
+        let mut atoms = std::mem::take(atoms);
+        let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
+        let snap_distance = scene.snap_distance();
+        let halo_width = improve::snap_halo_width(snap_distance);
+        let local = OwnedAndGhosts::with_halo(&atoms, halo_width, comm)?;
+        improve::snap_distributed(&mut atoms, local, extent, &planes, snap_distance)?;
+        drop(planes);
+        stages.begin(Stage::Triangulating);
+        let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &slabs, stages.kernel, comm)?;
+        stages.begin(Stage::Improving);
+        let (points, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
+        let local_distance =
+            distance_around(&atoms.atoms.positions, distance, slabs.cuts.axis, comm)?;
+        let scene = &MeshScene {
+            distance: &local_distance,
+            ..*scene
+        };
+        let context = ImproveContext {
+            extent,
+            planes: &planes,
+            distance: &local_distance,
+            target: *target,
+        };
+        let SlabResult {
+            partition,
+            kinds,
+            mut feature_faces,
+            report: improved,
+        } = stages
+            .run_cancellable(|cancel| slabs.improve(atoms, tets, neighbours, context, cancel))?;
+        drop(planes);
+        let mut improvement = Improvement::from(improved);
+        let view = MeshView::from_partition(&partition, comm);
+        let neighbours = partition.neighbours.as_flattened();
+        improvement.sealed = seal_partition(
+            &view,
+            neighbours,
+            &points.points,
+            extent,
+            distance,
+            &mut feature_faces,
+            stages,
+        )?;
+        stages.begin(Stage::Measuring);
+        let measured = MeasuredMesh {
+            view,
+            neighbours: Some(neighbours),
+            tagged_faces: Some(&feature_faces),
+            feature_faces: Some(&feature_faces),
+            scene,
+            near_points: &points.points,
+        };
+        let figures = stages.run_cancellable(|cancel| measured.figures(comm, cancel))?;
+        let (mut report, assessment) = figures.into_report(Some(improvement));
+        let note = missing_distance_note(&local_distance, comm)?;
+        report.notes.extend(note);
+        Ok(Some(PartitionResult {
+            share: MeshShare {
+                nodes: partition.global_ids,
+                first_cell: partition.first_cell,
+                global_counts: partition.global_counts,
+            },
+            annotated_mesh: AnnotatedMesh {
+                regions: Vec::new(),
+                mesh: partition.mesh,
+                node_kinds: kinds,
+                feature_faces,
+                angle_assessment: assessment,
+            },
+            near_points: points,
+            distance: local_distance,
+            report,
+        }))
+    }
 }
 
 /// Returns the feature points near these positions, and the planes through them.
@@ -161,7 +180,7 @@ fn features_near(
 ) -> Result<(PointSubset<3>, FeaturePlanes)> {
     let features = scene.features;
     let points = features.points_near(positions, feature_range(scene), comm)?;
-    let planes = join::planes_near(&points.points, scene.extent, scene.distance);
+    let planes = scene.planes_of(&points.points);
     Ok((points, planes))
 }
 
@@ -230,7 +249,7 @@ fn feature_range(scene: &MeshScene<'_, 3>) -> f64 {
         .into_iter()
         .fold(0.0, f64::max);
     let measured = f64::from(MAX_DISTANCE) * sample;
-    measured.max(2.0 * join::search_radius(scene.distance)) + 2.0 * scene.distance.max()
+    measured.max(2.0 * scene.search_radius()) + 2.0 * scene.distance.max()
 }
 
 /// Returns the atoms of a rank's slabs and of a halo around them, and the Delaunay tetrahedra of

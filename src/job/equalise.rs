@@ -3,7 +3,6 @@
 
 use super::local_cells::{LocalCells, neighbours};
 use super::skew_faces::SkewFaces;
-use super::{MeshSpace, Meshing};
 use crate::geometry::cell_list::CellList;
 use crate::geometry::incremental_grid::IncrementalGrid;
 use crate::geometry::{add_scaled, distance2, norm, sorted_distinct, sub};
@@ -13,6 +12,7 @@ use crate::lattice::seeding::Atoms;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh::voronoi::conform::ConformingSites;
+use crate::mesh::{Dimension, Space};
 use crate::parallel::prelude::*;
 
 /// Fraction of the distance to the centroid of its cell by which an atom moves.
@@ -177,7 +177,7 @@ impl<const D: usize> CellEqualiser<'_, D> {
     /// the sites of the faces. Returns `false` if nothing changed.
     pub fn remove_skew_faces(&mut self) -> bool
     where
-        MeshSpace<D>: Meshing<D>,
+        Space<D>: Dimension<D>,
     {
         let Some(found) = SkewFaces::find(self).map(|faces| faces.changes()) else {
             return false;

@@ -1,6 +1,6 @@
 //! Lattice space and its content: the box, the weight of the image, fixed atoms and wells.
 
-use super::{FixedAtom, Params, Weight};
+use super::{FixedAtom, LatticeParams, Weight};
 use crate::error::cause;
 use crate::image::placing::Frame;
 use crate::image::{Geometry, ScalarField};
@@ -32,14 +32,18 @@ impl<const D: usize> JobDomain<D> {
     /// # Errors
     /// Returns [`Error::Seeding`] for atoms and wells outside the image, and [`Error::Job`] for
     /// weights of other dimensions.
-    pub fn new(dims: [usize; D], geometry: &Geometry<D>, params: &Params<D>) -> Result<Self> {
-        let step = params.spec.metric.step(geometry);
+    pub fn new(
+        dims: [usize; D],
+        geometry: &Geometry<D>,
+        params: &LatticeParams<'_, D>,
+    ) -> Result<Self> {
+        let step = params.spec().metric.step(geometry);
         let extent = lattice_extent(dims, step);
         Ok(Self {
             step,
             extent,
-            beta: lattice_beta(&params.beta, dims, step)?,
-            fixed_atoms: lattice_points(&params.fixed_atoms, geometry, step, extent)?,
+            beta: lattice_beta(params.beta(), dims, step)?,
+            fixed_atoms: lattice_points(params.fixed_atoms(), geometry, step, extent)?,
             well_paths: lattice_well_paths(params, geometry, step, extent)?,
         })
     }
@@ -76,16 +80,19 @@ pub(crate) fn lattice_beta<const D: usize>(
 
 /// Returns the trajectories of wells in lattice space, clipped to the box.
 pub(crate) fn lattice_well_paths<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     geometry: &Geometry<D>,
     step: [f64; D],
     extent: [f64; D],
 ) -> Result<Vec<WellTrajectory<D>>> {
-    let min_distance = params.spec.well_distance.unwrap_or(params.spacing().min());
+    let min_distance = params
+        .spec()
+        .well_distance
+        .unwrap_or(params.spacing().min());
     let spacing = geometry.spacing();
     let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));
     let mut paths = Vec::new();
-    for well in &params.wells {
+    for well in params.wells() {
         let refuse =
             |problem: String, remedy: &str| Err(Error::Seeding(cause(&well.name, problem, remedy)));
         if well.radius >= MAX_WELL_WIDTH * min_distance * sample {

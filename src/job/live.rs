@@ -1,10 +1,10 @@
 //! The share of each cell that holds data.
 
-use super::{MeshResult, MeshSpace, Meshing, Params};
+use super::{MeshResult, Params};
 use crate::Result;
 use crate::feature::Features;
 use crate::image::{ImageSource, LiveVolume};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, Simplices};
 
 /// Returns the share of each cell of a job's mesh that holds data; `None` if all cells are full of
 /// data. `step` is the length of one sample along each axis of lattice space. If the mesh is
@@ -13,17 +13,14 @@ use crate::mesh::Mesh;
 /// # Errors
 /// Returns the errors of loading the image, and an [`Error::Job`](crate::Error::Job) if there is not
 /// enough memory.
-pub(super) fn shares_in_job<const D: usize>(
+pub(super) fn shares_in_job<const D: usize, M: Simplices<D>>(
     source: ImageSource<'_, D>,
     features: &Features<D>,
     params: &Params<D>,
-    mesh: &MeshResult<D>,
+    mesh: &MeshResult<D, M>,
     step: [f64; D],
     is_partitioned: bool,
-) -> Result<Option<Vec<f64>>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<Option<Vec<f64>>> {
     let live = live_volume(source, features, params.spec.input.keeps_nulls())?;
     let shares = live.map(|live| live_shares(mesh, step, &live));
     Ok(shares.filter(|shares| is_partitioned || shares.iter().any(|share| *share < 1.0)))
@@ -53,14 +50,11 @@ fn live_volume<const D: usize>(
 
 /// Returns the share of each cell that holds data. `step` is the length of one sample along each
 /// axis of lattice space.
-fn live_shares<const D: usize>(
-    mesh: &MeshResult<D>,
+fn live_shares<const D: usize, M: Simplices<D>>(
+    mesh: &MeshResult<D, M>,
     step: [f64; D],
     live: &LiveVolume<D>,
-) -> Vec<f64>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Vec<f64> {
     let to_index = |x: [f64; D]| std::array::from_fn(|k| x[k] / step[k]);
     match mesh {
         MeshResult::Simplices(annotated) => shares_of_cells(&annotated.mesh, live, to_index),
@@ -102,14 +96,15 @@ mod tests {
     use crate::feature::FeatureKind;
     use crate::geometry::grid_index::index_at;
     use crate::image::{Geometry, Image};
-    use crate::job::{CellKind, MeshSpec, Outcome, Params, run};
+    use crate::job::{CellKind, MeshImage, MeshSpec, Outcome, Params, run};
+    use crate::mesh::Space;
     use crate::progress::NoProgress;
 
     /// Returns the mesh of an image without data from sample `first_dead` along x on, and the
     /// volumes of its cells.
     fn half_space<const D: usize>(cells: CellKind, first_dead: usize) -> (Outcome<D>, Vec<f64>)
     where
-        MeshSpace<D>: Meshing<D>,
+        Space<D>: MeshImage<D>,
     {
         let dims = [24; D];
         let sample = |i: usize| {
@@ -142,7 +137,7 @@ mod tests {
     /// one.
     fn check<const D: usize>(cells: CellKind)
     where
-        MeshSpace<D>: Meshing<D>,
+        Space<D>: MeshImage<D>,
     {
         let (outcome, volumes) = half_space::<D>(cells, 15);
         let live = outcome.live.unwrap();

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::parallel::prelude::*;
 
-use super::join::MeshScene;
+use super::MeshScene;
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::{FeaturePoint, Features};

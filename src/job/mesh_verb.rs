@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
+use super::distributed::MakePartition;
 use super::given_surfaces::SurfacesInImage;
 use super::job_domain::{JobDomain, lattice_extent};
 use super::minimisation::optimisation_report;
-use super::padding::PaddingCells;
+use super::padding::{Pad, PaddingCells};
 use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
-    AnnotatedMesh, CellKind, Checkpoint, MeshScene, MeshShare, MeshSpace, Meshing, Metric, Params,
-    Spacing, StageRunner, cells, estimate, horizons, live, simplices,
+    AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
+    Params, Spacing, StageRunner, cells, estimate, horizons, live, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -24,7 +25,7 @@ use crate::lattice::optimise::{self, StopReason};
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::{Dimension, Mesh};
+use crate::mesh::{Dimension, SimplexMesh, Simplices, Space, TetMesh, TriMesh};
 use crate::mesh_file::Provenance;
 use crate::progress::{Progress, Stage};
 use crate::report::Report;
@@ -32,12 +33,9 @@ use crate::{Error, Result};
 
 /// Result of a job, in lattice space.
 #[derive(Debug, Clone)]
-pub struct Outcome<const D: usize = 3>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     /// The mesh; it fills the box `[0, extent]`.
-    pub mesh: MeshResult<D>,
+    pub mesh: MeshResult<D, M>,
     /// The far corner of the box.
     pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
@@ -69,12 +67,9 @@ where
 
 /// A mesh of either kind of cells.
 #[derive(Debug, Clone)]
-pub enum MeshResult<const D: usize = 3>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub enum MeshResult<const D: usize = 3, M = SimplexMesh<D>> {
     /// Tetrahedra, or triangles in the plane. The atoms are their nodes.
-    Simplices(AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>),
+    Simplices(AnnotatedMesh<M>),
     /// Voronoi cells. The atoms are inside them.
     Voronoi {
         /// The cells.
@@ -84,12 +79,9 @@ where
     },
 }
 
-impl<const D: usize> Outcome<D>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+impl<const D: usize, M> Outcome<D, M> {
     /// Returns the tetrahedra or triangles, if the mesh has them.
-    pub fn simplices(&self) -> Option<&AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>> {
+    pub fn simplices(&self) -> Option<&AnnotatedMesh<M>> {
         match &self.mesh {
             MeshResult::Simplices(annotated) => Some(annotated),
             MeshResult::Voronoi { .. } => None,
@@ -139,14 +131,10 @@ pub fn run<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
-    run_from(
-        ImageSource::InMemory(image),
-        params,
-        RunOptions::default(),
-        progress,
-    )
+    let image = ImageSource::InMemory(image);
+    Space::<D>::run_job(image, params, RunOptions::default(), progress)
 }
 
 /// Options of a run that do not change the mesh.
@@ -184,20 +172,57 @@ pub fn run_from<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
-    MeshSpace::<D>::run(source, params, run_options, progress)
+    Space::<D>::run_job(source, params, run_options, progress)
 }
 
-/// Runs a job like [`run_from`]. It is instantiated in this crate.
-pub(super) fn run_precompiled<const D: usize>(
+/// A dimension in which images are meshed.
+pub trait MeshImage<const D: usize>: Dimension<D> {
+    /// Runs a job as [`run_from`] does. It is compiled once with this crate and not again in each
+    /// crate that meshes.
+    ///
+    /// # Errors
+    /// Returns the errors of [`run_from`].
+    fn run_job(
+        source: ImageSource<'_, D>,
+        params: &Params<D>,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome<D, Self::Mesh>>;
+}
+
+impl MeshImage<2> for Space<2> {
+    fn run_job(
+        source: ImageSource<'_, 2>,
+        params: &Params<2>,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome<2, TriMesh>> {
+        run_stages(source, params, run_options, progress)
+    }
+}
+
+impl MeshImage<3> for Space<3> {
+    fn run_job(
+        source: ImageSource<'_, 3>,
+        params: &Params<3>,
+        run_options: RunOptions<'_>,
+        progress: &mut dyn Progress,
+    ) -> Result<Outcome<3, TetMesh>> {
+        run_stages(source, params, run_options, progress)
+    }
+}
+
+/// Runs all stages of a job.
+fn run_stages<const D: usize, M: JoinAtoms<D> + MakePartition<D> + Pad<D>>(
     source: ImageSource<'_, D>,
     params: &Params<D>,
     run_options: RunOptions<'_>,
     progress: &mut dyn Progress,
-) -> Result<Outcome<D>>
+) -> Result<Outcome<D, M>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh = M>,
 {
     let comm = run_options.comm;
     params.spec.validate()?;
@@ -217,9 +242,9 @@ where
     let distance_in_use = params.spec.distance.to_string();
     let shape_option = shape_option(params, geometry, dims);
     estimate::afford_features(source, params.spec.feature, comm.size())?;
-    let params = &*params.in_lattice_units(params.spec.metric.unit(geometry));
-    afford_lattice(params, extent, is_partitioned.then(|| comm.size()))?;
-    let frame = JobDomain::new(dims, geometry, params)?;
+    let lattice = &LatticeParams::new(params, params.spec.metric.unit(geometry));
+    afford_lattice(lattice, extent, is_partitioned.then(|| comm.size()))?;
+    let frame = JobDomain::new(dims, geometry, lattice)?;
 
     let mut stages = StageRunner::new(progress)
         .with_comm(comm)
@@ -232,13 +257,13 @@ where
     let may_distribute = is_partitioned && run_options.checkpoint.is_none();
     let mut features = find_features(
         source,
-        params,
+        lattice,
         step,
         given.as_ref(),
         may_distribute,
         &mut stages,
     )?;
-    let mut made = make_mesh(source, params, &mut features, &frame, &mut stages)?;
+    let mut made = make_mesh(source, lattice, &mut features, &frame, &mut stages)?;
     gather_potential(&mut features, &made.mesh, comm)?;
     let (mesh, distance, report) = (&made.mesh, &made.distance, &mut made.report);
     check_validity(report)?;
@@ -251,7 +276,7 @@ where
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
     let notes = notes_on_points.into_iter().chain(notes_on_given);
-    (report.notes).extend(notes.chain(placement::distance_note(source, params, &features)?));
+    (report.notes).extend(notes.chain(placement::distance_note(source, lattice, &features)?));
     let scene = scene_of(extent, &features, distance);
     let padding = pad(
         params,
@@ -288,14 +313,11 @@ fn can_be_partitioned<const D: usize>(params: &Params<D>, comm: &dyn Comm) -> bo
 }
 
 /// Gathers a distributed potential at the nodes of a mesh, as it is written to the mesh file.
-fn gather_potential<const D: usize>(
+fn gather_potential<const D: usize, M: Simplices<D>>(
     features: &mut Features<D>,
-    mesh: &MeshResult<D>,
+    mesh: &MeshResult<D, M>,
     comm: &dyn Comm,
-) -> Result<()>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<()> {
     if let (true, MeshResult::Simplices(annotated)) = (features.potential.is_distributed, mesh) {
         let nodes = annotated.mesh.nodes();
         features.potential = features.potential.gather_neighbourhood(nodes, 0.0, comm)?;
@@ -307,7 +329,7 @@ where
 /// ranks if `may_distribute`.
 fn find_features<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     step: [f64; D],
     given: Option<&SurfacesInImage<D>>,
     may_distribute: bool,
@@ -369,10 +391,10 @@ fn shape_option<const D: usize>(
 }
 
 /// Returns `true` if there is memory for a mesh with half the distance between atoms.
-fn has_memory_for_finer<const D: usize>(mesh: &MeshResult<D>, cells: CellKind) -> bool
-where
-    MeshSpace<D>: Meshing<D>,
-{
+fn has_memory_for_finer<const D: usize, M: Simplices<D>>(
+    mesh: &MeshResult<D, M>,
+    cells: CellKind,
+) -> bool {
     let atoms = match mesh {
         MeshResult::Simplices(annotated) => annotated.mesh.nodes().len(),
         MeshResult::Voronoi { mesh, .. } => mesh.sites.len(),
@@ -419,24 +441,21 @@ fn scene_of<'a, const D: usize>(
 }
 
 /// Continues a mesh beyond its image, if the options ask for that.
-fn pad<const D: usize>(
+fn pad<const D: usize, M: Pad<D>>(
     params: &Params<D>,
     topography: Option<&Topography>,
-    mesh: &MeshResult<D>,
+    mesh: &MeshResult<D, M>,
     scene: &MeshScene<'_, D>,
     geometry: &Geometry<D>,
     report: &mut Report,
     stages: &mut StageRunner<'_>,
-) -> Result<Option<PaddingCells<D>>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<Option<PaddingCells<D>>> {
     let padding = padding_of(params.spec.pad, topography, report);
     let (Some(padding), MeshResult::Simplices(annotated)) = (padding, mesh) else {
         return Ok(None);
     };
     let (mesh, angle) = (&annotated.mesh, params.spec.min_angle());
-    let padded = MeshSpace::<D>::pad(mesh, &padding, topography, scene, geometry, angle, stages)?;
+    let padded = mesh.pad(&padding, topography, scene, geometry, angle, stages)?;
     Ok(padded.map(|(cells, measured)| {
         report.padding = Some(measured);
         cells
@@ -579,7 +598,7 @@ impl<const D: usize> PreparedImage<D> {
 /// Checks that there is memory for the lattice, if all atoms were at the largest distance;
 /// `rank_count` ranks share it, if it is partitioned.
 fn afford_lattice<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     extent: [f64; D],
     rank_count: Option<usize>,
 ) -> Result<()> {
@@ -587,67 +606,53 @@ fn afford_lattice<const D: usize>(
         return Ok(());
     }
     let sparsest = Distance::Constant(params.spacing().max());
-    let cells = params.spec.cell_kind();
+    let cells = params.spec().cell_kind();
     let mut estimate = estimate::estimate_from_distance(&sparsest, extent, cells);
     if let Some(count) = rank_count {
-        let seeding = params.spec.seeding;
+        let seeding = params.spec().seeding;
         estimate = estimate::estimate_per_rank(estimate, extent, &sparsest, seeding, count);
     }
     estimate::afford(&estimate)
 }
 
 /// A mesh, or a rank's part of it, with what is known of it.
-struct MadeMesh<const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
-    mesh: MeshResult<D>,
+pub(super) struct MadeMesh<const D: usize, M> {
+    pub mesh: MeshResult<D, M>,
     /// Names of faces, as in [`Outcome::face_names`].
-    face_names: Vec<u32>,
-    report: Report,
+    pub face_names: Vec<u32>,
+    pub report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
-    share: Option<MeshShare>,
-    distance: Distance<D>,
-    optimise_result: Option<optimise::OptimiseResult>,
+    pub share: Option<MeshShare>,
+    pub distance: Distance<D>,
+    pub optimise_result: Option<optimise::OptimiseResult>,
 }
 
 /// Makes a mesh of the kind of cells that the options ask for.
-fn make_mesh<const D: usize>(
+fn make_mesh<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &mut Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeMesh<D>>
+) -> Result<MadeMesh<D, M>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh = M>,
 {
-    if params.spec.cell_kind() == CellKind::Simplices {
+    if params.spec().cell_kind() == CellKind::Simplices {
         return join_atoms(source, params, features, frame, stages);
     }
-    let cells = cells::make_cells(source, params, features, frame, stages)?;
-    Ok(MadeMesh {
-        mesh: cells.mesh,
-        face_names: cells.face_names,
-        report: cells.report,
-        share: None,
-        distance: cells.distance,
-        optimise_result: Some(cells.optimise_result),
-    })
+    cells::make_cells(source, params, features, frame, stages)
 }
 
 /// Places atoms, joins them and improves the mesh: each rank its part, if possible, or else the
 /// whole mesh on each rank. Features that a rank does not need are dropped.
-fn join_atoms<const D: usize>(
+fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &mut Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeMesh<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<MadeMesh<D, M>> {
     let (comm, extent) = (stages.comm, frame.extent);
     let PlacedAtoms {
         mut atoms,
@@ -662,8 +667,8 @@ where
             features,
             distance: &outline,
         };
-        let target = params.spec.target();
-        MeshSpace::<D>::join_distributed(&mut atoms, &scene, &distance, target.as_ref(), stages)?
+        let target = params.spec().target();
+        M::make_partition(&mut atoms, &scene, &distance, target.as_ref(), stages)?
     } else {
         None
     };
@@ -690,7 +695,7 @@ where
     let atoms = atoms.all_gather(comm)?;
     let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
     Ok(MadeMesh {
-        mesh: made.mesh,
+        mesh: MeshResult::Simplices(made.annotated),
         face_names: made.face_names,
         report: made.report,
         share: None,

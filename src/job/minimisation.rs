@@ -2,7 +2,7 @@
 
 use super::job_domain::JobDomain;
 use super::spec::SeedingKind;
-use super::{CellKind, Evaluator, Optimizer, Params};
+use super::{CellKind, Evaluator, LatticeParams, Optimizer};
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::Features;
@@ -30,7 +30,7 @@ const HALO_RADIUS: f64 = 1.0;
 /// # Errors
 /// Returns the errors of the energies and of `mobility`.
 pub(crate) fn job_energy<'a, const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     potential: &'a SparseField<D>,
     distance: &'a Distance<D>,
     beta: Beta<D>,
@@ -41,10 +41,10 @@ pub(crate) fn job_energy<'a, const D: usize>(
     let pairs = |beta| -> Result<PairwiseEnergy<'a, D>> {
         Ok(PairwiseEnergy::new(extent, distance, Some(potential), beta)?.with_auto_stiffness())
     };
-    Ok(match params.spec.evaluator {
-        Evaluator::Pairwise if params.spec.kappa != 1.0 => {
+    Ok(match params.spec().evaluator {
+        Evaluator::Pairwise if params.spec().kappa != 1.0 => {
             let pairs = pairs(beta.clone())?;
-            let kappa = params.spec.kappa;
+            let kappa = params.spec().kappa;
             let energy = RegularisedEnergy::new(pairs, distance, beta, kappa, mobility()?)?;
             match comm {
                 Some(comm) => Box::new(energy.with_triangulation(move |x| {
@@ -63,7 +63,7 @@ pub(crate) fn job_energy<'a, const D: usize>(
 /// Moves the atoms, each rank its share. If requested, the first passes use smoother potentials.
 pub(super) fn optimise<const D: usize>(
     atoms: &mut OwnedAtoms<D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     distance: &DistributedDistance<D>,
     frame: &JobDomain<D>,
@@ -112,7 +112,7 @@ pub(super) fn optimise<const D: usize>(
         |atoms: &mut OwnedAtoms<D>, potential: &SparseField<D>, progress: &mut dyn Progress| {
             move_atoms(atoms, potential, distance, progress)
         };
-    for level in (1..=params.spec.coarse_to_fine).rev() {
+    for level in (1..=params.spec().coarse_to_fine).rev() {
         let factor = f64::from(1 << level);
         // If smoothing is cancelled, its result is unusable, but the pass that follows stops at its
         // first poll.
@@ -128,12 +128,12 @@ pub(super) fn optimise<const D: usize>(
 }
 
 /// Returns `true` if moving the atoms of a job needs the potential only near each atom.
-pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
+pub(super) fn needs_only_local_potential<const D: usize>(params: &LatticeParams<'_, D>) -> bool {
     D == 3
-        && params.spec.evaluator == Evaluator::Pairwise
-        && params.spec.kappa == 1.0
-        && params.spec.coarse_to_fine == 0
-        && params.spec.optimizer != Optimizer::Genetic
+        && params.spec().evaluator == Evaluator::Pairwise
+        && params.spec().kappa == 1.0
+        && params.spec().coarse_to_fine == 0
+        && params.spec().optimizer != Optimizer::Genetic
 }
 
 /// Most evaluations of the energy for L-BFGS.
@@ -149,10 +149,10 @@ const BEST_ROUND_FACTOR: usize = 3;
 
 /// Returns the optimiser's options for a job.
 pub(crate) fn optimise_options<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: &Distance<D>,
 ) -> optimise::OptimiseOptions<D> {
-    let (spec, effort) = (&params.spec, params.spec.effort());
+    let (spec, effort) = (params.spec(), params.spec().effort());
     let is_improved_later = D == 3
         && spec.cell_kind() == CellKind::Simplices
         && spec.target().is_some()
@@ -209,12 +209,7 @@ pub(super) fn optimisation_report(
         added_by_laplacian: terms.smoothing * per_atom,
         minimised: outcome.energy_after * per_atom,
         evaluations: outcome.evaluations,
-        stop: match outcome.stop {
-            StopReason::Converged => "converged",
-            StopReason::MaxIterations => "as many rounds as allowed",
-            StopReason::Interrupted => "interrupted",
-        }
-        .into(),
+        stop: outcome.stop,
     }
 }
 
@@ -225,6 +220,7 @@ mod tests {
     use crate::feature::DetectionOptions;
     use crate::geometry::distance2;
     use crate::image::ScalarField;
+    use crate::job::Params;
     use crate::job::spec::MeshSpec;
     use crate::lattice::energy::Beta;
     use crate::lattice::seeding::{self, Alignment, Atoms};
@@ -274,6 +270,7 @@ mod tests {
             fixed_atoms: Vec::new(),
             well_paths: Vec::new(),
         };
+        let params = &LatticeParams::new(params, 1.0);
         let progress = &mut NoProgress;
         let result = optimise(
             &mut atoms, params, &features, &distance, &frame, &SelfComm, progress,
@@ -333,6 +330,7 @@ mod tests {
                 ..MeshSpec::default()
             })
             .unwrap();
+            let params = &LatticeParams::new(&params, 1.0);
             let atoms = seeding::fcc(extent, &distance, &[], Alignment::OnFeatures).unwrap();
             let mut atoms = OwnedAtoms::from_global(atoms, &SelfComm);
             let features = Features {
@@ -341,7 +339,7 @@ mod tests {
             };
             let progress = &mut NoProgress;
             let result = optimise(
-                &mut atoms, &params, &features, &shared, &frame, &SelfComm, progress,
+                &mut atoms, params, &features, &shared, &frame, &SelfComm, progress,
             );
             let report = optimisation_report(&result.unwrap(), atoms.global_count);
             let x = &atoms.atoms.positions;

@@ -16,6 +16,7 @@
 //! - `simplices`: makes tetrahedra or triangles from atoms at rest
 //! - `distributed`: large meshes of which each rank has a part
 //! - `join`: joins atoms to simplices, which differs in the plane and in space
+//! - `scene`: the box, the features and the nominal distance with which atoms are joined
 //! - `cells`: makes Voronoi cells
 //! - `equalise`: makes Voronoi cells more equal in size
 //! - `skew_faces`: removes faces far from the line between the centroids of their cells
@@ -59,7 +60,8 @@ mod params;
 mod placed_points;
 mod placement;
 mod regions;
-mod simplices;
+mod scene;
+pub(crate) mod simplices;
 mod skew_faces;
 pub mod spec;
 mod stages;
@@ -68,9 +70,9 @@ mod topography;
 use crate::Result;
 use crate::image::formats::read_with_options;
 use crate::image::{Image, image_in_depth};
+use crate::mesh::Space;
 use crate::progress::Progress;
 
-pub use crate::mesh::Space as MeshSpace;
 pub use crate::mesh::check::BOX_TOLERANCE;
 pub use crate::mesh_file::{Burden, Provenance};
 pub use checkpoint::Checkpoint;
@@ -79,17 +81,20 @@ pub(crate) use features::detect_in_one_process;
 pub use features::{FeatureOutcome, FeatureSpec, features};
 pub use given_surfaces::FollowedSurface;
 pub(crate) use job_domain::{lattice_beta, lattice_points, lattice_well_paths};
-pub use join::{AnnotatedMesh, JoinedMesh, MeshScene, Meshing};
+pub use join::AnnotatedMesh;
+pub(crate) use join::{JoinAtoms, JoinedMesh};
 pub use measure::scaled_mesh;
-pub use mesh_verb::{MeshResult, Outcome, RunOptions, run, run_from};
+pub use mesh_verb::{MeshImage, MeshResult, Outcome, RunOptions, run, run_from};
 pub(crate) use minimisation::{job_energy, optimise_options};
 pub use output::lines::{write_feature_lines, write_lines};
 pub use output::points::write_feature_points;
 pub use padding::PaddingCells;
+pub(crate) use params::LatticeParams;
 pub use params::{Evaluator, FixedAtom, Optimizer, Params, Spacing, Weight, WellPath};
 pub use placed_points::PointFile;
+pub(crate) use scene::MeshScene;
 pub use spec::{CellKind, MeshSpec, Metric};
-pub use stages::StageRunner;
+pub(crate) use stages::StageRunner;
 
 /// Makes a mesh of an image, as `atomesh mesh` does, and reads the files that the options name.
 ///
@@ -113,7 +118,7 @@ pub fn mesh<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<Outcome<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
     let mut params = Params::read(spec)?;
     if spec.velocity.is_none() {

@@ -5,16 +5,14 @@
 //! itself (see [`crate::improve::seal`]), so that it has no hole where others cross it, and no path
 //! leads through it.
 
+use super::MeshScene;
 use super::horizons::face_names;
-use super::join::{close_holes, planes_near, points_in_space};
-use super::{MeshScene, MeshSpace, Meshing};
 use crate::Result;
 use crate::feature::FeaturePoint;
-use crate::geometry::to_3d;
 use crate::improve::regions::AnchoredNodes;
+use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
-use crate::mesh::{Dimension, Mesh, Simplices};
 use crate::progress::CancelToken;
 
 /// Returns for each face of a mesh of simplices the index in
@@ -24,21 +22,19 @@ use crate::progress::CancelToken;
 ///
 /// # Errors
 /// Returns the errors of [`seal`](crate::improve::seal).
-pub(super) fn close_given_surfaces<const D: usize>(
-    mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
+pub(super) fn close_given_surfaces<const D: usize, M: Simplices<D>>(
+    mesh: &M,
     neighbours: &[u32],
     scene: &MeshScene<'_, D>,
     marks: &mut [u8],
     cancel: &CancelToken<'_>,
-) -> Result<Vec<u32>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<Vec<u32>> {
     let flags: Vec<bool> = marks_from_bits::<D>(marks).collect();
     let mut names = face_names(mesh, &flags, scene.features);
     for (index, name) in (0..).zip(&scene.features.names) {
         let mut own = marks_of_name::<D>(&names, index);
-        close_holes(mesh, neighbours, scene, Some(name.number), &mut own, cancel)?;
+        let points = scene.surface_points(name.number);
+        scene.close_holes(mesh, neighbours, &points, &mut own, cancel)?;
         for (face, _) in marks_from_bits::<D>(&own).enumerate().filter(|f| f.1) {
             names[face] = names[face].min(index);
             marks[face / (D + 1)] |= 1 << (face % (D + 1));
@@ -69,25 +65,21 @@ pub(super) fn with_named(marks: &[u8], names: &[u32]) -> Vec<u8> {
 }
 
 /// Returns the nodes of faces with names, which stay on the given surfaces; `None` if there are none.
-pub(super) fn anchored_nodes<const D: usize>(
-    mesh: &<MeshSpace<D> as Dimension<D>>::Mesh,
+pub(super) fn anchored_nodes<const D: usize, M: Simplices<D>>(
+    mesh: &M,
     names: &[u32],
     scene: &MeshScene<'_, D>,
-) -> Option<AnchoredNodes>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Option<AnchoredNodes> {
     let mut is_anchored = vec![false; mesh.nodes().len()];
     let named = (0..names.len()).filter(|&face| names[face] != NONE);
     for n in named.flat_map(|face| mesh.face(face / (D + 1), face % (D + 1))) {
         is_anchored[n as usize] = true;
     }
     let given = scene.features.names.iter();
-    let points = given.flat_map(|name| points_in_space(scene, Some(name.number)));
-    let points: Vec<FeaturePoint<3>> = points.collect();
-    let planes = || planes_near(&points, to_3d(scene.extent), scene.distance);
+    let points = given.flat_map(|name| scene.surface_points(name.number));
+    let points: Vec<FeaturePoint<D>> = points.collect();
     is_anchored.contains(&true).then(|| AnchoredNodes {
-        planes: planes(),
+        planes: scene.planes_of(&points),
         is_anchored,
     })
 }

@@ -6,10 +6,9 @@
 //! as it follows a distance that grows fast; their triangulation is made to match the faces on the side
 //! ([`improve_beside`](crate::improve::tets::improve_beside)).
 
-use super::join::MeshScene;
 use super::spec::Padding;
 use super::topography::Topography;
-use super::{BOX_TOLERANCE, CellKind, StageRunner, estimate};
+use super::{BOX_TOLERANCE, CellKind, MeshScene, StageRunner, estimate};
 use crate::comm::SelfComm;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
@@ -24,7 +23,7 @@ use crate::lattice::seeding::{self, Alignment, Atoms, Seeding};
 use crate::mesh::check::check;
 use crate::mesh::complex::{NONE, neighbours};
 use crate::mesh::delaunay::distributed_delaunay_with_neighbours;
-use crate::mesh::{FACES, TetMesh};
+use crate::mesh::{FACES, TetMesh, TriMesh};
 use crate::mesh_file::Burden;
 use crate::parallel::prelude::*;
 use crate::progress::{CancelToken, Stage};
@@ -158,99 +157,118 @@ fn layers(padding: &Padding, geometry: &Geometry<3>, step: [f64; 3]) -> Vec<Laye
     layers
 }
 
-/// Extends a mesh of an image with this geometry beyond it, up to the topography if there is one. Returns `None`
-/// if the job is stopped.
-///
-/// # Errors
-/// Returns [`Error::Job`] for a layer that is too thin and a topography that is too steep, and the errors of
-/// seeding and of the triangulation.
-pub(super) fn pad(
-    mesh: &TetMesh,
-    padding: &Padding,
-    topography: Option<&Topography>,
-    scene: &MeshScene<'_, 3>,
-    geometry: &Geometry<3>,
-    min_dihedral: f64,
-    stages: &mut StageRunner<'_>,
-) -> Result<Option<(PaddingCells<3>, PaddingReport)>> {
-    stages.begin(Stage::Padding);
-    let mut padded = PaddedMesh {
-        mesh: mesh.clone(),
-        low: [0.0; 3],
-        high: scene.extent,
-        burdens: Vec::new(),
-        distances: Vec::new(),
-    };
-    let step = scene.features.potential.step;
-    for layer in layers(padding, geometry, step) {
-        let builder = LayerBuilder {
-            layer: &layer,
-            scene,
-            low: padded.low,
-            high: padded.high,
-            min_dihedral,
-            far_width: match topography {
-                Some(topography) if layer.burden == Burden::Over => topography.top_width(),
-                _ => f64::INFINITY,
-            },
+/// Simplices that can be continued beyond an image.
+pub(super) trait Pad<const D: usize>: Sized {
+    /// Extends a mesh of an image with this geometry beyond it, up to the topography if there is one.
+    /// Returns `None` if the job is stopped, and in the plane.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] for a layer that is too thin and a topography that is too steep, and the
+    /// errors of seeding and of the triangulation.
+    fn pad(
+        &self,
+        _: &Padding,
+        _: Option<&Topography>,
+        _: &MeshScene<'_, D>,
+        _: &Geometry<D>,
+        _: f64,
+        _: &mut StageRunner<'_>,
+    ) -> Result<Option<(PaddingCells<D>, PaddingReport)>> {
+        Ok(None)
+    }
+}
+
+impl Pad<2> for TriMesh {}
+
+impl Pad<3> for TetMesh {
+    fn pad(
+        &self,
+        padding: &Padding,
+        topography: Option<&Topography>,
+        scene: &MeshScene<'_, 3>,
+        geometry: &Geometry<3>,
+        min_dihedral: f64,
+        stages: &mut StageRunner<'_>,
+    ) -> Result<Option<(PaddingCells<3>, PaddingReport)>> {
+        stages.begin(Stage::Padding);
+        let mut padded = PaddedMesh {
+            mesh: self.clone(),
+            low: [0.0; 3],
+            high: scene.extent,
+            burdens: Vec::new(),
+            distances: Vec::new(),
         };
-        if !builder.add_to(&mut padded, stages)? {
-            return Ok(None);
+        let step = scene.features.potential.step;
+        for layer in layers(padding, geometry, step) {
+            let builder = LayerBuilder {
+                layer: &layer,
+                scene,
+                low: padded.low,
+                high: padded.high,
+                min_dihedral,
+                far_width: match topography {
+                    Some(topography) if layer.burden == Burden::Over => topography.top_width(),
+                    _ => f64::INFINITY,
+                },
+            };
+            if !builder.add_to(&mut padded, stages)? {
+                return Ok(None);
+            }
         }
-    }
-    let (low, high) = (padded.low, padded.high);
-    let box_check = check(&padded.mesh, low, high, BOX_TOLERANCE);
-    if let Some(problem) = box_check.problems.first() {
-        return Err(Error::Mesh(cause(
-            "the mesh beyond the image",
-            format!("came out invalid: {problem}"),
-            "choose another distance, and please report it with the image: this is an error in atomesh",
-        )));
-    }
-    let kind = |&x: &[f64; 3]| {
-        // A coordinate is exactly that of the side on which the node lies.
-        let sides = (0..3)
-            .filter(|&k| x[k] == low[k] || x[k] == high[k])
-            .count();
-        [
-            AtomKind::Interior,
-            AtomKind::Side,
-            AtomKind::Edge,
-            AtomKind::Corner,
-        ][sides]
-    };
-    let kinds = padded.mesh.nodes[mesh.nodes.len()..]
-        .iter()
-        .map(kind)
-        .collect();
-    let deviation = match topography {
-        Some(topography) => Some(padded.end_at(topography, mesh)?),
-        None => None,
-    };
-    let PaddedMesh {
-        mesh: whole,
-        low,
-        high,
-        burdens,
-        distances,
-    } = padded;
-    let report = PaddingReport {
-        topography_deviation: deviation,
-        ..padding_report(&whole, mesh.tets.len(), &burdens)
-    };
-    Ok(Some((
-        PaddingCells {
-            kinds,
-            connectivity: whole.tets[mesh.tets.len()..].concat(),
-            nodes: whole.nodes[mesh.nodes.len()..].to_vec(),
-            burdens,
-            distances,
+        let (low, high) = (padded.low, padded.high);
+        let box_check = check(&padded.mesh, low, high, BOX_TOLERANCE);
+        if let Some(problem) = box_check.problems.first() {
+            return Err(Error::Mesh(cause(
+                "the mesh beyond the image",
+                format!("came out invalid: {problem}"),
+                "choose another distance, and please report it with the image: this is an error in atomesh",
+            )));
+        }
+        let kind = |&x: &[f64; 3]| {
+            // A coordinate is exactly that of the side on which the node lies.
+            let sides = (0..3)
+                .filter(|&k| x[k] == low[k] || x[k] == high[k])
+                .count();
+            [
+                AtomKind::Interior,
+                AtomKind::Side,
+                AtomKind::Edge,
+                AtomKind::Corner,
+            ][sides]
+        };
+        let kinds = padded.mesh.nodes[self.nodes.len()..]
+            .iter()
+            .map(kind)
+            .collect();
+        let deviation = match topography {
+            Some(topography) => Some(padded.end_at(topography, self)?),
+            None => None,
+        };
+        let PaddedMesh {
+            mesh: whole,
             low,
             high,
-            bent_side: topography.map(Topography::side),
-        },
-        report,
-    )))
+            burdens,
+            distances,
+        } = padded;
+        let report = PaddingReport {
+            topography_deviation: deviation,
+            ..padding_report(&whole, self.tets.len(), &burdens)
+        };
+        Ok(Some((
+            PaddingCells {
+                kinds,
+                connectivity: whole.tets[self.tets.len()..].concat(),
+                nodes: whole.nodes[self.nodes.len()..].to_vec(),
+                burdens,
+                distances,
+                low,
+                high,
+                bent_side: topography.map(Topography::side),
+            },
+            report,
+        )))
+    }
 }
 
 /// Measures the cells beyond the image: those of `mesh` from number `first` on.

@@ -487,32 +487,6 @@ impl<const D: usize> Params<D> {
         Ok(Cow::Owned(params))
     }
 
-    /// Returns the same parameters with distances in units of lattice space, each of which is `unit`
-    /// long.
-    pub(crate) fn in_lattice_units(&self, unit: f64) -> Cow<'_, Self> {
-        if unit == 1.0 {
-            return Cow::Borrowed(self);
-        }
-        let mut params = self.clone();
-        match &mut params.spec.distance {
-            NominalDistance::Constant(d) => *d /= unit,
-            NominalDistance::Range { min, max } => {
-                *min /= unit;
-                *max /= unit;
-            }
-        }
-        params.spec.well_distance = self.spec.well_distance.map(|d| d / unit);
-        for label in &mut params.spec.label {
-            label.distance = label.distance.map(|d| d / unit);
-        }
-        if let Some(distances) = &mut params.distance_map {
-            let samples = distances.as_slice().iter();
-            let samples = samples.map(|&d| (f64::from(d) / unit) as f32).collect();
-            **distances = Image::new(distances.dims(), samples, distances.geometry.clone());
-        }
-        Cow::Owned(params)
-    }
-
     /// Returns how features are detected where samples are `step` apart in lattice space.
     pub fn feature_options(&self, step: [f64; D]) -> feature::DetectionOptions<D> {
         let spec = &self.spec;
@@ -545,6 +519,78 @@ impl<const D: usize> Params<D> {
             keep_nulls: spec.input.keeps_nulls(),
             ..feature::DetectionOptions::default()
         }
+    }
+}
+
+/// Parameters of a job with distances in units of lattice space.
+#[derive(Debug, Clone)]
+pub(crate) struct LatticeParams<'a, const D: usize>(Cow<'a, Params<D>>);
+
+impl<'a, const D: usize> LatticeParams<'a, D> {
+    /// Converts distances to units of lattice space, each of which is `unit` long.
+    pub fn new(params: &'a Params<D>, unit: f64) -> Self {
+        if unit == 1.0 {
+            return Self(Cow::Borrowed(params));
+        }
+        let mut params = params.clone();
+        match &mut params.spec.distance {
+            NominalDistance::Constant(d) => *d /= unit,
+            NominalDistance::Range { min, max } => {
+                *min /= unit;
+                *max /= unit;
+            }
+        }
+        params.spec.well_distance = params.spec.well_distance.map(|d| d / unit);
+        for label in &mut params.spec.label {
+            label.distance = label.distance.map(|d| d / unit);
+        }
+        if let Some(distances) = &mut params.distance_map {
+            let samples = distances.as_slice().iter();
+            let samples = samples.map(|&d| (f64::from(d) / unit) as f32).collect();
+            **distances = Image::new(distances.dims(), samples, distances.geometry.clone());
+        }
+        Self(Cow::Owned(params))
+    }
+
+    /// Converts distances for an image with this geometry, whose samples are `step` apart in lattice
+    /// space, as the file of a mesh records it.
+    pub fn for_step(params: &'a Params<D>, geometry: &Geometry<D>, step: [f64; D]) -> Self {
+        Self::new(params, params.spec.metric.lengths(geometry)[0] / step[0])
+    }
+
+    /// Returns the options.
+    pub fn spec(&self) -> &MeshSpec {
+        &self.0.spec
+    }
+
+    /// Returns the distance between atoms, as [`Params::spacing`] does.
+    pub fn spacing(&self) -> Spacing {
+        self.0.spacing()
+    }
+
+    /// Returns how features are detected, as [`Params::feature_options`] does.
+    pub fn feature_options(&self, step: [f64; D]) -> feature::DetectionOptions<D> {
+        self.0.feature_options(step)
+    }
+
+    /// Returns the distance between atoms for each sample of the image, if it is given.
+    pub fn distance_map(&self) -> Option<&Image<D>> {
+        self.0.distance_map.as_deref()
+    }
+
+    /// Returns the weight of the image.
+    pub fn beta(&self) -> &Weight<D> {
+        &self.0.beta
+    }
+
+    /// Returns the fixed atoms, in physical coordinates.
+    pub fn fixed_atoms(&self) -> &[FixedAtom<D>] {
+        &self.0.fixed_atoms
+    }
+
+    /// Returns the wells, in physical coordinates.
+    pub fn wells(&self) -> &[WellPath<D>] {
+        &self.0.wells
     }
 }
 

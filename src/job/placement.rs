@@ -4,7 +4,7 @@
 use super::job_domain::JobDomain;
 use super::minimisation::{self, optimise};
 use super::spec::SeedingKind;
-use super::{MeshSpace, Meshing, Params, Spacing, StageRunner, canny, estimate};
+use super::{LatticeParams, Spacing, StageRunner, canny, estimate};
 use crate::comm::Comm;
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
@@ -41,22 +41,19 @@ pub(super) struct PlacedAtoms<const D: usize> {
 /// before there is a lattice.
 pub(super) fn place_atoms<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
-) -> Result<PlacedAtoms<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<PlacedAtoms<D>> {
     stages.begin_unless_stopped(Stage::Placing)?;
     let comm = stages.comm;
-    if params.spec.seeding == SeedingKind::Canny {
+    if params.spec().seeding == SeedingKind::Canny {
         let placed = stages.run_or_interrupt(Stage::Placing, |cancel| {
             canny::canny_atoms(&*source.to_image()?, params, features, frame, comm, cancel)
         })?;
         let atoms = placed.atoms.global_count as f64;
-        let estimate = estimate::estimate_from_atom_count::<D>(atoms, params.spec.cell_kind());
+        let estimate = estimate::estimate_from_atom_count::<D>(atoms, params.spec().cell_kind());
         stages.progress.estimate(&estimate);
         estimate::afford(&estimate)?;
         return Ok(placed);
@@ -67,8 +64,8 @@ where
 }
 
 /// Returns `true` if placing and moving atoms needs the potential only near each atom.
-pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> bool {
-    matches!(params.spec.seeding, SeedingKind::Fcc | SeedingKind::Grown)
+pub(super) fn needs_only_local_potential<const D: usize>(params: &LatticeParams<'_, D>) -> bool {
+    matches!(params.spec().seeding, SeedingKind::Fcc | SeedingKind::Grown)
         && !matches!(params.spacing(), Spacing::FromLaplacian { .. })
         && minimisation::needs_only_local_potential(params)
 }
@@ -77,7 +74,7 @@ pub(super) fn needs_only_local_potential<const D: usize>(params: &Params<D>) -> 
 /// everywhere on every rank.
 pub(super) fn nominal_distance<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     frame: &JobDomain<D>,
     stages: &mut StageRunner<'_>,
@@ -94,7 +91,10 @@ pub(super) fn nominal_distance<const D: usize>(
         }
         cancel.check(Stage::Placing)?;
         match (
-            params.spec.well_distance.filter(|_| !well_paths.is_empty()),
+            params
+                .spec()
+                .well_distance
+                .filter(|_| !well_paths.is_empty()),
             distance,
         ) {
             (Some(min_distance), DistributedDistance::Global(distance)) => {
@@ -112,13 +112,14 @@ pub(super) fn nominal_distance<const D: usize>(
         }
     })?;
     let outline = distance.outline();
-    let mut estimate = estimate::estimate_from_distance(&outline, extent, params.spec.cell_kind());
+    let mut estimate =
+        estimate::estimate_from_distance(&outline, extent, params.spec().cell_kind());
     if stages.may_partition {
         estimate = estimate::estimate_per_rank(
             estimate,
             extent,
             &outline,
-            params.spec.seeding,
+            params.spec().seeding,
             comm.size(),
         );
     }
@@ -150,7 +151,7 @@ pub(super) fn fixed_atoms<const D: usize>(
 /// Returns the errors of the method, and an [`Error::Seeding`] for [`SeedingKind::Canny`], which
 /// places atoms by the image instead of a distance.
 pub(super) fn seed_atoms<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     extent: [f64; D],
     distance: &Distance<D>,
     fixed: &[[f64; D]],
@@ -158,13 +159,13 @@ pub(super) fn seed_atoms<const D: usize>(
     potential: &SparseField<D>,
     cancel: &CancelToken<'_>,
 ) -> Result<Atoms<D>> {
-    let seed = params.spec.rng_seed;
-    let seeding = match params.spec.seeding {
+    let seed = params.spec().rng_seed;
+    let seeding = match params.spec().seeding {
         SeedingKind::Fcc => Seeding::Fcc,
         SeedingKind::Grown => Seeding::Grown,
         SeedingKind::Refine => Seeding::Refine { seed },
         kind => {
-            let max_atoms = params.spec.max_atoms.unwrap_or(usize::MAX);
+            let max_atoms = params.spec().max_atoms.unwrap_or(usize::MAX);
             let options = GuideOptions {
                 alignment,
                 seed,
@@ -194,7 +195,7 @@ pub(super) fn seed_atoms<const D: usize>(
 /// Seeds a lattice with atoms on features by the method of the job, and returns the atoms that this
 /// rank owns.
 fn seed_partition<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     extent: [f64; D],
     distance: &DistributedDistance<D>,
     fixed: &[[f64; D]],
@@ -202,7 +203,7 @@ fn seed_partition<const D: usize>(
     comm: &dyn Comm,
     cancel: &CancelToken<'_>,
 ) -> Result<OwnedAtoms<D>> {
-    let regular = match params.spec.seeding {
+    let regular = match params.spec().seeding {
         SeedingKind::Fcc => Seeding::Fcc,
         SeedingKind::Grown => Seeding::Grown,
         _ => {
@@ -223,7 +224,7 @@ fn seed_partition<const D: usize>(
 
 /// Seeds a lattice with atoms on features, and moves it.
 pub(super) fn optimised_lattice<const D: usize>(
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     distance: DistributedDistance<D>,
     fixed: &[[f64; D]],
     features: &Features<D>,
@@ -296,7 +297,7 @@ fn densest_brightness<const D: usize>(
 /// Returns the note of the report on how the distance was derived from the image.
 pub(super) fn distance_note<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
 ) -> Result<Option<String>> {
     let Spacing::FromImage { .. } = params.spacing() else {
@@ -316,7 +317,7 @@ pub(super) fn distance_note<const D: usize>(
 /// the largest distance limits the distance in its samples; one above it scales the distance up.
 fn distance_with_labels<const D: usize>(
     distance: Distance<D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     cancel: &CancelToken<'_>,
 ) -> Distance<D> {
@@ -325,7 +326,7 @@ fn distance_with_labels<const D: usize>(
     };
     let label_distance = |label: &LabelValue| {
         let options = params
-            .spec
+            .spec()
             .label
             .iter()
             .find(|options| options.label == *label);
@@ -363,7 +364,7 @@ fn distance_with_labels<const D: usize>(
 /// Returns the nominal distance of the parameters, without wells and labels.
 fn base_distance<const D: usize>(
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     features: &Features<D>,
     step: [f64; D],
     comm: &dyn Comm,
@@ -376,7 +377,7 @@ fn base_distance<const D: usize>(
     };
     let label_distances = || {
         params
-            .spec
+            .spec()
             .label
             .iter()
             .filter_map(|options| options.distance)
@@ -422,7 +423,7 @@ fn base_distance<const D: usize>(
             "comes from Canny's points, but this seeding places no atoms on them",
             "give a --distance, or choose --seeding canny",
         ))),
-        Spacing::FromDistanceMap { min, max } => match &params.distance_map {
+        Spacing::FromDistanceMap { min, max } => match params.distance_map() {
             Some(map) if map.dims() == source.dims() => {
                 distance::from_samples(field(map), min, max, MAX_DISTANCE_GROWTH, cancel)
             }
@@ -446,6 +447,7 @@ mod tests {
     use crate::comm::SelfComm;
     use crate::feature::{DetectionOptions, FeatureKind, detect};
     use crate::image::Geometry;
+    use crate::job::Params;
     use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 
     #[test]
@@ -464,6 +466,7 @@ mod tests {
                 ..MeshSpec::default()
             })
             .unwrap();
+            let params = LatticeParams::new(&params, 1.0);
             let d = base_distance(
                 ImageSource::InMemory(&image),
                 &params,

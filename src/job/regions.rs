@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::parallel::prelude::*;
 
-use super::{AnnotatedMesh, MeshScene, MeshSpace, Meshing, named_faces};
+use super::{AnnotatedMesh, MeshScene, named_faces};
 use crate::feature::components::{Components, for_each_sample};
 use crate::feature::label_map::components;
 use crate::feature::volume::Volume;
@@ -14,9 +14,9 @@ use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, SamplePoints};
+use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
-use crate::mesh::{Dimension, Simplices};
 use crate::progress::CancelToken;
 use crate::report::{
     Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
@@ -31,17 +31,14 @@ const CELLS_PER_TASK: usize = 1 << 12;
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
 /// index of each cell; `None` if the features are not labels. The faces on features become those between labels, and those on given surfaces,
 /// which have `face_names`; these surfaces stay where they are.
-pub(super) fn assign_regions<const D: usize>(
-    annotated: &mut AnnotatedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
+pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
+    annotated: &mut AnnotatedMesh<M>,
     neighbours: &[u32],
     face_names: &[u32],
     scene: &MeshScene<'_, D>,
     min_angle: Option<f64>,
     cancel: &CancelToken<'_>,
-) -> Option<Vec<u32>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Option<Vec<u32>> {
     let labelled = scene.features.labels.as_ref()?;
     let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
     if let Some(min_angle) = min_angle {

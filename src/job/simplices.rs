@@ -1,32 +1,30 @@
 //! Makes tetrahedra, or triangles in the plane, from atoms at rest.
 
 use super::canny::smooth_image;
-use super::join::{JoinedMesh, cell_neighbours, close_holes};
+use super::join::{AnnotatedMesh, JoinAtoms, JoinedMesh};
 use super::measure::MeasuredMesh;
 use super::named_faces::close_given_surfaces;
 use super::regions;
-use super::{MeshResult, MeshScene, MeshSpace, Meshing, Params, StageRunner};
+use super::{LatticeParams, MeshScene, StageRunner};
 use crate::comm::Comm;
+use crate::error::cause;
 use crate::feature::gradient_magnitude::gradient_magnitude;
 use crate::feature::volume::Volume;
 use crate::image::{Image, ImageSource, ScalarField};
 use crate::improve::SliverMethod;
 use crate::improve::regions::SamplePoints;
 use crate::lattice::seeding::Atoms;
+use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
-use crate::mesh::{Dimension, Simplices};
 use crate::progress::{CancelToken, Stage};
 use crate::published::relax::{self, Relaxation};
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 
 /// A mesh of simplices, the names of its faces, and its report.
-pub(super) struct MadeSimplices<const D: usize>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub(super) struct MadeSimplices<M> {
     /// The mesh.
-    pub mesh: MeshResult<D>,
+    pub annotated: AnnotatedMesh<M>,
     /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
     pub face_names: Vec<u32>,
     /// Its report.
@@ -34,18 +32,15 @@ where
 }
 
 /// Joins atoms, improves the mesh, and measures it.
-pub(super) fn make_simplices<const D: usize>(
+pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     atoms: Atoms<D>,
     scene: &MeshScene<'_, D>,
     source: ImageSource<'_, D>,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     stages: &mut StageRunner<'_>,
-) -> Result<MadeSimplices<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<MadeSimplices<M>> {
     let step = scene.features.potential.step;
-    let relaxation = match params.spec.smooth {
+    let relaxation = match params.spec().smooth {
         Some(scheme) => Some(relaxation_options(
             &*source.to_image()?,
             scheme,
@@ -54,12 +49,11 @@ where
         )),
         None => None,
     };
-    let options = params.spec.target();
+    let options = params.spec().target();
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
-        let joined =
-            MeshSpace::<D>::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+        let joined = M::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
         seal_mesh(joined, scene, stages)
     })?;
     let JoinedMesh {
@@ -97,7 +91,7 @@ where
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
-            let (labels, points) = (&params.spec.label, &sample_points);
+            let (labels, points) = (&params.spec().label, &sample_points);
             report.regions =
                 regions::report(image, labels, points, &contacts, indices, step, cancel);
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
@@ -115,7 +109,7 @@ where
     })?;
     annotated.angle_assessment = assessment;
     Ok(MadeSimplices {
-        mesh: MeshResult::Simplices(annotated),
+        annotated,
         face_names,
         report,
     })
@@ -145,14 +139,11 @@ fn measure_baseline<const D: usize, M: Simplices<D>>(
 }
 
 /// Closes the holes in the features of an improved mesh. Also returns the neighbours of cells.
-pub(super) fn seal_mesh<const D: usize>(
-    mut joined: JoinedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>,
+pub(super) fn seal_mesh<const D: usize, M: Simplices<D>>(
+    mut joined: JoinedMesh<M>,
     scene: &MeshScene<'_, D>,
     stages: &mut StageRunner<'_>,
-) -> Result<(JoinedMesh<<MeshSpace<D> as Dimension<D>>::Mesh>, Vec<u32>)>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> Result<(JoinedMesh<M>, Vec<u32>)> {
     let JoinedMesh {
         annotated_mesh: annotated,
         neighbours,
@@ -166,22 +157,37 @@ where
     if let Some(improvement) = improvement {
         improvement.sealed = stages.run_cancellable(|cancel| {
             let marks = &mut annotated.feature_faces;
-            close_holes(&annotated.mesh, &neighbours, scene, None, marks, cancel)
+            let points = &scene.features.points;
+            scene.close_holes(&annotated.mesh, &neighbours, points, marks, cancel)
         })?;
     }
     Ok((joined, neighbours))
+}
+
+/// Returns for every cell and face, in order, the cell on the other side, or `NONE`.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] if a face belongs to more than two cells.
+pub(crate) fn cell_neighbours<const D: usize, M: Simplices<D>>(mesh: &M) -> Result<Vec<u32>> {
+    mesh.neighbours().map_err(|face| {
+        Error::Mesh(cause(
+            format!("face {face:?}"),
+            format!("belongs to more than two {}", M::CELLS_NAME),
+            "mesh the image again",
+        ))
+    })
 }
 
 /// Returns the options for smoothing triangles.
 fn relaxation_options<const D: usize>(
     image: &Image<D>,
     scheme: relax::Scheme,
-    params: &Params<D>,
+    params: &LatticeParams<'_, D>,
     step: [f64; D],
 ) -> Relaxation<D> {
     // Images of the plane are smoothed quickly, so that no cancellation is needed.
     let cancel = &CancelToken::never();
-    let image = smooth_image(image, step, params.spec.sigma.unwrap_or(1.0), cancel);
+    let image = smooth_image(image, step, params.spec().sigma.unwrap_or(1.0), cancel);
     let gradient = gradient_magnitude(Volume::new(image.dims, &image.samples), cancel);
     Relaxation {
         scheme,

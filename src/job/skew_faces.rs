@@ -9,10 +9,10 @@
 
 use super::equalise::{CellEqualiser, MAX_SITE_VOLUME_RATIO};
 use super::local_cells::neighbours;
-use super::{MeshSpace, Meshing};
-use crate::comm::SelfComm;
 use crate::geometry::sorted_distinct;
+use crate::mesh::delaunay::delaunay;
 use crate::mesh::poly::{FIRST_SIDE, FaceNeighbour, Lists, PolyMesh};
+use crate::mesh::{Dimension, Space};
 use crate::parallel::prelude::*;
 
 /// Skewness from which a face is skew. It is below the 4 of `checkMesh`, since coordinates are rounded
@@ -46,7 +46,7 @@ pub(super) struct Changes<const D: usize> {
 
 impl<'a, const D: usize> SkewFaces<'a, D>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     /// Finds the skew faces; `None` if there are none.
     pub fn find(equaliser: &'a CellEqualiser<'a, D>) -> Option<Self> {
@@ -151,7 +151,7 @@ struct RecutCells<'a, const D: usize> {
 
 impl<'a, const D: usize> RecutCells<'a, D>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D>,
 {
     /// Collects the cells around an atom of the mesh or a new one.
     fn new(whole: &'a SkewFaces<'a, D>, atom: Option<usize>, changing: &[usize]) -> Self {
@@ -179,8 +179,7 @@ where
         let sites = self.cells.iter().map(|&c| self.whole.mesh.sites[c]);
         let sites: Vec<[f64; D]> = [x].into_iter().chain(sites).collect();
         let mesh =
-            MeshSpace::<D>::voronoi_cells(&sites, self.whole.equaliser.extent, 0.0, &SelfComm)
-                .ok()?;
+            Space::<D>::voronoi_cells(&sites, self.whole.equaliser.extent, 0.0, &delaunay).ok()?;
         let faces = mesh.faces_of_cells();
         let shapes: Vec<(f64, [f64; D])> = (0..=self.changing)
             .map(|i| mesh.cell_shape(i, faces.get(i)))

@@ -222,10 +222,9 @@ mod tests {
     use crate::feature::{FeatureKind, SharedGrid};
     use crate::image::synth::{self, SyntheticKind};
     use crate::image::{Geometry, Image, ImageSource};
-    use crate::job::{
-        self, BOX_TOLERANCE, CellKind, MeshResult, MeshSpace, Meshing, Outcome, Params,
-    };
+    use crate::job::{self, BOX_TOLERANCE, CellKind, MeshImage, MeshResult, Outcome, Params};
     use crate::lattice::optimise::StopReason;
+    use crate::mesh::Space;
     use crate::mesh::check::{CheckHints, check, check_with_hints};
 
     /// Counts polls by stage; stops the job from some poll of one stage on.
@@ -261,7 +260,7 @@ mod tests {
         stop: Option<(Stage, usize)>,
     ) -> (Result<Outcome<D>>, CountingProgress)
     where
-        MeshSpace<D>: Meshing<D>,
+        Space<D>: MeshImage<D>,
     {
         let mut progress = CountingProgress {
             stop_at: stop,
@@ -275,7 +274,7 @@ mod tests {
     /// its second and in the middle has the documented result.
     fn assert_stops<const D: usize>(image: &Image<D>, params: &Params<D>, stages: &[(Stage, usize)])
     where
-        MeshSpace<D>: Meshing<D>,
+        Space<D>: MeshImage<D>,
     {
         let (outcome, counted) = run(image, params, None);
         assert_ne!(outcome.unwrap().stop, StopReason::Interrupted);

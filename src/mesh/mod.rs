@@ -61,7 +61,7 @@ pub(crate) mod tri;
 pub(crate) mod view;
 pub mod voronoi;
 
-pub use dimension::{Dimension, Space};
+pub use dimension::{Dimension, SimplexMesh, Space};
 pub use interface::{Mesh, Positions, Simplices};
 pub use tri::TriMesh;
 

@@ -25,7 +25,6 @@ pub(crate) mod polyhedra;
 pub(crate) mod pvtu;
 pub(crate) mod vtu;
 
-use std::any::Any;
 use std::path::Path;
 
 use crate::Result;
@@ -111,22 +110,6 @@ impl AnyMesh {
             simplices file => write_vtu(path, file),
             cells file => write_cells_vtu(path, file)
         )
-    }
-
-    /// Converts a boxed [`MeshFile`] of one of these kinds; `None` for anything else.
-    pub fn from_any(file: Box<dyn Any>) -> Option<Self> {
-        let file = match file.downcast() {
-            Ok(triangles) => return Some(Self::Triangles(*triangles)),
-            Err(file) => file,
-        };
-        let file = match file.downcast() {
-            Ok(tetrahedra) => return Some(Self::Tetrahedra(*tetrahedra)),
-            Err(file) => file,
-        };
-        match file.downcast() {
-            Ok(cells) => Some(Self::Polygons(*cells)),
-            Err(file) => Some(Self::Polyhedra(*file.downcast().ok()?)),
-        }
     }
 }
 

@@ -1,5 +1,8 @@
 //! Issues of a mesh, and the changes that help.
 
+use serde_json::Value;
+
+use super::job_facts::JobFacts;
 use super::regions;
 use super::table::group_digits;
 use super::verdict::{MAX_CONTACT_AREA, MAX_DROPPED_SHARE, percent};
@@ -7,6 +10,7 @@ use super::{Fidelity, Grade, Quality, RegionReport, Report, Voronoi};
 use crate::feature::{
     DOUBTFUL_CONFIDENCE, FeatureKind, KindOutcome, MIN_FAULT_DIP, ThresholdMeaning,
 };
+use crate::lattice::optimise::StopReason;
 
 /// Minimum fraction of the features that have faces, and of the faces that are on features. Less is
 /// an issue.
@@ -142,17 +146,15 @@ impl Report {
 
     /// Returns the issue of a mesh without any detected feature.
     fn no_feature_issue(&self) -> Option<Issue> {
-        let options = self.job_options()?;
+        let job = self.job_facts()?;
         // Without measures of the mesh, nothing is known.
         if self.fidelity.is_some() || self.is_stopped() {
             return None;
         }
         let issue = "no feature was found, so the mesh follows none".to_string();
-        let kind: Option<FeatureKind> =
-            (options["feature"].as_str()).and_then(|name| name.parse().ok());
-        let has_strength =
-            kind.is_none_or(|kind| kind.threshold_meaning() == ThresholdMeaning::MinStrength);
-        if let Some(threshold) = options["threshold"].as_f64()
+        let has_strength = (job.feature)
+            .is_none_or(|kind| kind.threshold_meaning() == ThresholdMeaning::MinStrength);
+        if let Some(threshold) = job.threshold
             && has_strength
         {
             return Some(Issue {
@@ -162,7 +164,7 @@ impl Report {
             });
         }
         let was_searched = |kind: &FeatureKind| {
-            options["feature"] == kind.to_string() || self.outcomes.iter().any(|o| o.kind == *kind)
+            job.feature == Some(*kind) || self.outcomes.iter().any(|o| o.kind == *kind)
         };
         let kinds = [FeatureKind::Edges, FeatureKind::Ridges];
         let other = kinds.into_iter().find(|kind| !was_searched(kind));
@@ -179,9 +181,7 @@ impl Report {
 
     /// Returns the minimum allowed angle.
     fn min_allowed_angle(&self) -> f64 {
-        let target = self
-            .job_options()
-            .and_then(|options| options["min-dihedral"].as_f64());
+        let target = self.job_facts().and_then(|job| job.min_angle);
         target.map_or(DEFAULT_MIN_ANGLE, |requested| {
             requested.min(DEFAULT_MIN_ANGLE)
         })
@@ -230,8 +230,7 @@ impl Report {
                 ""
             }
         );
-        let keeps_slivers = |options: &serde_json::Value| options["slivers"] == "none";
-        if self.job_options().is_some_and(keeps_slivers) {
+        if self.job_facts().is_some_and(|job| job.keeps_slivers) {
             return Some(Issue {
                 message: issue,
                 option: Some("--slivers joe".into()),
@@ -560,17 +559,16 @@ impl Report {
     /// Returns the option for half the distance in use, unless atoms would be closer together than
     /// samples or the mesh would not fit into memory.
     fn finer_distance_option(&self) -> Option<String> {
-        let Some(options) = self.job_options() else {
+        let Some(job) = self.job_facts() else {
             return Some("--distance, smaller".into());
         };
         if !self.has_memory_for_finer {
             return None;
         }
-        if options["seeding"] == "canny" {
+        if job.has_canny_atoms {
             return Some("--seeding fcc".into());
         }
-        let text = (self.distance_in_use.as_deref()).or_else(|| options["distance"].as_str());
-        let text = text.unwrap_or("2.7:8");
+        let text = self.distance_in_use.as_deref().unwrap_or(job.distance);
         let half = |number: &str| Some(0.5 * number.trim().parse::<f64>().ok()?);
         let halves: Option<Vec<f64>> = text.split(':').map(half).collect();
         let halves = halves?;
@@ -596,15 +594,10 @@ impl Report {
         // Both metrics give cells the same shape.
         let is_physical = |metric: &str| metric == "physical" || metric.starts_with("shape");
         if name == "metric" && is_physical(value) {
-            let current = self
-                .job_options()
-                .and_then(|options| options[name].as_str());
-            return !current.is_some_and(is_physical);
+            return !self.parameters[name].as_str().is_some_and(is_physical);
         }
         if let (true, Some((label, distance))) = ("label" == name, label_distance(value)) {
-            let given = self
-                .job_options()
-                .and_then(|options| options[name].as_array());
+            let given = self.parameters[name].as_array();
             let given = given.into_iter().flatten().filter_map(|item| item.as_str());
             let mut given = given.filter_map(label_distance);
             let is_given = given.any(|(other, given)| other == label && given <= distance);
@@ -612,22 +605,21 @@ impl Report {
             let widest = in_use.and_then(|text| text.rsplit(':').next()?.parse::<f64>().ok());
             return !is_given && !widest.is_some_and(|widest| widest <= distance);
         }
-        let current = self.job_options().map(|options| &options[name]);
-        !current.is_some_and(|current| match current {
-            serde_json::Value::String(text) => text == value,
-            serde_json::Value::Number(number) => value.parse::<f64>().ok() == number.as_f64(),
-            serde_json::Value::Array(values) => values.iter().any(|item| item == value),
+        !match &self.parameters[name] {
+            Value::String(text) => text == value,
+            Value::Number(number) => value.parse::<f64>().ok() == number.as_f64(),
+            Value::Array(values) => values.iter().any(|item| item == value),
             _ => false,
-        })
+        }
     }
 
-    /// Returns the options of the job, if there was one.
-    pub(super) fn job_options(&self) -> Option<&serde_json::Value> {
-        self.parameters.is_object().then_some(&self.parameters)
+    /// Returns the facts about the job, if there was one.
+    pub(super) fn job_facts(&self) -> Option<JobFacts<'_>> {
+        JobFacts::from_parameters(&self.parameters)
     }
 
     pub(super) fn is_stopped(&self) -> bool {
         let stop = self.lattice.as_ref().and_then(|l| l.optimisation.as_ref());
-        stop.is_some_and(|o| o.stop.contains("interrupted"))
+        stop.is_some_and(|o| o.stop == StopReason::Interrupted)
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::geometry::distance2;
+use crate::lattice::optimise::StopReason;
 use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use serde::Serialize;
@@ -36,7 +37,7 @@ pub struct Optimisation {
     /// Number of evaluations of the energy and its gradient.
     pub evaluations: usize,
     /// Reason why the optimisation stopped.
-    pub stop: String,
+    pub stop: StopReason,
 }
 
 /// Lattice during the optimisation, with the Delaunay mesh of its atoms.

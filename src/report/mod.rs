@@ -21,6 +21,7 @@
 //! - `table`: a whole report on one screen
 //! - `verdict`: a report in three lines
 //! - `issues`: what is wrong with a mesh, and what helps
+//! - `job_facts`: facts about the job on which the verdict depends
 
 mod acute;
 mod angle_space;
@@ -33,6 +34,7 @@ mod face_samples;
 pub(crate) mod fidelity;
 mod given_surfaces;
 mod issues;
+mod job_facts;
 pub(crate) mod lattice;
 mod mesh_faces;
 mod padding;
@@ -244,8 +246,8 @@ pub struct Blocker {
     pub largest: f64,
 }
 
-impl From<&improve::ImproveReport> for Improvement {
-    fn from(outcome: &improve::ImproveReport) -> Self {
+impl From<improve::ImproveReport> for Improvement {
+    fn from(outcome: improve::ImproveReport) -> Self {
         let mut blockers: Vec<Blocker> = Vec::new();
         for b in &outcome.blocked {
             let node_counts = (b.nodes_on_sides, b.nodes_on_features, b.nodes_on_crossings);
@@ -270,11 +272,11 @@ impl From<&improve::ImproveReport> for Improvement {
         blockers.sort_by_key(|group| std::cmp::Reverse(group.tets));
         Self {
             below_target_before: outcome.below_target_before,
-            below_target_after: outcome.below_target_after,
+            below_target_after: outcome.blocked.len(),
             counts: outcome.counts,
             sealed: improve::SealReport::default(),
             blockers,
-            worst: outcome.blocked.iter().take(20).cloned().collect(),
+            worst: outcome.blocked.into_iter().take(20).collect(),
         }
     }
 }

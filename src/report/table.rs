@@ -538,6 +538,7 @@ fn bar_chart(bins: &[u64]) -> String {
 pub(super) mod tests {
     use super::super::*;
     use super::*;
+    use crate::lattice::optimise::StopReason;
     use crate::mesh::boxes::kuhn_box;
     use crate::mesh::check::check;
     use crate::progress::Stage;
@@ -568,7 +569,6 @@ pub(super) mod tests {
         };
         let outcome = improve::ImproveReport {
             below_target_before: 5000,
-            below_target_after: 3,
             counts: improve::OperationCounts::default(),
             blocked: vec![
                 on_sides,
@@ -589,7 +589,7 @@ pub(super) mod tests {
             added_by_laplacian: 0.005,
             minimised: -0.165,
             evaluations: 120,
-            stop: "converged".into(),
+            stop: StopReason::Converged,
         });
         Report {
             input: Some(Input {
@@ -617,7 +617,7 @@ pub(super) mod tests {
             quality_physical: Some(quality(&mesh)),
             fidelity: Some(fidelity(&mesh, &Reference::from_truth(&truth), Some(&tags)).unwrap()),
             box_check: Some(check(&mesh, [0.0; 3], [16.0; 3], 1e-9)),
-            improvement: Some(Improvement::from(&outcome)),
+            improvement: Some(outcome.into()),
             notes: vec!["threshold 0.4 from the image".into()],
             ..Report::default()
         }

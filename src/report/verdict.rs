@@ -60,10 +60,7 @@ impl Verdict {
         let issue = match check.problems.first() {
             Some(problem) => Some(Issue {
                 message: problem.clone(),
-                option: report.job_options().map(|options| {
-                    let seed = options["rng-seed"].as_u64().unwrap_or(1);
-                    format!("--rng-seed {}", seed + 1)
-                }),
+                option: (report.job_facts()).map(|job| format!("--rng-seed {}", job.seed + 1)),
                 suggestion: "meshes again with other random numbers, which may avoid it",
             }),
             None => report.worst_issue(),
@@ -227,7 +224,7 @@ impl Report {
         }));
         lines.extend((self.doubt.as_ref()).map(|doubt| format!("doubtful: {}", doubt.question)));
         if lines.is_empty() {
-            let was_compared = self.job_options().is_some() && !self.is_stopped();
+            let was_compared = self.job_facts().is_some() && !self.is_stopped();
             lines.push(String::from(if was_compared {
                 "no feature was found"
             } else {

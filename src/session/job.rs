@@ -13,11 +13,13 @@ use crate::image::formats::stream::ImageStream;
 use crate::image::formats::{LoadedImage, OpenedImage, file_hash, into_any_image, with_loaded};
 use crate::image::{self, Geometry, Image, ImageSource, Modality};
 use crate::job::{
-    Checkpoint, MeshSpace, MeshSpec, Meshing, Outcome, Params, Provenance, RunOptions, run_from,
+    Checkpoint, MeshImage, MeshSpec, Outcome, Params, Provenance, RunOptions, run_from,
 };
 use crate::lattice::optimise::StopReason;
-use crate::mesh::Simplices;
+use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Simplices, Space};
 use crate::mesh_file::pvtu::is_pvtu;
+use crate::mesh_file::{AnyMesh, MeshFile};
 use crate::option_text::NumberOrFile;
 use crate::progress::{Progress, Stage};
 use crate::report::{Clock, Input};
@@ -122,7 +124,9 @@ impl JobRun<'_, '_> {
         loaded: LoadedImage<D>,
     ) -> Result<Answer>
     where
-        MeshSpace<D>: Meshing<D, Mesh = M>,
+        Space<D>: MeshImage<D, Mesh = M>,
+        MeshFile<M>: Into<AnyMesh>,
+        MeshFile<PolyMesh<D>>: Into<AnyMesh>,
     {
         let LoadedImage {
             image,
@@ -166,7 +170,9 @@ impl JobRun<'_, '_> {
         notes: &dyn Fn() -> Vec<String>,
     ) -> Result<Answer>
     where
-        MeshSpace<D>: Meshing<D, Mesh = M>,
+        Space<D>: MeshImage<D, Mesh = M>,
+        MeshFile<M>: Into<AnyMesh>,
+        MeshFile<PolyMesh<D>>: Into<AnyMesh>,
     {
         let Self {
             path,
@@ -252,14 +258,12 @@ impl JobRun<'_, '_> {
 }
 
 /// Describes the image in the report.
-fn set_input<const D: usize>(
-    outcome: &mut Outcome<D>,
+fn set_input<const D: usize, M>(
+    outcome: &mut Outcome<D, M>,
     path: &Path,
     geometry: &Geometry<D>,
     dims: [usize; D],
-) where
-    MeshSpace<D>: Meshing<D>,
-{
+) {
     outcome.report.set_angle_space(geometry);
     outcome.report.input = Some(Input {
         file: path.display().to_string(),

@@ -9,7 +9,7 @@ use crate::export::page::{self, MAX_PAGE_BYTES, PageInfo, PageStats};
 use crate::image::{Image, ImageSource, formats};
 use crate::job::output::cells::cell_mesh_file;
 use crate::job::output::{simplex_mesh_file, with_image};
-use crate::job::{MeshResult, MeshSpace, MeshSpec, Meshing, Outcome};
+use crate::job::{MeshResult, MeshSpec, Outcome};
 use crate::mesh::Simplices;
 use crate::report::{Clock, Report, StageCost};
 use crate::store::StoredMesh;
@@ -20,14 +20,11 @@ use crate::surfaces::extract::default_surfaces;
 pub(super) fn write_others<const D: usize, M: Simplices<D>>(
     spec: &MeshSpec,
     output: &Path,
-    mut outcome: Outcome<D>,
+    mut outcome: Outcome<D, M>,
     image: ImageSource<'_, D>,
     (mut clock, details): (Clock, bool),
     mut answer: Answer,
-) -> Result<Answer>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+) -> Result<Answer> {
     if let Some(path) = &spec.lines {
         outcome.write_lines(path)?;
     }
@@ -74,11 +71,8 @@ fn add_own_stages(report: &mut Report, costs: &[StageCost]) {
 fn write_surfaces<const D: usize, M: Simplices<D>>(
     path: &Path,
     output: &Path,
-    outcome: &Outcome<D>,
-) -> Result<usize>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+    outcome: &Outcome<D, M>,
+) -> Result<usize> {
     let place = output.display().to_string();
     match &outcome.mesh {
         MeshResult::Simplices(annotated) => {
@@ -103,12 +97,9 @@ fn write_page<const D: usize, M: Simplices<D>>(
     path: &Path,
     output: &Path,
     image: &Image<D>,
-    outcome: &Outcome<D>,
+    outcome: &Outcome<D, M>,
     report: serde_json::Value,
-) -> Result<PageStats>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+) -> Result<PageStats> {
     let name = output.file_name().unwrap_or(output.as_os_str());
     let info = PageInfo {
         title: name.to_string_lossy().into_owned(),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::files::vtk::DataArray;
 use crate::image::Geometry;
-use crate::job::{MeshSpace, MeshSpec, Meshing, Params};
+use crate::job::{MeshSpec, Params};
 use crate::memory;
 use crate::mesh::Simplices;
 use crate::mesh::delaunay::{delaunay, delaunay_plane};
@@ -39,10 +39,7 @@ impl<'a> TracedProgress<'a> {
         spec: &'a MeshSpec,
         geometry: &Geometry<D>,
         progress: &'a mut dyn Progress,
-    ) -> Self
-    where
-        MeshSpace<D>: Meshing<D>,
-    {
+    ) -> Self {
         let step = params.spec.metric.step(geometry);
         Self {
             progress,

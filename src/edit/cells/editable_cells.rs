@@ -5,7 +5,7 @@ use crate::edit::unknown_arrays;
 use crate::error::cause;
 use crate::geometry::NONE;
 use crate::geometry::{add_scaled, distance2, dot, sub};
-use crate::job::{Params, lattice_points, lattice_well_paths};
+use crate::job::{LatticeParams, Params, lattice_points, lattice_well_paths};
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Alignment;
 use crate::mesh::Positions;
@@ -162,7 +162,8 @@ fn fixed_site_test<const D: usize>(
 ) -> Result<impl Fn([f64; D], f64) -> bool + use<D>> {
     let (geometry, step, extent) = (&space.geometry, space.step, space.extent);
     let points = lattice_points(&params.fixed_atoms, geometry, step, extent)?;
-    let well_paths = lattice_well_paths(params, geometry, step, extent)?;
+    let lattice_params = LatticeParams::for_step(params, geometry, step);
+    let well_paths = lattice_well_paths(&lattice_params, geometry, step, extent)?;
     Ok(move |x: [f64; D], d: f64| {
         let is_match = |squared_distance: f64| squared_distance <= (SITE_MATCH_RADIUS * d).powi(2);
         let is_on_segment = |segment: &[[f64; D]]| {

@@ -24,8 +24,9 @@ use super::{AtomChange, Edit, EditStages, EditedMesh, Summary, history, resolve}
 use crate::Result;
 use crate::image::Image;
 use crate::job::output::resolved_options;
-use crate::job::{MeshSpace, Meshing, Params};
+use crate::job::{JoinAtoms, LatticeParams, Params};
 use crate::mesh::poly::PolyMesh;
+use crate::mesh::{Dimension, Space};
 use crate::progress::{Progress, Stage};
 use crate::report::Clock;
 use crate::store::MeshFile;
@@ -53,7 +54,7 @@ pub fn edit_cells<const D: usize>(
     progress: &mut dyn Progress,
 ) -> Result<EditedMesh<PolyMesh<D>>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     super::refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
@@ -62,9 +63,7 @@ where
     let mut editable = EditableCells::new(file, place, params)?;
     editable.space.check_dims(image.dims(), "the image")?;
     let step = editable.space.step;
-    // The file records the units of its lattice space.
-    let lengths = params.spec.metric.lengths(&image.geometry);
-    let params = &*params.in_lattice_units(lengths[0] / step[0]);
+    let params = &LatticeParams::for_step(params, &image.geometry, step);
     let mut summary = Summary {
         nodes: [editable.mesh.nodes.len(), 0],
         atoms: vec![None; edits.len()],

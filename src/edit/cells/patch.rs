@@ -10,15 +10,13 @@ use crate::edit::resolve::{Action, EditGroup, INFLUENCE_RADIUS};
 use crate::edit::window::EditWindow;
 use crate::edit::{Summary, spacing};
 use crate::error::cause;
-use crate::feature::{DetectionOptions, Features};
 use crate::geometry::distance2;
+use crate::job::JoinAtoms;
 use crate::job::cells::feature_surface_in_box;
-use crate::job::{MeshScene, MeshSpace, Meshing, StageRunner};
 use crate::lattice::AtomKind;
-use crate::lattice::distance::Distance;
 use crate::lattice::optimise::temperature::relative_distance;
-use crate::lattice::seeding::Atoms;
 use crate::mesh::voronoi::conform::FacetSurface;
+use crate::mesh::{Dimension, Space};
 use crate::progress::{CancelToken, TokenProgress};
 use crate::{Error, Result};
 
@@ -98,7 +96,7 @@ pub struct CellPatch<const D: usize> {
 
 impl<'a, const D: usize> CellNeighbourhood<'a, D>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     /// Finds the neighbourhood of a group of steps.
     pub fn new(
@@ -152,28 +150,8 @@ where
                     .iter()
                     .map(|&c| f64::from(self.editable.distance[c as usize]));
                 let d: Vec<f64> = d.collect();
-                let atoms = Atoms {
-                    kinds: vec![AtomKind::Interior; self.sites.len()],
-                    positions: self.sites.clone(),
-                };
-                let scene = MeshScene {
-                    extent,
-                    features: &Features::empty(self.window.dims, &DetectionOptions::default()),
-                    distance: &Distance::Constant(d.iter().copied().fold(f64::INFINITY, f64::min)),
-                };
-                let progress = &mut TokenProgress(cancel);
-                let joined = MeshSpace::<D>::join(
-                    atoms,
-                    &scene,
-                    None,
-                    None,
-                    &mut StageRunner::new(progress),
-                )?;
-                Ok(spacing::distance_from_nodes(
-                    &joined.annotated_mesh.mesh,
-                    &d,
-                    extent,
-                ))
+                let mesh = Space::<D>::delaunay(&self.sites)?;
+                Ok(spacing::distance_from_nodes(&mesh, &d, extent))
             },
         )
     }
@@ -229,7 +207,7 @@ where
                 range,
                 is_removed: &is_removed,
             };
-            let seed = context.params.spec.rng_seed;
+            let seed = context.params.spec().rng_seed;
             let (rebuilt, evaluations) =
                 RebuiltCells::new(self, fields, scope, &placed_atoms, seed, cancel)?;
             summary.evaluations += evaluations;

@@ -8,7 +8,7 @@ use crate::feature::FeatureKind;
 use crate::geometry::distance2;
 use crate::geometry::squared_distance_to_face;
 use crate::job::output::cells::cell_mesh_file;
-use crate::job::{self, BOX_TOLERANCE, CellKind};
+use crate::job::{self, BOX_TOLERANCE, CellKind, MeshImage};
 use crate::mesh::Mesh;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
@@ -27,7 +27,7 @@ fn params<const D: usize>(d: f64) -> Params<D> {
 
 fn make_mesh<const D: usize>(image: &Image<D>, params: &Params<D>) -> MeshFile<PolyMesh<D>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D>,
 {
     let outcome = job::run(image, params, &mut NoProgress).unwrap();
     let job::MeshResult::Voronoi { mesh, weld } = &outcome.mesh else {
@@ -43,7 +43,7 @@ fn edit_mesh<const D: usize>(
     changes: &[AtomChange<D>],
 ) -> Result<EditedMesh<PolyMesh<D>>>
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
     let edits = named_edits(changes);
     let progress = &mut NoProgress;
@@ -138,7 +138,7 @@ fn check_cells<const D: usize>(file: &MeshFile<PolyMesh<D>>) {
 /// Adds, moves (by a small and by a large distance) and removes atoms, also next to a feature.
 fn edits_stay_local<const D: usize>(dims: [usize; D], d: f64)
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D, Mesh: JoinAtoms<D>>,
 {
     let (image, params) = (image(dims), params(d));
     let before = make_mesh(&image, &params);
@@ -291,7 +291,7 @@ fn disc_coverage<const D: usize>(
 /// time.
 fn faults_come_and_go<const D: usize>(dims: [usize; D], d: f64, radius: f64)
 where
-    MeshSpace<D>: Meshing<D>,
+    Space<D>: MeshImage<D, Mesh: JoinAtoms<D>>,
 {
     let params = params(d);
     let disc_x = dims[0] as f64 - 4.5 * d;

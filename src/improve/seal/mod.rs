@@ -101,7 +101,7 @@ pub struct SealReport {
 pub fn seal<'a, const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     neighbours: &[u32],
-    points: &[FeaturePoint<3>],
+    points: &[FeaturePoint<D>],
     extent: [f64; D],
     max_distance: f64,
     distance_near: impl Fn(&[[f64; D]]) -> Result<Cow<'a, Distance<D>>>,
@@ -109,7 +109,7 @@ pub fn seal<'a, const D: usize, M: Simplices<D>>(
     cancel: &CancelToken<'_>,
 ) -> Result<SealReport> {
     let radius = radius_at::<D>(max_distance);
-    let planes = FeaturePlanes::new(points, to_3d(extent), radius, radius);
+    let planes = FeaturePlanes::new(points, extent, radius, radius);
     let surface = MarkedSurface {
         mesh: view.mesh,
         neighbours,

@@ -13,11 +13,15 @@ const CELLS_PER_SIDE: usize = 10;
 const PLANE_X: f64 = 20.0;
 
 /// Returns a feature point on a plane normal to `axis`, moved off it by some noise.
-fn point(axis: usize, mut position: [f64; 3], random: &mut Random) -> FeaturePoint<3> {
+fn point<const DIM: usize>(
+    axis: usize,
+    mut position: [f64; 3],
+    random: &mut Random,
+) -> FeaturePoint<DIM> {
     position[axis] += random.range(-0.1, 0.1);
     let normal = std::array::from_fn(|k| f32::from(u8::from(k == axis)));
     FeaturePoint {
-        position: position.map(|c| c as f32),
+        position: std::array::from_fn(|k| position[k] as f32),
         normal,
         strength: 1.0,
     }
@@ -25,7 +29,7 @@ fn point(axis: usize, mut position: [f64; 3], random: &mut Random) -> FeaturePoi
 
 /// Returns the points of the surfaces x = `PLANE_X` and y = `PLANE_X`, one per sample, for which
 /// `keeps` is true.
-fn points<const DIM: usize>(keeps: impl Fn(usize, [f64; 3]) -> bool) -> Vec<FeaturePoint<3>> {
+fn points<const DIM: usize>(keeps: impl Fn(usize, [f64; 3]) -> bool) -> Vec<FeaturePoint<DIM>> {
     let mut random = Random::for_purpose(1, 2);
     let side = (SPACING as usize) * CELLS_PER_SIDE;
     let mut points = Vec::new();
@@ -45,7 +49,7 @@ fn points<const DIM: usize>(keeps: impl Fn(usize, [f64; 3]) -> bool) -> Vec<Feat
 
 fn seal_box<const DIM: usize, M: Simplices<DIM>>(
     mesh: &M,
-    points: &[FeaturePoint<3>],
+    points: &[FeaturePoint<DIM>],
     marks: &mut [u8],
 ) -> SealReport {
     let (extent, distance) = (

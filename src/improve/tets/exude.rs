@@ -69,7 +69,6 @@ pub fn exude(
     below_target.sort_by(|&a, &b| sines[a as usize].total_cmp(&sines[b as usize]));
     let report = ImproveReport {
         below_target_before,
-        below_target_after: below_target.len(),
         counts,
         blocked: blocked_cells(&mesh.nodes, &mesh.tets, &constraints, &below_target),
     };

@@ -34,7 +34,6 @@ mod smooth;
 
 pub use exude::exude;
 pub use fixed_side::improve_beside;
-pub use reshape::reshape;
 pub use shared_work::SharedWork;
 pub use slabs::{DistributedSlabs, KnownAtoms, SlabCuts, SlabResult};
 
@@ -597,12 +596,10 @@ impl TetImprover<'_> {
             self.raise_angles(cancel)?;
         }
         self.counts.intersecting_left = self.count_intersecting_edges(cancel);
-        let blocked = self.blocked_cells();
         Ok(ImproveReport {
             below_target_before,
-            below_target_after: blocked.len(),
             counts: self.counts,
-            blocked,
+            blocked: self.blocked_cells(),
         })
     }
 }

@@ -27,8 +27,6 @@ mod repair;
 mod reshape;
 mod smooth;
 
-pub use reshape::reshape;
-
 use super::constraint::NodeConstraint;
 use super::feature_planes::{FeaturePlanes, MAX_FACE_OFFSET, SAME_SURFACE_COSINE};
 use super::intersect::find_intersection;
@@ -209,12 +207,10 @@ impl<'a> TriImprover<'a> {
         self.apply_compound(self.max_usable_cotangent, cancel);
         self.release_nodes(cancel);
         self.apply_compound(self.target_cotangent, cancel);
-        let blocked = self.blocked_cells();
         ImproveReport {
             below_target_before,
-            below_target_after: blocked.len(),
             counts: self.counts,
-            blocked,
+            blocked: self.blocked_cells(),
         }
     }
 

@@ -8,7 +8,7 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::{hypot, sorted};
 use crate::improve::constraint::common_sides;
 use crate::improve::feature_planes::FeaturePlanes;
-use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
+use crate::improve::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};
 use crate::lattice::distance::Distance;
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
@@ -17,84 +17,81 @@ use crate::mesh::renumber::new_numbers;
 use crate::mesh::tri::{SIDES, double_area};
 use crate::progress::CancelToken;
 
-/// Reshapes a part of a mesh, as [`reshape`](crate::improve::tets::reshape) does in space.
-///
-/// # Errors
-/// Returns [`ReshapeError::Node`] with the node that lies outside of the part or on its outline,
-/// and [`ReshapeError::Mesh`] if the nodes cannot be triangulated for another reason.
-pub fn reshape(
-    part: &TriMesh,
-    request: &ReshapeRequest<2>,
-    extent: [f64; 2],
-    planes: &FeaturePlanes,
-    distance: &Distance<2>,
-    min_angle: f64,
-) -> std::result::Result<ReshapeResult<TriMesh>, ReshapeError> {
-    let kept_nodes: Vec<u32> = (0..request.targets.len() as u32)
-        .filter(|&n| !request.is_removed[n as usize])
-        .collect();
-    let new_ids = new_numbers(request.targets.len(), &kept_nodes);
-    let points: Vec<[f64; 2]> = kept_nodes
-        .iter()
-        .map(|&n| request.targets[n as usize])
-        .collect();
-    let kinds: Vec<_> = kept_nodes
-        .iter()
-        .map(|&n| request.kinds[n as usize])
-        .collect();
-    let rim: Vec<[u32; 2]> = outer_edges(part, extent)
-        .map_err(ReshapeError::Mesh)?
-        .into_iter()
-        .map(|edge| edge.map(|n| new_ids[n as usize]))
-        .collect();
-    let triangulation = constrained_plane(&points, &rim).map_err(ReshapeError::Mesh)?;
-    if let Some(n) = find_node_on_rim(&triangulation, &rim) {
-        return Err(ReshapeError::Node(kept_nodes[n]));
+impl Reshape<2> for TriMesh {
+    fn reshape(
+        &self,
+        request: &ReshapeRequest<2>,
+        extent: [f64; 2],
+        planes: &FeaturePlanes,
+        distance: &Distance<2>,
+        min_angle: f64,
+    ) -> std::result::Result<ReshapeResult<Self>, ReshapeError> {
+        let kept_nodes: Vec<u32> = (0..request.targets.len() as u32)
+            .filter(|&n| !request.is_removed[n as usize])
+            .collect();
+        let new_ids = new_numbers(request.targets.len(), &kept_nodes);
+        let points: Vec<[f64; 2]> = kept_nodes
+            .iter()
+            .map(|&n| request.targets[n as usize])
+            .collect();
+        let kinds: Vec<_> = kept_nodes
+            .iter()
+            .map(|&n| request.kinds[n as usize])
+            .collect();
+        let rim: Vec<[u32; 2]> = outer_edges(self, extent)
+            .map_err(ReshapeError::Mesh)?
+            .into_iter()
+            .map(|edge| edge.map(|n| new_ids[n as usize]))
+            .collect();
+        let triangulation = constrained_plane(&points, &rim).map_err(ReshapeError::Mesh)?;
+        if let Some(n) = find_node_on_rim(&triangulation, &rim) {
+            return Err(ReshapeError::Node(kept_nodes[n]));
+        }
+        let mesh = keep_inside_rim(triangulation, &rim).map_err(ReshapeError::Mesh)?;
+        let mut used = vec![false; points.len()];
+        for &n in mesh.triangles.as_flattened() {
+            used[n as usize] = true;
+        }
+        if let Some(unused) = used.iter().position(|used| !used) {
+            return Err(ReshapeError::Node(kept_nodes[unused]));
+        }
+        let area = |mesh: &TriMesh| -> f64 {
+            (0..mesh.triangles.len())
+                .map(|t| double_area(&mesh.corners(t)))
+                .sum()
+        };
+        let (old, new) = (area(self), area(&mesh));
+        if (old - new).abs() > 1e-9 * old {
+            return Err(ReshapeError::Mesh(Error::Mesh(cause(
+                "the mesh around the edit",
+                format!("would have the area {new} instead of {old}"),
+                "mesh the image again",
+            ))));
+        }
+        let neighbours = adjacency(&mesh).map_err(ReshapeError::Mesh)?;
+        let mut improver = TriImprover::new(
+            mesh, neighbours, &kinds, extent, planes, distance, min_angle,
+        );
+        let report = improver.improve(&CancelToken::never());
+        let finished = improver.finish();
+        // Nodes keep their indices in the request; nodes that improvement has inserted come after
+        // those.
+        let inserted = |n: u32| n - kept_nodes.len() as u32 + request.targets.len() as u32;
+        let kept = finished.old_ids.iter();
+        let kept = kept.map(|&n| {
+            kept_nodes
+                .get(n as usize)
+                .copied()
+                .unwrap_or_else(|| inserted(n))
+        });
+        Ok(ReshapeResult {
+            request_nodes: kept.collect(),
+            mesh: finished.mesh,
+            kinds: finished.kinds,
+            feature_faces: finished.feature_faces,
+            report,
+        })
     }
-    let mesh = keep_inside_rim(triangulation, &rim).map_err(ReshapeError::Mesh)?;
-    let mut used = vec![false; points.len()];
-    for &n in mesh.triangles.as_flattened() {
-        used[n as usize] = true;
-    }
-    if let Some(unused) = used.iter().position(|used| !used) {
-        return Err(ReshapeError::Node(kept_nodes[unused]));
-    }
-    let area = |mesh: &TriMesh| -> f64 {
-        (0..mesh.triangles.len())
-            .map(|t| double_area(&mesh.corners(t)))
-            .sum()
-    };
-    let (old, new) = (area(part), area(&mesh));
-    if (old - new).abs() > 1e-9 * old {
-        return Err(ReshapeError::Mesh(Error::Mesh(cause(
-            "the mesh around the edit",
-            format!("would have the area {new} instead of {old}"),
-            "mesh the image again",
-        ))));
-    }
-    let neighbours = adjacency(&mesh).map_err(ReshapeError::Mesh)?;
-    let mut improver = TriImprover::new(
-        mesh, neighbours, &kinds, extent, planes, distance, min_angle,
-    );
-    let report = improver.improve(&CancelToken::never());
-    let finished = improver.finish();
-    // Nodes keep their indices in the request; nodes that improvement has inserted come after
-    // those.
-    let inserted = |n: u32| n - kept_nodes.len() as u32 + request.targets.len() as u32;
-    let kept = finished.old_ids.iter();
-    let kept = kept.map(|&n| {
-        kept_nodes
-            .get(n as usize)
-            .copied()
-            .unwrap_or_else(|| inserted(n))
-    });
-    Ok(ReshapeResult {
-        request_nodes: kept.collect(),
-        mesh: finished.mesh,
-        kinds: finished.kinds,
-        feature_faces: finished.feature_faces,
-        report,
-    })
 }
 
 /// Returns the outline of the part, except for edges in the sides of the box. The part is on the
@@ -210,9 +207,11 @@ mod tests {
         request.targets[moved] = [3.2, 3.1];
         request.targets.push([2.4, 2.3]);
         request.kinds.push(AtomKind::Fixed);
-        let planes = FeaturePlanes::new(&[], [6.0, 6.0, 0.0], 2.0, 2.0);
+        let planes = FeaturePlanes::new(&[], extent, 2.0, 2.0);
         let distance = Distance::Constant(1.0);
-        let result = reshape(&part, &request, extent, &planes, &distance, 20.0).unwrap();
+        let result = part
+            .reshape(&request, extent, &planes, &distance, 20.0)
+            .unwrap();
         let mut after: Vec<[u32; 2]> = outer_edges(&result.mesh, extent)
             .unwrap()
             .into_iter()
@@ -229,7 +228,8 @@ mod tests {
             }
         }
         let error_of = |part: &TriMesh, request: &ReshapeRequest<2>| {
-            reshape(part, request, extent, &planes, &distance, 20.0).unwrap_err()
+            part.reshape(request, extent, &planes, &distance, 20.0)
+                .unwrap_err()
         };
         // A node cannot be outside of the outline, nor on it.
         for x in [[5.0, 4.0], [4.0, 3.5]] {

@@ -4,9 +4,9 @@ use crate::parallel::prelude::*;
 
 use super::{feature_names, labels_field, live_array, resolved_options_field};
 use crate::files::vtk::DataArray;
+use crate::job::Outcome;
 use crate::job::cells::to_world;
 use crate::job::horizons::horizon_flags;
-use crate::job::{MeshSpace, Meshing, Outcome};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, WELD_FIELD};
@@ -15,14 +15,11 @@ use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::mesh_file::{FieldValue, MeshFile};
 
 /// Returns the Voronoi cells of a job in world coordinates, with the data of each cell.
-pub fn cell_mesh_file<const D: usize>(
-    outcome: &Outcome<D>,
+pub fn cell_mesh_file<const D: usize, M>(
+    outcome: &Outcome<D, M>,
     lattice: &PolyMesh<D>,
     weld: f64,
-) -> MeshFile<PolyMesh<D>>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+) -> MeshFile<PolyMesh<D>> {
     let mesh = to_world(lattice, outcome.step, &outcome.geometry);
     let volume: Vec<f64> = mesh.cell_shapes().into_iter().map(|s| s.0).collect();
     let mut on_feature = vec![0u8; mesh.sites.len()];
@@ -34,10 +31,11 @@ where
     {
         cells.iter().for_each(|&c| on_feature[c as usize] = 1);
     }
+    let nominal = &outcome.distance;
     let distance: Vec<f32> = lattice
         .sites
         .par_iter()
-        .map(|&x| outcome.distance.value_at(x) as f32)
+        .map(|&x| nominal.value_at(x) as f32)
         .collect();
     let mut field_data = common_fields(
         &outcome.geometry,

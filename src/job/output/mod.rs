@@ -16,13 +16,14 @@ use crate::parallel::prelude::*;
 
 use super::horizons::horizon_bits;
 use super::live::shares_of_cells;
-use super::{AnnotatedMesh, MeshResult, MeshSpace, Meshing, Outcome, scaled_mesh};
+use super::{AnnotatedMesh, MeshResult, Outcome, scaled_mesh};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 use crate::mesh::complex::NONE;
+use crate::mesh::poly::PolyMesh;
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
 use crate::mesh_file::array_names::{
@@ -47,12 +48,9 @@ use padding::with_padding;
 
 /// Returns the mesh of a job in world coordinates, with the data of each node and cell.
 pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
-    outcome: &Outcome<D>,
+    outcome: &Outcome<D, M>,
     annotated: &AnnotatedMesh<M>,
-) -> MeshFile<M>
-where
-    MeshSpace<D>: Meshing<D, Mesh = M>,
-{
+) -> MeshFile<M> {
     let geometry = &outcome.geometry;
     let lattice = &annotated.mesh;
     let nodes = lattice.nodes();
@@ -135,45 +133,34 @@ where
 }
 
 /// Returns the array with the share of each cell that holds data, unless all cells are full of data.
-pub(super) fn live_array<const D: usize>(outcome: &Outcome<D>) -> Option<DataArray>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub(super) fn live_array<const D: usize, M>(outcome: &Outcome<D, M>) -> Option<DataArray> {
     let shares = outcome.live.as_ref()?;
     Some(DataArray::scalars(LIVE_ARRAY, shares.clone()))
 }
 
 /// Returns the names of the surfaces that have one.
-pub(super) fn feature_names<const D: usize>(outcome: &Outcome<D>) -> Vec<String>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+pub(super) fn feature_names<const D: usize, M>(outcome: &Outcome<D, M>) -> Vec<String> {
     let names = outcome.features.names.iter();
     names.map(|name| name.name.clone()).collect()
 }
 
-impl<const D: usize> Outcome<D>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
     /// Returns the mesh with all its data in world coordinates, as [`Self::write_with_image`]
     /// writes it.
     ///
     /// # Errors
     /// Returns the error of reading the image.
-    pub fn mesh_file<'a>(&self, image: impl Into<ImageSource<'a, D>>) -> Result<AnyMesh> {
+    pub fn mesh_file<'a>(&self, image: impl Into<ImageSource<'a, D>>) -> Result<AnyMesh>
+    where
+        MeshFile<M>: Into<AnyMesh>,
+        MeshFile<PolyMesh<D>>: Into<AnyMesh>,
+    {
         let image = image.into();
-        let mesh = AnyMesh::from_any(match &self.mesh {
-            MeshResult::Simplices(annotated) => {
-                Box::new(self.simplex_file(annotated, Some(image))?)
-            }
+        Ok(match &self.mesh {
+            MeshResult::Simplices(annotated) => self.simplex_file(annotated, Some(image))?.into(),
             MeshResult::Voronoi { mesh, weld } => {
-                Box::new(with_image(cell_mesh_file(self, mesh, *weld), image)?)
+                with_image(cell_mesh_file(self, mesh, *weld), image)?.into()
             }
-        });
-        mesh.ok_or_else(|| {
-            let problem = format!("has {D} axes");
-            Error::Image(cause("image", problem, "give one of 2 or 3 axes"))
         })
     }
 
@@ -214,14 +201,11 @@ where
 
     /// Returns tetrahedra or triangles in world coordinates, with those beyond the image if there are any,
     /// and with the image's values if it is given.
-    pub(crate) fn simplex_file<M: Simplices<D>>(
+    pub(crate) fn simplex_file(
         &self,
         annotated: &AnnotatedMesh<M>,
         image: Option<ImageSource<'_, D>>,
-    ) -> Result<MeshFile<M>>
-    where
-        MeshSpace<D>: Meshing<D, Mesh = M>,
-    {
+    ) -> Result<MeshFile<M>> {
         let file = with_optional_image(simplex_mesh_file(self, annotated), image)?;
         Ok(match &self.padding {
             Some(padding) => {

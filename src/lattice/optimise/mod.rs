@@ -21,6 +21,10 @@ pub(crate) mod temperature;
 
 pub use crate::progress::{LatticeSnapshot, NoProgress, OptimiseStatus, Progress};
 
+use std::fmt::{self, Display, Formatter};
+
+use serde::{Serialize, Serializer};
+
 use crate::error::{Error, Result, cause};
 use crate::geometry::to_3d;
 use crate::lattice::distance::Distance;
@@ -39,6 +43,22 @@ pub enum StopReason {
     MaxIterations,
     /// The progress callback asked to stop.
     Interrupted,
+}
+
+impl Display for StopReason {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Converged => "converged",
+            Self::MaxIterations => "as many rounds as allowed",
+            Self::Interrupted => "interrupted",
+        })
+    }
+}
+
+impl Serialize for StopReason {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
 }
 
 /// A round by another method: lowers the energy from the given positions, and stores the result in

@@ -10,14 +10,15 @@ use crate::Result;
 use crate::edit::local_fields::LocalFields;
 use crate::edit::resolve::INFLUENCE_RADIUS;
 use crate::geometry::{add_scaled, distance2};
+use crate::job::StageRunner;
 use crate::job::cells::{RelaxOptions, cut_even_cells, relax_atoms};
 use crate::job::horizons::horizon_flags;
-use crate::job::{MeshSpace, Meshing, StageRunner};
 use crate::lattice::AtomKind;
 use crate::lattice::optimise::temperature::relative_distance;
 use crate::lattice::seeding::Atoms;
 use crate::mesh::poly::{FIRST_SIDE, PolyMesh};
 use crate::mesh::voronoi::conform::{ConformingSites, FacetGrid, FacetSurface, SiteRegion};
+use crate::mesh::{Dimension, Space};
 use crate::progress::{CancelToken, TokenProgress};
 use node_matcher::NodeMatcher;
 
@@ -89,10 +90,7 @@ fn site_region<const D: usize>(
     SiteRegion::new(edit_balls.collect(), empty_balls.collect())
 }
 
-impl<'a, const D: usize> RebuiltCells<'a, D>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+impl<'a, const D: usize> RebuiltCells<'a, D> {
     /// Moves atoms to a minimum of the energy around the preserved parts and the changed parts of
     /// the surface, and cuts their cells. Also returns the number of evaluations of the energy.
     ///
@@ -111,7 +109,10 @@ where
         placed: &[PlacedAtom<D>],
         seed: u64,
         cancel: &CancelToken<'_>,
-    ) -> Result<(Self, usize)> {
+    ) -> Result<(Self, usize)>
+    where
+        Space<D>: Dimension<D>,
+    {
         let (editable, extent) = (neighbourhood.editable, neighbourhood.window.extent());
         let cells = || {
             neighbourhood

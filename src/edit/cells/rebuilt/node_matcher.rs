@@ -7,7 +7,6 @@ use crate::edit::cells::editable_cells::cells_of_nodes;
 use crate::edit::resolve::INFLUENCE_RADIUS;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::{distance2, sorted};
-use crate::job::{MeshSpace, Meshing};
 use crate::lattice::optimise::temperature::{EDIT_RADIUS, relative_distance};
 use crate::mesh::poly::{FIRST_SIDE, Lists};
 
@@ -36,10 +35,7 @@ pub struct NodeMatcher<'a, 'b, const D: usize> {
     window_numbers: Vec<Option<u32>>,
 }
 
-impl<'a, 'b, const D: usize> NodeMatcher<'a, 'b, D>
-where
-    MeshSpace<D>: Meshing<D>,
-{
+impl<'a, 'b, const D: usize> NodeMatcher<'a, 'b, D> {
     pub fn new(rebuilt: &'a RebuiltCells<'b, D>) -> Self {
         let (editable, preserved) = (rebuilt.neighbourhood.editable, rebuilt.preserved);
         let window_cells: Lists = cells_of_nodes(&rebuilt.mesh);

@@ -14,76 +14,86 @@ use super::{ImproveContext, TetImprover, smooth};
 use crate::error::{Error, cause};
 use crate::geometry::{norm, sorted_distinct, sub, volume6};
 use crate::improve::constraint::NodeConstraint;
-use crate::improve::{ReshapeError, ReshapeRequest, ReshapeResult};
+use crate::improve::feature_planes::FeaturePlanes;
+use crate::improve::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult, Target};
 use crate::lattice::AtomKind;
+use crate::lattice::distance::Distance;
 use crate::mesh::complex::{self, NONE};
 use crate::mesh::quality::min_sine;
 use crate::mesh::{FACES, TetMesh};
 use crate::progress::CancelToken;
 
-/// Reshapes a part of a mesh: inserts new nodes, collapses removed ones into a neighbour, and moves
-/// all nodes towards their targets as far as the mesh allows.
-///
-/// # Errors
-/// Returns [`ReshapeError::Node`] with the node that cannot reach its target or cannot be removed,
-/// and [`ReshapeError::Mesh`] if the part is not a valid mesh.
-pub fn reshape(
-    part: TetMesh,
-    request: &ReshapeRequest<3>,
-    context: ImproveContext<'_>,
-) -> Result<ReshapeResult<TetMesh>, ReshapeError> {
-    let ReshapeRequest {
-        targets,
-        kinds,
-        is_removed,
-    } = request;
-    let count = part.nodes.len();
-    let neighbours = complex::neighbours(count, &part.tets).map_err(|face| {
-        ReshapeError::Mesh(Error::Mesh(cause(
-            format!("face {face:?}"),
-            "belongs to more than two tetrahedra",
-            "mesh the image again",
-        )))
-    })?;
-    let mut improver = TetImprover::new(
-        part,
-        neighbours,
-        &kinds[..count],
-        context,
-        &CancelToken::never(),
-    );
-    // The proximities are of no use, as nodes move before edges are searched.
-    improver.proximities = Vec::new();
-    for node in count..targets.len() {
-        let (constraint, _) =
-            NodeConstraint::new(targets[node], kinds[node], context.extent, context.planes);
-        if !improver.insert_node(targets[node], constraint) {
+impl Reshape<3> for TetMesh {
+    fn reshape(
+        &self,
+        request: &ReshapeRequest<3>,
+        extent: [f64; 3],
+        planes: &FeaturePlanes,
+        distance: &Distance<3>,
+        min_angle: f64,
+    ) -> Result<ReshapeResult<Self>, ReshapeError> {
+        let context = ImproveContext {
+            extent,
+            planes,
+            distance,
+            target: Target {
+                min_dihedral: min_angle,
+                ..Target::default()
+            },
+        };
+        let ReshapeRequest {
+            targets,
+            kinds,
+            is_removed,
+        } = request;
+        let count = self.nodes.len();
+        let neighbours = complex::neighbours(count, &self.tets).map_err(|face| {
+            ReshapeError::Mesh(Error::Mesh(cause(
+                format!("face {face:?}"),
+                "belongs to more than two tetrahedra",
+                "mesh the image again",
+            )))
+        })?;
+        let mut improver = TetImprover::new(
+            self.clone(),
+            neighbours,
+            &kinds[..count],
+            context,
+            &CancelToken::never(),
+        );
+        // The proximities are of no use, as nodes move before edges are searched.
+        improver.proximities = Vec::new();
+        for node in count..targets.len() {
+            let (constraint, _) =
+                NodeConstraint::new(targets[node], kinds[node], context.extent, context.planes);
+            if !improver.insert_node(targets[node], constraint) {
+                return Err(ReshapeError::Node(node as u32));
+            }
+        }
+        for node in (0..is_removed.len()).filter(|&n| is_removed[n]) {
+            if !improver.remove_node(node as u32) {
+                return Err(ReshapeError::Node(node as u32));
+            }
+        }
+        improver.move_to_targets(request);
+        let is_off_target = |&n: &usize| {
+            !is_removed[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
+        };
+        if let Some(node) = (0..targets.len()).find(is_off_target) {
             return Err(ReshapeError::Node(node as u32));
         }
+        let report = improver
+            .improve(&CancelToken::never())
+            .map_err(ReshapeError::Mesh)?;
+        let finished = improver.finish(kinds);
+        Ok(ReshapeResult {
+            mesh: finished.mesh,
+            kinds: finished.kinds,
+            request_nodes: finished.old_ids,
+            feature_faces: finished.feature_faces,
+            report,
+        })
     }
-    for node in (0..is_removed.len()).filter(|&n| is_removed[n]) {
-        if !improver.remove_node(node as u32) {
-            return Err(ReshapeError::Node(node as u32));
-        }
-    }
-    improver.move_to_targets(request);
-    let is_off_target = |&n: &usize| {
-        !is_removed[n] && kinds[n] == AtomKind::Fixed && improver.complex.nodes[n] != targets[n]
-    };
-    if let Some(node) = (0..targets.len()).find(is_off_target) {
-        return Err(ReshapeError::Node(node as u32));
-    }
-    let report = improver
-        .improve(&CancelToken::never())
-        .map_err(ReshapeError::Mesh)?;
-    let finished = improver.finish(kinds);
-    Ok(ReshapeResult {
-        mesh: finished.mesh,
-        kinds: finished.kinds,
-        request_nodes: finished.old_ids,
-        feature_faces: finished.feature_faces,
-        report,
-    })
 }
 
 /// Rules for the search of a cavity around a new node, tried in order. `true` if the cavity begins

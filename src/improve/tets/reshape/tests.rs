@@ -41,7 +41,9 @@ fn context<'a>(planes: &'a FeaturePlanes, distance: &'a Distance<3>) -> ImproveC
 fn reshape_checked(mesh: TetMesh, request: &ReshapeRequest<3>) -> ReshapeResult<TetMesh> {
     let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
-    let result = reshape(mesh, request, context(&planes, &distance))
+    let angle = Target::default().min_dihedral;
+    let result = mesh
+        .reshape(request, EXTENT, &planes, &distance, angle)
         .unwrap_or_else(|why| panic!("{why:?} of {:?}", request.kinds));
     let checked = check(&result.mesh, [0.0; 3], EXTENT, 1e-9);
     assert!(checked.passed(), "{:?}", checked.problems);
@@ -65,7 +67,7 @@ fn every_atom_but_corners_can_be_removed() {
         let result = reshape_checked(mesh.clone(), &request);
         assert!(!result.request_nodes.contains(&(node as u32)));
         assert!(
-            result.report.below_target_after < 6,
+            result.report.blocked.len() < 6,
             "{node}: {:?}",
             result.report
         );
@@ -215,7 +217,13 @@ fn a_part_in_which_three_tetrahedra_share_a_face_is_refused() {
     };
     let planes = FeaturePlanes::new(&[], EXTENT, 3.0, 4.0);
     let distance = Distance::Constant(4.0);
-    let result = reshape(mesh, &request, context(&planes, &distance));
+    let result = mesh.reshape(
+        &request,
+        EXTENT,
+        &planes,
+        &distance,
+        Target::default().min_dihedral,
+    );
     let Err(ReshapeError::Mesh(error)) = result else {
         panic!("{result:?}");
     };

@@ -175,7 +175,6 @@ impl<'a> DistributedSlabs<'a> {
             report.counts += rank_counts;
             report.blocked.extend(rank_blocked);
         }
-        report.below_target_after = report.blocked.len();
         let angle_margin = |cell: &BlockedCell| cell.min_angle.min(180.0 - cell.max_angle);
         let by_margin =
             |a: &BlockedCell, b: &BlockedCell| angle_margin(a).total_cmp(&angle_margin(b));

@@ -111,7 +111,7 @@ fn slabs_give_the_same_mesh_for_any_number_of_ranks() {
     let checked = check_with_hints(&partition.mesh, hints, [0.0; 3], extent, 1e-12);
     assert!(checked.passed(), "{:?}", checked.problems);
     assert!(report.below_target_before > 100 && report.counts.intersecting_before > 50);
-    assert_eq!(report.below_target_after, 0);
+    assert!(report.blocked.is_empty());
     assert_faces_cover_planes(&serial, &mesh, &neighbours, &kinds, context);
 
     for count in [2, 3, 5] {

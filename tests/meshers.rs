@@ -198,11 +198,8 @@ fn texts_for_meshers_have_the_nodes_tetrahedra_and_sides_of_the_mesh() {
             let (k, l) = ((side / 2 + 1) % 3, (side / 2 + 2) % 3);
             let area = (b[k] - a[k]) * (c[l] - a[l]) - (b[l] - a[l]) * (c[k] - a[k]);
             // Triangles point outwards.
-            areas[side] += if side % 2 == 0 {
-                -0.5 * area
-            } else {
-                0.5 * area
-            };
+            let sign = if side.is_multiple_of(2) { -0.5 } else { 0.5 };
+            areas[side] += sign * area;
         }
         let [x, y, z] = [39.0, 35.0, 31.0];
         let expected = [y * z, y * z, z * x, z * x, x * y, x * y];

@@ -122,7 +122,7 @@ pub fn relax(
     Ok((mesh, rounds))
 }
 
-/// Returns the energy of a mesh: the sum of the [`Relaxation::cost`] of its triangles.
+/// Returns the energy of a mesh: the sum of the costs of its triangles.
 pub fn energy(mesh: &TriMesh, relaxation: &Relaxation<2>) -> f64 {
     let corners = (0..mesh.triangles.len()).map(|t| mesh.corners(t));
     corners.map(|p| relaxation.cost(&p)).sum()

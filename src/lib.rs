@@ -41,7 +41,7 @@
 //! cli           the command line (feature `cli`)
 //! ```
 //!
-//! [`mesh`](mesh()) makes a mesh from an image and its options. [`job::mesh_verb`] does the same with parameters
+//! [`mesh`](mesh()) makes a mesh from an image and its options. [`job::run`] does the same with parameters
 //! that are read already:
 //!
 //! ```

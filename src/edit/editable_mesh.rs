@@ -80,7 +80,7 @@ fn snap_to_sides<const D: usize>(x: &[f64; D], extent: [f64; D]) -> [f64; D] {
 
 impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
     /// Creates an editable mesh from a file, which `place` names in errors. Node and cell arrays
-    /// that [`job::mesh_verb`](crate::job::mesh_verb) does not write are dropped.
+    /// that [`job::run`](crate::job::run()) does not write are dropped.
     ///
     /// # Errors
     /// Returns [`Error::Mesh`] if the file does not record its lattice space or the nominal

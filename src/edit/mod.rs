@@ -101,7 +101,7 @@ pub struct EditedMesh<M> {
     pub summary: Summary,
 }
 
-/// Edits a mesh that [`job::mesh_verb`](crate::job::mesh_verb) made of `image` with the parameters `params`.
+/// Edits a mesh that [`job::run`](crate::job::run()) made of `image` with the parameters `params`.
 ///
 /// Added and moved atoms stay exactly where the edits put them, unless `free` is `true`: then they
 /// start there and move like other atoms. `place` names the mesh in error messages.

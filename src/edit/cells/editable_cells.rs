@@ -54,7 +54,7 @@ pub struct EditableCells<const D: usize> {
 
 impl<const D: usize> EditableCells<D> {
     /// Creates editable cells from a file, which `place` names in errors. Node and cell arrays that
-    /// [`job::mesh_verb`](crate::job::mesh_verb) does not write are dropped. Fixed atoms are those that the
+    /// [`job::run`](crate::job::run()) does not write are dropped. Fixed atoms are those that the
     /// file records, or else those that `params` gives.
     ///
     /// # Errors

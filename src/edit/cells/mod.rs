@@ -35,7 +35,7 @@ use editable_cells::EditableCells;
 pub use editable_cells::dropped_arrays;
 use patch::{CellNeighbourhood, CellPatch};
 
-/// Edits Voronoi cells that [`job::mesh_verb`](crate::job::mesh_verb) made of `image`. It works like
+/// Edits Voronoi cells that [`job::run`](crate::job::run()) made of `image`. It works like
 /// [`edit`](super::edit()) for simplices; the number of an atom is that of its cell.
 ///
 /// Nodes that are farther than five d from every edited position, and cells with only such nodes,

@@ -54,15 +54,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         _ => image_geometry(&file, extent)?,
     };
     take_names(&file, &mut geometry)?;
-    let scalars = |data: &str| {
-        let data = piece.child(data)?;
-        let arrays = || data.children.iter().filter(|c| c.name == "DataArray");
-        let active = data.attribute("Scalars");
-        arrays()
-            .find(|a| active.is_some() && a.attribute("Name") == active)
-            .or_else(|| arrays().next())
-    };
-    let element = match (scalars("PointData"), scalars("CellData")) {
+    let element = match (scalars(piece, "PointData"), scalars(piece, "CellData")) {
         (Some(on_points), _) => on_points,
         (None, Some(on_cells)) => {
             // A sample of cell data lies in the centre of its cell.
@@ -78,6 +70,43 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
         }
     };
     samples::check_memory(path, count)?;
+    let values = sample_values(&file, element, dims)?;
+    let samples = values.to_f32();
+    let is_rounded = samples::may_be_rounded(&samples);
+    let mut image = Image::new(dims, samples, geometry);
+    if is_rounded {
+        image.labels = exact_labels(&values);
+    }
+    let is_wide = values.to_integers().is_some();
+    let note = (is_rounded && is_wide).then(|| samples::ROUNDING_NOTE.to_string());
+    let encoding = if file.is_legacy() {
+        "VTK legacy"
+    } else {
+        "VTK XML"
+    };
+    Ok(LoadedImage {
+        image,
+        format: ImageFormat::Vti,
+        encoding: encoding.into(),
+        notes: note.into_iter().collect(),
+        survey: None,
+        line_numbers: None,
+    })
+}
+
+/// Returns the active scalars of some data, or else the first array.
+fn scalars<'a>(piece: &'a Element, data: &str) -> Option<&'a Element> {
+    let data = piece.child(data)?;
+    let arrays = || data.children.iter().filter(|c| c.name == "DataArray");
+    let active = data.attribute("Scalars");
+    arrays()
+        .find(|a| active.is_some() && a.attribute("Name") == active)
+        .or_else(|| arrays().next())
+}
+
+/// Returns the values of an array, one for each sample.
+fn sample_values(file: &VtkFile, element: &Element, dims: [usize; 3]) -> Result<Values> {
+    let count: usize = dims.iter().product();
     let array = file.array(element)?;
     if array.components != 1 {
         return Err(file.error(
@@ -98,27 +127,7 @@ pub fn read(path: &Path) -> Result<LoadedImage> {
             crate::files::REWRITE_DAMAGED,
         ));
     }
-    let samples = array.values.to_f32();
-    let is_rounded = samples::may_be_rounded(&samples);
-    let mut image = Image::new(dims, samples, geometry);
-    if is_rounded {
-        image.labels = exact_labels(&array.values);
-    }
-    let is_wide = array.values.to_integers().is_some();
-    let note = (is_rounded && is_wide).then(|| samples::ROUNDING_NOTE.to_string());
-    let encoding = if file.is_legacy() {
-        "VTK legacy"
-    } else {
-        "VTK XML"
-    };
-    Ok(LoadedImage {
-        image,
-        format: ImageFormat::Vti,
-        encoding: encoding.into(),
-        notes: note.into_iter().collect(),
-        survey: None,
-        line_numbers: None,
-    })
+    Ok(array.values)
 }
 
 /// Returns the samples as exact labels, or `None` if some have a fraction.

@@ -8,7 +8,7 @@ use crate::parallel::prelude::*;
 pub const EDIT_RADIUS: f64 = 5.0;
 
 /// Returns the temperature of each atom, for
-/// [`OptimiseOptions::temperature`](super::OptimizeOptions::temperature): 1 at an `edited`
+/// [`OptimiseOptions::temperature`](super::OptimiseOptions::temperature): 1 at an `edited`
 /// position, falling linearly to 0 at five d from the nearest of them. Each edited position comes
 /// with the d there.
 pub fn temperatures<const D: usize>(

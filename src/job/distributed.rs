@@ -97,12 +97,7 @@ impl MakePartition<3> for TetMesh {
             return Ok(None);
         };
         let mut atoms = std::mem::take(atoms);
-        let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
-        let snap_distance = scene.snap_distance();
-        let halo_width = improve::snap_halo_width(snap_distance);
-        let local = OwnedAndGhosts::with_halo(&atoms, halo_width, comm)?;
-        improve::snap_distributed(&mut atoms, local, extent, &planes, snap_distance)?;
-        drop(planes);
+        snap(&mut atoms, scene, comm)?;
         stages.begin(Stage::Triangulating);
         let (atoms, (tets, neighbours)) = local_tetrahedra(atoms, &slabs, stages.kernel, comm)?;
         stages.begin(Stage::Improving);
@@ -170,6 +165,16 @@ impl MakePartition<3> for TetMesh {
             report,
         }))
     }
+}
+
+/// Snaps the atoms of this rank that are close to a feature onto it.
+fn snap(atoms: &mut OwnedAtoms<3>, scene: &MeshScene<'_, 3>, comm: &dyn Comm) -> Result<()> {
+    let (_, planes) = features_near(&atoms.atoms.positions, scene, comm)?;
+    let snap_distance = scene.snap_distance();
+    let halo_width = improve::snap_halo_width(snap_distance);
+    let local = OwnedAndGhosts::with_halo(atoms, halo_width, comm)?;
+    improve::snap_distributed(atoms, local, scene.extent, &planes, snap_distance)?;
+    Ok(())
 }
 
 /// Returns the feature points near these positions, and the planes through them.

@@ -111,7 +111,7 @@ pub(crate) use stages::StageRunner;
 /// ```
 ///
 /// # Errors
-/// Returns the errors of reading these files and of [`mesh_verb`].
+/// Returns the errors of reading these files and of [`run()`].
 pub fn mesh<const D: usize>(
     image: &Image<D>,
     spec: &MeshSpec,

@@ -48,7 +48,7 @@ fn marks_of_name<const D: usize>(names: &[u32], name: u32) -> Vec<u8> {
     let bit = |(k, n): (usize, &u32)| u8::from(*n == name) << k;
     let cells = names.chunks_exact(D + 1);
     cells
-        .map(|faces| faces.iter().enumerate().map(bit).sum())
+        .map(|faces| faces.iter().enumerate().map(bit).sum::<u8>())
         .collect()
 }
 

@@ -156,11 +156,19 @@ fn cells_have_their_angles_in_physical_space() {
         "image.npy",
         &format!("--feature ridges --distance 6 {place} --metric samples"),
     );
-    let code = "import sys, vtk\n\
-        r = vtk.vtkXMLUnstructuredGridReader(); r.SetFileName(sys.argv[1]); r.Update()\n\
-        q = vtk.vtkMeshQuality(); q.SetInputConnection(r.GetOutputPort()); q.SetTetQualityMeasureToMinAngle(); q.Update()\n\
-        d = q.GetOutput().GetCellData(); a = d.GetArray('min_dihedral_physical'); b = d.GetArray('Quality')\n\
-        print(max(abs(a.GetValue(i) - b.GetValue(i)) for i in range(a.GetNumberOfTuples())))";
+    // VTK 9.7.2's own measure of these angles is wrong for a third of these flat cells.
+    let code = "import math, sys, vtk\n\
+        r = vtk.vtkXMLUnstructuredGridReader(); r.SetFileName(sys.argv[1]); r.Update(); g = r.GetOutput()\n\
+        def normal(p, q, r): return vtk.vtkMath.Cross([q[k] - p[k] for k in range(3)], [r[k] - p[k] for k in range(3)], n := [0.0] * 3) or n\n\
+        def angle(a, b, c, d):\n\
+        \x20   m, n = normal(a, b, c), normal(a, b, d)\n\
+        \x20   return math.degrees(math.acos(vtk.vtkMath.Dot(m, n) / vtk.vtkMath.Norm(m) / vtk.vtkMath.Norm(n)))\n\
+        def least(i):\n\
+        \x20   p = [g.GetPoint(g.GetCell(i).GetPointId(k)) for k in range(4)]\n\
+        \x20   pairs = [(0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 0, 2), (2, 3, 0, 1)]\n\
+        \x20   return min(angle(*[p[k] for k in pair]) for pair in pairs)\n\
+        a = g.GetCellData().GetArray('min_dihedral_physical')\n\
+        print(max(abs(a.GetValue(i) - least(i)) for i in range(a.GetNumberOfTuples())))";
     let path = folder.path().join("mesh.vtu");
     let difference = run_python("VTK", &["-c".as_ref(), code.as_ref(), path.as_os_str()]);
     assert!(

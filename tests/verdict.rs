@@ -156,7 +156,7 @@ fn cells_have_their_angles_in_physical_space() {
         "image.npy",
         &format!("--feature ridges --distance 6 {place} --metric samples"),
     );
-    // VTK 9.7.2's own measure of these angles is wrong for a third of these flat cells.
+    // VTK's own least dihedral angle leaves out two of the six edges.
     let code = "import math, sys, vtk\n\
         r = vtk.vtkXMLUnstructuredGridReader(); r.SetFileName(sys.argv[1]); r.Update(); g = r.GetOutput()\n\
         def normal(p, q, r): return vtk.vtkMath.Cross([q[k] - p[k] for k in range(3)], [r[k] - p[k] for k in range(3)], n := [0.0] * 3) or n\n\

@@ -202,7 +202,7 @@ impl<'a> DistributedSlabs<'a> {
         Ok((first, counts.iter().sum()))
     }
 
-    /// Returns the nodes that any rank removed, rising.
+    /// Returns the nodes that any rank removed, in ascending order.
     pub(super) fn all_removed_nodes(&self, local: Vec<u32>) -> Result<Vec<u32>> {
         let all = self.comm.all_gather("removed nodes", local)?;
         Ok(sorted(concatenate(all)))

@@ -4,14 +4,16 @@
 //!
 //! 1. The crop is the largest whose meshes have together at most a fifth of the cells of the mesh
 //!    ([`MAX_TRIAL_SHARE`]), so that trials cost at most a fifth of the job.
-//! 2. The crop is meshed with the options of the job, then with each candidate, the cheapest first, until
-//!    one helps.
+//! 2. The crop is meshed with the options of the job, then with each candidate, the most promising first,
+//!    until one helps.
+
+use toml::Value;
 
 use super::Params;
 use super::mesh_verb::{MeshResult, Outcome, RunOptions, run_from};
 use super::spec::{MeshSpec, NominalDistance};
 use crate::feature::components::Components;
-use crate::feature::{FeatureKind, LabelOptions};
+use crate::feature::FeatureKind;
 use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::{ExactLabels, Image, ImageSource, LabelTable};
 use crate::lattice::optimise::StopReason;
@@ -25,14 +27,17 @@ const MAX_TRIAL_SHARE: f64 = 0.2;
 /// Half the length of the sides of crops that are considered, in samples, the largest first.
 const HALF_SIDES: [usize; 7] = [32, 24, 18, 14, 11, 9, 7];
 
-/// Factor by which a candidate makes distances smaller: twice as many cells.
-const FINER_DISTANCE: f64 = 0.79;
+/// Factor by which a candidate makes distances smaller: three times as many cells.
+const FINER_DISTANCE: f64 = 0.7;
 
 /// Least distance between atoms that is tried, in samples.
 const MIN_DISTANCE: f64 = 0.7;
 
 /// Standard deviations of the smoothing of labels that are tried, in samples.
-const SMOOTHING: [f64; 2] = [0.7, 0.5];
+const SIGMA: [f64; 2] = [0.7, 0.5];
+
+/// Lengths over which the boundaries of labels are smoothed that are tried, in samples.
+const LABEL_SMOOTHING: [f64; 2] = [0.25, 1.0];
 
 /// An option that may help.
 struct Candidate {
@@ -143,7 +148,7 @@ fn tried_advice(
             let costs = candidates.iter().take(count).map(|candidate| candidate.cost);
             first_cost + costs.sum::<f64>()
         };
-        // All candidates in the largest crop, or else the cheapest ones in the smallest.
+        // All candidates in the largest crop, or else the first ones in the smallest.
         let chosen = (1..=candidates.len()).rev().find_map(|count| {
             let place = shares.iter().position(|share| share * cost_of(count) <= left)?;
             Some((place, count))
@@ -265,7 +270,7 @@ fn distance_in<const D: usize>(
     }
 }
 
-/// Returns the options that may help with an issue, the cheapest first. None of them is in use.
+/// Returns the options that may help with an issue, the most promising first. None of them is in use.
 fn candidates(params: &Params<3>, issue: &PartIssue) -> Vec<Candidate> {
     let spec = &params.spec;
     if issue.kind == PartIssueKind::Lost && issue.class == Some(PartClass::Speck) {
@@ -277,54 +282,65 @@ fn candidates(params: &Params<3>, issue: &PartIssue) -> Vec<Candidate> {
             change: Change::MinPart(size),
         }];
     }
-    let mut candidates = Vec::new();
-    let mut add = |option: String, cost: f64, spec: MeshSpec| {
-        candidates.push(Candidate {
-            option,
-            cost,
-            change: Change::Spec(Box::new(spec)),
-        });
-    };
-    for sigma in SMOOTHING {
-        if sigma < spec.sigma.unwrap_or(1.0) {
-            let sigma = Some(sigma);
-            add(
-                format!("--sigma {}", sigma.unwrap_or_default()),
-                1.0,
-                MeshSpec { sigma, ..spec.clone() },
-            );
-        }
-    }
-    let [min, max] = spec.distance.limits();
-    let label = &issue.label;
-    let known = spec.label.iter().find(|options| options.label == *label);
-    let in_use = known.and_then(|options| options.distance).unwrap_or(min.max(1.0));
     let finer = |d: f64| (100.0 * FINER_DISTANCE * d).round() / 100.0;
-    if finer(in_use) >= MIN_DISTANCE {
-        let options = LabelOptions {
-            label: *label,
-            distance: Some(finer(in_use)),
-            name: known.and_then(|options| options.name.clone()),
-            merge_into: None,
-        };
-        let others = spec.label.iter().filter(|options| options.label != *label);
-        let labels = others.cloned().chain([options]).collect();
-        let option = format!("--label {label}:distance={}", finer(in_use));
-        add(option, 1.5, MeshSpec { label: labels, ..spec.clone() });
+    let [min, max] = spec.distance.limits();
+    let distance = match spec.distance {
+        NominalDistance::Constant(d) => NominalDistance::Constant(finer(d)),
+        NominalDistance::Range { .. } => NominalDistance::Range {
+            min: finer(min),
+            max: finer(max),
+        },
+    };
+    let finer_distance = ("distance", Value::String(distance.to_string()));
+    let finer_cost = FINER_DISTANCE.powi(-3);
+    let smoothing = |name: &'static str, size: f64| (name, Value::Float(size));
+    let [weak, strong] = LABEL_SMOOTHING.map(|size| smoothing("label-smoothing", size));
+    let mut choices = if with_options(spec, std::slice::from_ref(&strong)).is_some() {
+        vec![
+            (vec![finer_distance.clone()], finer_cost),
+            (vec![strong], 1.0),
+            (vec![weak, finer_distance], finer_cost),
+        ]
+    } else {
+        let [weak, weaker] = SIGMA.map(|size| smoothing("sigma", size));
+        vec![
+            (vec![weaker, finer_distance.clone()], finer_cost),
+            (vec![weak], 1.0),
+            (vec![finer_distance], finer_cost),
+        ]
+    };
+    if finer(min) < MIN_DISTANCE {
+        choices.retain(|(options, _)| options.iter().all(|(name, _)| *name != "distance"));
     }
-    if finer(min) >= MIN_DISTANCE {
-        let distance = match spec.distance {
-            NominalDistance::Constant(d) => NominalDistance::Constant(finer(d)),
-            NominalDistance::Range { .. } => NominalDistance::Range {
-                min: finer(min),
-                max: finer(max),
-            },
+    let candidate = |(options, cost): (Vec<(&str, Value)>, f64)| {
+        let changed = with_options(spec, &options)?;
+        let text = |(name, value): &(&str, Value)| match value {
+            Value::String(text) => format!("--{name} {text}"),
+            value => format!("--{name} {value}"),
         };
-        let cost = FINER_DISTANCE.powi(-3);
-        add(format!("--distance {distance}"), cost, MeshSpec { distance, ..spec.clone() });
+        Some(Candidate {
+            option: options.iter().map(text).collect::<Vec<_>>().join(" "),
+            cost,
+            change: Change::Spec(Box::new(changed)),
+        })
+    };
+    choices.into_iter().filter_map(candidate).collect()
+}
+
+/// Returns options with other values of some of them, which have the names of the command line; `None` if
+/// there are no such options, if they have these values already, or if they do not fit the others.
+fn with_options(spec: &MeshSpec, options: &[(&str, Value)]) -> Option<MeshSpec> {
+    let mut table = spec.to_table().ok()?;
+    for (name, value) in options {
+        if table.get(*name) == Some(value) {
+            return None;
+        }
+        table.insert((*name).to_string(), value.clone());
     }
-    candidates.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    candidates
+    table.insert("feature".into(), Value::String(FeatureKind::Labels.to_string()));
+    let changed: MeshSpec = table.try_into().ok()?;
+    changed.validate().ok()?;
+    Some(changed)
 }
 
 /// Returns the first and the last sample of a crop whose sides are twice `half` long, where the image is as

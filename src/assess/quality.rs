@@ -86,7 +86,11 @@ pub fn quality<'a>(
     spec: &QualitySpec,
     progress: &mut dyn Progress,
 ) -> Result<Report> {
-    let MeshInput { mesh, name, read_image } = mesh.into();
+    let MeshInput {
+        mesh,
+        name,
+        read_image,
+    } = mesh.into();
     with_mesh!(mesh,
         simplices file => {
             let file = match spec.labels {
@@ -150,12 +154,18 @@ impl<const D: usize> LabelsOfMesh<D> {
     ) -> Option<Certificate> {
         let to_index = |x: &[f64; D]| self.index_of(&stored.space, x);
         let (mesh, labels) = (&stored.lattice, &self.cells);
-        self.certify(&LabelledCells::from_simplices(mesh, neighbours, labels, to_index))
+        self.certify(&LabelledCells::from_simplices(
+            mesh, neighbours, labels, to_index,
+        ))
     }
 
     fn certify_cells(&self, stored: &StoredMesh<D, PolyMesh<D>>) -> Option<Certificate> {
         let to_index = |x: &[f64; D]| self.index_of(&stored.space, x);
-        self.certify(&LabelledCells::from_cells(&stored.lattice, &self.cells, to_index))
+        self.certify(&LabelledCells::from_cells(
+            &stored.lattice,
+            &self.cells,
+            to_index,
+        ))
     }
 
     /// Returns the position in the image of a position in lattice space.
@@ -171,9 +181,16 @@ fn recorded_label_options<M>(file: &MeshFile<M>) -> Vec<LabelOptions> {
         return Vec::new();
     };
     let recorded: Option<toml::Table> = toml::from_str(text.trim_end_matches('\0')).ok();
-    let labels = recorded.as_ref().and_then(|table| table.get("label")?.as_array());
-    let labels = labels.into_iter().flatten().filter_map(|item| item.as_str());
-    labels.filter_map(|text| LabelOptions::parse(text).ok()).collect()
+    let labels = recorded
+        .as_ref()
+        .and_then(|table| table.get("label")?.as_array());
+    let labels = labels
+        .into_iter()
+        .flatten()
+        .filter_map(|item| item.as_str());
+    labels
+        .filter_map(|text| LabelOptions::parse(text).ok())
+        .collect()
 }
 
 impl QualitySpec {
@@ -221,7 +238,10 @@ impl QualitySpec {
         }
         let name_of = |label: &LabelValue| {
             let mut options = options.iter();
-            options.find(|options| options.label == *label)?.name.clone()
+            options
+                .find(|options| options.label == *label)?
+                .name
+                .clone()
         };
         Ok(Some(LabelsOfMesh {
             geometry: image.geometry.clone(),

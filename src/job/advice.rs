@@ -1,4 +1,4 @@
-//! Advice on meshes of labels: options are tried on a crop of the image round the worst place, and one is
+//! Advice on meshes of labels: options are tried on a crop of the image around the worst place, and one is
 //! recommended that makes the figure of the issue better there and no other figure of the certificate
 //! worse.
 //!
@@ -12,8 +12,8 @@ use toml::Value;
 use super::Params;
 use super::mesh_verb::{MeshResult, Outcome, RunOptions, run_from};
 use super::spec::{MeshSpec, NominalDistance};
-use crate::feature::components::Components;
 use crate::feature::FeatureKind;
+use crate::feature::components::Components;
 use crate::geometry::grid_index::{index_at, offset_of};
 use crate::image::{ExactLabels, Image, ImageSource, LabelTable};
 use crate::lattice::optimise::StopReason;
@@ -47,7 +47,7 @@ struct Candidate {
     change: Change,
 }
 
-/// What a candidate changes.
+/// The change that a candidate makes.
 enum Change {
     /// Other options.
     Spec(Box<MeshSpec>),
@@ -145,12 +145,17 @@ fn tried_advice(
         // The issue may first show at the last place.
         let first_cost = (places.len() - number) as f64;
         let cost_of = |count: usize| -> f64 {
-            let costs = candidates.iter().take(count).map(|candidate| candidate.cost);
+            let costs = candidates
+                .iter()
+                .take(count)
+                .map(|candidate| candidate.cost);
             first_cost + costs.sum::<f64>()
         };
         // All candidates in the largest crop, or else the first ones in the smallest.
         let chosen = (1..=candidates.len()).rev().find_map(|count| {
-            let place = shares.iter().position(|share| share * cost_of(count) <= left)?;
+            let place = shares
+                .iter()
+                .position(|share| share * cost_of(count) <= left)?;
             Some((place, count))
         });
         let Some((place, count)) = chosen else {
@@ -201,7 +206,9 @@ fn tried(
     };
     let figure_before = before.figure(kind);
     let figure = after.as_ref().map(|after| after.figure(kind));
-    let worse = after.as_ref().and_then(|after| after.worse_figure(before, kind));
+    let worse = after
+        .as_ref()
+        .and_then(|after| after.worse_figure(before, kind));
     Trial {
         option: candidate.option.clone(),
         figure: figure_before.name.to_string(),
@@ -337,7 +344,10 @@ fn with_options(spec: &MeshSpec, options: &[(&str, Value)]) -> Option<MeshSpec> 
         }
         table.insert((*name).to_string(), value.clone());
     }
-    table.insert("feature".into(), Value::String(FeatureKind::Labels.to_string()));
+    table.insert(
+        "feature".into(),
+        Value::String(FeatureKind::Labels.to_string()),
+    );
     let changed: MeshSpec = table.try_into().ok()?;
     changed.validate().ok()?;
     Some(changed)
@@ -350,7 +360,10 @@ fn crop_box<const D: usize>(dims: [usize; D], centre: [f64; D], half: usize) -> 
         let low = (centre[k].round().max(0.0) as usize).saturating_sub(half);
         low.min(dims[k].saturating_sub(2 * half + 1))
     });
-    [low, std::array::from_fn(|k| (low[k] + 2 * half).min(dims[k] - 1))]
+    [
+        low,
+        std::array::from_fn(|k| (low[k] + 2 * half).min(dims[k] - 1)),
+    ]
 }
 
 /// Returns the fraction of nodes in a box.
@@ -373,7 +386,9 @@ fn cropped<const D: usize>(image: &Image<D>, [low, high]: [[usize; D]; 2]) -> Im
     geometry.origin = image.geometry.to_physical(low.map(|i| i as f64));
     let mut crop = Image::new(dims, samples, geometry);
     crop.labels = image.labels.as_ref().map(|exact| {
-        let values = sources.iter().map(|&i| exact.values[exact.indices[i] as usize]);
+        let values = sources
+            .iter()
+            .map(|&i| exact.values[exact.indices[i] as usize]);
         ExactLabels::from_integers(values)
     });
     crop

@@ -190,7 +190,10 @@ pub(super) fn certificate<const D: usize>(
     let (table, parts) = components(image)?;
     let name_of = |label: &LabelValue| {
         let mut options = label_options.iter();
-        options.find(|options| options.label == *label)?.name.clone()
+        options
+            .find(|options| options.label == *label)?
+            .name
+            .clone()
     };
     let names: Vec<Option<String>> = table.values.iter().map(name_of).collect();
     let certified = CertifiedImage {

@@ -1,4 +1,4 @@
-//! Advice that was tried: options that were used on a crop of the image round the worst place of a mesh
+//! Advice that was tried: options that were used on a crop of the image around the worst place of a mesh
 //! of labels, and what they changed there.
 
 use serde::Serialize;
@@ -38,13 +38,13 @@ pub struct Trial {
 }
 
 impl Advice {
-    /// Returns what the option does, or what was tried in vain.
+    /// Returns what the option does, or the options that were tried without effect.
     pub fn suggestion(&self) -> String {
         let place = place_text(&self.at);
         let helpful = self.trials.last().filter(|_| self.option.is_some());
         if let Some(trial) = helpful {
             return format!(
-                "on a part of the image round {place}, this changes {} from {} to {}, and makes nothing worse",
+                "on a part of the image around {place}, this changes {} from {} to {}, and makes nothing worse",
                 trial.figure,
                 number_text(trial.before),
                 number_text(trial.after.unwrap_or_default())
@@ -54,12 +54,12 @@ impl Advice {
             return String::from(if self.crop.is_empty() {
                 "no option was tried, as the image is too small for trials on a part of it"
             } else {
-                "no option was tried, as a part of the image round the place alone does not have this issue"
+                "no option was tried, as a part of the image around the place alone does not have this issue"
             });
         }
         let options: Vec<&str> = self.trials.iter().map(|trial| &*trial.option).collect();
         format!(
-            "no option that was tried on a part of the image round {place} ({}); an image with more samples there",
+            "no option that was tried on a part of the image around {place} ({}); an image with more samples there",
             options.join(", ")
         )
     }
@@ -96,10 +96,16 @@ mod tests {
             trials: vec![trial],
         };
         let text = advice.suggestion();
-        assert!(text.contains("(3, 4.5, 5.25)") && text.contains("from 3 to 0"), "{text}");
+        assert!(
+            text.contains("(3, 4.5, 5.25)") && text.contains("from 3 to 0"),
+            "{text}"
+        );
         advice.option = None;
         let text = advice.suggestion();
-        assert!(text.starts_with("no option") && text.contains("--distance 2:6"), "{text}");
+        assert!(
+            text.starts_with("no option") && text.contains("--distance 2:6"),
+            "{text}"
+        );
         advice.trials.clear();
         assert!(advice.suggestion().contains("too small"));
     }

@@ -51,15 +51,15 @@ mod tally;
 mod verdict;
 
 pub use crate::progress::cost::{self, Clock, StageCost};
-pub use advice::{Advice, Trial};
 pub use acute::{AcuteLine, AcutePair};
+pub use advice::{Advice, Trial};
 pub use angle_space::AngleSpace;
 pub(crate) use angles::assess_angles;
 pub(crate) use angles::assess_partition_angles;
 pub use angles::{AngleAssessment, Angles};
 pub use cells::Voronoi;
-pub use certificate::Certificate;
 pub(crate) use cells::{lattice_of_graph, measure_voronoi};
+pub use certificate::Certificate;
 pub use fidelity::{FaceMatch, Fidelity, SurfaceCoverage, fidelity};
 pub(crate) use fidelity::{fidelity_of_cells, fidelity_of_partition};
 pub use given_surfaces::GivenSurfaceReport;
@@ -183,7 +183,7 @@ impl Default for Report {
 }
 
 impl Report {
-    /// Says that the features of a mesh of labels are the smoothed interface, which is not the image.
+    /// Names the features of a mesh of labels: the smoothed interface, which is not the image.
     pub(crate) fn name_smoothed_interface(&mut self) {
         if let Some(fidelity) = &mut self.fidelity {
             fidelity.reference = "smoothed interface".into();

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use super::{Advice, Report};
 use super::assumptions::assumptions;
 use super::issues::{Issue, angle_range};
 use super::table::group_digits;
+use super::{Advice, Report};
 use crate::feature::{Confidences, FeatureKind, KindOutcome, MIN_FAULT_DIP};
 use crate::image::NoAngles;
 
@@ -98,7 +98,10 @@ impl Verdict {
         let (issue, suggestion, option) = match issue {
             // An option that is in use already does not help again.
             Some(Issue { message, .. })
-                if report.advice.as_ref().is_some_and(|advice| advice.issue == message) =>
+                if report
+                    .advice
+                    .as_ref()
+                    .is_some_and(|advice| advice.issue == message) =>
             {
                 let advice = report.advice.as_ref();
                 let option = advice.and_then(|advice| advice.option.clone());

@@ -74,7 +74,11 @@ impl<const D: usize> DistanceSum<D> {
         self.area += area;
         self.integral += area * distance;
         for (within, limit) in self.within.iter_mut().zip([0.5, 1.0]) {
-            *within += if distance <= limit + ROUNDING { area } else { 0.0 };
+            *within += if distance <= limit + ROUNDING {
+                area
+            } else {
+                0.0
+            };
         }
     }
 
@@ -132,7 +136,10 @@ impl<'a, const D: usize> PartSurfaces<'a, D> {
         let boxes: Vec<[[f64; D]; 2]> = self.shapes.par_iter().map(bounding_box).collect();
         // Eight sets of labels make the search faster.
         let set = |label: u32| 1u8 << (label % 8);
-        let sets = self.facets.iter().map(|facet| set(facet.labels[0]) | set(facet.labels[1]));
+        let sets = self
+            .facets
+            .iter()
+            .map(|facet| set(facet.labels[0]) | set(facet.labels[1]));
         let sets: Vec<u8> = sets.collect();
         let tree = BoxTree::new(&boxes, &sets);
         let measure = |faces: &[VoxelFace]| {
@@ -205,9 +212,8 @@ impl<'a, const D: usize> PartSurfaces<'a, D> {
                 let direction = area_vector.map(|n| n * inwards);
                 let origin: [f64; D] =
                     std::array::from_fn(|k| shape.iter().map(|x| x[k]).sum::<f64>() / D as f64);
-                let bounds_part = |other: usize| {
-                    other != f && self.facets[other].parts.contains(&(part as u32))
-                };
+                let bounds_part =
+                    |other: usize| other != f && self.facets[other].parts.contains(&(part as u32));
                 let chord = grid.first_hit(origin, direction, &self.shapes, bounds_part)?;
                 Some([chord, area])
             });
@@ -224,7 +230,11 @@ pub fn voxel_thickness<const D: usize>(voxels: &VoxelParts<'_, D>) -> Vec<Option
         let faces = voxels.faces_of(part);
         let stride = faces.len().div_ceil(MAX_THICKNESS_FACES).max(1);
         let chords = faces.iter().step_by(stride);
-        least_thickness(chords.filter_map(|face| voxel_chord(voxels, part, *face)).collect())
+        least_thickness(
+            chords
+                .filter_map(|face| voxel_chord(voxels, part, *face))
+                .collect(),
+        )
     };
     let part_count = voxels.components.components.len() as u32;
     (0..part_count).into_par_iter().map(thickness).collect()
@@ -240,7 +250,7 @@ fn voxel_chord<const D: usize>(
     let centre = voxels.centre(face);
     let axis = face.axis as usize;
     let dims = voxels.components.dims;
-    // The normal points to where the part is in a window of 4 by 5 by 5 samples round the face.
+    // The normal points to where the part is in a window of 4 by 5 by 5 samples around the face.
     let mut direction = [0.0; D];
     for number in 0..5usize.pow(D as u32) {
         let step = |k: usize| (number / 5usize.pow(k as u32) % 5) as f64 - 2.0;
@@ -250,7 +260,10 @@ fn voxel_chord<const D: usize>(
             continue;
         }
         let x = std::array::from_fn(|k| (centre[k] + offset[k]).clamp(0.0, dims[k] as f64 - 1.0));
-        if voxels.sample_at(x).is_some_and(|sample| voxels.part_at(sample) == part) {
+        if voxels
+            .sample_at(x)
+            .is_some_and(|sample| voxels.part_at(sample) == part)
+        {
             direction = add_scaled(direction, 1.0, offset);
         }
     }
@@ -278,10 +291,7 @@ fn least_thickness(chords: Vec<[f64; 2]>) -> Option<f64> {
 }
 
 /// Returns the sum of a part, which is the last one or a new one.
-fn sum_of<const D: usize>(
-    sums: &mut Vec<(u32, DistanceSum<D>)>,
-    part: u32,
-) -> &mut DistanceSum<D> {
+fn sum_of<const D: usize>(sums: &mut Vec<(u32, DistanceSum<D>)>, part: u32) -> &mut DistanceSum<D> {
     if sums.last().is_none_or(|(last, _)| *last != part) {
         sums.push((part, DistanceSum::default()));
     }
@@ -351,7 +361,10 @@ impl<const D: usize> FacetGrid<D> {
         let counts: [usize; D] = std::array::from_fn(|k| cell(high[k], k) - first[k] + 1);
         for number in 0..counts.iter().product() {
             let step = index_at(counts, number);
-            visit(offset_of(self.dims, std::array::from_fn(|k| first[k] + step[k])));
+            visit(offset_of(
+                self.dims,
+                std::array::from_fn(|k| first[k] + step[k]),
+            ));
         }
     }
 
@@ -383,9 +396,8 @@ impl<const D: usize> FacetGrid<D> {
             if nearest <= end {
                 return Some(nearest.min(MAX_THICKNESS));
             }
-            let is_inside = (0..D).all(|k| {
-                (0.0..=GRID_CELL * self.dims[k] as f64).contains(&ends[1][k])
-            });
+            let is_inside =
+                (0..D).all(|k| (0.0..=GRID_CELL * self.dims[k] as f64).contains(&ends[1][k]));
             if !is_inside {
                 return None;
             }
@@ -403,7 +415,11 @@ fn hit_distance<const D: usize>(
 ) -> Option<f64> {
     let (d, u) = (to_3d(direction), to_3d(sub(shape[1], shape[0])));
     // In 2-D, an edge becomes a strip across the plane.
-    let v = if D == 2 { [0.0, 0.0, 1.0] } else { to_3d(sub(shape[D - 1], shape[0])) };
+    let v = if D == 2 {
+        [0.0, 0.0, 1.0]
+    } else {
+        to_3d(sub(shape[D - 1], shape[0]))
+    };
     let p = cross(d, v);
     let determinant = dot(u, p);
     if determinant.abs() < 1e-12 {

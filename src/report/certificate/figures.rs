@@ -14,7 +14,7 @@ const SAME_DISTANCE: f64 = 0.01;
 /// A figure of a certificate that is zero for a perfect mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Figure {
-    /// What it is, in words.
+    /// Its name, in words.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
@@ -42,7 +42,10 @@ impl Certificate {
     /// Returns the figure that a kind of issue is about.
     pub(crate) fn figure(&self, kind: PartIssueKind) -> Figure {
         let figure = |name, value, limit| Figure { name, value, limit };
-        let classes = self.classes.iter().filter(|class| class.class != PartClass::Speck);
+        let classes = self
+            .classes
+            .iter()
+            .filter(|class| class.class != PartClass::Speck);
         match kind {
             PartIssueKind::Pinch => figure(
                 "the number of nodes at which parts touch that are apart",
@@ -64,7 +67,11 @@ impl Certificate {
             }
             PartIssueKind::Euler => {
                 let count: usize = classes.map(|class| class.wrong_euler).sum();
-                figure("the number of parts with a wrong Euler number", count as f64, 0.0)
+                figure(
+                    "the number of parts with a wrong Euler number",
+                    count as f64,
+                    0.0,
+                )
             }
             PartIssueKind::Boundary => {
                 let least = classes.fold(1.0, |least, class| class.min_boundary_share.min(least));
@@ -91,14 +98,23 @@ impl Certificate {
             };
             let other = |name, value, limit| Figure { name, value, limit };
             let changed = certificate.changed_samples as f64;
-            figures.push(other("the number of samples that changed sides", changed, 0.0));
+            figures.push(other(
+                "the number of samples that changed sides",
+                changed,
+                0.0,
+            ));
             let distance = mean(&certificate.boundary).max(mean(&certificate.faces));
-            figures.push(other("the mean distance of the boundaries", distance, SAME_DISTANCE));
+            figures.push(other(
+                "the mean distance of the boundaries",
+                distance,
+                SAME_DISTANCE,
+            ));
             figures
         };
         let named = self.figure(kind).name;
         let pairs = figures(self).into_iter().zip(figures(before));
-        let mut worse = pairs.filter(|(after, before)| after.name != named && after.is_worse_than(before));
+        let mut worse =
+            pairs.filter(|(after, before)| after.name != named && after.is_worse_than(before));
         worse.next().map(|(after, _)| after.name)
     }
 }

@@ -100,11 +100,16 @@ impl<'a, const D: usize> LabelledCells<'a, D> {
         }
         let (first_simplex, order) = sort_by_group(cell_count, cells.into_iter());
         let sorted = order.iter();
-        let sorted = sorted.flat_map(|&s| &corners[(D + 1) * s as usize..(D + 1) * (s as usize + 1)]);
+        let sorted =
+            sorted.flat_map(|&s| &corners[(D + 1) * s as usize..(D + 1) * (s as usize + 1)]);
         let positions = mesh.nodes.iter().chain(&mesh.sites);
         let cells_of_face = move |face: usize| {
             let beyond = mesh.face_cells[face][1];
-            let beyond = if (beyond as usize) < cell_count { beyond } else { NONE };
+            let beyond = if (beyond as usize) < cell_count {
+                beyond
+            } else {
+                NONE
+            };
             [mesh.face_cells[face][0], beyond]
         };
         Self {
@@ -260,7 +265,11 @@ impl<'a, const D: usize> LabelledCells<'a, D> {
                 let label = self.labels[cell as usize];
                 for z in range[2][0]..range[2][1] {
                     for y in range[1][0]..range[1][1] {
-                        let row = if D == 2 { y * dims[0] } else { (z * dims[1] + y) * dims[0] };
+                        let row = if D == 2 {
+                            y * dims[0]
+                        } else {
+                            (z * dims[1] + y) * dims[0]
+                        };
                         for x in range[0][0]..range[0][1] {
                             let at = [x as f64, y as f64, z as f64];
                             let depth = frame.depth(std::array::from_fn(|k| at[k]));
@@ -324,6 +333,10 @@ impl<const D: usize> SimplexFrame<D> {
         }
         // Flat simplices have no coordinates.
         let depth = smallest.min(first);
-        if depth.is_finite() { depth } else { f64::NEG_INFINITY }
+        if depth.is_finite() {
+            depth
+        } else {
+            f64::NEG_INFINITY
+        }
     }
 }

@@ -67,7 +67,10 @@ pub(super) fn part_issue(
         (PartIssueKind::Volume | PartIssueKind::Boundary, Some((_, at))) => at.to_vec(),
         _ => part.first_sample.clone(),
     };
-    let name = part.name.as_ref().map_or(String::new(), |name| format!(" ({name})"));
+    let name = part
+        .name
+        .as_ref()
+        .map_or(String::new(), |name| format!(" ({name})"));
     let subject = format!(
         "the part of label {}{name} with {} at {}",
         part.label,
@@ -146,7 +149,9 @@ impl Certificate {
             let (title, worst) = (class.class.title(), class.worst_volume.as_ref());
             if let (Some(worst), true) = (worst, class.class != PartClass::Speck) {
                 let error = worst.volume_error_percent.abs();
-                statements.push(format!("{title} parts of labels within {error:.1} % of their volumes"));
+                statements.push(format!(
+                    "{title} parts of labels within {error:.1} % of their volumes"
+                ));
             }
         }
         if self.lost_parts > 0 {
@@ -210,7 +215,9 @@ impl Certificate {
                     samples_text(part.samples)
                 )
             });
-            let dice = class.min_dice.map_or("-".into(), |dice| format!("{dice:.3}"));
+            let dice = class
+                .min_dice
+                .map_or("-".into(), |dice| format!("{dice:.3}"));
             lines.push(format!(
                 "{:<8} {:>8} {:>7} {:>8} {:>7} {dice:>7}  {worst}",
                 class.class.title(),

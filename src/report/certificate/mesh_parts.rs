@@ -103,7 +103,10 @@ fn parts_of_cells<const D: usize>(
         let larger = |best: (u32, f64), next: (u32, f64)| if next.1 > best.1 { next } else { best };
         votes.into_iter().fold((NONE, 0.0), larger).0
     };
-    let mut parts: Vec<u32> = (0..cells.labels.len()).into_par_iter().map(part_of).collect();
+    let mut parts: Vec<u32> = (0..cells.labels.len())
+        .into_par_iter()
+        .map(part_of)
+        .collect();
     // Cells without a sample of their label follow adjacent cells of this label.
     let open = map_faces(cells, |_, [a, b], open: &mut Vec<[u32; 2]>| {
         if b != NONE && cells.labels[a as usize] == cells.labels[b as usize] {
@@ -140,12 +143,22 @@ fn facets_between<const D: usize>(
 ) -> Vec<PartFacet<D>> {
     map_faces(cells, |face, pair, facets| {
         let of_side = |values: &[u32]| {
-            pair.map(|cell| if cell == NONE { NONE } else { values[cell as usize] })
+            pair.map(|cell| {
+                if cell == NONE {
+                    NONE
+                } else {
+                    values[cell as usize]
+                }
+            })
         };
         let (parts, labels) = (of_side(part_of_cell), of_side(cells.labels));
         if pair[1] == NONE || parts[0] != parts[1] || labels[0] != labels[1] {
             cells.for_each_facet(face, |nodes| {
-                facets.push(PartFacet { nodes, parts, labels });
+                facets.push(PartFacet {
+                    nodes,
+                    parts,
+                    labels,
+                });
             });
         }
     })

@@ -239,7 +239,8 @@ impl PartReport {
     /// Returns `true` if the Euler number in the mesh is not among those in the image.
     pub fn has_wrong_euler(&self) -> bool {
         let [low, high] = self.euler;
-        self.mesh_euler.is_some_and(|euler| !(low..=high).contains(&euler))
+        self.mesh_euler
+            .is_some_and(|euler| !(low..=high).contains(&euler))
     }
 
     /// Returns `true` if the volume is off by more than the part's class allows.
@@ -397,7 +398,9 @@ impl Overlap {
                 continue;
             }
             let at = index_at(dims, sample);
-            let sides = (0..D).filter(|&k| at[k] == 0 || at[k] + 1 == dims[k]).count();
+            let sides = (0..D)
+                .filter(|&k| at[k] == 0 || at[k] + 1 == dims[k])
+                .count();
             let weight = 0.5f64.powi(sides as i32);
             let (part, cell_part) = (voxels.part_at(sample), mesh.part_of_cell[cell as usize]);
             if cell_part != NONE {
@@ -512,7 +515,8 @@ impl<const D: usize> JudgedParts<'_, D> {
             let labels = crate::geometry::sorted(node.parts.map(|part| self.voxels.label_of(part)));
             Pinch {
                 labels: labels.map(|n| self.image.labels[n as usize]),
-                are_labels_apart: labels[0] != labels[1] && neighbours.binary_search(&labels).is_err(),
+                are_labels_apart: labels[0] != labels[1]
+                    && neighbours.binary_search(&labels).is_err(),
                 at: self.place(cells.position(node.node)),
             }
         };
@@ -575,7 +579,11 @@ impl<const D: usize> JudgedParts<'_, D> {
         let changed = self.overlap.changed.iter().zip(self.image.labels);
         let mut changed: Vec<ChangedSamples> = changed
             .filter(|([lost, gained], _)| lost + gained > 0)
-            .map(|(&[lost, gained], &label)| ChangedSamples { label, lost, gained })
+            .map(|(&[lost, gained], &label)| ChangedSamples {
+                label,
+                lost,
+                gained,
+            })
             .collect();
         changed.sort_by_key(|changed| std::cmp::Reverse(changed.lost + changed.gained));
         changed.truncate(MAX_LISTED);
@@ -665,11 +673,19 @@ impl ClassReport {
         self.min_dice = Some(self.min_dice.map_or(part.dice, |dice| dice.min(part.dice)));
         self.min_boundary_share = self.min_boundary_share.min(part.boundary_share());
         let error = |part: &PartReport| part.volume_error_percent.abs();
-        if self.worst_volume.as_ref().is_none_or(|worst| error(part) > error(worst)) {
+        if self
+            .worst_volume
+            .as_ref()
+            .is_none_or(|worst| error(part) > error(worst))
+        {
             self.worst_volume = Some(part.clone());
         }
         let distance = |part: &PartReport| part.worst_distance().map_or(0.0, |(d, _)| d);
-        if self.worst_distance.as_ref().is_none_or(|worst| distance(part) > distance(worst)) {
+        if self
+            .worst_distance
+            .as_ref()
+            .is_none_or(|worst| distance(part) > distance(worst))
+        {
             self.worst_distance = Some(part.clone());
         }
     }

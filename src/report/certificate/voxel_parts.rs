@@ -1,7 +1,7 @@
 //! The connected parts of the labels of an image: their boundaries, which parts are neighbours, and the
 //! Euler numbers of their surfaces.
 //!
-//! The Euler number of a part is a sum over the blocks of `2^D` samples round each vertex between samples
+//! The Euler number of a part is a sum over the blocks of `2^D` samples around each vertex between samples
 //! (also round those outside the image, so that the part ends at the sides of the box). A block's
 //! contribution depends only on which of its samples belong to the part. There are two of them: samples
 //! that touch at an edge or a corner only are connected (26 neighbours), or they are not (6 neighbours).
@@ -58,7 +58,7 @@ pub struct VoxelParts<'a, const D: usize> {
     neighbours: Vec<[u32; 2]>,
 }
 
-/// What one task finds about blocks. Contributions to Euler numbers are in units of `1 / 2^D`.
+/// Findings of one task about blocks. Contributions to Euler numbers are in units of `1 / 2^D`.
 #[derive(Default)]
 struct BlockSurvey {
     /// Parts with contributions to their Euler numbers if all contacts are connections.
@@ -85,7 +85,9 @@ impl<'a, const D: usize> VoxelParts<'a, D> {
         let volumes = label_map::volumes(dims, [1.0; D], parts, part_count);
         let (euler, neighbours) = survey_blocks(dims, parts, part_count);
         let faces = faces_between(dims, labels);
-        let part_of_face = faces.iter().map(|face| parts[face.sample as usize] as usize);
+        let part_of_face = faces
+            .iter()
+            .map(|face| parts[face.sample as usize] as usize);
         let (face_start, order) = sort_by_group(part_count, part_of_face);
         Self {
             components,
@@ -155,11 +157,12 @@ impl<'a, const D: usize> VoxelParts<'a, D> {
     pub fn boundary_distance(&self, x: [f64; D], label: u32) -> f64 {
         let dims = self.components.dims;
         let strides = strides(dims);
-        let base: [i64; D] = std::array::from_fn(|k| {
-            (x[k].round() as i64).clamp(0, dims[k] as i64 - 1)
-        });
+        let base: [i64; D] =
+            std::array::from_fn(|k| (x[k].round() as i64).clamp(0, dims[k] as i64 - 1));
         // The position may lie up to half a sample from the nearest one, or more outside the box.
-        let offset = (0..D).map(|k| (x[k] - base[k] as f64).abs()).fold(0.0, f64::max);
+        let offset = (0..D)
+            .map(|k| (x[k] - base[k] as f64).abs())
+            .fold(0.0, f64::max);
         let mut square = MAX_BOUNDARY_DISTANCE * MAX_BOUNDARY_DISTANCE;
         for radius in 0i64.. {
             // Faces of samples in this shell are at least this far away.
@@ -253,10 +256,18 @@ fn faces_between<const D: usize>(dims: [usize; D], labels: &[u32]) -> Vec<VoxelF
                 let is_other = |other: usize| labels[other] != label;
                 let (sample, axis) = (sample as u32, k as u8);
                 if at[k] > 0 && is_other(sample as usize - strides[k]) {
-                    faces.push(VoxelFace { sample, axis, is_upper: false });
+                    faces.push(VoxelFace {
+                        sample,
+                        axis,
+                        is_upper: false,
+                    });
                 }
                 if at[k] + 1 < dims[k] && is_other(sample as usize + strides[k]) {
-                    faces.push(VoxelFace { sample, axis, is_upper: true });
+                    faces.push(VoxelFace {
+                        sample,
+                        axis,
+                        is_upper: true,
+                    });
                 }
             }
         }
@@ -320,7 +331,9 @@ fn survey_blocks<const D: usize>(
                     for k in 0..D {
                         let i = (if k == 0 { x } else { first[k] }) + (s >> k & 1);
                         let is_inside = (1..=dims[k]).contains(&i);
-                        sample = sample.filter(|_| is_inside).map(|sum| sum + (i - 1) * strides[k]);
+                        sample = sample
+                            .filter(|_| is_inside)
+                            .map(|sum| sum + (i - 1) * strides[k]);
                     }
                     *part = sample.map_or(NONE, |sample| parts[sample]);
                 }
@@ -358,7 +371,11 @@ fn survey_blocks<const D: usize>(
             contacts: 0,
         })
         .collect();
-    widen_by_contacts::<D>(&contacts, crate::geometry::grid_index::strides(vertices), &mut euler);
+    widen_by_contacts::<D>(
+        &contacts,
+        crate::geometry::grid_index::strides(vertices),
+        &mut euler,
+    );
     (euler, sorted_distinct(neighbours))
 }
 

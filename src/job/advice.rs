@@ -25,10 +25,10 @@ use crate::report::{Advice, Clock, Trial};
 const MAX_TRIAL_SHARE: f64 = 0.2;
 
 /// Half the length of the sides of crops that are considered, in samples, the largest first.
-const HALF_SIDES: [usize; 7] = [32, 24, 18, 14, 11, 9, 7];
+const HALF_SIDES: [usize; 8] = [32, 24, 18, 14, 11, 9, 7, 6];
 
-/// Factor by which a candidate makes distances smaller: three times as many cells.
-const FINER_DISTANCE: f64 = 0.7;
+/// Factor by which a candidate makes distances smaller: twice as many cells.
+const FINER_DISTANCE: f64 = 0.8;
 
 /// Least distance between atoms that is tried, in samples.
 const MIN_DISTANCE: f64 = 0.7;

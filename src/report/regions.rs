@@ -113,14 +113,7 @@ impl LostParts {
                 self.samples, self.largest_samples
             ),
         };
-        let remedy = match self.remedy() {
-            Some(option) => format!("{option} keeps it"),
-            None => RESAMPLING_ADVICE.to_string(),
-        };
-        format!(
-            "{fate} of label {}{name}: {description}; {remedy}",
-            self.label
-        )
+        format!("{fate} of label {}{name}: {description}", self.label)
     }
 }
 
@@ -213,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_parts_are_reported_with_size_and_remedy() {
+    fn lost_parts_are_reported_with_their_size() {
         let lost = LostParts {
             label: LabelValue::Whole(13),
             name: Some("cyst".into()),
@@ -226,8 +219,7 @@ mod tests {
         };
         assert_eq!(
             lost.message(),
-            "LOST of label 13 (cyst): 2 parts of 20 samples, the largest of 18 at (29, 42.5, 71); \
-             --label 13:distance=1.4 keeps it"
+            "LOST of label 13 (cyst): 2 parts of 20 samples, the largest of 18 at (29, 42.5, 71)"
         );
     }
 }

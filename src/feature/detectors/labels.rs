@@ -15,6 +15,7 @@
 //!
 //! Scale: one sample.
 
+use super::label_slices::{slice_axis, smooth_slices};
 use super::label_smoothing::smooth_labels;
 use super::masks;
 use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
@@ -105,6 +106,8 @@ impl<const D: usize> Detector<D> for Labels {
 
 /// Thickness, in smallest distances between atoms, below which a part of a label is thin.
 const THIN_DISTANCE_RATIO: f64 = 1.5;
+/// Distance between atoms in a thin part, as a share of its thickness.
+const THICKNESS_SHARE: f64 = 0.9;
 /// Smallest distance between atoms in a thin part, in samples.
 pub const MIN_THIN_DISTANCE: f64 = 0.7;
 
@@ -148,12 +151,13 @@ impl ThinDistances {
         distances
     }
 
-    /// Returns the distance in a gap: the thickness of what is thin, so that atoms lie on its two sides.
+    /// Returns the distance in a gap: little less than the thickness of what is thin, so that atoms lie on its
+    /// two sides.
     pub fn in_gap(&self, gap: f32) -> f32 {
         let [min, max] = self.limits;
         let gap = f64::from(gap);
         let distance = if gap < THIN_DISTANCE_RATIO * min {
-            gap.max(self.min_thin)
+            (THICKNESS_SHARE * gap).max(self.min_thin)
         } else {
             gap.max(min)
         };
@@ -181,7 +185,25 @@ fn compete<const D: usize>(
     let components = absorb_small_parts(input, &values, &mut label, notes);
     let is_bounded = input.options.label_smoothing.is_none();
     let sigma = input.options.label_smoothing.unwrap_or(scale);
-    let (winner, lead) = smooth_labels(dims, &label, sigma, is_bounded, input.cancel);
+    let (winner, lead) = match slice_axis(dims, options.step) {
+        Some(axis) => {
+            notes.push(format!(
+                "samples are {:.1} times as far apart along {} as across it: labels are interpolated between slices by their shapes",
+                options.step[axis] / options.step.iter().fold(f64::INFINITY, |min, step| min.min(*step)),
+                ["x", "y", "z"][axis]
+            ));
+            smooth_slices(
+                dims,
+                options.step,
+                axis,
+                &label,
+                sigma,
+                is_bounded,
+                input.cancel,
+            )
+        }
+        None => smooth_labels(dims, &label, sigma, is_bounded, input.cancel),
+    };
     let label_spacing = label_spacing(input, components, &values);
     let are_regions = are_valid_regions(&values);
     // If regions do not have the values of labels, names must contain these, or they would be lost.

@@ -18,8 +18,9 @@ use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
 use crate::report::{
-    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
+    Certificate, Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
 };
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
@@ -191,6 +192,33 @@ pub(super) fn report<const D: usize>(
         lost: lost.0,
         damaged: damaged.0,
     })
+}
+
+/// Judges cells by the samples of an image of labels. Returns `None` if there are too many labels, or if
+/// `cancel` is cancelled.
+pub(super) fn certificate<const D: usize>(
+    image: &Image<D>,
+    label_options: &[LabelOptions],
+    cells: &LabelledCells<'_, D>,
+    cancel: &CancelToken<'_>,
+) -> Option<Certificate> {
+    let (table, parts) = components(image)?;
+    let name_of = |label: &LabelValue| {
+        let mut options = label_options.iter();
+        options
+            .find(|options| options.label == *label)?
+            .name
+            .clone()
+    };
+    let names: Vec<Option<String>> = table.values.iter().map(name_of).collect();
+    let certified = CertifiedImage {
+        components: &parts,
+        indices: &table.indices,
+        labels: &table.values,
+        names: &names,
+        geometry: &image.geometry,
+    };
+    certify(&certified, cells, cancel)
 }
 
 /// An image of labels and its connected parts.

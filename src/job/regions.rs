@@ -13,7 +13,7 @@ use crate::feature::{LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelValue};
-use crate::improve::regions::{self, InterfaceFit, SamplePoints};
+use crate::improve::regions::{self, InterfaceFit, LabelParts, PartTopology, SamplePoints};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
@@ -41,12 +41,25 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     cancel: &CancelToken<'_>,
 ) -> Option<Vec<u32>> {
     let labelled = scene.features.labels.as_ref()?;
-    let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    let parts = LabelParts::new(labelled);
+    let (mut regions, votes) = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    let mut cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+    let repair = |mesh: &M, cell_parts: &mut [u32], regions: &mut [u32]| {
+        PartTopology::new(mesh, neighbours, &parts).repair(cell_parts, &votes);
+        for (region, &part) in regions.iter_mut().zip(&*cell_parts) {
+            if part != NONE {
+                *region = parts.label(part);
+            }
+        }
+    };
+    repair(&annotated.mesh, &mut cell_parts, &mut regions);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
+            parts: &parts,
+            cell_parts: &cell_parts,
             neighbours,
             anchors: anchors.as_ref(),
             kinds: &annotated.node_kinds,
@@ -55,6 +68,8 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         };
         regions::fit(&mut annotated.mesh, &fitting, cancel);
         regions = regions::remove_spikes(&annotated.mesh, &fitting);
+        cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+        repair(&annotated.mesh, &mut cell_parts, &mut regions);
         let interfaces = regions::interface_marks::<D>(&regions, neighbours);
         annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
     }

@@ -125,10 +125,14 @@ impl Report {
     /// Returns the grade of a valid mesh. It is that of the worst finding, which need not be the
     /// [issue that is named](Self::worst_issue).
     pub(super) fn grade(&self) -> Grade {
-        let is_usable = match &self.certificate {
-            Some(certificate) => certificate.is_usable(),
-            None => self.is_usable(),
-        };
+        let volume_error = self
+            .worst_region()
+            .map_or(0.0, |region| region.volume_error_percent.abs());
+        let is_usable = volume_error <= MAX_USABLE_VOLUME_ERROR_PERCENT
+            && match &self.certificate {
+                Some(certificate) => certificate.is_usable(),
+                None => self.follows_interfaces(),
+            };
         let least_cover = self.least_covered_surface().map_or(1.0, |(_, cover)| cover);
         if !is_usable || least_cover < MIN_USABLE_FEATURE_SHARE {
             Grade::Bad
@@ -139,16 +143,12 @@ impl Report {
         }
     }
 
-    /// Returns `true` if regions and interfaces, which are not judged by the samples, are near those of the
-    /// image, and the features have faces.
-    fn is_usable(&self) -> bool {
-        let volume_error = self
-            .worst_region()
-            .map_or(0.0, |region| region.volume_error_percent.abs());
+    /// Returns `true` if interfaces, which are not judged by the samples, are near those of the image, and the
+    /// features have faces.
+    fn follows_interfaces(&self) -> bool {
         let deviation = self.interface_deviation().unwrap_or_default();
         let cover = self.feature_shares().map_or(1.0, |(cover, _)| cover);
-        volume_error <= MAX_USABLE_VOLUME_ERROR_PERCENT
-            && deviation <= MAX_USABLE_INTERFACE_DEVIATION
+        deviation <= MAX_USABLE_INTERFACE_DEVIATION
             && cover >= MIN_USABLE_FEATURE_SHARE
     }
 

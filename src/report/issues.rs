@@ -148,8 +148,7 @@ impl Report {
     fn follows_interfaces(&self) -> bool {
         let deviation = self.interface_deviation().unwrap_or_default();
         let cover = self.feature_shares().map_or(1.0, |(cover, _)| cover);
-        deviation <= MAX_USABLE_INTERFACE_DEVIATION
-            && cover >= MIN_USABLE_FEATURE_SHARE
+        deviation <= MAX_USABLE_INTERFACE_DEVIATION && cover >= MIN_USABLE_FEATURE_SHARE
     }
 
     /// Returns the issue of a mesh without any detected feature.

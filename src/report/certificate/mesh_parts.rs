@@ -20,6 +20,8 @@ pub struct MeshParts<const D: usize> {
 /// A facet on the boundary of a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PartFacet<const D: usize> {
+    /// Number of its face.
+    pub face: u32,
     /// Its nodes; the normal points out of the first cell.
     pub nodes: [u32; D],
     /// Parts on its two sides; `NONE` outside the mesh, and for cells without a part.
@@ -155,6 +157,7 @@ fn facets_between<const D: usize>(
         if pair[1] == NONE || parts[0] != parts[1] || labels[0] != labels[1] {
             cells.for_each_facet(face, |nodes| {
                 facets.push(PartFacet {
+                    face: face as u32,
                     nodes,
                     parts,
                     labels,

@@ -4,6 +4,7 @@ use super::voxel_parts::VoxelParts;
 use super::*;
 use crate::feature::components::for_each_sample;
 use crate::mesh::boxes::jittered_box;
+use crate::mesh::voronoi::voronoi;
 use crate::mesh::{Mesh, SimplexMesh, Simplices, TetMesh, TriMesh};
 
 /// An image of labels in memory.
@@ -435,4 +436,47 @@ fn any_number_of_threads_gives_the_same_bytes() {
             .iter()
             .any(Option::is_some)
     );
+}
+
+#[test]
+fn a_voronoi_cell_has_the_samples_that_are_nearest_to_its_site() {
+    let dims = [19, 18, 17];
+    let extent = dims.map(|n| n as f64 - 1.0);
+    for seed in 1..6 {
+        let mut random = crate::geometry::random::Random::new(seed);
+        let mut sites = vec![extent.map(|x| 0.5 * x)];
+        sites.extend((0..80).map(|_| -> [f64; 3] {
+            std::array::from_fn(|k| extent[k] * (0.02 + 0.96 * random.draw()))
+        }));
+        let nearest = |x: [f64; 3]| {
+            let square = |site: &[f64; 3]| crate::geometry::distance2(site, &x);
+            let closer = |best: usize, next: usize| {
+                if square(&sites[next]) < square(&sites[best]) {
+                    next
+                } else {
+                    best
+                }
+            };
+            (0..sites.len()).fold(0, closer)
+        };
+        let labels = Labels::new(dims, |at| u32::from(nearest(at.map(|i| i as f64)) == 0));
+        let mesh = voronoi(&sites, extent).unwrap();
+        let numbers: Vec<u32> = (0..sites.len()).map(|c| u32::from(c == 0)).collect();
+        let cells = LabelledCells::from_cells(&mesh, &numbers, |x| *x);
+        let certificate = labels.certify(&cells);
+        assert_eq!(certificate.changed_samples, 0);
+        let volume: f64 = certificate
+            .part_reports
+            .iter()
+            .map(|part| part.volume)
+            .sum();
+        near(volume / extent.iter().product::<f64>(), 1.0);
+        // A ball, and a box with a hollow.
+        for (label, euler) in [(0.0, 4), (1.0, 2)] {
+            let mut parts = certificate.part_reports.iter();
+            let part = parts.find(|part| part.label == label).unwrap();
+            near(part.dice, 1.0);
+            assert_eq!(part.mesh_euler, Some(euler), "{seed}: {part:?}");
+        }
+    }
 }

@@ -2,7 +2,7 @@
 //! the image.
 
 use super::labelled_cells::LabelledCells;
-use super::mesh_parts::MeshParts;
+use super::mesh_parts::{MeshParts, PartFacet};
 use super::voxel_parts::VoxelParts;
 use crate::geometry::{NONE, sorted, sorted_distinct};
 
@@ -46,17 +46,16 @@ pub fn euler_numbers<const D: usize>(
             *sums[part as usize].get_or_insert(0) += 1;
         }
     } else {
-        for facet in &mesh.facets {
-            if facet.parts[0] == facet.parts[1] {
+        for facets in mesh.facets.chunk_by(|a, b| a.face == b.face) {
+            let parts = facets[0].parts;
+            if parts[0] == parts[1] {
                 continue;
             }
-            for part in facet.parts.into_iter().filter(|part| *part != NONE) {
+            let face_edges = edges_of_face(facets);
+            for part in parts.into_iter().filter(|part| *part != NONE) {
                 *sums[part as usize].get_or_insert(0) += 1;
-                for k in 0..D {
-                    let edge = sorted([facet.nodes[k], facet.nodes[(k + 1) % D]]);
-                    nodes.push([part, facet.nodes[k]]);
-                    edges.push([part, edge[0], edge[1]]);
-                }
+                nodes.extend(facets.iter().flat_map(|f| f.nodes.map(|node| [part, node])));
+                edges.extend(face_edges.iter().map(|[a, b]| [part, *a, *b]));
             }
         }
     }
@@ -67,6 +66,18 @@ pub fn euler_numbers<const D: usize>(
         *sums[part as usize].get_or_insert(0) -= 1;
     }
     sums
+}
+
+/// Returns the edges of a face, given its facets. The edges between two facets are none: those of two faces may
+/// join the same nodes.
+fn edges_of_face<const D: usize>(facets: &[PartFacet<D>]) -> Vec<[u32; 2]> {
+    let edges = facets
+        .iter()
+        .flat_map(|facet| (0..D).map(|k| sorted([facet.nodes[k], facet.nodes[(k + 1) % D]])));
+    let mut edges: Vec<[u32; 2]> = edges.collect();
+    edges.sort_unstable();
+    let once = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1);
+    once.map(|same| same[0]).collect()
 }
 
 /// Returns the nodes at which parts touch that are nowhere neighbours in the image, in their order.

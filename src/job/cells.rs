@@ -133,9 +133,12 @@ where
                     let (sample_points, step) =
                         (SamplePoints::from_cells(&mesh), features.potential.step);
                     let contacts = regions::contacts_of_cells(&mesh, label_indices);
+                    let (labelled, spec) = (labelled?, params.spec());
+                    let min_part = spec.min_part_samples();
+                    let judged = regions::JudgedLabels::new(image, labelled, &spec.label, min_part)?;
                     regions::report(
                         image,
-                        &params.spec().label,
+                        judged,
                         &sample_points,
                         &contacts,
                         label_indices,

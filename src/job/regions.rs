@@ -7,19 +7,20 @@ use crate::parallel::prelude::*;
 
 use super::{AnnotatedMesh, MeshScene, named_faces};
 use crate::feature::components::{Components, for_each_sample};
-use crate::feature::label_map::components;
+use crate::feature::detectors::labels::absorb_parts_below;
 use crate::feature::volume::Volume;
-use crate::feature::{LabelOptions, label_map};
+use crate::feature::{LabelMap, LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
-use crate::image::{Image, LabelValue};
+use crate::image::{Image, LabelTable, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, SamplePoints};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
 use crate::report::{
-    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
+    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, VolumeReference,
+    finer_distance,
 };
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
@@ -144,28 +145,86 @@ fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet
     pairs
 }
 
+/// The labels of samples by which regions are judged.
+pub(super) struct JudgedLabels<const D: usize> {
+    /// The labels, and for each sample the index of its label.
+    pub table: LabelTable,
+    /// The connected parts of the labels.
+    pub components: Components<D>,
+    /// Names of and distances in labels.
+    pub options: Vec<LabelOptions>,
+    /// Volumes between samples in lattice units, if thresholds make the labels.
+    volumes: Option<Vec<f64>>,
+}
+
+impl<const D: usize> JudgedLabels<D> {
+    /// Returns the labels of the samples of an image. Connected parts of fewer than `min_part` samples have
+    /// joined the labels around them. For thresholds, these are the regions between them in `labelled`. Returns
+    /// `None` if there are too many labels.
+    pub fn new(
+        image: &Image<D>,
+        labelled: &LabelMap<D>,
+        options: &[LabelOptions],
+        min_part: usize,
+    ) -> Option<Self> {
+        if labelled.values.is_none() {
+            let (mut table, mut components) = label_map::components(image)?;
+            if min_part > 1 {
+                absorb_parts_below(image.dims(), &mut table.indices, min_part);
+                components = Components::from_labels(image.dims(), &table.indices);
+            }
+            return Some(Self {
+                components,
+                table,
+                options: options.to_vec(),
+                volumes: None,
+            });
+        }
+        let named = |(label, name): (&LabelValue, &Option<String>)| LabelOptions {
+            label: *label,
+            name: name.clone(),
+            distance: (options.iter().find(|options| options.label == *label))
+                .and_then(|options| options.distance),
+            merge_into: None,
+        };
+        Some(Self {
+            table: LabelTable {
+                values: labelled.labels.clone(),
+                indices: labelled.winner.clone(),
+            },
+            components: Components::from_labels(image.dims(), &labelled.winner),
+            options: labelled.labels.iter().zip(&labelled.names).map(named).collect(),
+            volumes: Some(labelled.volumes.clone()),
+        })
+    }
+}
+
 /// Returns the report on the labels of an image, from the sample points, the contacts and the label
-/// indices of cells. Returns `None` if there are too many labels, or if `cancel` is cancelled.
+/// indices of cells. Returns `None` if `cancel` is cancelled.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
-    label_options: &[LabelOptions],
+    judged: JudgedLabels<D>,
     sample_points: &SamplePoints<'_, D>,
     contacts: &Contacts,
     label_indices: &[u32],
     step: [f64; D],
     cancel: &CancelToken<'_>,
 ) -> Option<RegionSummary> {
-    let (table, parts) = components(image)?;
     if cancel.is_cancelled() {
         return None;
     }
+    let volume_reference = match judged.volumes {
+        Some(_) => VolumeReference::InterpolatedValues,
+        None => VolumeReference::Samples,
+    };
     let labelled = LabelledImage {
         image,
-        labels: table.values,
-        indices: table.indices,
-        parts,
-        options: label_options,
+        labels: judged.table.values,
+        indices: judged.table.indices,
+        parts: judged.components,
+        options: &judged.options,
         step,
+        volumes: judged.volumes,
     };
     let kept_volume = labelled.kept_volumes(sample_points, label_indices);
     let mut regions = labelled.region_reports(&sample_points.volumes, label_indices);
@@ -173,6 +232,7 @@ pub(super) fn report<const D: usize>(
     Some(RegionSummary {
         holes: labelled.holes(contacts),
         regions,
+        volume_reference,
         lost: lost.0,
         damaged: damaged.0,
     })
@@ -187,6 +247,8 @@ struct LabelledImage<'a, const D: usize> {
     parts: Components<D>,
     options: &'a [LabelOptions],
     step: [f64; D],
+    /// Volumes of labels in lattice units, if they are not those of samples.
+    volumes: Option<Vec<f64>>,
 }
 
 impl<const D: usize> LabelledImage<'_, D> {
@@ -248,7 +310,10 @@ impl<const D: usize> LabelledImage<'_, D> {
     fn region_reports(&self, cell_volumes: &[f64], label_indices: &[u32]) -> Vec<RegionReport> {
         let (labels, dims) = (&self.labels, self.image.dims());
         let world = self.image.geometry.determinant().abs() / self.sample_volume();
-        let samples = label_map::volumes(dims, self.step, &self.indices, labels.len());
+        let samples = match &self.volumes {
+            Some(volumes) => volumes.clone(),
+            None => label_map::volumes(dims, self.step, &self.indices, labels.len()),
+        };
         let regions = label_map::regions(labels);
         let mut reports: Vec<RegionReport> = (0..labels.len())
             .map(|n| RegionReport {
@@ -269,7 +334,11 @@ impl<const D: usize> LabelledImage<'_, D> {
             reports[n as usize].volume += size * world;
         }
         for region in &mut reports {
-            region.volume_error_percent = 100.0 * (region.volume / region.sample_volume - 1.0);
+            region.volume_error_percent = if region.sample_volume > 0.0 {
+                100.0 * (region.volume / region.sample_volume - 1.0)
+            } else {
+                0.0
+            };
         }
         reports
     }
@@ -476,9 +545,16 @@ mod tests {
         assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
         let holes_of = |image: &Image<3>| {
             let sample_points = SamplePoints::from_simplices(&mesh);
+            let (table, components) = label_map::components(image).unwrap();
+            let judged = JudgedLabels {
+                table,
+                components,
+                options: Vec::new(),
+                volumes: None,
+            };
             let summary = report(
                 image,
-                &[],
+                judged,
                 &sample_points,
                 &contacts,
                 &numbers,

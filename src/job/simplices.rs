@@ -91,9 +91,14 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
-            let (labels, points) = (&params.spec().label, &sample_points);
-            report.regions =
-                regions::report(image, labels, points, &contacts, indices, step, cancel);
+            let (labelled, spec) = (scene.features.labels.as_ref(), params.spec());
+            let judged = labelled.and_then(|labelled| {
+                regions::JudgedLabels::new(image, labelled, &spec.label, spec.min_part_samples())
+            });
+            report.regions = judged.and_then(|judged| {
+                let points = &sample_points;
+                regions::report(image, judged, points, &contacts, indices, step, cancel)
+            });
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);

@@ -381,6 +381,7 @@ mod tests {
     use crate::mesh::check::check;
     use crate::report::{
         AngleSpace, FaceMatch, Fidelity, GivenSurfaceReport, RegionReport, RegionSummary,
+        VolumeReference,
         SurfaceCoverage, quality,
     };
 
@@ -557,6 +558,7 @@ mod tests {
                 other: FeatureKind::Mask,
             });
             report.regions = Some(RegionSummary {
+                volume_reference: VolumeReference::Samples,
                 regions: [1.0, volume_error_percent, -0.5].map(region).to_vec(),
                 holes: Vec::new(),
                 lost: Vec::new(),

@@ -9,11 +9,12 @@ use super::{AnnotatedMesh, MeshScene, named_faces};
 use crate::feature::components::{Components, for_each_sample};
 use crate::feature::detectors::labels::absorb_parts_below;
 use crate::feature::volume::Volume;
-use crate::feature::{LabelMap, LabelOptions, label_map};
+use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelTable, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, SamplePoints};
+use crate::improve::{FeatureFit, fit_feature_faces};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
@@ -25,6 +26,9 @@ use crate::report::{
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
 const MIN_KEPT_SHARE: f64 = 0.25;
+
+/// Largest distance of a face from the edge on which it lies, in the largest step between samples.
+const MAX_FACE_DISTANCE: f64 = 3.0;
 
 /// Number of cells whose sample points one task visits.
 const CELLS_PER_TASK: usize = 1 << 12;
@@ -40,7 +44,12 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     min_angle: Option<f64>,
     cancel: &CancelToken<'_>,
 ) -> Option<Vec<u32>> {
-    let labelled = scene.features.labels.as_ref()?;
+    let Some(labelled) = scene.features.labels.as_ref() else {
+        if let Some(min_angle) = min_angle.filter(|_| has_fitted_faces(scene.features)) {
+            fit_to_edges(annotated, neighbours, scene, min_angle, cancel);
+        }
+        return None;
+    };
     let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
@@ -61,6 +70,36 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     let label_regions = labelled.regions();
     annotated.regions = regions.iter().map(|&n| label_regions[n as usize]).collect();
     Some(regions)
+}
+
+/// Returns `true` if the faces on features are fitted to them: the features are sides of objects, whose volumes
+/// matter.
+pub(super) fn has_fitted_faces<const D: usize>(features: &Features<D>) -> bool {
+    let mut kinds = features.resolved.iter().map(|resolved| resolved.kind);
+    !features.resolved.is_empty()
+        && features.names.is_empty()
+        && kinds.all(|kind| kind == FeatureKind::Edges)
+}
+
+/// Fits the faces on features to these.
+fn fit_to_edges<const D: usize, M: Simplices<D>>(
+    annotated: &mut AnnotatedMesh<M>,
+    neighbours: &[u32],
+    scene: &MeshScene<'_, D>,
+    min_angle: f64,
+    cancel: &CancelToken<'_>,
+) {
+    let step = scene.features.potential.step;
+    let fit = FeatureFit {
+        points: &scene.features.points,
+        marks: &annotated.feature_faces,
+        neighbours,
+        kinds: &annotated.node_kinds,
+        extent: scene.extent,
+        reach: MAX_FACE_DISTANCE * step.iter().copied().fold(0.0, f64::max),
+        min_angle,
+    };
+    fit_feature_faces(&mut annotated.mesh, &fit, cancel);
 }
 
 /// Returns the number of parts into which marked faces divide a mesh of simplices: cells are in one
@@ -481,7 +520,6 @@ fn sufficient_distance<const D: usize>(volume: f64, surface: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::FeatureKind;
     use crate::feature::scenes::image_of;
     use crate::image::LabelValue;
     use crate::job::spec::{MeshSpec, NominalDistance};

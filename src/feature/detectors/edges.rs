@@ -201,7 +201,7 @@ mod tests {
         let errors = features.points.iter().map(|point| distance(point.position.map(f64::from)));
         let mean = errors.sum::<f64>() / features.points.len() as f64;
         assert!(features.points.len() > 30);
-        assert!(mean.abs() < 0.03, "{D} {radius} {width} {shift} {sign}: {mean}");
+        assert!(mean.abs() < 0.035, "{D} {radius} {width} {shift} {sign}: {mean}");
     }
 
     #[test]

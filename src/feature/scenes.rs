@@ -112,10 +112,7 @@ pub fn ridges_in_correlated_noise(
 }
 
 /// Returns an image of a function of the sample coordinates.
-pub fn image_of<const D: usize>(
-    dims: [usize; D],
-    mut f: impl FnMut([f64; D]) -> f64,
-) -> Image<D> {
+pub fn image_of<const D: usize>(dims: [usize; D], mut f: impl FnMut([f64; D]) -> f64) -> Image<D> {
     let position = |i: usize| index_at(dims, i).map(|c| c as f64);
     let samples = (0..dims.iter().product()).map(|i| f(position(i)) as f32);
     Image::new(dims, samples.collect(), Geometry::default())

@@ -88,10 +88,11 @@ impl<const D: usize> ValueField<D> {
     /// Returns the lowest and the highest region of the samples around a cell.
     fn region_range(&self, cell: &SampleCell<D>) -> [u32; 2] {
         let value = |corner: usize| self.samples[cell.first + cell.offset(corner)];
-        let range = (0..1usize << D).map(value).fold(
-            [f32::INFINITY, f32::NEG_INFINITY],
-            |[low, high], value| [low.min(value), high.max(value)],
-        );
+        let range = (0..1usize << D)
+            .map(value)
+            .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], value| {
+                [low.min(value), high.max(value)]
+            });
         range.map(|value| region_of(&self.levels, value))
     }
 
@@ -212,7 +213,11 @@ impl<const D: usize> ValueField<D> {
             (0..1usize << D).map(term).sum::<f64>().abs()
         };
         let steepest = (1..D).fold(0, |best, k| {
-            if steepness(k) > steepness(best) { k } else { best }
+            if steepness(k) > steepness(best) {
+                k
+            } else {
+                best
+            }
         });
         let line_count = LINES_PER_AXIS.pow(D as u32 - 1);
         let mut sums = vec![0.0; levels.len()];
@@ -251,7 +256,11 @@ fn share_reaching(level: f64, [a, b]: [f64; 2]) -> f64 {
         (false, false) => 0.0,
         (is_high_first, _) => {
             let crossing = (level - a) / (b - a);
-            if is_high_first { crossing } else { 1.0 - crossing }
+            if is_high_first {
+                crossing
+            } else {
+                1.0 - crossing
+            }
         }
     }
 }
@@ -271,7 +280,9 @@ mod tests {
         let at = |i: usize| volume.coordinates(i).map(|c| c as f64);
         ValueField {
             dims,
-            samples: (0..dims.iter().product()).map(|i| value(at(i)) as f32).collect(),
+            samples: (0..dims.iter().product())
+                .map(|i| value(at(i)) as f32)
+                .collect(),
             levels: levels.to_vec(),
         }
     }
@@ -332,7 +343,10 @@ mod tests {
                 let expected = [0, 1, 2].map(|n| (bounds[n + 1] - bounds[n]) * section);
                 for (volume, expected) in image.volumes().iter().zip(expected) {
                     let error = (volume - expected).abs();
-                    assert!(error < 1e-3 * section, "{offset} {axis}: {volume} {expected}");
+                    assert!(
+                        error < 1e-3 * section,
+                        "{offset} {axis}: {volume} {expected}"
+                    );
                 }
             }
         }

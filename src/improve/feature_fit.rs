@@ -83,7 +83,11 @@ pub fn fit_feature_faces<const D: usize, M: Simplices<D>>(
     for (i, &n) in nodes.iter().enumerate() {
         index_of_node[n as usize] = i;
     }
-    let positions: Vec<[f64; D]> = fit.points.iter().map(|p| p.position.map(f64::from)).collect();
+    let positions: Vec<[f64; D]> = fit
+        .points
+        .iter()
+        .map(|p| p.position.map(f64::from))
+        .collect();
     let cells = CellList::new(&positions, 0.5 * fit.reach);
     let weights = sample_weights::<D>();
     for _ in 0..SWEEPS {
@@ -93,7 +97,12 @@ pub fn fit_feature_faces<const D: usize, M: Simplices<D>>(
         let measured: Vec<FittedFace<D>> = (faces.par_iter())
             .map(|&(c, k)| {
                 let nodes = mesh.face(c as usize, k as usize);
-                fit.measure_face(nodes, nodes.map(|n| mesh.nodes()[n as usize]), &cells, &weights)
+                fit.measure_face(
+                    nodes,
+                    nodes.map(|n| mesh.nodes()[n as usize]),
+                    &cells,
+                    &weights,
+                )
             })
             .collect();
         let mut equations = vec![([[0.0; D]; D], [0.0; D]); nodes.len()];
@@ -213,7 +222,10 @@ impl<const D: usize> FeatureFit<'_, D> {
             rhs[i] = 0.0;
         }
         let displacement = solve_positive(matrix, rhs);
-        displacement.iter().all(|c| c.is_finite()).then_some(displacement)
+        displacement
+            .iter()
+            .all(|c| c.is_finite())
+            .then_some(displacement)
     }
 
     /// Moves a node by the largest fraction of the displacement that the angles around it allow.
@@ -280,7 +292,9 @@ mod tests {
     fn sample_points_of_a_face_have_its_centroid_as_their_mean() {
         fn mean<const D: usize>() -> [f64; D] {
             let points = sample_weights::<D>();
-            let sum = points.iter().fold([0.0; D], |sum, p| add_scaled(sum, 1.0, *p));
+            let sum = points
+                .iter()
+                .fold([0.0; D], |sum, p| add_scaled(sum, 1.0, *p));
             sum.map(|c| c / points.len() as f64)
         }
         assert!(mean::<2>().iter().all(|c| (c - 0.5).abs() < 1e-12));

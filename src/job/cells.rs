@@ -135,7 +135,8 @@ where
                     let contacts = regions::contacts_of_cells(&mesh, label_indices);
                     let (labelled, spec) = (labelled?, params.spec());
                     let min_part = spec.min_part_samples();
-                    let judged = regions::JudgedLabels::new(image, labelled, &spec.label, min_part)?;
+                    let judged =
+                        regions::JudgedLabels::new(image, labelled, &spec.label, min_part)?;
                     regions::report(
                         image,
                         judged,

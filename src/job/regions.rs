@@ -232,7 +232,12 @@ impl<const D: usize> JudgedLabels<D> {
                 indices: labelled.winner.clone(),
             },
             components: Components::from_labels(image.dims(), &labelled.winner),
-            options: labelled.labels.iter().zip(&labelled.names).map(named).collect(),
+            options: labelled
+                .labels
+                .iter()
+                .zip(&labelled.names)
+                .map(named)
+                .collect(),
             volumes: Some(labelled.volumes.clone()),
         })
     }

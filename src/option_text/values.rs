@@ -130,7 +130,10 @@ impl ThresholdValues {
 
     /// Returns the first value, and those beyond it.
     pub(crate) fn first_and_further(&self) -> (Option<f32>, Vec<f32>) {
-        (self.0.first().copied(), self.0.iter().skip(1).copied().collect())
+        (
+            self.0.first().copied(),
+            self.0.iter().skip(1).copied().collect(),
+        )
     }
 }
 
@@ -144,7 +147,8 @@ impl FromStr for ThresholdValues {
     type Err = InvalidValue;
 
     fn from_str(text: &str) -> Result<Self, InvalidValue> {
-        let remedy = "give a number such as 0.5, or values of isosurfaces that increase, such as 300,700";
+        let remedy =
+            "give a number such as 0.5, or values of isosurfaces that increase, such as 300,700";
         let Some(values) = finite_numbers(text) else {
             return Err(InvalidValue::new("is not a finite number", remedy));
         };

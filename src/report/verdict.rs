@@ -381,8 +381,7 @@ mod tests {
     use crate::mesh::check::check;
     use crate::report::{
         AngleSpace, FaceMatch, Fidelity, GivenSurfaceReport, RegionReport, RegionSummary,
-        VolumeReference,
-        SurfaceCoverage, quality,
+        SurfaceCoverage, VolumeReference, quality,
     };
 
     /// Returns the report on a valid mesh. Tests then make one measure after the other bad.

@@ -192,16 +192,24 @@ mod tests {
         let centre: [f64; D] =
             std::array::from_fn(|k| (side / 2) as f64 + shift * (1.0 - 0.4 * k as f64));
         let distance = |p: [f64; D]| norm(sub(p, centre)) - radius;
-        let image = image_of([side; D], |p| sign * 50.0 * (1.0 - (distance(p) / width).tanh()));
+        let image = image_of([side; D], |p| {
+            sign * 50.0 * (1.0 - (distance(p) / width).tanh())
+        });
         let features = detect(
             &image,
             &DetectionOptions::with_kind(FeatureKind::Edges, 3.0),
         )
         .unwrap();
-        let errors = features.points.iter().map(|point| distance(point.position.map(f64::from)));
+        let errors = features
+            .points
+            .iter()
+            .map(|point| distance(point.position.map(f64::from)));
         let mean = errors.sum::<f64>() / features.points.len() as f64;
         assert!(features.points.len() > 30);
-        assert!(mean.abs() < 0.035, "{D} {radius} {width} {shift} {sign}: {mean}");
+        assert!(
+            mean.abs() < 0.035,
+            "{D} {radius} {width} {shift} {sign}: {mean}"
+        );
     }
 
     #[test]

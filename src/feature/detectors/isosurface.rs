@@ -90,7 +90,10 @@ fn find_in_samples<const D: usize>(
     }
     let (levels, origin) = match input.thresholds() {
         Some(thresholds) => (levels(input, thresholds.high), thresholds.origin),
-        None => (vec![otsu_threshold(&samples, live, cancel)?], "Otsu's threshold"),
+        None => (
+            vec![otsu_threshold(&samples, live, cancel)?],
+            "Otsu's threshold",
+        ),
     };
     notes.push(levels_note(&levels, origin, scale));
     let (mut candidates, mut layers) = (Vec::new(), CoveredLayers::default());
@@ -121,11 +124,15 @@ fn find_in_samples<const D: usize>(
     // A part of an image need not have the value.
     if input.resolved.is_none() && (levels.len() > 1 || !has_points) {
         let [min, max] = value_range(&samples, live, cancel)?;
-        let mut absent = levels.iter().filter(|level| **level <= min || **level > max);
+        let mut absent = levels
+            .iter()
+            .filter(|level| **level <= min || **level > max);
         if let Some(level) = absent.next().or((!has_points).then_some(&levels[0])) {
             return Err(Error::Feature(cause(
                 format!("threshold {level}"),
-                format!("is a value that no surface has: values of the image are from {min} to {max}"),
+                format!(
+                    "is a value that no surface has: values of the image are from {min} to {max}"
+                ),
                 "give a value between them",
             )));
         }

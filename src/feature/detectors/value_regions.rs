@@ -37,7 +37,10 @@ pub fn region_names(levels: &[f32]) -> Vec<String> {
 pub fn threshold_labels(samples: &[f32], levels: &[f32]) -> LabelTable {
     LabelTable {
         values: region_values(levels.len()),
-        indices: samples.iter().map(|value| region_of(levels, *value)).collect(),
+        indices: samples
+            .iter()
+            .map(|value| region_of(levels, *value))
+            .collect(),
     }
 }
 
@@ -69,7 +72,10 @@ pub fn value_regions<const D: usize>(
         Some(label_name(input.options, *label).unwrap_or(name))
     };
     let sample_volume: f64 = input.options.step.iter().product();
-    let volumes = values.volumes().into_iter().map(|volume| volume * sample_volume);
+    let volumes = values
+        .volumes()
+        .into_iter()
+        .map(|volume| volume * sample_volume);
     let label_map = LabelMap {
         dims,
         step: input.options.step,
@@ -86,10 +92,12 @@ pub fn value_regions<const D: usize>(
 
 /// Gives samples that joined another region a value within it, next to the threshold that they were beyond.
 fn move_absorbed_samples<const D: usize>(values: &mut ValueField<D>, winner: &[u32]) {
-    let range = values.samples.iter().fold(
-        [f32::INFINITY, f32::NEG_INFINITY],
-        |[low, high], &value| [low.min(value), high.max(value)],
-    );
+    let range = values
+        .samples
+        .iter()
+        .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &value| {
+            [low.min(value), high.max(value)]
+        });
     let margin = ABSORBED_SHARE * (range[1] - range[0]);
     let levels = &values.levels;
     for (value, &region) in values.samples.iter_mut().zip(winner) {
@@ -116,7 +124,9 @@ fn leads<const D: usize>(values: &ValueField<D>, winner: &[u32]) -> Vec<f32> {
     let levels = &values.levels;
     let difference = |(value, region): (&f32, &u32)| {
         let n = *region as usize;
-        let above = n.checked_sub(1).map_or(f32::INFINITY, |n| value - levels[n]);
+        let above = n
+            .checked_sub(1)
+            .map_or(f32::INFINITY, |n| value - levels[n]);
         let below = levels.get(n).map_or(f32::INFINITY, |level| level - value);
         above.min(below)
     };
@@ -156,10 +166,19 @@ mod tests {
         let image = image_of([43, 41, 42], |p| 100.0 * (20.0 - norm(sub(p, centre))));
         let features = detect_levels(&image, &[600.0, 1100.0], 0);
         let label_map = features.labels.unwrap();
-        let names: Vec<&str> = label_map.names.iter().flatten().map(String::as_str).collect();
+        let names: Vec<&str> = label_map
+            .names
+            .iter()
+            .flatten()
+            .map(String::as_str)
+            .collect();
         assert_eq!(names, ["below", "between", "above"]);
         let ball = |r: f64| 4.0 / 3.0 * std::f64::consts::PI * r.powi(3);
-        let exact = [42.0 * 40.0 * 41.0 - ball(14.0), ball(14.0) - ball(9.0), ball(9.0)];
+        let exact = [
+            42.0 * 40.0 * 41.0 - ball(14.0),
+            ball(14.0) - ball(9.0),
+            ball(9.0),
+        ];
         for (volume, exact) in label_map.volumes.iter().zip(exact) {
             assert!((volume / exact - 1.0).abs() < 0.001, "{volume} {exact}");
         }
@@ -170,7 +189,10 @@ mod tests {
                     let distance = label_map
                         .interface_distance(at(radius + start), direction, pair, 3.0)
                         .unwrap();
-                    assert!((distance + start).abs() < 0.02, "{radius} {start}: {distance}");
+                    assert!(
+                        (distance + start).abs() < 0.02,
+                        "{radius} {start}: {distance}"
+                    );
                 }
             }
             assert_eq!(label_map.label_at(at(13.9)), 1);

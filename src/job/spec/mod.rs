@@ -26,9 +26,7 @@ use crate::feature::{
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
-pub use crate::option_text::{
-    InvalidValue, NumberOrFile, PointValue, SignedAxis, ThresholdValues,
-};
+pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis, ThresholdValues};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};

@@ -429,7 +429,9 @@ impl Options<'_> {
             return Err(option_error(
                 "threshold",
                 thresholds,
-                &format!("has several values, which divide an image into regions, but {kind} are followed"),
+                &format!(
+                    "has several values, which divide an image into regions, but {kind} are followed"
+                ),
                 "give one value, or choose --feature isosurface",
             ));
         }

@@ -205,7 +205,7 @@ impl<const D: usize> ValueField<D> {
 
     /// Returns the share of a cell in which the value reaches each of the `levels`.
     fn shares_above(&self, low: [usize; D], cell: &SampleCell<D>, levels: &[f32]) -> Vec<f64> {
-        let steepness = |k: usize| {
+        let slope = |k: usize| {
             let sign = |corner: usize| if corner >> k & 1 == 1 { 1.0 } else { -1.0 };
             let term = |corner: usize| {
                 sign(corner) * f64::from(self.samples[cell.first + cell.offset(corner)])
@@ -213,7 +213,7 @@ impl<const D: usize> ValueField<D> {
             (0..1usize << D).map(term).sum::<f64>().abs()
         };
         let steepest = (1..D).fold(0, |best, k| {
-            if steepness(k) > steepness(best) {
+            if slope(k) > slope(best) {
                 k
             } else {
                 best

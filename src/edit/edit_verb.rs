@@ -264,7 +264,9 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
     }
     if let Some(axes) = spec.periodic {
         return Err(refuse(
-            format!("is periodic along {axes}, where an edit would have to change opposite sides alike"),
+            format!(
+                "is periodic along {axes}, where an edit would have to change opposite sides alike"
+            ),
             "edit the mesh that is made without --periodic",
         ));
     }

@@ -710,14 +710,8 @@ fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
     if let Some(sides) = &mut sides {
         atoms = std::mem::take(&mut sides.atoms);
     }
-    let made = simplices::make_simplices::<D, M>(
-        atoms,
-        &scene,
-        source,
-        params,
-        sides.as_ref(),
-        stages,
-    )?;
+    let made =
+        simplices::make_simplices::<D, M>(atoms, &scene, source, params, sides.as_ref(), stages)?;
     let mut report = made.report;
     let mut periodic_nodes = None;
     if let (Some(flags), Some(axes)) = (axes, params.spec().periodic) {

@@ -57,7 +57,11 @@ pub(super) fn check_axes<const D: usize>(
     comm: &dyn Comm,
 ) -> Result<()> {
     let refuse = |problem: String, remedy: &str| {
-        Err(Error::Job(cause(format!("periodic {axes}"), problem, remedy)))
+        Err(Error::Job(cause(
+            format!("periodic {axes}"),
+            problem,
+            remedy,
+        )))
     };
     if D == 2 && axes.0[2] {
         return refuse("names z, but the image is 2-D".into(), "give x, y or x,y");
@@ -335,7 +339,8 @@ impl MatchSides<2> for TriMesh {
         for axis in (0..2).filter(|&k| axes[k]) {
             for is_high in [false, true] {
                 let plane = if is_high { extent[axis] } else { 0.0 };
-                let mut nodes: Vec<u32> = (0..).zip(&atoms.positions)
+                let mut nodes: Vec<u32> = (0..)
+                    .zip(&atoms.positions)
                     .filter(|(_, x)| x[axis] == plane)
                     .map(|(n, _)| n)
                     .collect();
@@ -358,7 +363,11 @@ impl MatchSides<2> for TriMesh {
             }
         }
         Ok(MatchedSides {
-            side_count: atoms.kinds.iter().filter(|k| **k == AtomKind::Fixed).count(),
+            side_count: atoms
+                .kinds
+                .iter()
+                .filter(|k| **k == AtomKind::Fixed)
+                .count(),
             atoms,
             faces,
         })
@@ -373,7 +382,9 @@ fn label_of_edge(labels: &LabelMap<2>, [a, b]: [[f64; 2]; 2]) -> u32 {
         let x = add_scaled(a.map(|c| c * (1.0 - share)), share, b);
         *counts.entry(labels.label_at(x)).or_default() += 1;
     }
-    let most = counts.iter().max_by_key(|(label, count)| (**count, std::cmp::Reverse(**label)));
+    let most = counts
+        .iter()
+        .max_by_key(|(label, count)| (**count, std::cmp::Reverse(**label)));
     most.map_or(0, |(label, _)| *label)
 }
 
@@ -475,7 +486,9 @@ impl<'a> SideLayer<'a> {
             Distance::Constant(d) => Distance::Constant(*d),
             Distance::Field(_) | Distance::Bricks(_) => {
                 let step = 0.5 * self.scene.distance.min();
-                let dims = self.extent.map(|length| (length / step).ceil() as usize + 1);
+                let dims = self
+                    .extent
+                    .map(|length| (length / step).ceil() as usize + 1);
                 let steps: [f64; 2] =
                     std::array::from_fn(|k| self.extent[k] / (dims[k] - 1).max(1) as f64);
                 Distance::Field(ScalarField::from_fn(dims, steps, |x| {
@@ -561,5 +574,193 @@ struct QuietProgress<'a>(&'a mut dyn Progress);
 impl Progress for QuietProgress<'_> {
     fn keep_going(&mut self) -> bool {
         self.0.keep_going()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::feature::scenes::image_of;
+    use crate::job::{MeshImage, Metric, Outcome, run};
+    use crate::mesh::Space;
+    use crate::mesh::periodic::check_periodic;
+    use crate::progress::NoProgress;
+
+    /// Returns grains around random points, with periods of `dims` less one sample.
+    fn grains<const D: usize>(dims: [usize; D], count: usize, seed: u64) -> Image<D> {
+        let mut state = seed;
+        let mut random = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / (1u64 << 31) as f64
+        };
+        let period = dims.map(|n| (n - 1) as f64);
+        let centres: Vec<[f64; D]> = (0..count)
+            .map(|_| std::array::from_fn(|k| random() * period[k]))
+            .collect();
+        let volume = Volume::new(dims, &[]);
+        let label = |i: usize| {
+            let x = volume.coordinates(i).map(|c| c as f64);
+            let distance = |centre: &[f64; D]| {
+                let axes = (0..D).map(|k| {
+                    let gap = (x[k] - centre[k]).rem_euclid(period[k]);
+                    gap.min(period[k] - gap).powi(2)
+                });
+                axes.sum::<f64>()
+            };
+            let nearest =
+                (0..count).min_by(|&a, &b| distance(&centres[a]).total_cmp(&distance(&centres[b])));
+            nearest.unwrap_or(0) as f32
+        };
+        let samples = (0..dims.iter().product()).map(label).collect();
+        Image::new(dims, samples, Geometry::default())
+    }
+
+    fn spec(axes: &str, distance: f64) -> MeshSpec {
+        MeshSpec {
+            distance: NominalDistance::Constant(distance),
+            feature: FeatureKind::Labels,
+            periodic: Some(axes.parse().unwrap()),
+            ..MeshSpec::default()
+        }
+    }
+
+    /// Meshes an image, and checks that its sides match and the rest of it is sound.
+    fn mesh_periodic<const D: usize>(
+        image: &Image<D>,
+        spec: MeshSpec,
+    ) -> (Outcome<D>, PeriodicCheck)
+    where
+        Space<D>: MeshImage<D>,
+    {
+        let axes = spec.periodic.unwrap();
+        let outcome = run(image, &Params::new(spec).unwrap(), &mut NoProgress).unwrap();
+        let annotated = outcome.simplices().unwrap();
+        let neighbours = annotated.mesh.neighbours().unwrap();
+        let flags = std::array::from_fn(|k| axes.0[k]);
+        let (nodes, check) = check_periodic(
+            &annotated.mesh,
+            &neighbours,
+            &annotated.regions,
+            outcome.extent,
+            flags,
+        )
+        .unwrap();
+        assert_eq!(outcome.periodic_nodes, Some(nodes));
+        assert!(check.node_pairs > 0 && check.face_pairs > 0, "{check:?}");
+        let note = note(axes, &check);
+        assert!(
+            outcome.report.notes.contains(&note),
+            "{:?}",
+            outcome.report.notes
+        );
+        let kinds = annotated.node_kinds.iter().zip(annotated.mesh.nodes());
+        for (kind, x) in kinds {
+            assert_eq!(*kind, kind_at(*x, outcome.extent));
+        }
+        (outcome, check)
+    }
+
+    #[test]
+    fn grains_match_on_opposite_sides_along_each_axis_alone_and_all() {
+        for (axes, seed) in [("x", 1), ("y", 2), ("z", 3), ("z,x", 4), ("x,y,z", 5)] {
+            let image = grains([27, 23, 25], 12, seed);
+            let (outcome, check) = mesh_periodic(&image, spec(axes, 4.0));
+            let differing = check.different_regions as f64 / check.face_pairs as f64;
+            assert!(differing <= 0.01, "{axes}: {check:?}");
+            let quality = outcome.report.quality.as_ref().unwrap();
+            assert!(quality.smallest_angle.worst > 10.0, "{axes}: {quality:?}");
+        }
+    }
+
+    #[test]
+    fn grains_of_the_plane_match_on_opposite_sides_for_several_seeds() {
+        for (axes, seed) in [("x", 1), ("y", 2), ("x,y", 3), ("y,x", 4)] {
+            let image = grains([51, 43], 14, seed);
+            let (outcome, check) = mesh_periodic(&image, spec(axes, 4.0));
+            assert_eq!(check.different_regions, 0, "{axes}");
+            let quality = outcome.report.quality.as_ref().unwrap();
+            assert!(quality.smallest_angle.worst > 15.0, "{axes}: {quality:?}");
+        }
+    }
+
+    #[test]
+    fn distances_and_samples_may_vary_and_axes_be_scaled() {
+        let image = grains([25, 27, 23], 10, 7);
+        for (distance, metric) in [
+            (
+                NominalDistance::Range { min: 2.7, max: 5.0 },
+                Metric::Samples,
+            ),
+            (
+                NominalDistance::Constant(4.0),
+                Metric::Scales(vec![1.0, 0.7, 1.4]),
+            ),
+        ] {
+            let spec = MeshSpec {
+                distance,
+                metric,
+                ..spec("x,y,z", 4.0)
+            };
+            mesh_periodic(&image, spec);
+        }
+    }
+
+    #[test]
+    fn the_layers_of_a_laminate_are_exact() {
+        // Layers along each axis in turn, of 9 and 15 of 24 samples.
+        for normal in 0..3 {
+            let dims: [usize; 3] = std::array::from_fn(|k| if k == normal { 25 } else { 19 });
+            let image = image_of(dims, |p| {
+                let c = p[normal] % 24.0;
+                f64::from(u8::from((6.5..15.5).contains(&c)))
+            });
+            let (outcome, check) = mesh_periodic(&image, spec("x,y,z", 4.0));
+            assert_eq!(check.different_regions, 0);
+            let regions = &outcome.report.regions.as_ref().unwrap().regions;
+            for (region, thickness) in regions.iter().zip([15.0, 9.0]) {
+                let expected = thickness * 18.0 * 18.0;
+                let error = region.volume / expected - 1.0;
+                assert!(error.abs() < 2e-3, "{normal}: {region:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_plain_box_is_periodic_too() {
+        let image = image_of([20, 22, 24], |p| p[0] % 19.0);
+        let spec = MeshSpec {
+            feature: FeatureKind::NoFeatures,
+            ..spec("x,y,z", 5.0)
+        };
+        mesh_periodic(&image, spec);
+    }
+
+    #[test]
+    fn images_that_do_not_repeat_are_refused_with_the_share_that_agrees() {
+        let image = image_of([20, 20, 20], |p| f64::from(u8::from(p[0] > 9.0)));
+        let params = Params::new(spec("y,x", 4.0)).unwrap();
+        let message = run(&image, &params, &mut NoProgress)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.starts_with("periodic x,y: needs an image whose last layer repeats the first, but along x they agree in 0.0 %"),
+            "{message}"
+        );
+        let plane = grains([31, 31], 5, 1);
+        let params = Params::<2>::new(spec("z", 4.0)).unwrap();
+        let message = run(&plane, &params, &mut NoProgress)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("names z, but the image is 2-D"),
+            "{message}"
+        );
+        // Labels that differ by 1 of 50 do not agree.
+        let labels = image_of([9, 9, 9], |p| 40.0 + p[0].min(7.0) + p[1]);
+        assert!(agreement(&labels, 0) < 0.01 && agreement(&labels, 2) == 1.0);
+        let grey = image_of([9, 9, 9], |p| 0.001 * p[0] + p[1] + 0.5);
+        assert!(agreement(&grey, 0) == 1.0 && agreement(&grey, 1) == 0.0);
     }
 }

@@ -72,8 +72,13 @@ impl PeriodicNodes {
     pub fn follow_bases<const D: usize>(&self, positions: &mut [[f64; D]], extent: [f64; D]) {
         for (n, base) in self.pairs() {
             let (bits, near) = (self.far_axes[n as usize], positions[base as usize]);
-            positions[n as usize] =
-                std::array::from_fn(|k| if bits >> k & 1 == 1 { extent[k] } else { near[k] });
+            positions[n as usize] = std::array::from_fn(|k| {
+                if bits >> k & 1 == 1 {
+                    extent[k]
+                } else {
+                    near[k]
+                }
+            });
         }
     }
 }
@@ -122,7 +127,10 @@ pub fn check_periodic<const D: usize, M: Simplices<D>>(
             let (c, i) = (face / (D + 1), face % (D + 1));
             let corners = mesh.face(c, i);
             for (side, plane) in [0.0, extent[k]].into_iter().enumerate() {
-                if corners.iter().all(|&n| mesh.nodes()[n as usize][k] == plane) {
+                if corners
+                    .iter()
+                    .all(|&n| mesh.nodes()[n as usize][k] == plane)
+                {
                     let near = corners.map(|n| shifted_number(&nodes, n, k));
                     sides[side].insert(sorted(near.to_vec()), c);
                 }
@@ -169,11 +177,19 @@ mod tests {
             assert_eq!(check.node_pairs, all - bases, "{axes:?}");
             let sides = [16, 12, 24];
             let faces: usize = (0..3).filter(|&k| axes[k]).map(|k| sides[k]).sum();
-            assert_eq!((check.face_pairs, check.different_regions), (faces, 0), "{axes:?}");
+            assert_eq!(
+                (check.face_pairs, check.different_regions),
+                (faces, 0),
+                "{axes:?}"
+            );
             for (n, base) in nodes.pairs() {
                 let (x, y) = (mesh.nodes[n as usize], mesh.nodes[base as usize]);
                 for k in 0..3 {
-                    let shift = if nodes.far_axes[n as usize] >> k & 1 == 1 { extent[k] } else { 0.0 };
+                    let shift = if nodes.far_axes[n as usize] >> k & 1 == 1 {
+                        extent[k]
+                    } else {
+                        0.0
+                    };
                     assert_eq!(x[k] - y[k], shift);
                 }
             }
@@ -184,7 +200,11 @@ mod tests {
     fn a_node_or_a_face_without_a_counterpart_is_an_error() {
         let mut mesh = kuhn_box([2, 2, 2], 1.0);
         let neighbours = mesh.neighbours().unwrap();
-        let middle = mesh.nodes.iter().position(|x| *x == [2.0, 1.0, 1.0]).unwrap();
+        let middle = mesh
+            .nodes
+            .iter()
+            .position(|x| *x == [2.0, 1.0, 1.0])
+            .unwrap();
         mesh.nodes[middle][1] += 1e-15;
         let error = check_periodic(&mesh, &neighbours, &[], [2.0; 3], [true, false, false]);
         let message = error.unwrap_err().to_string();
@@ -208,7 +228,13 @@ mod tests {
             joined.tets.push(joined_tet);
         }
         let neighbours = vec![NONE; 4 * joined.tets.len()];
-        let error = check_periodic(&joined, &neighbours, &[], [2.0, 1.0, 1.0], [true, false, false]);
+        let error = check_periodic(
+            &joined,
+            &neighbours,
+            &[],
+            [2.0, 1.0, 1.0],
+            [true, false, false],
+        );
         let message = error.unwrap_err().to_string();
         assert!(message.contains("4 faces without"), "{message}");
     }

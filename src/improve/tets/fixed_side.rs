@@ -309,8 +309,9 @@ impl TetImprover<'_> {
         };
         // Flat tetrahedra may leave little room above the edge, but more towards the nodes around it.
         let inwards = if side.is_high { -1.0 } else { 1.0 };
-        let mut directions =
-            vec![std::array::from_fn(|k| if k == side.axis { inwards } else { 0.0 })];
+        let mut directions = vec![std::array::from_fn(|k| {
+            if k == side.axis { inwards } else { 0.0 }
+        })];
         let around = &ring.nodes[1..m - 1];
         directions.extend(around.iter().map(|&n| unit(sub(nodes[n as usize], middle))));
         let candidates = directions.iter().flat_map(|&direction| {

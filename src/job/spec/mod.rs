@@ -31,9 +31,7 @@ use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
-pub use values::{
-    DistanceSource, FeatureWeights, Metric, NominalDistance, Padding, PeriodicAxes,
-};
+pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding, PeriodicAxes};
 
 /// Headings of the command line's help; options without one come first.
 const FEATURES: &str = "Features";

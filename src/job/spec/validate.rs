@@ -127,7 +127,12 @@ impl Options<'_> {
         ];
         self.refuse(&names, &problem, "omit one of the two")?;
         if self.spec.seeding == SeedingKind::Canny {
-            return Err(option_error("seeding", "canny", &problem, "omit one of the two"));
+            return Err(option_error(
+                "seeding",
+                "canny",
+                &problem,
+                "omit one of the two",
+            ));
         }
         Ok(())
     }

@@ -233,7 +233,10 @@ impl FromStr for PeriodicAxes {
 
 impl Display for PeriodicAxes {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let named = Self::NAMES.iter().zip(self.0).filter(|(_, is_periodic)| *is_periodic);
+        let named = Self::NAMES
+            .iter()
+            .zip(self.0)
+            .filter(|(_, is_periodic)| *is_periodic);
         let names: Vec<&str> = named.map(|(name, _)| *name).collect();
         f.write_str(&names.join(","))
     }

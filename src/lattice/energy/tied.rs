@@ -100,8 +100,16 @@ mod tests {
         let index = (0..25).map(|n| [n % 5, n / 5]);
         let at = index.map(|[i, j]| {
             let (u, v) = (i % 4, j % 4);
-            let x = if u == 0 { i as f64 } else { i as f64 + jitter(u, v) };
-            let y = if v == 0 { j as f64 } else { j as f64 + jitter(v, u + 3) };
+            let x = if u == 0 {
+                i as f64
+            } else {
+                i as f64 + jitter(u, v)
+            };
+            let y = if v == 0 {
+                j as f64
+            } else {
+                j as f64 + jitter(v, u + 3)
+            };
             [x, y]
         });
         at.collect()

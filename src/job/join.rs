@@ -144,7 +144,11 @@ impl JoinAtoms<3> for TetMesh {
         };
         let slabs = slabs.map(|slabs| DistributedSlabs::new(slabs.cuts, comm));
         let Atoms { positions, kinds } = &mut atoms;
-        let planes = improvement.map(|_| scene.snap(positions, kinds));
+        // The atoms of a periodic mesh are on features already.
+        let planes = improvement.map(|_| match sides {
+            Some(_) => scene.local_planes(),
+            None => scene.snap(positions, kinds),
+        });
         stages.begin(Stage::Triangulating);
         let Delaunay {
             mut mesh,
@@ -218,13 +222,16 @@ impl JoinAtoms<2> for TriMesh {
         scene: &MeshScene<'_, 2>,
         relaxation: Option<&Relaxation<2>>,
         improvement: Option<&Target>,
-        _: Option<&MatchedSides<2>>,
+        sides: Option<&MatchedSides<2>>,
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<TriMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
         let needs_planes = improvement.is_some() || relaxation.is_some();
         let Atoms { positions, kinds } = &mut atoms;
-        let planes = needs_planes.then(|| scene.snap(positions, kinds));
+        let planes = needs_planes.then(|| match sides {
+            Some(_) => scene.local_planes(),
+            None => scene.snap(positions, kinds),
+        });
         stages.begin(Stage::Triangulating);
         let mut mesh = match (relaxation, &planes) {
             (Some(relaxation), Some(planes)) => {

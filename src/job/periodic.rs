@@ -292,7 +292,15 @@ fn snap_tied<const D: usize>(
     axes: [bool; D],
 ) -> Result<()> {
     let nodes = tied_nodes(&atoms.positions, scene.extent, axes)?;
+    let before = atoms.positions.clone();
     scene.snap(&mut atoms.positions, &atoms.kinds);
+    // A feature beside a side must not draw further atoms into the side.
+    for (x, old) in atoms.positions.iter_mut().zip(before) {
+        let is_at_end = |c: f64, k: usize| c == 0.0 || c == scene.extent[k];
+        if (0..D).any(|k| axes[k] && is_at_end(x[k], k) && !is_at_end(old[k], k)) {
+            *x = old;
+        }
+    }
     nodes.follow_bases(&mut atoms.positions, scene.extent);
     Ok(())
 }

@@ -28,7 +28,7 @@ const MIN_KEPT_SHARE: f64 = 0.25;
 /// Number of cells whose sample points one task visits.
 const CELLS_PER_TASK: usize = 1 << 12;
 
-/// What is known of the cells of a mesh and their faces before they have regions.
+/// The neighbours, the names of faces and the given labels of the cells of a mesh.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellFaces<'a> {
     /// For every cell and face, in order, the cell on the other side, or `NONE`.

@@ -710,18 +710,23 @@ fn scipy_reads_exodus_files_of_polyhedra() {
 #[test]
 #[ignore = "needs pyfebio: make test-all"]
 fn pyfebio_reads_parts_surfaces_and_quadratic_elements() {
-    let folder = folder_with_meshes();
+    let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
         if z < 16 { 1.0 } else { 2.0 }
     });
+    // pyfebio is slow, so that the mesh is coarse.
+    run(
+        folder,
+        "mesh labels.npy --feature labels --distance 10 -o tets.vtu --quiet",
+    );
     let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes.len();
     for (options, kind) in [
         ("", "tet4"),
         ("--quadratic", "tet10"),
-        ("--quadratic --split faults", "tet10"),
+        ("--quadratic --split all", "tet10"),
     ] {
-        let export = "export tets.vtu --to febio -o a.feb --region labels.npy --quiet";
+        let export = "export tets.vtu --to febio -o a.feb --quiet";
         run(folder, &format!("{export} {options}"));
         let path = folder.join("a.feb");
         let result = run_validator("pyfebio", "febio.py", &[path.as_os_str()]);
@@ -753,16 +758,17 @@ fn pyfebio_reads_parts_surfaces_and_quadratic_elements() {
             let sign = if side.ends_with("min") { -1.0 } else { 1.0 };
             assert!(is_close(out[axis], sign * area, 1e-9), "{side}: {out:?}");
             let set = format!("nodes_{side}");
-            assert!(result["node_sets"][&set].as_u64().unwrap() > 30, "{result}");
+            assert!(result["node_sets"][&set].as_u64().unwrap() > 8, "{result}");
         }
         let nodes = result["nodes"].as_u64().unwrap() as usize;
         assert_eq!(nodes > count, !options.is_empty());
         if options.contains("split") {
-            let [a, b] = ["fault1_a", "fault1_b"].map(|name| numbers(&surfaces[name]["vector"]));
+            let sides = ["interface_1_2_a", "interface_1_2_b"];
+            let [a, b] = sides.map(|name| numbers(&surfaces[name]["vector"]));
             // The two sides look at each other.
             assert!((0..3).all(|k| (a[k] + b[k]).abs() < 1e-9), "{a:?} {b:?}");
         } else {
-            assert!(surfaces.contains_key("fault1"), "{result}");
+            assert!(surfaces.contains_key("interface_1_2"), "{result}");
         }
     }
 }
@@ -849,7 +855,8 @@ fn gmsh_reads_the_periodic_sides_of_a_cell() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     write_periodic_laminate(folder);
-    for options in ["--to msh", "--to msh2", "--to msh --quadratic"] {
+    // Gmsh ignores the pairs in files of version 2.2, also in its own.
+    for options in ["--to msh", "--to msh --quadratic"] {
         run(
             folder,
             &format!("export cell.vtu {options} -o a.msh --quiet"),

@@ -61,6 +61,9 @@ pub struct DetectionOptions<const D: usize> {
     /// features (see [`Features::spacing`](super::Features::spacing)); `None` if features do not
     /// decide the distance.
     pub gap_d_max: Option<f64>,
+    /// Width, in samples, of the filter that smooths the boundaries of labels, which may then lie more than
+    /// half a sample beside the samples; `None` for one sample within that bound.
+    pub label_smoothing: Option<f64>,
     /// Options for single labels, for [`FeatureKind::Labels`].
     pub labels: Vec<LabelOptions>,
     /// Distance between samples in lattice space, along each axis.
@@ -94,6 +97,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             seeds: PathSeeds::default(),
             d_min: 8.0,
             gap_d_max: None,
+            label_smoothing: None,
             labels: Vec::new(),
             step: [1.0; D],
             keep_nulls: false,
@@ -298,7 +302,11 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
             "give positive steps",
         );
     }
-    for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
+    for (name, value) in [
+        ("scale", options.scale),
+        ("smoothing", options.smoothing),
+        ("label smoothing", options.label_smoothing),
+    ] {
         if let Some(value) = value
             && !(0.5..=100.0).contains(&value)
         {

@@ -44,6 +44,7 @@ use crate::mesh::view::MeshView;
 use crate::mesh::voronoi::conform::{ConformingSites, FacetSurface};
 use crate::mesh::{Dimension, SimplexMesh, Space};
 use crate::progress::{CancelToken, Progress, Stage};
+use crate::report::certificate::LabelledCells;
 use crate::report::{self, Reference, Report};
 
 /// Largest number of energy evaluations in which atoms come to rest among sites.
@@ -144,6 +145,14 @@ where
                     )
                 },
             );
+            if let Some((indices, image)) = label_indices.as_ref().zip(label_image.as_ref()) {
+                let step = features.potential.step;
+                let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+                let cells = LabelledCells::from_cells(&mesh, indices, to_index);
+                let labels = &params.spec().label;
+                report.certificate = regions::certificate(image, labels, &cells, cancel);
+                report.name_smoothed_interface();
+            }
             if let Some(voronoi) = &mut report.voronoi {
                 voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
             }

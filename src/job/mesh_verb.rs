@@ -12,7 +12,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
-    Params, Spacing, StageRunner, cells, estimate, horizons, live, periodic, simplices,
+    Params, Spacing, StageRunner, advice, cells, estimate, horizons, live, periodic, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -151,6 +151,8 @@ pub struct RunOptions<'a> {
     pub may_partition: bool,
     /// The ranks that share the job; by default this process alone.
     pub comm: &'a dyn Comm,
+    /// `true` for a job that tries an option, after which no others are tried.
+    pub is_trial: bool,
 }
 
 impl Default for RunOptions<'_> {
@@ -159,6 +161,7 @@ impl Default for RunOptions<'_> {
             checkpoint: None,
             may_partition: false,
             comm: &SelfComm,
+            is_trial: false,
         }
     }
 }
@@ -213,7 +216,11 @@ impl MeshImage<3> for Space<3> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<3, TetMesh>> {
-        run_stages(source, params, run_options, progress)
+        let mut outcome = run_stages(source, params, run_options, progress)?;
+        if !run_options.is_trial && run_options.comm.size() == 1 {
+            advice::advise(source, params, &mut outcome, progress);
+        }
+        Ok(outcome)
     }
 }
 

@@ -500,6 +500,7 @@ impl<const D: usize> Params<D> {
             kind,
             modality: self.modality,
             scale: spec.sigma,
+            label_smoothing: spec.label_smoothing,
             threshold: spec.threshold,
             fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,

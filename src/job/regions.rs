@@ -13,13 +13,14 @@ use crate::feature::{LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelValue};
-use crate::improve::regions::{self, InterfaceFit, SamplePoints};
+use crate::improve::regions::{self, InterfaceFit, LabelParts, PartTopology, SamplePoints};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
 use crate::report::{
-    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
+    Certificate, Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
 };
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
@@ -56,13 +57,27 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         pinned,
     } = faces;
     let pin = |regions: &mut [u32]| pinned.iter().for_each(|&(c, label)| regions[c] = label);
-    let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    let parts = LabelParts::new(labelled);
+    let (mut regions, votes) = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    pin(&mut regions);
+    let mut cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+    let repair = |mesh: &M, cell_parts: &mut [u32], regions: &mut [u32]| {
+        PartTopology::new(mesh, neighbours, &parts).repair(cell_parts, &votes);
+        for (region, &part) in regions.iter_mut().zip(&*cell_parts) {
+            if part != NONE {
+                *region = parts.label(part);
+            }
+        }
+    };
+    repair(&annotated.mesh, &mut cell_parts, &mut regions);
     pin(&mut regions);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
+            parts: &parts,
+            cell_parts: &cell_parts,
             neighbours,
             anchors: anchors.as_ref(),
             kinds: &annotated.node_kinds,
@@ -71,6 +86,9 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         };
         regions::fit(&mut annotated.mesh, &fitting, cancel);
         regions = regions::remove_spikes(&annotated.mesh, &fitting);
+        pin(&mut regions);
+        cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+        repair(&annotated.mesh, &mut cell_parts, &mut regions);
         pin(&mut regions);
         let interfaces = regions::interface_marks::<D>(&regions, neighbours);
         annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
@@ -194,6 +212,33 @@ pub(super) fn report<const D: usize>(
         lost: lost.0,
         damaged: damaged.0,
     })
+}
+
+/// Judges cells by the samples of an image of labels. Returns `None` if there are too many labels, or if
+/// `cancel` is cancelled.
+pub(super) fn certificate<const D: usize>(
+    image: &Image<D>,
+    label_options: &[LabelOptions],
+    cells: &LabelledCells<'_, D>,
+    cancel: &CancelToken<'_>,
+) -> Option<Certificate> {
+    let (table, parts) = components(image)?;
+    let name_of = |label: &LabelValue| {
+        let mut options = label_options.iter();
+        options
+            .find(|options| options.label == *label)?
+            .name
+            .clone()
+    };
+    let names: Vec<Option<String>> = table.values.iter().map(name_of).collect();
+    let certified = CertifiedImage {
+        components: &parts,
+        indices: &table.indices,
+        labels: &table.values,
+        names: &names,
+        geometry: &image.geometry,
+    };
+    certify(&certified, cells, cancel)
 }
 
 /// An image of labels and its connected parts.

@@ -19,6 +19,7 @@ use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use crate::progress::{CancelToken, Stage};
 use crate::published::relax::{self, Relaxation};
+use crate::report::certificate::LabelledCells;
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 
@@ -116,6 +117,10 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
             let (labels, points) = (&params.spec().label, &sample_points);
             report.regions =
                 regions::report(image, labels, points, &contacts, indices, step, cancel);
+            let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+            let cells = LabelledCells::from_simplices(mesh, &neighbours, indices, to_index);
+            report.certificate = regions::certificate(image, labels, &cells, cancel);
+            report.name_smoothed_interface();
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);

@@ -444,6 +444,9 @@ class ConvertOptions(TypedDict, total=False):
 class QualityOptions(TypedDict, total=False):
     #: The exact distance to the features, as `synth --truth` writes it
     truth: _Path | None
+    #: The image of labels that was meshed: also compare the mesh with each connected part of its labels,
+    #: sample by sample
+    labels: _Path | None
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None

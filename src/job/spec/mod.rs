@@ -74,6 +74,10 @@ pub struct MeshSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub sigma: Option<f64>,
+    /// Smooths the boundaries of labels over this many samples, also beyond the half sample that is
+    /// allowed otherwise [default: as little as the steps of the samples ask for]
+    #[arg(long, value_name = "S", help_heading = FEATURES)]
+    pub label_smoothing: Option<f64>,
     /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
     /// [default: automatic; it is printed]
     #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)]
@@ -315,6 +319,7 @@ impl Default for MeshSpec {
             feature: FeatureKind::Auto,
             surface: Vec::new(),
             sigma: None,
+            label_smoothing: None,
             threshold: None,
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
@@ -478,7 +483,9 @@ impl MeshSpec {
             CellKind::Simplices => AtomAlignment::On,
             CellKind::Voronoi => AtomAlignment::Alongside,
         });
-        if self.feature == FeatureKind::Auto && !self.label.is_empty() {
+        if self.feature == FeatureKind::Auto
+            && (!self.label.is_empty() || self.label_smoothing.is_some())
+        {
             self.feature = FeatureKind::Labels;
         }
         self
@@ -527,6 +534,7 @@ impl MeshSpec {
         Ok(DetectionOptions {
             kind: self.feature,
             scale: self.sigma,
+            label_smoothing: self.label_smoothing,
             threshold: self.threshold,
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,

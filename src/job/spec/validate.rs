@@ -464,6 +464,14 @@ impl Options<'_> {
                 "omit it, or follow labels (--feature labels)",
             )?;
         }
+        if kind != FeatureKind::Labels {
+            let problem = format!("smooths the boundaries of labels, but {kind} are followed");
+            self.refuse(
+                &["label-smoothing"],
+                &problem,
+                "omit it, or follow labels (--feature labels)",
+            )?;
+        }
         if kind != FeatureKind::Paths {
             let problem = "applies to an object whose boundary is followed by paths";
             self.refuse(

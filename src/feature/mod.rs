@@ -19,6 +19,7 @@
 //! - `detectors`: kinds of features with their names and properties; one file per kind
 //!
 //! Shared by detectors:
+//! - `value_field`: values between samples, and the regions into which thresholds divide them
 //! - `volume`: samples in memory and their finite differences
 //! - `windows`: samples read some layers at a time, for images that may be larger than memory
 //! - `gaussian`: Gaussian smoothing
@@ -73,6 +74,7 @@ pub(crate) mod ridges;
 mod shared_grid;
 pub(crate) mod structure_tensor;
 pub(crate) mod surfaces;
+pub(crate) mod value_field;
 pub(crate) mod volume;
 pub(crate) mod voxel_index;
 pub(crate) mod windows;
@@ -113,6 +115,7 @@ pub use resolved::ResolvedOptions;
 pub use shared_grid::PointCounts;
 pub(crate) use shared_grid::{PointSubset, SharedGrid};
 pub use surfaces::DroppedPoints;
+pub use value_field::ValueField;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -625,6 +628,7 @@ fn resolved_options<const D: usize>(
         high: output.thresholds.high,
         min_area: rules.min_area,
         mask: output.mask_value,
+        levels: output.levels.clone(),
     }
 }
 

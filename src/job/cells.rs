@@ -126,38 +126,33 @@ where
         .is_some()
         .then(|| source.to_image())
         .transpose()?;
-    let report =
-        stages.run_cancellable(|cancel| {
-            let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel)?;
-            report.regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
-                |(label_indices, image)| {
-                    let (sample_points, step) =
-                        (SamplePoints::from_cells(&mesh), features.potential.step);
-                    let contacts = regions::contacts_of_cells(&mesh, label_indices);
-                    regions::report(
-                        image,
-                        &params.spec().label,
-                        &sample_points,
-                        &contacts,
-                        label_indices,
-                        step,
-                        cancel,
-                    )
-                },
+    let report = stages.run_cancellable(|cancel| {
+        let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel)?;
+        let judged = labelled
+            .zip(label_image.as_ref())
+            .and_then(|(labelled, image)| {
+                let spec = params.spec();
+                let min_part = spec.min_part_samples();
+                regions::JudgedLabels::new(image, labelled, &spec.label, min_part)
+            });
+        if let (Some(indices), Some(image), Some(judged)) = (&label_indices, &label_image, judged) {
+            let step = features.potential.step;
+            let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+            let cells = LabelledCells::from_cells(&mesh, indices, to_index);
+            report.certificate = regions::certificate(image, &judged, &cells, cancel);
+            let (points, contacts) = (
+                SamplePoints::from_cells(&mesh),
+                regions::contacts_of_cells(&mesh, indices),
             );
-            if let Some((indices, image)) = label_indices.as_ref().zip(label_image.as_ref()) {
-                let step = features.potential.step;
-                let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
-                let cells = LabelledCells::from_cells(&mesh, indices, to_index);
-                let labels = &params.spec().label;
-                report.certificate = regions::certificate(image, labels, &cells, cancel);
-                report.name_smoothed_interface();
-            }
-            if let Some(voronoi) = &mut report.voronoi {
-                voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
-            }
-            Ok::<_, crate::Error>(report)
-        })?;
+            report.regions =
+                regions::report(image, judged, &points, &contacts, indices, step, cancel);
+            report.name_smoothed_interface();
+        }
+        if let Some(voronoi) = &mut report.voronoi {
+            voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
+        }
+        Ok::<_, crate::Error>(report)
+    })?;
     Ok(MadeMesh {
         periodic_nodes: None,
         mesh: MeshResult::Voronoi { mesh, weld },

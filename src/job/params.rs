@@ -496,12 +496,15 @@ impl<const D: usize> Params<D> {
             (kind, _) => kind,
         };
         let spacing = self.spacing();
+        let (threshold, further_levels) = spec.threshold_levels();
         feature::DetectionOptions {
             kind,
             modality: self.modality,
             scale: spec.sigma,
             label_smoothing: spec.label_smoothing,
-            threshold: spec.threshold,
+            threshold,
+            further_levels,
+            min_part: spec.min_part_samples(),
             fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,

@@ -114,13 +114,19 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
-            let (labels, points) = (&params.spec().label, &sample_points);
-            report.regions =
-                regions::report(image, labels, points, &contacts, indices, step, cancel);
-            let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
-            let cells = LabelledCells::from_simplices(mesh, &neighbours, indices, to_index);
-            report.certificate = regions::certificate(image, labels, &cells, cancel);
-            report.name_smoothed_interface();
+            let (labelled, spec) = (scene.features.labels.as_ref(), params.spec());
+            let judged = labelled.and_then(|labelled| {
+                regions::JudgedLabels::new(image, labelled, &spec.label, spec.min_part_samples())
+            });
+            if let Some(judged) = judged {
+                let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+                let cells = LabelledCells::from_simplices(mesh, &neighbours, indices, to_index);
+                report.certificate = regions::certificate(image, &judged, &cells, cancel);
+                let points = &sample_points;
+                report.regions =
+                    regions::report(image, judged, points, &contacts, indices, step, cancel);
+                report.name_smoothed_interface();
+            }
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);

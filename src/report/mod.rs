@@ -69,7 +69,7 @@ pub use padding::{PaddingRegion, PaddingReport};
 pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{cells_below, quality_of_partition};
 pub use reference::Reference;
-pub use regions::{Hole, LostParts, RegionReport, RegionSummary};
+pub use regions::{Hole, LostParts, RegionReport, RegionSummary, VolumeReference};
 pub(crate) use regions::{MIN_MISSING_SHARE, finer_distance};
 pub use verdict::{Grade, Verdict};
 

@@ -394,7 +394,7 @@ mod tests {
     use crate::mesh::check::check;
     use crate::report::{
         AngleSpace, FaceMatch, Fidelity, GivenSurfaceReport, RegionReport, RegionSummary,
-        SurfaceCoverage, quality,
+        SurfaceCoverage, VolumeReference, quality,
     };
 
     /// Returns the report on a valid mesh. Tests then make one measure after the other bad.
@@ -570,6 +570,7 @@ mod tests {
                 other: FeatureKind::Mask,
             });
             report.regions = Some(RegionSummary {
+                volume_reference: VolumeReference::Samples,
                 regions: [1.0, volume_error_percent, -0.5].map(region).to_vec(),
                 holes: Vec::new(),
                 lost: Vec::new(),

@@ -41,9 +41,10 @@ class MeshOptions(TypedDict, total=False):
     surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them, which divide the image into
+    #: regions [default: automatic; it is printed]
+    threshold: _Value | None
     #: How faults are recognised in seismic amplitudes
     fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
@@ -62,6 +63,9 @@ class MeshOptions(TypedDict, total=False):
     #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
     #: or VALUE:into=VALUE, which merges it into another label; may be repeated
     label: _Values | None
+    #: Number of samples below which a connected part of a label, or of a region of --feature
+    #: isosurface, joins the labels around it before the image is meshed
+    min_part: int | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
     object: _Values | None
     #: A point of the background, for --feature paths; may be repeated [default: the image's
@@ -229,9 +233,10 @@ class FeatureOptions(TypedDict, total=False):
     distance: _Number | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them [default: automatic; it is
+    #: printed]
+    threshold: _Value | None
     #: How faults are recognised in seismic amplitudes
     fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
@@ -997,9 +1002,10 @@ class SurfaceOptions(TypedDict, total=False):
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them [default: automatic; it is
+    #: printed]
+    threshold: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole mesh, or a file of interval velocities in m/s on a grid in two-way time
     velocity: _Value | None

@@ -86,6 +86,7 @@ mod tests {
         let depth = |i: usize| 0.6 * (i % 40) as f64 + 0.8 * (i / 40) as f64 - 26.0;
         let lead = |i: usize| 0.5 * thickness - depth(i).abs();
         LabelMap {
+            values: None,
             dims,
             step: [1.0; 2],
             labels: [0.0, 1.0].map(LabelValue::from_sample).to_vec(),

@@ -210,6 +210,7 @@ mod tests {
         let (winner, lead) = smooth_slices(dims, step, 2, &label, 1.0, true, &never);
         assert_eq!(winner, label);
         let map = LabelMap {
+            values: None,
             dims,
             step,
             labels: [0.0, 1.0].map(LabelValue::from_sample).to_vec(),

@@ -575,6 +575,7 @@ mod tests {
             .collect();
         let (winner, lead) = smooth_labels(dims, &label, 1.0, true, &CancelToken::never());
         let map = LabelMap {
+            values: None,
             dims,
             step: [1.0; D],
             labels: [0.0, 1.0].map(LabelValue::from_sample).to_vec(),

@@ -219,6 +219,7 @@ fn compete<const D: usize>(
         labels: values,
         winner,
         lead,
+        values: None,
     };
     Ok((label_map, label_spacing))
 }
@@ -240,16 +241,30 @@ pub fn absorb_small_parts<const D: usize>(
         let volume = part.sample_count as f64 * sample_volume;
         // In a part of an image, a component on a side may continue beyond it.
         let may_continue = input.resolved.is_some() && part.touches_side(dims);
-        may_continue || volume >= MIN_VOLUME_SHARE * min_distance(part).powi(D as i32)
+        may_continue
+            || part.sample_count >= options.min_part
+                && volume >= MIN_VOLUME_SHARE * min_distance(part).powi(D as i32)
     });
     if absorbed[1] == 0 {
         return components;
     }
+    let reason = match options.min_part {
+        0 | 1 => "too small to become regions".to_string(),
+        min => format!("of fewer than {min} samples, or too small to become regions,"),
+    };
     notes.push(format!(
-        "{} parts of labels ({} samples in all) are too small to become regions and join their neighbours",
+        "{} parts of labels ({} samples in all) are {reason} and join their neighbours",
         absorbed[1], absorbed[0]
     ));
     Components::from_labels(dims, label)
+}
+
+/// Gives the samples of parts of fewer than `min_part` samples to the labels around them.
+pub fn absorb_parts_below<const D: usize>(dims: [usize; D], label: &mut [u32], min_part: usize) {
+    if min_part > 1 {
+        let components = Components::from_labels(dims, label);
+        components.absorb(label, |part| part.sample_count >= min_part);
+    }
 }
 
 /// Returns the distances between atoms in the connected parts of labels.

@@ -271,6 +271,7 @@ mod tests {
             })
             .collect();
         LabelMap {
+            values: None,
             dims,
             step: [1.0; 3],
             labels: [0.0, 1.0, 2.0].map(LabelValue::from_sample).to_vec(),

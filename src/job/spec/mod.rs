@@ -26,7 +26,7 @@ use crate::feature::{
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
-pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis, ThresholdValues};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
@@ -78,10 +78,11 @@ pub struct MeshSpec {
     /// allowed otherwise [default: as little as the steps of the samples ask for]
     #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub label_smoothing: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value, or
+    /// several values in ascending order with commas between them, which divide the image into regions
     /// [default: automatic; it is printed]
-    #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)]
-    pub threshold: Option<f32>,
+    #[arg(long, value_name = "T[,T]", allow_hyphen_values = true, help_heading = FEATURES)]
+    pub threshold: Option<ThresholdValues>,
     /// How faults are recognised in seismic amplitudes
     #[arg(
             long,
@@ -120,6 +121,10 @@ pub struct MeshSpec {
     #[arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
+    /// Number of samples below which a connected part of a label, or of a region of --feature isosurface,
+    /// joins the labels around it before the image is meshed
+    #[arg(long, value_name = "N", help_heading = FEATURES)]
+    pub min_part: Option<NonZeroUsize>,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -328,6 +333,7 @@ impl Default for MeshSpec {
             keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
+            min_part: None,
             object: Vec::new(),
             background: Vec::new(),
             potential_out: None,
@@ -531,11 +537,14 @@ impl MeshSpec {
     /// # Errors
     /// Returns [`Error::Job`] for a point that does not have `D` coordinates.
     pub fn detection_options<const D: usize>(&self, step: [f64; D]) -> Result<DetectionOptions<D>> {
+        let (threshold, further_levels) = self.threshold_levels();
         Ok(DetectionOptions {
             kind: self.feature,
             scale: self.sigma,
             label_smoothing: self.label_smoothing,
-            threshold: self.threshold,
+            threshold,
+            further_levels,
+            min_part: self.min_part_samples(),
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
@@ -550,6 +559,16 @@ impl MeshSpec {
             keep_nulls: self.input.keeps_nulls(),
             ..DetectionOptions::default()
         })
+    }
+
+    /// Returns the threshold, and further values of isosurfaces.
+    pub(crate) fn threshold_levels(&self) -> (Option<f32>, Vec<f32>) {
+        (self.threshold.as_ref()).map_or_else(Default::default, ThresholdValues::first_and_further)
+    }
+
+    /// Returns the number of samples below which a connected part of a label joins the labels around it.
+    pub(crate) fn min_part_samples(&self) -> usize {
+        self.min_part.map_or(0, NonZeroUsize::get)
     }
 
     /// Returns the points near which random shortest paths begin and end.

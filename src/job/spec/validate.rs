@@ -428,11 +428,13 @@ impl Options<'_> {
             let remedy = "omit it, or give about the features' thickness";
             return Err(option_error("sigma", sigma, problem, remedy));
         }
-        if let Some(threshold) = spec.threshold.filter(|t| !t.is_finite()) {
+        if let Some(thresholds) = &spec.threshold
+            && !thresholds.values().iter().all(|t| t.is_finite())
+        {
             let remedy = "omit it: the automatic threshold is printed";
             return Err(option_error(
                 "threshold",
-                threshold,
+                thresholds,
                 "is not a finite number",
                 remedy,
             ));
@@ -455,7 +457,32 @@ impl Options<'_> {
     /// Checks that no option is given that applies to other kinds of features than the `kind` that is
     /// followed.
     fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
-        // An isosurface divides the image into the labels 0 and 1.
+        let spec = self.spec;
+        if let Some(thresholds) = &spec.threshold
+            && thresholds.values().len() > 1
+            && kind != FeatureKind::Isosurface
+        {
+            return Err(option_error(
+                "threshold",
+                thresholds,
+                &format!(
+                    "has several values, which divide an image into regions, but {kind} are followed"
+                ),
+                "give one value, or choose --feature isosurface",
+            ));
+        }
+        if !matches!(
+            kind,
+            FeatureKind::Auto | FeatureKind::Labels | FeatureKind::Isosurface
+        ) {
+            let problem = format!("is about parts of labels, but {kind} are followed");
+            self.refuse(
+                &["min-part"],
+                &problem,
+                "omit it, or follow labels or an isosurface (--feature)",
+            )?;
+        }
+        // An isosurface divides the image into the labels 0 and 1, or more.
         if !matches!(kind, FeatureKind::Labels | FeatureKind::Isosurface) {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(
@@ -584,6 +611,7 @@ mod tests {
             "seeding = \"canny\"\nsmooth = \"odt\"\nfeature = \"labels\"\nslivers = \"none\"",
             "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
             "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
+            "feature = \"isosurface\"\nthreshold = [300, 700.5]\nmin-part = 20",
             "velocity = 2400.0",
             "velocity = \"velocities.sgy\"",
             "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
@@ -631,6 +659,9 @@ mod tests {
             ("seeding = \"canny\"\ndistance = 5", "distance"),
             ("seeding = \"canny\"\nrng-seed = 5", "rng-seed"),
             ("feature = \"labels\"\nthreshold = 0.5", "threshold"),
+            ("feature = \"edges\"\nthreshold = [0.5, 2]", "threshold"),
+            ("threshold = \"300,700\"", "threshold"),
+            ("feature = \"edges\"\nmin-part = 20", "min-part"),
             ("feature = \"paths\"\nthreshold = 0.5", "threshold"),
             ("object = [\"1,2\"]", "object"),
             ("background = [\"1,2\"]", "background"),

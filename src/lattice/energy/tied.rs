@@ -128,8 +128,11 @@ mod tests {
         let (step, scratch) = (1e-3, &mut vec![[0.0; 2]; x.len()]);
         let derivatives = gradient.clone();
         for n in 0..x.len() {
-            for k in (0..2).filter(|&k| x[n][k] > 0.0 && x[n][k] < extent[k]) {
+            for k in 0..2 {
                 let old = x[n][k];
+                if old <= 0.0 || old >= extent[k] {
+                    continue;
+                }
                 let mut value = |offset: f64| {
                     x[n][k] = old + offset;
                     energy.evaluate(&x, scratch).unwrap()

@@ -154,6 +154,7 @@ where
         Ok::<_, crate::Error>(report)
     })?;
     Ok(MadeMesh {
+        periodic_nodes: None,
         mesh: MeshResult::Voronoi { mesh, weld },
         face_names,
         report,
@@ -323,7 +324,7 @@ where
         ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
-    let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), stages)?;
+    let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), None, stages)?;
     let (joined, neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
     let mut annotated = joined.annotated_mesh;
     let face_names = stages.run_cancellable(|cancel| {
@@ -332,7 +333,12 @@ where
     })?;
     let (angle, names) = (Some(target.min_dihedral), &face_names);
     stages.run_cancellable(|cancel| {
-        regions::assign_regions(&mut annotated, &neighbours, names, &scene, angle, cancel)
+        let faces = regions::CellFaces {
+            neighbours: &neighbours,
+            names,
+            pinned: &[],
+        };
+        regions::assign_regions(&mut annotated, faces, &scene, angle, cancel)
     });
     let AnnotatedMesh {
         mesh,

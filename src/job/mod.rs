@@ -22,6 +22,7 @@
 //! - `equalise`: makes Voronoi cells more equal in size
 //! - `skew_faces`: removes faces far from the line between the centroids of their cells
 //! - `padding`: cells beyond the image
+//! - `periodic`: opposite sides that match
 //! - `output`: the mesh as a file, and files of lines and feature points
 //! - `topography`: the surface at which those above it end
 //! - `measure`: quality and fidelity of the mesh
@@ -59,6 +60,7 @@ mod named_faces;
 pub(crate) mod output;
 pub(crate) mod padding;
 mod params;
+mod periodic;
 mod placed_points;
 mod placement;
 mod regions;

@@ -587,6 +587,12 @@ impl<'a, const D: usize> LatticeParams<'a, D> {
         &self.0.beta
     }
 
+    /// Returns the axes along which the mesh is periodic, if there are any.
+    pub fn periodic_axes(&self) -> Option<[bool; D]> {
+        let axes = self.0.spec.periodic?;
+        Some(array::from_fn(|k| axes.0[k]))
+    }
+
     /// Returns the fixed atoms, in physical coordinates.
     pub fn fixed_atoms(&self) -> &[FixedAtom<D>] {
         &self.0.fixed_atoms

@@ -4,7 +4,8 @@ use super::canny::smooth_image;
 use super::join::{AnnotatedMesh, JoinAtoms, JoinedMesh};
 use super::measure::MeasuredMesh;
 use super::named_faces::close_given_surfaces;
-use super::regions;
+use super::periodic::MatchedSides;
+use super::regions::{self, CellFaces};
 use super::{LatticeParams, MeshScene, StageRunner};
 use crate::comm::Comm;
 use crate::error::cause;
@@ -32,12 +33,14 @@ pub(super) struct MadeSimplices<M> {
     pub report: Report,
 }
 
-/// Joins atoms, improves the mesh, and measures it.
+/// Joins atoms, improves the mesh, and measures it. `sides` are those of a periodic mesh, which has their
+/// atoms.
 pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     atoms: Atoms<D>,
     scene: &MeshScene<'_, D>,
     source: ImageSource<'_, D>,
     params: &LatticeParams<'_, D>,
+    sides: Option<&MatchedSides<D>>,
     stages: &mut StageRunner<'_>,
 ) -> Result<MadeSimplices<M>> {
     let step = scene.features.potential.step;
@@ -54,7 +57,14 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
-        let joined = M::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+        let joined = M::join(
+            atoms,
+            scene,
+            relaxation.as_ref(),
+            options.as_ref(),
+            sides,
+            stages,
+        )?;
         seal_mesh(joined, scene, stages)
     })?;
     let JoinedMesh {
@@ -70,9 +80,21 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     })?;
     let target = options.as_ref().filter(|_| improvement.is_some());
     let (angle, names) = (target.map(|target| target.min_dihedral), &face_names);
-    let label_indices = stages.run_cancellable(|cancel| {
-        regions::assign_regions(&mut annotated, &neighbours, names, scene, angle, cancel)
+    let pinned = sides.map_or_else(Vec::new, |sides| {
+        sides.pinned_labels(&annotated.mesh, &neighbours)
     });
+    let faces = CellFaces {
+        neighbours: &neighbours,
+        names,
+        pinned: &pinned,
+    };
+    let label_indices = stages.run_cancellable(|cancel| {
+        regions::assign_regions(&mut annotated, faces, scene, angle, cancel)
+    });
+    if let Some(sides) = sides {
+        let nodes = annotated.mesh.nodes();
+        sides.release(&mut annotated.node_kinds, nodes, scene.extent);
+    }
     stages.begin(Stage::Measuring);
     let label_image = (label_indices.is_some())
         .then(|| source.to_image())

@@ -31,7 +31,7 @@ use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
-pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding};
+pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding, PeriodicAxes};
 
 /// Headings of the command line's help; options without one come first.
 const FEATURES: &str = "Features";
@@ -273,6 +273,10 @@ pub struct MeshSpec {
     /// above=DIST of --pad
     #[arg(long, value_name = "FILE[:NAME][,...]")]
     pub topography: Option<FileOption>,
+    /// Make opposite sides match node by node along these axes, so that copies of the mesh fill space:
+    /// x, y and z (x and y in 2-D). The last layer of the image along them must repeat the first
+    #[arg(long, value_name = "AXES")]
+    pub periodic: Option<PeriodicAxes>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -359,6 +363,7 @@ impl Default for MeshSpec {
             metric: Metric::Auto,
             pad: None,
             topography: None,
+            periodic: None,
             velocity: None,
             rng_seed: 1,
             report: None,

@@ -411,6 +411,7 @@ mod tests {
     #[test]
     fn an_interface_is_found_from_either_side() {
         let label_map = LabelMap {
+            values: None,
             dims: [6, 2],
             step: [1.0, 1.0],
             labels: [1.0, 2.0, 3.0].map(LabelValue::from_sample).to_vec(),

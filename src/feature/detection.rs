@@ -63,6 +63,9 @@ pub struct DetectionOptions<const D: usize> {
     /// features (see [`Features::spacing`](super::Features::spacing)); `None` if features do not
     /// decide the distance.
     pub gap_d_max: Option<f64>,
+    /// Width, in samples, of the filter that smooths the boundaries of labels, which may then lie more than
+    /// half a sample beside the samples; `None` for one sample within that bound.
+    pub label_smoothing: Option<f64>,
     /// Options for single labels, for [`FeatureKind::Labels`].
     pub labels: Vec<LabelOptions>,
     /// Number of samples below which a connected part of a label joins the labels around it.
@@ -99,6 +102,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             seeds: PathSeeds::default(),
             d_min: 8.0,
             gap_d_max: None,
+            label_smoothing: None,
             labels: Vec::new(),
             min_part: 0,
             step: [1.0; D],
@@ -304,7 +308,11 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
             "give positive steps",
         );
     }
-    for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
+    for (name, value) in [
+        ("scale", options.scale),
+        ("smoothing", options.smoothing),
+        ("label smoothing", options.label_smoothing),
+    ] {
         if let Some(value) = value
             && !(0.5..=100.0).contains(&value)
         {

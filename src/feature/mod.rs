@@ -89,7 +89,8 @@ use crate::error::Result;
 use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
 use crate::progress::{CancelToken, Stage};
 use detectors::auto::LayerChoice;
-use detectors::labels::{self, LabelSpacing};
+use detectors::label_gaps::label_gaps;
+use detectors::labels::{LabelSpacing, ThinDistances};
 use detectors::{Detector, DetectorInput, DetectorOutput};
 use potential::PotentialValleys;
 use std::borrow::Cow;
@@ -425,14 +426,14 @@ fn run_detector<const D: usize>(
     if !is_partitioned {
         surfaces = surfaces.gather()?;
     }
-    let (labels, label_spacing) = output.labels.unzip();
     let spacing = point_spacing(
         input,
         detector,
         &surfaces,
-        label_spacing.as_ref(),
+        output.labels.as_ref(),
         &mut notes,
     )?;
+    let labels = output.labels.map(|(label_map, _)| label_map);
     let potential = feature_potential(input, detector, &surfaces, spacing.as_deref())?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
@@ -637,7 +638,7 @@ fn point_spacing<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     surfaces: &FeatureSurfaces<'_, D>,
-    labels: Option<&LabelSpacing<D>>,
+    labels: Option<&(LabelMap<D>, LabelSpacing<D>)>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Vec<f32>>> {
     let (grid, points, step) = (surfaces.grid, &surfaces.points, input.options.step);
@@ -649,16 +650,18 @@ fn point_spacing<const D: usize>(
     let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
     let gap_spacing = |[min, max]: [f64; 2]| {
         let spacing = |limits| local_feature_size::spacing(grid, points, surface, step, limits);
-        if labels.is_none() {
+        let Some((label_map, _)) = labels else {
             return spacing([min, max]);
-        }
-        let mut spacing = spacing([labels::MIN_THIN_DISTANCE_RATIO * min, max])?;
-        let distances = spacing.iter_mut();
-        distances.for_each(|gap| *gap = labels::distance_in_gap(*gap, [min, max]));
-        Ok(spacing)
+        };
+        let mut gaps = label_gaps(label_map, points, max);
+        let samples = label_map.winner.len();
+        let distances = ThinDistances::for_gaps(&gaps, [min, max], label_map.min_step(), samples);
+        gaps.iter_mut()
+            .for_each(|gap| *gap = distances.in_gap(*gap));
+        local_feature_size::propagate_gaps(grid, points, step, &gaps, max)
     };
     let mut spacing = gaps.map(gap_spacing).transpose()?;
-    if let Some(labels) = labels {
+    if let Some((_, labels)) = labels {
         spacing = labels.spacing(points, step, spacing);
     }
     if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {

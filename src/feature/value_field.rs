@@ -212,13 +212,7 @@ impl<const D: usize> ValueField<D> {
             };
             (0..1usize << D).map(term).sum::<f64>().abs()
         };
-        let steepest = (1..D).fold(0, |best, k| {
-            if slope(k) > slope(best) {
-                k
-            } else {
-                best
-            }
-        });
+        let steepest = (1..D).fold(0, |best, k| if slope(k) > slope(best) { k } else { best });
         let line_count = LINES_PER_AXIS.pow(D as u32 - 1);
         let mut sums = vec![0.0; levels.len()];
         for line in 0..line_count {

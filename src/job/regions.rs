@@ -13,14 +13,15 @@ use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
 use crate::image::{Image, LabelTable, LabelValue};
-use crate::improve::regions::{self, InterfaceFit, SamplePoints};
+use crate::improve::regions::{self, InterfaceFit, LabelParts, PartTopology, SamplePoints};
 use crate::improve::{FeatureFit, fit_feature_faces};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
 use crate::report::{
-    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, VolumeReference,
+    Certificate, Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, VolumeReference,
     finer_distance,
 };
 
@@ -33,29 +34,60 @@ const MAX_FACE_DISTANCE: f64 = 3.0;
 /// Number of cells whose sample points one task visits.
 const CELLS_PER_TASK: usize = 1 << 12;
 
+/// The neighbours, the names of faces and the given labels of the cells of a mesh.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellFaces<'a> {
+    /// For every cell and face, in order, the cell on the other side, or `NONE`.
+    pub neighbours: &'a [u32],
+    /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
+    pub names: &'a [u32],
+    /// Cells whose label is given, with its index.
+    pub pinned: &'a [(usize, u32)],
+}
+
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
 /// index of each cell; `None` if the features are not labels. The faces on features become those between labels, and those on given surfaces,
-/// which have `face_names`; these surfaces stay where they are.
+/// which have names; these surfaces stay where they are.
 pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     annotated: &mut AnnotatedMesh<M>,
-    neighbours: &[u32],
-    face_names: &[u32],
+    faces: CellFaces<'_>,
     scene: &MeshScene<'_, D>,
     min_angle: Option<f64>,
     cancel: &CancelToken<'_>,
 ) -> Option<Vec<u32>> {
+    let CellFaces {
+        neighbours,
+        names: face_names,
+        pinned,
+    } = faces;
     let Some(labelled) = scene.features.labels.as_ref() else {
         if let Some(min_angle) = min_angle.filter(|_| has_fitted_faces(scene.features)) {
             fit_to_edges(annotated, neighbours, scene, min_angle, cancel);
         }
         return None;
     };
-    let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    let pin = |regions: &mut [u32]| pinned.iter().for_each(|&(c, label)| regions[c] = label);
+    let parts = LabelParts::new(labelled);
+    let (mut regions, votes) = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    pin(&mut regions);
+    let mut cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+    let repair = |mesh: &M, cell_parts: &mut [u32], regions: &mut [u32]| {
+        PartTopology::new(mesh, neighbours, &parts).repair(cell_parts, &votes);
+        for (region, &part) in regions.iter_mut().zip(&*cell_parts) {
+            if part != NONE {
+                *region = parts.label(part);
+            }
+        }
+    };
+    repair(&annotated.mesh, &mut cell_parts, &mut regions);
+    pin(&mut regions);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
+            parts: &parts,
+            cell_parts: &cell_parts,
             neighbours,
             anchors: anchors.as_ref(),
             kinds: &annotated.node_kinds,
@@ -64,6 +96,10 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         };
         regions::fit(&mut annotated.mesh, &fitting, cancel);
         regions = regions::remove_spikes(&annotated.mesh, &fitting);
+        pin(&mut regions);
+        cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+        repair(&annotated.mesh, &mut cell_parts, &mut regions);
+        pin(&mut regions);
         let interfaces = regions::interface_marks::<D>(&regions, neighbours);
         annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
     }
@@ -280,6 +316,29 @@ pub(super) fn report<const D: usize>(
         lost: lost.0,
         damaged: damaged.0,
     })
+}
+
+/// Judges cells by the samples of an image of labels. Returns `None` if `cancel` is cancelled.
+pub(super) fn certificate<const D: usize>(
+    image: &Image<D>,
+    judged: &JudgedLabels<D>,
+    cells: &LabelledCells<'_, D>,
+    cancel: &CancelToken<'_>,
+) -> Option<Certificate> {
+    let name_of = |label: &LabelValue| {
+        let mut options = judged.options.iter();
+        let options = options.find(|options| options.label == *label)?;
+        options.name.clone()
+    };
+    let names: Vec<Option<String>> = judged.table.values.iter().map(name_of).collect();
+    let certified = CertifiedImage {
+        components: &judged.components,
+        indices: &judged.table.indices,
+        labels: &judged.table.values,
+        names: &names,
+        geometry: &image.geometry,
+    };
+    certify(&certified, cells, cancel)
 }
 
 /// An image of labels and its connected parts.

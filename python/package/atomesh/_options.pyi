@@ -147,6 +147,10 @@ class MeshOptions(TypedDict, total=False):
     #: it, as for --surface. It must cover the image and the sides of --pad, and replaces
     #: above=DIST of --pad
     topography: _Value | None
+    #: Make opposite sides match node by node along these axes, so that copies of the mesh fill
+    #: space: x, y and z (x and y in 2-D). The last layer of the image along them must repeat the
+    #: first
+    periodic: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole image, or a file of interval velocities in m/s on a grid in two-way time. With
     #: a file, the image is resampled
@@ -445,6 +449,9 @@ class ConvertOptions(TypedDict, total=False):
 class QualityOptions(TypedDict, total=False):
     #: The exact distance to the features, as `synth --truth` writes it
     truth: _Path | None
+    #: The image of labels that was meshed: also compare the mesh with each connected part of its labels,
+    #: sample by sample
+    labels: _Path | None
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None

@@ -12,6 +12,8 @@
 //! - `value_regions`: the regions between values
 //! - `labels`: interfaces between labels
 //! - `masks`: the medial surface of thin masks
+//! - `label_gaps`: thickness of labels at their interfaces
+//! - `label_slices`: labels between slices that are far apart
 //! - `label_smoothing`: winning label of each sample after smoothing
 //! - `horizons`: crests and troughs of seismic amplitude
 //! - `faults`: places where layers of seismic amplitude do not continue
@@ -33,6 +35,8 @@ pub(crate) mod faults_and_horizons;
 pub(crate) mod horizons;
 mod input;
 pub(crate) mod isosurface;
+pub(crate) mod label_gaps;
+pub(crate) mod label_slices;
 pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;

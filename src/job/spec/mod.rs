@@ -31,7 +31,7 @@ use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
-pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding};
+pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding, PeriodicAxes};
 
 /// Headings of the command line's help; options without one come first.
 const FEATURES: &str = "Features";
@@ -74,6 +74,10 @@ pub struct MeshSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub sigma: Option<f64>,
+    /// Smooths the boundaries of labels over this many samples, also beyond the half sample that is
+    /// allowed otherwise [default: as little as the steps of the samples ask for]
+    #[arg(long, value_name = "S", help_heading = FEATURES)]
+    pub label_smoothing: Option<f64>,
     /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value, or
     /// several values in ascending order with commas between them, which divide the image into regions
     /// [default: automatic; it is printed]
@@ -269,6 +273,10 @@ pub struct MeshSpec {
     /// above=DIST of --pad
     #[arg(long, value_name = "FILE[:NAME][,...]")]
     pub topography: Option<FileOption>,
+    /// Make opposite sides match node by node along these axes, so that copies of the mesh fill space:
+    /// x, y and z (x and y in 2-D). The last layer of the image along them must repeat the first
+    #[arg(long, value_name = "AXES")]
+    pub periodic: Option<PeriodicAxes>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -316,6 +324,7 @@ impl Default for MeshSpec {
             feature: FeatureKind::Auto,
             surface: Vec::new(),
             sigma: None,
+            label_smoothing: None,
             threshold: None,
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
@@ -354,6 +363,7 @@ impl Default for MeshSpec {
             metric: Metric::Auto,
             pad: None,
             topography: None,
+            periodic: None,
             velocity: None,
             rng_seed: 1,
             report: None,
@@ -479,7 +489,9 @@ impl MeshSpec {
             CellKind::Simplices => AtomAlignment::On,
             CellKind::Voronoi => AtomAlignment::Alongside,
         });
-        if self.feature == FeatureKind::Auto && !self.label.is_empty() {
+        if self.feature == FeatureKind::Auto
+            && (!self.label.is_empty() || self.label_smoothing.is_some())
+        {
             self.feature = FeatureKind::Labels;
         }
         self
@@ -529,6 +541,7 @@ impl MeshSpec {
         Ok(DetectionOptions {
             kind: self.feature,
             scale: self.sigma,
+            label_smoothing: self.label_smoothing,
             threshold,
             further_levels,
             min_part: self.min_part_samples(),

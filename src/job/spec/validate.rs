@@ -81,6 +81,7 @@ impl MeshSpec {
         options.check_alignment()?;
         options.check_cells()?;
         options.check_topography()?;
+        options.check_periodic()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
         } else {
@@ -99,6 +100,41 @@ impl Options<'_> {
         let problem = "is where the cells beyond the image end, but there are none";
         let remedy = "add --pad, for example --pad below=500,sides=1000";
         self.refuse(&["topography"], problem, remedy)
+    }
+
+    /// Checks that nothing else determines the sides of a periodic mesh.
+    fn check_periodic(&self) -> Result<()> {
+        let Some(axes) = self.spec.periodic else {
+            return Ok(());
+        };
+        if self.spec.cell_kind() == CellKind::Voronoi {
+            let problem = "is for tetrahedra and triangles, but the mesh has Voronoi cells";
+            let remedy = "omit it, or choose --cells tets";
+            return Err(option_error("periodic", axes, problem, remedy));
+        }
+        let problem = format!(
+            "is not for periodic meshes (periodic {axes}), whose sides follow from the image alone"
+        );
+        let names = [
+            "pad",
+            "topography",
+            "surface",
+            "atoms-from",
+            "well",
+            "smooth",
+            "slivers",
+            "velocity",
+        ];
+        self.refuse(&names, &problem, "omit one of the two")?;
+        if self.spec.seeding == SeedingKind::Canny {
+            return Err(option_error(
+                "seeding",
+                "canny",
+                &problem,
+                "omit one of the two",
+            ));
+        }
+        Ok(())
     }
 
     /// Checks the alignment. Voronoi cells need atoms alongside features and strictly inside the
@@ -451,6 +487,14 @@ impl Options<'_> {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(
                 &["label"],
+                &problem,
+                "omit it, or follow labels (--feature labels)",
+            )?;
+        }
+        if kind != FeatureKind::Labels {
+            let problem = format!("smooths the boundaries of labels, but {kind} are followed");
+            self.refuse(
+                &["label-smoothing"],
                 &problem,
                 "omit it, or follow labels (--feature labels)",
             )?;

@@ -65,7 +65,7 @@ class MeshOptions(TypedDict, total=False):
     label: _Values | None
     #: Number of samples below which a connected part of a label, or of a region of --feature
     #: isosurface, joins the labels around it before the image is meshed
-    min_part: int | None
+    min_part: _Value | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
     object: _Values | None
     #: A point of the background, for --feature paths; may be repeated [default: the image's

@@ -628,7 +628,7 @@ mod tests {
     use super::*;
     use crate::feature::scenes::image_of;
     use crate::job::{MeshImage, Metric, Outcome, run};
-    use crate::mesh::Space;
+    use crate::mesh::{Mesh, Space};
     use crate::mesh::periodic::check_periodic;
     use crate::progress::NoProgress;
 

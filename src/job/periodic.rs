@@ -628,8 +628,8 @@ mod tests {
     use super::*;
     use crate::feature::scenes::image_of;
     use crate::job::{MeshImage, Metric, Outcome, run};
-    use crate::mesh::{Mesh, Space};
     use crate::mesh::periodic::check_periodic;
+    use crate::mesh::{Mesh, Space};
     use crate::progress::NoProgress;
 
     /// Returns grains around random points, with periods of `dims` less one sample.

@@ -125,14 +125,11 @@ mod tests {
         let mut energy = TiedEnergy::new(Box::new(pairs), &nodes, extent);
         let mut gradient = vec![[0.0; 2]; x.len()];
         energy.evaluate(&x, &mut gradient).unwrap();
-        let (step, scratch) = (1e-3, &mut vec![[0.0; 2]; x.len()]);
-        let derivatives = gradient.clone();
+        let (step, scratch) = (4e-3, &mut vec![[0.0; 2]; x.len()]);
+        let (derivatives, start) = (gradient.clone(), x.clone());
         for n in 0..x.len() {
-            for k in 0..2 {
+            for k in (0..2).filter(|&k| start[n][k] > 0.0 && start[n][k] < extent[k]) {
                 let old = x[n][k];
-                if old <= 0.0 || old >= extent[k] {
-                    continue;
-                }
                 let mut value = |offset: f64| {
                     x[n][k] = old + offset;
                     energy.evaluate(&x, scratch).unwrap()
@@ -142,7 +139,7 @@ mod tests {
                 let is_image = nodes.base[n] != n as u32;
                 let found = derivatives[n][k];
                 assert!(
-                    (found - expected).abs() < 2e-3,
+                    (found - expected).abs() < 5e-3,
                     "{n} {k}: {found} {expected}"
                 );
                 assert!(!is_image || found == 0.0 && expected == 0.0);

@@ -15,6 +15,7 @@ use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
     ExtendedFault, MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well,
 };
+use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
 use crate::store::MeshInput;
@@ -195,6 +196,28 @@ fn deactivate(
     Ok(())
 }
 
+/// Returns the mesh of the cells that are exported.
+fn with_chosen_cells(
+    mesh: AnyMesh,
+    choice: &CellChoice<'_>,
+    name: &str,
+    progress: &mut dyn Progress,
+) -> Result<AnyMesh> {
+    if choice.keeps_all() {
+        return Ok(mesh);
+    }
+    with_mesh!(mesh, file => {
+        let chosen = choice.cells_of_file(&file, name)?;
+        Ok(match chosen {
+            Some(chosen) => {
+                progress.note(&chosen.note);
+                take_cells(file, &chosen.cells)?.into()
+            }
+            None => file.into(),
+        })
+    })
+}
+
 /// Returns the model of a mesh, with its surfaces if the format or an option needs them.
 fn prepare_model(
     input: MeshInput<'_>,
@@ -203,6 +226,7 @@ fn prepare_model(
     progress: &mut dyn Progress,
 ) -> Result<PreparedModel> {
     let MeshInput { mesh, name, .. } = input;
+    let mesh = with_chosen_cells(mesh, &spec.cell_choice(), name, progress)?;
     let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
     if spec.space.thickness.is_some() && is_3d {
         let problem = "is for 2-D meshes, but the mesh is 3-D";

@@ -10,6 +10,7 @@ use super::padding::{Pad, PaddingCells};
 use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
+use super::cell_choice::{check_choice, choose_cells, with_coarse_cells};
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
     Params, Spacing, StageRunner, cells, estimate, horizons, live, simplices,
@@ -53,6 +54,8 @@ pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     pub face_names: Vec<u32>,
     /// The share of each cell that holds data; `None` if all cells are full of data.
     pub live: Option<Vec<f64>>,
+    /// The cells that files of the mesh contain, ascending; `None` for all of them.
+    pub kept_cells: Option<Vec<u32>>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -234,9 +237,15 @@ where
     let source = prepared.source(source);
     let (dims, geometry) = (source.dims(), source.geometry());
     let (placed, notes_on_points) = params.with_points_in(geometry, dims)?;
-    let params = &*placed.with_metric_for(geometry);
+    let params = &*placed.with_metric_for(source)?;
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
+    let coarse = with_coarse_cells(
+        params,
+        source,
+        lattice_extent(dims, params.spec.metric.lengths(geometry)),
+    )?;
+    let params = coarse.as_ref().unwrap_or(params);
     let fitted = fitted_params(params, dims, geometry, extent)?;
     let params = fitted.as_ref().unwrap_or(params);
     let distance_in_use = params.spec.distance.to_string();
@@ -263,6 +272,7 @@ where
         may_distribute,
         &mut stages,
     )?;
+    check_choice(params, &features)?;
     let mut made = make_mesh(source, lattice, &mut features, &frame, &mut stages)?;
     gather_potential(&mut features, &made.mesh, comm)?;
     let (mesh, distance, report) = (&made.mesh, &made.distance, &mut made.report);
@@ -275,6 +285,8 @@ where
     add_findings(report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
+    let kept_cells = choose_cells(params, mesh, &features, distance, extent, report)?;
+    report.notes.extend(params.metric_note.clone());
     let notes = notes_on_points.into_iter().chain(notes_on_given);
     (report.notes).extend(notes.chain(placement::distance_note(source, lattice, &features)?));
     let scene = scene_of(extent, &features, distance);
@@ -300,6 +312,7 @@ where
         features,
         face_names: made.face_names,
         live,
+        kept_cells,
         distance: made.distance,
         optimise_result: made.optimise_result,
         provenance: Provenance::default(),
@@ -309,7 +322,8 @@ where
 
 /// Returns `true` if a job with these parameters can be distributed over ranks up to its mesh.
 fn can_be_partitioned<const D: usize>(params: &Params<D>, comm: &dyn Comm) -> bool {
-    comm.size() > 1 && params.spec.pad.is_none() && params.spec.cell_kind() == CellKind::Simplices
+    let keeps_all = params.spec.cell_choice().keeps_all();
+    comm.size() > 1 && params.spec.pad.is_none() && keeps_all && params.spec.cell_kind() == CellKind::Simplices
 }
 
 /// Gathers a distributed potential at the nodes of a mesh, as it is written to the mesh file.

@@ -37,6 +37,7 @@
 
 pub(crate) mod atom_file;
 mod canny;
+mod cell_choice;
 pub(crate) mod cells;
 mod checkpoint;
 mod depth;

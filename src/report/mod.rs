@@ -5,6 +5,7 @@
 //! - `angle_space`: the space whose angles decide what a mesh is fit for
 //! - `angles`: bad angles that these lines explain
 //! - `assumptions`: what was assumed about the input
+//! - `body`: the size of what the mesh fills
 //! - `fidelity`: how well the faces of the mesh follow the features
 //! - `given_surfaces`: how well the mesh follows the surfaces that the user gave
 //! - `face_samples`: faces cut into small pieces
@@ -28,6 +29,7 @@ mod angle_space;
 pub(crate) mod angles;
 pub(crate) mod assumptions;
 pub(crate) mod cells;
+mod body;
 mod codecs;
 mod face_distances;
 mod face_samples;
@@ -46,6 +48,7 @@ pub(crate) mod table;
 mod tally;
 mod verdict;
 
+pub use body::BodySize;
 pub use crate::progress::cost::{self, Clock, StageCost};
 pub use acute::{AcuteLine, AcutePair};
 pub use angle_space::AngleSpace;
@@ -92,6 +95,9 @@ pub struct Report {
     pub angle_space: Option<AngleSpace>,
     /// Shapes in lattice space, in which cells should be well shaped.
     pub quality: Option<Quality>,
+    /// Size of the box around the cells, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub body: Option<BodySize>,
     /// Shapes in physical space, if it differs and all its axes are lengths.
     pub quality_physical: Option<Quality>,
     /// Doubt about the kind of feature, if it was chosen from the image.
@@ -160,6 +166,7 @@ impl Default for Report {
             padding: None,
             improvement: None,
             baseline: None,
+            body: None,
             distance_in_use: None,
             shape_option: "--metric shape".into(),
             has_memory_for_finer: true,

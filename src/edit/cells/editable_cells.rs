@@ -9,6 +9,7 @@ use crate::job::{LatticeParams, Params, lattice_points, lattice_well_paths};
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Alignment;
 use crate::mesh::Positions;
+use crate::edit::editable_mesh::left_out_error;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};
@@ -68,6 +69,7 @@ impl<const D: usize> EditableCells<D> {
             is_horizon_face: horizons,
             weld,
             arrays,
+            outer,
             ..
         } = StoredMesh::new(file, place)?;
         let refuse = |problem: String| {
@@ -75,6 +77,9 @@ impl<const D: usize> EditableCells<D> {
         };
         if !space.is_stored {
             return Err(refuse("does not record where its lattice lies".into()));
+        }
+        if outer.is_some() {
+            return Err(left_out_error(place));
         }
         let hints = CheckHints {
             weld,

@@ -19,6 +19,7 @@ use super::live::shares_of_cells;
 use super::{AnnotatedMesh, MeshResult, Outcome, scaled_mesh};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
+use crate::geometry::{bounding_box, sub};
 use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
@@ -35,12 +36,12 @@ use crate::mesh_file::lattice_space::common_fields;
 use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::mesh_file::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
 use crate::mesh_file::{
-    AnyMesh, FieldValue, LabelledRegion, LatticeSpace, MeshFile, face_bits_to_physical,
-    to_physical, write_cells_vtu, write_vtu,
+    AnyMesh, FieldValue, LabelledRegion, LatticeSpace, MeshFile, TakeCells, face_bits_to_physical,
+    take_cells, to_physical, write_cells_vtu, write_vtu,
 };
 use crate::progress::CancelToken;
 use crate::report::smallest_angles;
-use crate::report::{Quality, quality, quality_of_partition};
+use crate::report::{BodySize, Quality, quality, quality_of_partition};
 use crate::{Error, Result};
 use cells::cell_mesh_file;
 use lines::write_lines;
@@ -144,6 +145,22 @@ pub(super) fn feature_names<const D: usize, M>(outcome: &Outcome<D, M>) -> Vec<S
     names.map(|name| name.name.clone()).collect()
 }
 
+impl<const D: usize, M> Outcome<D, M> {
+    /// Returns a file of the mesh without the cells that are left out.
+    ///
+    /// # Errors
+    /// Returns the errors of [`take_cells`].
+    pub(crate) fn with_kept_cells<C: TakeCells<D>>(
+        &self,
+        file: MeshFile<C>,
+    ) -> Result<MeshFile<C>> {
+        match &self.kept_cells {
+            Some(cells) => take_cells(file, cells),
+            None => Ok(file),
+        }
+    }
+}
+
 impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
     /// Returns the mesh with all its data in world coordinates, as [`Self::write_with_image`]
     /// writes it.
@@ -159,7 +176,8 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         Ok(match &self.mesh {
             MeshResult::Simplices(annotated) => self.simplex_file(annotated, Some(image))?.into(),
             MeshResult::Voronoi { mesh, weld } => {
-                with_image(cell_mesh_file(self, mesh, *weld), image)?.into()
+                let file = with_image(cell_mesh_file(self, mesh, *weld), image)?;
+                self.with_kept_cells(file)?.into()
             }
         })
     }
@@ -207,6 +225,7 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         image: Option<ImageSource<'_, D>>,
     ) -> Result<MeshFile<M>> {
         let file = with_optional_image(simplex_mesh_file(self, annotated), image)?;
+        let file = self.with_kept_cells(file)?;
         Ok(match &self.padding {
             Some(padding) => {
                 with_padding(file, &annotated.mesh, padding, &self.geometry, self.step)
@@ -241,9 +260,38 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
             MeshResult::Voronoi { .. } if in_parts => Err(no_partitions_error(path)),
             MeshResult::Voronoi { mesh, weld } => {
                 let file = cell_mesh_file(self, mesh, *weld);
-                write_cells_vtu(path, &with_optional_image(file, image)?)
+                let file = self.with_kept_cells(with_optional_image(file, image)?)?;
+                write_cells_vtu(path, &file)
             }
         }
+    }
+
+    /// Returns the size of the box around the cells, along the axes of the image; `None` for a bare array,
+    /// whose samples lie nowhere.
+    pub(crate) fn body_size(&self) -> Option<BodySize> {
+        let geometry = &self.geometry;
+        if *geometry == Geometry::default() {
+            return None;
+        }
+        let mut lengths = self.extent;
+        if let Some(cells) = &self.kept_cells {
+            let nodes = match &self.mesh {
+                MeshResult::Simplices(annotated) => annotated.mesh.with_cells(cells).0.nodes().to_vec(),
+                MeshResult::Voronoi { mesh, .. } => mesh.with_cells(cells).0.nodes,
+            };
+            let [low, high] = bounding_box(nodes);
+            lengths = sub(high, low);
+        }
+        let spacing = geometry.spacing();
+        // Units are those of coordinates, and axes may be turned.
+        let units = geometry.axes.map(|axis| {
+            let longest = (0..D).max_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs()));
+            geometry.units[longest.unwrap_or(0)].clone()
+        });
+        Some(BodySize {
+            lengths: (0..D).map(|k| lengths[k] / self.step[k] * spacing[k]).collect(),
+            units: units.to_vec(),
+        })
     }
 
     /// Returns the quality of tetrahedra or triangles in world coordinates, if it differs from that
@@ -258,7 +306,10 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         let Some(geometry) = geometry_of_other_shapes(&self.geometry, self.step) else {
             return Ok(None);
         };
-        let mesh = to_physical(&annotated.mesh, self.step, &geometry);
+        let mut mesh = to_physical(&annotated.mesh, self.step, &geometry);
+        if let Some(cells) = &self.kept_cells {
+            mesh = mesh.with_cells(cells).0;
+        }
         Ok(Some(match &self.share {
             None => quality(&mesh),
             Some(share) => quality_of_partition(

@@ -6,10 +6,12 @@
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
 //! - `config`: options from a configuration file
+//! - `lengths`: options in units of length
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
 mod config;
+mod lengths;
 mod validate;
 mod values;
 
@@ -26,7 +28,9 @@ use crate::feature::{
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
-pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+pub use crate::mesh_file::RegionNames;
+use crate::mesh_file::CellChoice;
+pub use crate::option_text::{InvalidValue, Length, NumberOrFile, PointValue, SignedAxis};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
@@ -46,7 +50,8 @@ pub struct MeshSpec {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[arg(short, long, value_name = "MESH.vtu")]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples: one number, or MIN:MAX
+    /// Nominal distance between atoms, in samples: one number, or MIN:MAX; or in a unit of length, such as 3mm,
+    /// 0.5mm:2mm or 40ft, if the image has one
     #[arg(long, value_name = "D", default_value_t = defaults().distance)]
     pub distance: NominalDistance,
     /// Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
@@ -111,11 +116,22 @@ pub struct MeshSpec {
             help_heading = FEATURES
         )]
     pub feature_weights: FeatureWeights,
-    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
+    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, as for --distance),
     /// or VALUE:into=VALUE, which merges it into another label; may be repeated
     #[arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
+    /// Labels, by value or name, whose cells the mesh leaves out, such as 0 for the background. Their boundaries
+    /// keep their names, such as interface_0_3
+    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true, conflicts_with = "keep")]
+    pub drop: Option<RegionNames>,
+    /// Labels, by value or name, whose cells alone the mesh has
+    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true)]
+    pub keep: Option<RegionNames>,
+    /// Of each label that stays, keep only the largest connected part
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub keep_largest: bool,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -175,9 +191,9 @@ pub struct MeshSpec {
     #[arg(long, value_name = "FILE.csv", help_heading = ATOMS)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<FileOption>,
-    /// Distance between atoms at wells, in samples; it increases to --distance away from them
+    /// Distance between atoms at wells, in samples or in a unit of length; it increases to --distance away from them
     #[arg(long, value_name = "D", help_heading = ATOMS)]
-    pub well_distance: Option<f64>,
+    pub well_distance: Option<Length>,
     /// Evaluator of the lattice energy
     #[arg(
             long,
@@ -247,7 +263,8 @@ pub struct MeshSpec {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[arg(long, value_name = "HOW", help_heading = SHAPES)]
     pub smooth: Option<Scheme>,
-    /// Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance is then in
+    /// Metric of lattice space: auto (shape for scans, for labels outside surveys, and for distances in a unit of length,
+    /// else samples), samples, physical (--distance is then in
     /// physical units, not in samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
     /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     /// (SX,SY in 2-D)
@@ -319,6 +336,9 @@ impl Default for MeshSpec {
             keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
+            drop: None,
+            keep: None,
+            keep_largest: false,
             object: Vec::new(),
             background: Vec::new(),
             potential_out: None,
@@ -453,6 +473,15 @@ impl MeshSpec {
         })
     }
 
+    /// Returns which cells of the mesh are kept.
+    pub fn cell_choice(&self) -> CellChoice<'_> {
+        CellChoice {
+            drop: self.drop.as_ref(),
+            keep: self.keep.as_ref(),
+            keep_largest: self.keep_largest,
+        }
+    }
+
     /// Returns how much work goes into the mesh.
     pub fn effort(&self) -> Effort {
         self.effort.unwrap_or_default()
@@ -473,7 +502,8 @@ impl MeshSpec {
             CellKind::Simplices => AtomAlignment::On,
             CellKind::Voronoi => AtomAlignment::Alongside,
         });
-        if self.feature == FeatureKind::Auto && !self.label.is_empty() {
+        let is_about_labels = !self.label.is_empty() || !self.cell_choice().keeps_all();
+        if self.feature == FeatureKind::Auto && is_about_labels {
             self.feature = FeatureKind::Labels;
         }
         self

@@ -6,7 +6,7 @@
 use std::fmt::Display;
 
 use super::{
-    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NominalDistance,
+    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec,
     NumberOrFile, SeedingKind, Slivers,
 };
 use crate::Result;
@@ -14,6 +14,7 @@ use crate::error::{Error, cause};
 use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
 use crate::job::params::Evaluator;
+use crate::mesh_file::pvtu::is_pvtu;
 use crate::names::first_repeated;
 use crate::option_text::names_image;
 
@@ -81,6 +82,7 @@ impl MeshSpec {
         options.check_alignment()?;
         options.check_cells()?;
         options.check_topography()?;
+        options.check_choice()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
         } else {
@@ -99,6 +101,26 @@ impl Options<'_> {
         let problem = "is where the cells beyond the image end, but there are none";
         let remedy = "add --pad, for example --pad below=500,sides=1000";
         self.refuse(&["topography"], problem, remedy)
+    }
+
+    /// Checks the labels that are left out.
+    fn check_choice(&self) -> Result<()> {
+        let choice = self.spec.cell_choice();
+        choice.validate()?;
+        if choice.keeps_all() {
+            return Ok(());
+        }
+        let problem = "continues the mesh beyond the image, but labels of it are left out";
+        let remedy = "omit it, or leave labels out afterwards (atomesh export --drop)";
+        self.refuse(&["pad"], problem, remedy)?;
+        match &self.spec.output {
+            Some(output) if is_pvtu(output) => Err(Error::Job(cause(
+                format!("output {}", output.display()),
+                "is a mesh in several files, of which no label can be left out",
+                "give a name that ends in .vtu",
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Checks the alignment. Voronoi cells need atoms alongside features and strictly inside the
@@ -260,14 +282,14 @@ impl Options<'_> {
     fn check_distance(&self) -> Result<()> {
         let spec = self.spec;
         match (&spec.distance, &spec.distance_from) {
-            (NominalDistance::Constant(_), DistanceSource::Gaps) => Ok(()),
-            (NominalDistance::Constant(d), source) => Err(option_error(
+            (distance, DistanceSource::Gaps) if !distance.varies() => Ok(()),
+            (d, source) if !d.varies() => Err(option_error(
                 "distance-from",
                 source,
                 &format!("makes the distance vary, but it is {d} everywhere"),
                 "omit it, or give a range MIN:MAX such as --distance 5:15",
             )),
-            (NominalDistance::Range { .. }, DistanceSource::File(path)) if !names_image(path) => {
+            (_, DistanceSource::File(path)) if !names_image(path) => {
                 Err(option_error(
                     "distance-from",
                     path.display(),
@@ -275,7 +297,7 @@ impl Options<'_> {
                     "give one of these, or an image of distances in samples",
                 ))
             }
-            (NominalDistance::Range { .. }, _) => Ok(()),
+            _ => Ok(()),
         }
     }
 
@@ -289,7 +311,7 @@ impl Options<'_> {
             );
         }
         match self.spec.well_distance {
-            Some(d) if !(d.is_finite() && d > 0.0) => Err(option_error(
+            Some(d) if d.value <= 0.0 => Err(option_error(
                 "well-distance",
                 d,
                 "is not a positive number of samples",
@@ -423,7 +445,7 @@ impl Options<'_> {
         if !matches!(kind, FeatureKind::Labels | FeatureKind::Isosurface) {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(
-                &["label"],
+                &["label", "drop", "keep", "keep-largest"],
                 &problem,
                 "omit it, or follow labels (--feature labels)",
             )?;

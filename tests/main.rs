@@ -40,6 +40,7 @@ mod images_formats;
 mod inactive;
 mod interrupt;
 mod label_faults;
+mod left_out;
 mod labels;
 mod layers;
 mod live;

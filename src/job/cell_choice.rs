@@ -1,7 +1,7 @@
 //! Labels that are left out of the mesh: which cells are kept, and large cells where none are.
 
 use super::spec::MeshSpec;
-use super::{MeshResult, Params};
+use super::{AnnotatedMesh, MeshResult, Params};
 use crate::Result;
 use crate::error::{Error, cause};
 use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions};
@@ -147,16 +147,9 @@ pub(super) fn choose_cells<const D: usize, M: Simplices<D>>(
     let Some(ChosenCells { cells, note }) = chosen else {
         return Ok(None);
     };
-    if let MeshResult::Simplices(annotated) = mesh {
-        let (part, nodes) = annotated.mesh.with_cells(&cells);
-        let faces = cells.iter().filter_map(|&c| annotated.feature_faces.get(c as usize));
-        let faces: Vec<u8> = faces.copied().collect();
-        let at_node = |n: u32| distance.value_at(annotated.mesh.nodes()[nodes[n as usize] as usize]);
-        let assessment = report::assess_angles(&part, &faces, extent, at_node);
-        report.quality = report.quality.take().map(|_| Quality {
-            angles: Some(assessment.angles),
-            ..report::quality(&part)
-        });
+    if let (MeshResult::Simplices(annotated), Some(_)) = (mesh, &report.quality) {
+        let distance_at = |x| distance.value_at(x);
+        report.quality = Some(quality_of_kept(annotated, Some(&cells), extent, &distance_at));
     }
     let dropped = known.iter().zip(&kept).filter(|(_, kept)| !**kept);
     let dropped: Vec<LabelValue> = dropped.filter_map(|(region, _)| region.label).collect();
@@ -165,6 +158,29 @@ pub(super) fn choose_cells<const D: usize, M: Simplices<D>>(
     }
     report.notes.push(note);
     Ok(Some(cells))
+}
+
+/// Returns the shapes of the cells that are kept, all if `kept` is `None`, in the box `[0, extent]`.
+/// `distance_at` returns the nominal distance at a position.
+pub(super) fn quality_of_kept<const D: usize, M: Simplices<D>>(
+    annotated: &AnnotatedMesh<M>,
+    kept: Option<&[u32]>,
+    extent: [f64; D],
+    distance_at: &dyn Fn([f64; D]) -> f64,
+) -> Quality {
+    let quality_of = |mesh: &M, faces: &[u8]| {
+        let at_node = |n: u32| distance_at(mesh.nodes()[n as usize]);
+        Quality {
+            angles: Some(report::assess_angles(mesh, faces, extent, at_node).angles),
+            ..report::quality(mesh)
+        }
+    };
+    let Some(kept) = kept else {
+        return quality_of(&annotated.mesh, &annotated.feature_faces);
+    };
+    let faces = kept.iter().filter_map(|&c| annotated.feature_faces.get(c as usize));
+    let faces: Vec<u8> = faces.copied().collect();
+    quality_of(&annotated.mesh.with_cells(kept).0, &faces)
 }
 
 /// Removes labels from the report on regions.

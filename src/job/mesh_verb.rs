@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::cover::{self, Cover};
 use super::distributed::MakePartition;
 use super::given_surfaces::SurfacesInImage;
 use super::job_domain::{JobDomain, lattice_extent};
@@ -41,6 +42,9 @@ pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
     pub step: [f64; D],
+    /// Position of the mesh's corner in the lattice space of the features and the distance: half a sample
+    /// beyond their corner if the mesh covers voxels, else 0.
+    pub feature_offset: [f64; D],
     /// Geometry of the image, which maps samples to physical coordinates.
     pub geometry: Geometry<D>,
     /// Cells beyond the image, if the mesh continues there.
@@ -202,7 +206,7 @@ impl MeshImage<2> for Space<2> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<2, TriMesh>> {
-        run_stages(source, params, run_options, progress)
+        run_covering(source, params, run_options, progress)
     }
 }
 
@@ -213,8 +217,30 @@ impl MeshImage<3> for Space<3> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<3, TetMesh>> {
-        run_stages(source, params, run_options, progress)
+        run_covering(source, params, run_options, progress)
     }
+}
+
+/// Runs all stages of a job, for the box through the outermost samples or for full voxels.
+fn run_covering<const D: usize, M: JoinAtoms<D> + MakePartition<D> + Pad<D>>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    run_options: RunOptions<'_>,
+    progress: &mut dyn Progress,
+) -> Result<Outcome<D, M>>
+where
+    Space<D>: Dimension<D, Mesh = M>,
+{
+    if params.spec.cover == Cover::Samples {
+        return run_stages(source, params, run_options, progress);
+    }
+    let image = source.to_image()?;
+    let padded_image = cover::padded(&image);
+    let padded_source = ImageSource::InMemory(&padded_image);
+    let padded_params = cover::padded_params(params);
+    let mut outcome = run_stages(padded_source, &padded_params, run_options, progress)?;
+    cover::squeeze(&mut outcome, &image, &params.spec.label)?;
+    Ok(outcome)
 }
 
 /// Runs all stages of a job.
@@ -306,6 +332,7 @@ where
         mesh: made.mesh,
         extent,
         step,
+        feature_offset: [0.0; D],
         geometry: geometry.clone(),
         padding,
         share: made.share,
@@ -323,7 +350,8 @@ where
 /// Returns `true` if a job with these parameters can be distributed over ranks up to its mesh.
 fn can_be_partitioned<const D: usize>(params: &Params<D>, comm: &dyn Comm) -> bool {
     let keeps_all = params.spec.cell_choice().keeps_all();
-    comm.size() > 1 && params.spec.pad.is_none() && keeps_all && params.spec.cell_kind() == CellKind::Simplices
+    let is_plain = params.spec.pad.is_none() && params.spec.cover == Cover::Samples;
+    comm.size() > 1 && is_plain && keeps_all && params.spec.cell_kind() == CellKind::Simplices
 }
 
 /// Gathers a distributed potential at the nodes of a mesh, as it is written to the mesh file.

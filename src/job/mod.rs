@@ -40,6 +40,7 @@ mod canny;
 mod cell_choice;
 pub(crate) mod cells;
 mod checkpoint;
+mod cover;
 mod depth;
 mod distributed;
 mod equalise;

@@ -354,3 +354,95 @@ pub fn read_outer_boundary<M>(file: &MeshFile<M>) -> Option<OuterBoundary> {
     boundary.faces.sort_unstable();
     Some(boundary)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::boxes::kuhn_box;
+    use crate::mesh::check::{CheckHints, check_with_hints};
+    use crate::mesh::poly::PolyMesh;
+
+    /// Returns a box of 3 x 2 x 2 cubes, whose region is the number of the cube along x.
+    fn boxes() -> MeshFile {
+        let mesh = kuhn_box([3, 2, 2], 1.0);
+        let region = |c: usize| (mesh.centres()(c)[0]) as i32;
+        let regions: Vec<i32> = (0..mesh.len()).map(region).collect();
+        let nodes = (0..mesh.nodes.len() as i32).collect::<Vec<_>>();
+        MeshFile {
+            point_data: vec![DataArray::scalars("number", nodes)],
+            cell_data: vec![DataArray::scalars(REGION_ARRAY, regions)],
+            field_data: Vec::new(),
+            mesh,
+        }
+    }
+
+    /// Takes the cells of some regions, checks the mesh, and returns it.
+    fn take<M: TakeCells<3>>(file: &MeshFile<M>, kept: &[i32]) -> MeshFile<M> {
+        let regions = file.mesh.cell_regions(&file.cell_data);
+        let cells = (0..).zip(&regions).filter(|(_, region)| kept.contains(region));
+        let cells: Vec<u32> = cells.map(|(cell, _)| cell).collect();
+        take_cells(file.clone(), &cells).unwrap()
+    }
+
+    fn problems<M: TakeCells<3>>(file: &MeshFile<M>, outer: &OuterBoundary) -> Vec<String> {
+        let hints = CheckHints {
+            outer: Some(outer),
+            ..CheckHints::default()
+        };
+        check_with_hints(&file.mesh, hints, [0.0; 3], [3.0, 2.0, 2.0], 1e-12).problems
+    }
+
+    #[test]
+    fn a_part_has_named_boundaries_within_which_holes_are_found() {
+        let file = boxes();
+        let part = take(&file, &[0, 2]);
+        let outer = read_outer_boundary(&part).unwrap();
+        assert_eq!(outer.names, ["interface_0_1", "interface_1_2"]);
+        // Two interfaces of four squares of two triangles.
+        assert_eq!(outer.faces.len(), 16);
+        assert!((outer.filled_share - 2.0 / 3.0).abs() < 1e-12);
+        assert_eq!(problems(&part, &outer), [""; 0]);
+        // Values go with their nodes: the nodes of x = 0, 1, 2 and 3.
+        let numbers = part.point_data[0].values.to_i64();
+        let x = |n: i64| file.mesh.nodes[n as usize][0];
+        assert!(numbers.iter().zip(&part.mesh.nodes).all(|(&n, p)| x(n) == p[0]));
+        for cell in 0..part.mesh.len() {
+            let mut holed = part.clone();
+            holed.mesh.tets.remove(cell);
+            assert!(!problems(&holed, &outer).is_empty(), "{cell}");
+        }
+        // The part of a part declares both boundaries that it has.
+        let last = take(&part, &[2]);
+        let outer = read_outer_boundary(&last).unwrap();
+        assert_eq!((outer.names.len(), outer.faces.len()), (1, 8));
+        assert_eq!(problems(&last, &outer), [""; 0]);
+        let cut = take_cells(last, &[0, 1, 2]).unwrap();
+        let names = read_outer_boundary(&cut).unwrap().names;
+        assert!(names.contains(&CUT_NAME.to_string()), "{names:?}");
+    }
+
+    #[test]
+    fn polyhedra_are_taken_in_any_order() {
+        let file = boxes();
+        let regions = file.mesh.cell_regions(&file.cell_data);
+        let mesh = PolyMesh::from_simplices(&file.mesh, &[], &regions).unwrap();
+        let cells = MeshFile::<()>::default().with_mesh(mesh);
+        let count = cells.mesh.sites.len() as u32;
+        let reversed = take_cells(cells.clone(), &(0..count).rev().collect::<Vec<_>>()).unwrap();
+        let mut mesh = reversed.mesh;
+        mesh.assign_sides([0.0; 3], [3.0, 2.0, 2.0]);
+        assert!(mesh.region.iter().rev().eq(&regions));
+        let none = OuterBoundary {
+            filled_share: 1.0,
+            ..OuterBoundary::default()
+        };
+        let whole = MeshFile::<()>::default().with_mesh(mesh);
+        assert_eq!(problems(&whole, &none), [""; 0]);
+        let mut part = take(&cells, &[1]);
+        let outer = read_outer_boundary(&part).unwrap();
+        part.mesh.assign_sides([0.0; 3], [3.0, 2.0, 2.0]);
+        part.mesh.release_sides(|nodes| outer.set_of(nodes).map(|_| true));
+        assert_eq!(outer.faces.len(), 16);
+        assert_eq!(problems(&part, &outer), [""; 0]);
+    }
+}

@@ -19,7 +19,7 @@ use super::live::shares_of_cells;
 use super::{AnnotatedMesh, MeshResult, Outcome, scaled_mesh};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
-use crate::geometry::{bounding_box, sub};
+use crate::geometry::{add_scaled, bounding_box, sub};
 use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
@@ -58,13 +58,14 @@ pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
     let mesh = to_physical(lattice, outcome.step, geometry);
     let kinds: Vec<u8> = (annotated.node_kinds.iter().map(|&kind| kind as u8)).collect();
     let potential = &outcome.features.potential;
+    let in_features = |&x: &[f64; D]| add_scaled(x, 1.0, outcome.feature_offset);
     let feature: Vec<f32> = nodes
         .par_iter()
-        .map(|&x| potential.value(x) as f32)
+        .map(|x| potential.value(in_features(x)) as f32)
         .collect();
     let distance: Vec<f32> = nodes
         .par_iter()
-        .map(|&x| outcome.distance.value_at(x) as f32)
+        .map(|x| outcome.distance.value_at(in_features(x)) as f32)
         .collect();
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest = smallest_angles(lattice);
@@ -419,6 +420,8 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     image: ImageSource<'_, D>,
 ) -> Result<MeshFile<M>> {
     let space = LatticeSpace::from_file(&file, file.mesh.nodes()).filter(|space| space.is_stored);
+    // A mesh that covers voxels begins half a sample before its image.
+    let space = space.filter(|space| !space.covers_voxels_of(image.dims()));
     let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
     let (nodes, centre) = (file.mesh.nodes(), file.mesh.centres());
     let node_values = image.interpolate_linear(nodes.len(), |n| geometry.to_index(nodes[n]))?;

@@ -20,6 +20,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::cover::Cover;
 use super::params::{Evaluator, Optimizer};
 use crate::error::cause;
 use crate::feature::{
@@ -270,6 +271,10 @@ pub struct MeshSpec {
     /// (SX,SY in 2-D)
     #[arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)]
     pub metric: Metric,
+    /// What the mesh covers: samples (the box through the outermost samples, N - 1 steps along an axis of N samples), or
+    /// voxels (N steps; the outermost samples continue to the edges of their voxels)
+    #[arg(long, value_name = "WHAT", default_value_t = defaults().cover, value_enum)]
+    pub cover: Cover,
     /// Continue the mesh beyond the image, with cells that coarsen away from it:
     /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The cells belong to the
     /// regions overburden, underburden and sideburden
@@ -366,6 +371,7 @@ impl Default for MeshSpec {
             weld: 0.0,
             smooth: None,
             metric: Metric::Auto,
+            cover: Cover::Samples,
             pad: None,
             topography: None,
             velocity: None,

@@ -13,6 +13,7 @@ use crate::Result;
 use crate::error::{Error, cause};
 use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
+use crate::job::cover::Cover;
 use crate::job::params::Evaluator;
 use crate::mesh_file::pvtu::is_pvtu;
 use crate::names::first_repeated;
@@ -83,6 +84,7 @@ impl MeshSpec {
         options.check_cells()?;
         options.check_topography()?;
         options.check_choice()?;
+        options.check_cover()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
         } else {
@@ -101,6 +103,22 @@ impl Options<'_> {
         let problem = "is where the cells beyond the image end, but there are none";
         let remedy = "add --pad, for example --pad below=500,sides=1000";
         self.refuse(&["topography"], problem, remedy)
+    }
+
+    /// Checks that the mesh can cover voxels.
+    fn check_cover(&self) -> Result<()> {
+        if self.spec.cover == Cover::Samples {
+            return Ok(());
+        }
+        if self.spec.cell_kind() == CellKind::Voronoi {
+            let problem = "is for tetrahedra and triangles: squeezed at the sides, Voronoi cells are none";
+            let remedy = "omit it, or choose --cells tets";
+            return Err(option_error("cover", "voxels", problem, remedy));
+        }
+        let problem = "needs a mesh through the outermost samples";
+        let remedy = "omit it, or --cover voxels";
+        let options = ["pad", "topography", "page", "potential-out", "trace", "checkpoint"];
+        self.refuse(&options, problem, remedy)
     }
 
     /// Checks the labels that are left out.

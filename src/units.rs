@@ -207,7 +207,11 @@ mod tests {
             ("1.5 km", 1.5, Some("km")),
         ] {
             let (number, unit) = split_length(text).unwrap();
-            assert_eq!((number, unit.map(|unit| unit.symbol)), (value, symbol), "{text}");
+            assert_eq!(
+                (number, unit.map(|unit| unit.symbol)),
+                (value, symbol),
+                "{text}"
+            );
         }
         for text in ["", "mm", "inf", "3 ms", "3 furlong", "3mm4", "nan m"] {
             assert!(split_length(text).is_err(), "{text}");

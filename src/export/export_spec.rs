@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{ExportContent, ExportFormat};
 use crate::error::cause;
+use crate::mesh_file::{CellChoice, RegionNames};
 use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::flow::{FaultOptions, FaultResistance};
 use crate::model::reservoir::{CaseOptions, GougeOptions, RockOptions, SpaceOptions, WellPlace};
-use crate::mesh_file::{CellChoice, RegionNames};
 use crate::option_text::InvalidValue;
 use crate::option_text::serde_as_text;
 use crate::{Error, Result};

@@ -9,13 +9,13 @@ use super::export_spec::{ExportSpec, no_effect_error};
 use super::names::ExportNames;
 use super::{ExportContent, ExportFormat};
 use crate::Result;
+use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
 use crate::model::reservoir::{
     ExtendedFault, MeshPlacement, Model, ModelChecks, PreparedModel, SealCheck, Well,
 };
-use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
 use crate::store::MeshInput;

@@ -149,7 +149,12 @@ pub(super) fn choose_cells<const D: usize, M: Simplices<D>>(
     };
     if let (MeshResult::Simplices(annotated), Some(_)) = (mesh, &report.quality) {
         let distance_at = |x| distance.value_at(x);
-        report.quality = Some(quality_of_kept(annotated, Some(&cells), extent, &distance_at));
+        report.quality = Some(quality_of_kept(
+            annotated,
+            Some(&cells),
+            extent,
+            &distance_at,
+        ));
     }
     let dropped = known.iter().zip(&kept).filter(|(_, kept)| !**kept);
     let dropped: Vec<LabelValue> = dropped.filter_map(|(region, _)| region.label).collect();
@@ -178,7 +183,9 @@ pub(super) fn quality_of_kept<const D: usize, M: Simplices<D>>(
     let Some(kept) = kept else {
         return quality_of(&annotated.mesh, &annotated.feature_faces);
     };
-    let faces = kept.iter().filter_map(|&c| annotated.feature_faces.get(c as usize));
+    let faces = kept
+        .iter()
+        .filter_map(|&c| annotated.feature_faces.get(c as usize));
     let faces: Vec<u8> = faces.copied().collect();
     quality_of(&annotated.mesh.with_cells(kept).0, &faces)
 }

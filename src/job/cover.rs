@@ -24,7 +24,7 @@ use crate::mesh::Simplices;
 use crate::mesh::check::{BOX_TOLERANCE, check};
 use crate::report::{self, RegionSummary};
 
-/// What a mesh covers of its image.
+/// Selects the part of the image that a mesh covers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cover {
@@ -122,8 +122,9 @@ pub(super) fn squeeze<const D: usize, M: Simplices<D>>(
     let (mesh, offset) = (&annotated.mesh, outcome.feature_offset);
     let distance_at = |x: [f64; D]| outcome.distance.value_at(add_scaled(x, 1.0, offset));
     let faces = &annotated.feature_faces;
-    let assessment =
-        report::assess_angles(mesh, faces, extent, |n| distance_at(mesh.nodes()[n as usize]));
+    let assessment = report::assess_angles(mesh, faces, extent, |n| {
+        distance_at(mesh.nodes()[n as usize])
+    });
     annotated.angle_assessment = assessment;
     let kept = outcome.kept_cells.as_deref();
     if outcome.report.quality.is_some() {
@@ -139,7 +140,10 @@ pub(super) fn squeeze<const D: usize, M: Simplices<D>>(
         let merged = label_map::merge_labels(image, labels)?;
         let table = LabelTable::from_image(merged.as_ref().unwrap_or(image));
         let volumes = mesh.volumes();
-        let cells = annotated.regions.iter().zip(volumes.iter().map(|v| v * cell_scale));
+        let cells = annotated
+            .regions
+            .iter()
+            .zip(volumes.iter().map(|v| v * cell_scale));
         count_whole_voxels(regions, table.as_ref(), cells, world);
     }
     Ok(())
@@ -161,7 +165,9 @@ fn count_whole_voxels<'a>(
     for region in &mut regions.regions {
         let index = table.values.iter().position(|label| *label == region.label);
         let count = index.map_or(0, |index| counts[index]);
-        let own = cells.clone().filter(|(number, _)| **number == region.region);
+        let own = cells
+            .clone()
+            .filter(|(number, _)| **number == region.region);
         region.samples = count;
         region.volume = own.map(|(_, volume)| volume).sum();
         region.sample_volume = count as f64 * voxel;
@@ -217,10 +223,20 @@ mod tests {
         let check = outcome.report.box_check.unwrap();
         assert!(check.passed(), "{:?}", check.problems);
         for region in &outcome.report.regions.unwrap().regions {
-            let share = if region.label == 0.0 { split } else { dims[0] - split };
+            let share = if region.label == 0.0 {
+                split
+            } else {
+                dims[0] - split
+            };
             let exact = expected * share as f64 / dims[0] as f64;
-            assert!((region.sample_volume / exact - 1.0).abs() < 1e-12, "{region:?}");
-            assert!((region.volume / exact - 1.0).abs() < 2e-3, "{region:?} {exact}");
+            assert!(
+                (region.sample_volume / exact - 1.0).abs() < 1e-12,
+                "{region:?}"
+            );
+            assert!(
+                (region.volume / exact - 1.0).abs() < 2e-3,
+                "{region:?} {exact}"
+            );
         }
         for k in 0..D {
             let half = 0.5 * spacing[k];

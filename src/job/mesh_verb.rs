@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::cell_choice::{check_choice, choose_cells, with_coarse_cells};
 use super::cover::{self, Cover};
 use super::distributed::MakePartition;
 use super::given_surfaces::SurfacesInImage;
@@ -11,7 +12,6 @@ use super::padding::{Pad, PaddingCells};
 use super::placement::{self, PlacedAtoms};
 use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
-use super::cell_choice::{check_choice, choose_cells, with_coarse_cells};
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
     Params, Spacing, StageRunner, cells, estimate, horizons, live, simplices,

@@ -86,8 +86,12 @@ impl KnownRegion {
     /// Returns the name of a region, or else the value of its label or its number.
     pub fn label_of(known: &[Self], region: i32) -> String {
         match known.iter().find(|known| known.region == region) {
-            Some(Self { name: Some(name), .. }) => name.clone(),
-            Some(Self { label: Some(label), .. }) => label.to_string(),
+            Some(Self {
+                name: Some(name), ..
+            }) => name.clone(),
+            Some(Self {
+                label: Some(label), ..
+            }) => label.to_string(),
             _ => region.to_string(),
         }
     }
@@ -230,7 +234,11 @@ impl CellChoice<'_> {
         if self.keep_largest {
             dropped_parts = drop_small_parts(mesh, region_of_cell, &volumes, &mut is_kept)?;
         }
-        let cells: Vec<u32> = (0..).zip(&is_kept).filter(|(_, kept)| **kept).map(|(c, _)| c).collect();
+        let cells: Vec<u32> = (0..)
+            .zip(&is_kept)
+            .filter(|(_, kept)| **kept)
+            .map(|(c, _)| c)
+            .collect();
         let total: f64 = volumes.iter().sum();
         let left: f64 = cells.iter().map(|&c| volumes[c as usize]).sum();
         let dropped = regions.iter().zip(&kept).filter(|(_, kept)| !**kept);
@@ -291,7 +299,10 @@ fn drop_small_parts<const D: usize, M: Mesh<D>>(
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| {
         let by_volume = part_volume[b].total_cmp(&part_volume[a]);
-        part_region[a].cmp(&part_region[b]).then(by_volume).then(a.cmp(&b))
+        part_region[a]
+            .cmp(&part_region[b])
+            .then(by_volume)
+            .then(a.cmp(&b))
     });
     let mut is_largest = vec![false; count];
     for of_region in order.chunk_by(|&a, &b| part_region[a] == part_region[b]) {

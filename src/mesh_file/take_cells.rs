@@ -6,10 +6,9 @@
 //! sets and the share of the box that is left, so that checks still find holes.
 
 use super::array_names::{
-    AXES_FIELD,
-    FACE_SET_NAMES_FIELD, FACE_SETS_FIELD, FILLED_SHARE_FIELD, HORIZON_FACES_ARRAY, LABELS_FIELD,
-    LATTICE_EXTENT_FIELD, LATTICE_STEP_FIELD, ORIGIN_FIELD, OUTER_BOUNDARY_FIELD, REGION_ARRAY,
-    SURFACE_FACES_FIELD,
+    AXES_FIELD, FACE_SET_NAMES_FIELD, FACE_SETS_FIELD, FILLED_SHARE_FIELD, HORIZON_FACES_ARRAY,
+    LABELS_FIELD, LATTICE_EXTENT_FIELD, LATTICE_STEP_FIELD, ORIGIN_FIELD, OUTER_BOUNDARY_FIELD,
+    REGION_ARRAY, SURFACE_FACES_FIELD,
 };
 use super::cell_choice::KnownRegion;
 use super::labels::{read_labels, regions_field};
@@ -379,7 +378,9 @@ mod tests {
     /// Takes the cells of some regions, checks the mesh, and returns it.
     fn take<M: TakeCells<3>>(file: &MeshFile<M>, kept: &[i32]) -> MeshFile<M> {
         let regions = file.mesh.cell_regions(&file.cell_data);
-        let cells = (0..).zip(&regions).filter(|(_, region)| kept.contains(region));
+        let cells = (0..)
+            .zip(&regions)
+            .filter(|(_, region)| kept.contains(region));
         let cells: Vec<u32> = cells.map(|(cell, _)| cell).collect();
         take_cells(file.clone(), &cells).unwrap()
     }
@@ -405,7 +406,12 @@ mod tests {
         // Values go with their nodes: the nodes of x = 0, 1, 2 and 3.
         let numbers = part.point_data[0].values.to_i64();
         let x = |n: i64| file.mesh.nodes[n as usize][0];
-        assert!(numbers.iter().zip(&part.mesh.nodes).all(|(&n, p)| x(n) == p[0]));
+        assert!(
+            numbers
+                .iter()
+                .zip(&part.mesh.nodes)
+                .all(|(&n, p)| x(n) == p[0])
+        );
         for cell in 0..part.mesh.len() {
             let mut holed = part.clone();
             holed.mesh.tets.remove(cell);
@@ -441,7 +447,8 @@ mod tests {
         let mut part = take(&cells, &[1]);
         let outer = read_outer_boundary(&part).unwrap();
         part.mesh.assign_sides([0.0; 3], [3.0, 2.0, 2.0]);
-        part.mesh.release_sides(|nodes| outer.set_of(nodes).map(|_| true));
+        part.mesh
+            .release_sides(|nodes| outer.set_of(nodes).map(|_| true));
         assert_eq!(outer.faces.len(), 16);
         assert_eq!(problems(&part, &outer), [""; 0]);
     }

@@ -204,7 +204,12 @@ impl FromStr for Length {
 
 impl Display for Length {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}{}", self.value, self.unit.map_or("", |unit| unit.symbol))
+        write!(
+            f,
+            "{}{}",
+            self.value,
+            self.unit.map_or("", |unit| unit.symbol)
+        )
     }
 }
 

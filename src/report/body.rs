@@ -31,7 +31,9 @@ impl BodySize {
             let numbers: Vec<String> = numbers.collect();
             return format!("{} {}", numbers.join(" x "), unit(&self.units[0]));
         }
-        let with_units = numbers.zip(&self.units).map(|(n, own)| format!("{n} {}", unit(own)));
+        let with_units = numbers
+            .zip(&self.units)
+            .map(|(n, own)| format!("{n} {}", unit(own)));
         with_units.collect::<Vec<_>>().join(" x ")
     }
 }

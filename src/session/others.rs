@@ -76,7 +76,10 @@ fn write_surfaces<const D: usize, M: Simplices<D>>(
     let place = output.display().to_string();
     match &outcome.mesh {
         MeshResult::Simplices(annotated) => {
-            let stored = StoredMesh::new(outcome.with_kept_cells(simplex_mesh_file(outcome, annotated))?, &place)?;
+            let stored = StoredMesh::new(
+                outcome.with_kept_cells(simplex_mesh_file(outcome, annotated))?,
+                &place,
+            )?;
             let file = default_surfaces(&stored)?;
             let count = file.names.len();
             file.write(path)?;

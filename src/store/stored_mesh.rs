@@ -187,8 +187,12 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
 
     fn release_outer_faces(&mut self, outer: &OuterBoundary) {
         // The file does not mark the faces of the boundary that lie on features: these are interfaces.
-        let is_interface =
-            |set: u32| outer.names.get(set as usize).is_some_and(|name| name != CUT_NAME);
+        let is_interface = |set: u32| {
+            outer
+                .names
+                .get(set as usize)
+                .is_some_and(|name| name != CUT_NAME)
+        };
         self.release_sides(|nodes| outer.set_of(nodes).map(is_interface));
     }
 

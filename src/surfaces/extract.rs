@@ -23,8 +23,7 @@ use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
 use crate::model::surface::stored_surfaces::{
-    outer_facets,
-    group_facets, horizon_facets, named_faces, region_label, tagged_facets,
+    group_facets, horizon_facets, named_faces, outer_facets, region_label, tagged_facets,
 };
 use crate::model::surface::{
     Options, SurfaceKind, SurfaceMeasure, Surfaces, facet_selection, measure,

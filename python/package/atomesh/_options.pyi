@@ -142,7 +142,7 @@ class MeshOptions(TypedDict, total=False):
     #: as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these permeabilities along
     #: x, y and z; only their ratios count), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     metric: _Value | None
-    #: What the mesh covers: samples (the box through the outermost samples, N - 1 steps along an
+    #: The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an
     #: axis of N samples), or voxels (N steps; the outermost samples continue to the edges of their
     #: voxels)
     cover: Literal["samples", "voxels"] | None

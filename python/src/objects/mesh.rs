@@ -126,9 +126,12 @@ impl Mesh {
 
     /// Returns the mesh of the cells with these numbers, in their order.
     fn take_cells(&self, py: Python<'_>, cells: Vec<u32>) -> PyResult<Self> {
-        let take = || with_mesh!(&*self.0, file => take_cells(file.clone(), &cells).map(AnyMesh::from));
+        let take =
+            || with_mesh!(&*self.0, file => take_cells(file.clone(), &cells).map(AnyMesh::from));
         let mesh = py.detach(take);
-        Ok(mesh.map_err(|error| errors::library_error(py, &error))?.into())
+        Ok(mesh
+            .map_err(|error| errors::library_error(py, &error))?
+            .into())
     }
 
     /// Kind of the cells: "tetra", "triangle", "polyhedron" or "polygon".

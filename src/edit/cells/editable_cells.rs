@@ -1,5 +1,6 @@
 //! Voronoi cells as a file stores them, prepared for edits.
 
+use crate::edit::editable_mesh::left_out_error;
 use crate::edit::resolve::EditLattice;
 use crate::edit::unknown_arrays;
 use crate::error::cause;
@@ -9,7 +10,6 @@ use crate::job::{LatticeParams, Params, lattice_points, lattice_well_paths};
 use crate::lattice::AtomKind;
 use crate::lattice::seeding::Alignment;
 use crate::mesh::Positions;
-use crate::edit::editable_mesh::left_out_error;
 use crate::mesh::check::{CheckHints, check_with_hints};
 use crate::mesh::poly::{Lists, PolyMesh};
 use crate::mesh_file::array_names::{DISTANCE_ARRAY, HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY};

@@ -19,9 +19,9 @@ use super::live::shares_of_cells;
 use super::{AnnotatedMesh, MeshResult, Outcome, scaled_mesh};
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
-use crate::geometry::{add_scaled, bounding_box, sub};
 use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
+use crate::geometry::{add_scaled, bounding_box, sub};
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
@@ -277,7 +277,9 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         let mut lengths = self.extent;
         if let Some(cells) = &self.kept_cells {
             let nodes = match &self.mesh {
-                MeshResult::Simplices(annotated) => annotated.mesh.with_cells(cells).0.nodes().to_vec(),
+                MeshResult::Simplices(annotated) => {
+                    annotated.mesh.with_cells(cells).0.nodes().to_vec()
+                }
                 MeshResult::Voronoi { mesh, .. } => mesh.with_cells(cells).0.nodes,
             };
             let [low, high] = bounding_box(nodes);
@@ -290,7 +292,9 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
             geometry.units[longest.unwrap_or(0)].clone()
         });
         Some(BodySize {
-            lengths: (0..D).map(|k| lengths[k] / self.step[k] * spacing[k]).collect(),
+            lengths: (0..D)
+                .map(|k| lengths[k] / self.step[k] * spacing[k])
+                .collect(),
             units: units.to_vec(),
         })
     }

@@ -58,7 +58,10 @@ impl MeshSpec {
         let lengths = self.metric.lengths(geometry);
         let ratios: [f64; D] = std::array::from_fn(|k| lengths[k] / spacing[k]);
         let per_metre = ratios[0];
-        if ratios.iter().any(|r| (r / per_metre - 1.0).abs() > MAX_RATIO_ERROR) {
+        if ratios
+            .iter()
+            .any(|r| (r / per_metre - 1.0).abs() > MAX_RATIO_ERROR)
+        {
             let problem = format!(
                 "is a length, but with --metric {} cells are not regular in space",
                 self.metric
@@ -129,25 +132,35 @@ mod tests {
     #[test]
     fn lengths_become_samples_whose_cube_has_the_volume_of_a_sample() {
         // A unit of distance is the cube root of 0.5 x 0.5 x 4 mm.
-        let flat = spec(Metric::Shape, "2mm:0.8cm").with_lengths_in(&geometry([0.5, 0.5, 4.0], "mm"));
+        let flat =
+            spec(Metric::Shape, "2mm:0.8cm").with_lengths_in(&geometry([0.5, 0.5, 4.0], "mm"));
         let flat = flat.unwrap();
         let [min, max] = flat.distance.limits();
-        assert!((min - 2.0).abs() < 1e-12 && (max - 8.0).abs() < 1e-12, "{min} {max}");
+        assert!(
+            (min - 2.0).abs() < 1e-12 && (max - 8.0).abs() < 1e-12,
+            "{min} {max}"
+        );
         assert_eq!(flat.distance.unit(), None);
         assert!((flat.label[0].distance.unwrap() - 0.05).abs() < 1e-12);
         assert!((flat.well_distance.unwrap().value - 1.0).abs() < 1e-12);
         // In physical units of the image the length is a length in its unit.
-        let physical = spec(Metric::Physical, "3mm").with_lengths_in(&geometry([0.5, 0.5, 4.0], "um"));
+        let physical =
+            spec(Metric::Physical, "3mm").with_lengths_in(&geometry([0.5, 0.5, 4.0], "um"));
         let [min, max] = physical.unwrap().distance.limits();
         assert!((min - 3000.0).abs() < 1e-9 && min == max, "{min}");
         // Samples that are cubes are as good as space.
-        let cubes = spec(Metric::Samples, "3mm").with_lengths_in(&geometry([1.5; 3], "mm")).unwrap();
+        let cubes = spec(Metric::Samples, "3mm")
+            .with_lengths_in(&geometry([1.5; 3], "mm"))
+            .unwrap();
         assert!((cubes.distance.limits()[0] - 2.0).abs() < 1e-12);
         let plain = MeshSpec {
             well_distance: Some(Length::samples(3.0)),
             ..MeshSpec::default()
         };
-        assert_eq!(plain.with_lengths_in(&Geometry::<3>::default()).unwrap(), plain);
+        assert_eq!(
+            plain.with_lengths_in(&Geometry::<3>::default()).unwrap(),
+            plain
+        );
     }
 
     #[test]
@@ -157,7 +170,10 @@ mod tests {
             error.to_string()
         };
         let bare = message(Metric::Samples, &Geometry::default());
-        assert!(bare.contains("distance 3mm") && bare.contains("--spacing 1,1,1 --unit mm"), "{bare}");
+        assert!(
+            bare.contains("distance 3mm") && bare.contains("--spacing 1,1,1 --unit mm"),
+            "{bare}"
+        );
         let unknown = message(Metric::Shape, &geometry([1.0, 1.0, 2.0], ""));
         assert!(unknown.contains("such as --unit mm"), "{unknown}");
         let flat = message(Metric::Samples, &geometry([1.0, 1.0, 2.0], "mm"));

@@ -29,8 +29,8 @@ use crate::feature::{
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
-pub use crate::mesh_file::RegionNames;
 use crate::mesh_file::CellChoice;
+pub use crate::mesh_file::RegionNames;
 pub use crate::option_text::{InvalidValue, Length, NumberOrFile, PointValue, SignedAxis};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
@@ -124,7 +124,12 @@ pub struct MeshSpec {
     pub label: Vec<LabelOptions>,
     /// Labels, by value or name, whose cells the mesh leaves out, such as 0 for the background. Their boundaries
     /// keep their names, such as interface_0_3
-    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true, conflicts_with = "keep")]
+    #[arg(
+        long,
+        value_name = "LABEL,...",
+        allow_hyphen_values = true,
+        conflicts_with = "keep"
+    )]
     pub drop: Option<RegionNames>,
     /// Labels, by value or name, whose cells alone the mesh has
     #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true)]
@@ -271,7 +276,7 @@ pub struct MeshSpec {
     /// (SX,SY in 2-D)
     #[arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)]
     pub metric: Metric,
-    /// What the mesh covers: samples (the box through the outermost samples, N - 1 steps along an axis of N samples), or
+    /// The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an axis of N samples), or
     /// voxels (N steps; the outermost samples continue to the edges of their voxels)
     #[arg(long, value_name = "WHAT", default_value_t = defaults().cover, value_enum)]
     pub cover: Cover,

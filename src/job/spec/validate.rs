@@ -6,8 +6,8 @@
 use std::fmt::Display;
 
 use super::{
-    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec,
-    NumberOrFile, SeedingKind, Slivers,
+    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NumberOrFile, SeedingKind,
+    Slivers,
 };
 use crate::Result;
 use crate::error::{Error, cause};
@@ -111,13 +111,21 @@ impl Options<'_> {
             return Ok(());
         }
         if self.spec.cell_kind() == CellKind::Voronoi {
-            let problem = "is for tetrahedra and triangles: squeezed at the sides, Voronoi cells are none";
+            let problem =
+                "is for tetrahedra and triangles: squeezed at the sides, Voronoi cells are none";
             let remedy = "omit it, or choose --cells tets";
             return Err(option_error("cover", "voxels", problem, remedy));
         }
         let problem = "needs a mesh through the outermost samples";
         let remedy = "omit it, or --cover voxels";
-        let options = ["pad", "topography", "page", "potential-out", "trace", "checkpoint"];
+        let options = [
+            "pad",
+            "topography",
+            "page",
+            "potential-out",
+            "trace",
+            "checkpoint",
+        ];
         self.refuse(&options, problem, remedy)
     }
 
@@ -307,14 +315,12 @@ impl Options<'_> {
                 &format!("makes the distance vary, but it is {d} everywhere"),
                 "omit it, or give a range MIN:MAX such as --distance 5:15",
             )),
-            (_, DistanceSource::File(path)) if !names_image(path) => {
-                Err(option_error(
-                    "distance-from",
-                    path.display(),
-                    "is not gaps, features, image, laplacian or a file",
-                    "give one of these, or an image of distances in samples",
-                ))
-            }
+            (_, DistanceSource::File(path)) if !names_image(path) => Err(option_error(
+                "distance-from",
+                path.display(),
+                "is not gaps, features, image, laplacian or a file",
+                "give one of these, or an image of distances in samples",
+            )),
             _ => Ok(()),
         }
     }

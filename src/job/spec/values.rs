@@ -8,7 +8,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::feature::LabelOptions;
-use crate::option_text::{InvalidValue, Length, finite_number, finite_numbers, joined, serde_as_text};
+use crate::option_text::{
+    InvalidValue, Length, finite_number, finite_numbers, joined, serde_as_text,
+};
 use crate::units::Unit;
 
 /// Default limits of the nominal distance, in samples: 8, and a third of that in gaps between

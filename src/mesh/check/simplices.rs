@@ -2,7 +2,8 @@
 //! share a whole face.
 
 use super::{
-    BoxBounds, CellChecks, Check, CheckHints, OuterBoundary, SIDE_TOLERANCE, SideCoverage, singular_name,
+    BoxBounds, CellChecks, Check, CheckHints, OuterBoundary, SIDE_TOLERANCE, SideCoverage,
+    singular_name,
 };
 use crate::geometry::sorted;
 use crate::mesh::Simplices;

@@ -61,21 +61,38 @@ fn content(path: &Path) -> (f64, Vec<String>, Vec<i32>) {
 fn what_is_dropped_leaves_named_boundaries_in_all_kinds_of_cells() {
     let folder = folder();
     let path = folder.path();
-    for (image, cells) in [("l3", "tets"), ("l3", "voronoi"), ("l2", "tets"), ("l2", "voronoi")] {
-        let mesh = format!("mesh {image}.npy --distance 4 --cells {cells} --label 3:name=core --quiet");
+    for (image, cells) in [
+        ("l3", "tets"),
+        ("l3", "voronoi"),
+        ("l2", "tets"),
+        ("l2", "voronoi"),
+    ] {
+        let mesh =
+            format!("mesh {image}.npy --distance 4 --cells {cells} --label 3:name=core --quiet");
         run(path, &format!("{mesh} -o all.vtu --feature labels"));
         run(path, &format!("{mesh} -o part.vtu --drop 0"));
         run(path, &format!("{mesh} -o kept.vtu --keep 1,core"));
         let (part, kept) = (path.join("part.vtu"), path.join("kept.vtu"));
         let (volume, boundary, regions) = content(&part);
         assert_eq!(regions, [1, 3], "{image} {cells}");
-        assert_eq!(boundary, ["interface_0_1", "interface_0_core"], "{image} {cells}");
+        assert_eq!(
+            boundary,
+            ["interface_0_1", "interface_0_core"],
+            "{image} {cells}"
+        );
         // The two options make the same cells.
-        assert_eq!((volume, boundary, regions), content(&kept), "{image} {cells}");
+        assert_eq!(
+            (volume, boundary, regions),
+            content(&kept),
+            "{image} {cells}"
+        );
         // Labels have the volumes of their samples, as in the mesh of all labels.
         let (whole, none, _) = content(&path.join("all.vtu"));
         assert!(none.is_empty());
-        assert!(0.3 * whole < volume && volume < 0.9 * whole, "{volume} {whole}");
+        assert!(
+            0.3 * whole < volume && volume < 0.9 * whole,
+            "{volume} {whole}"
+        );
         let verdicts = json(path, "validate part.vtu");
         assert_eq!(verdicts["valid"], true, "{verdicts}");
         let quality = json(path, "quality part.vtu");
@@ -129,10 +146,19 @@ fn the_largest_part_of_each_label_stays() {
     assert!(is_close(largest.0, box_volume, 0.01), "{largest:?}");
     assert!(both.0 > 1.02 * largest.0, "{both:?}");
     assert_eq!(json(path, "validate largest.vtu")["valid"], true);
-    run(path, "mesh l3.npy --distance 3 --quiet --feature labels -o all.vtu");
-    run(path, "export all.vtu --to msh -o a.msh --keep 3 --keep-largest --quiet");
+    run(
+        path,
+        "mesh l3.npy --distance 3 --quiet --feature labels -o all.vtu",
+    );
+    run(
+        path,
+        "export all.vtu --to msh -o a.msh --keep 3 --keep-largest --quiet",
+    );
     let text = std::fs::read_to_string(path.join("a.msh")).unwrap();
-    assert!(text.contains("\"interface_0_3\"") && text.contains("\"interface_1_3\""), "{text}");
+    assert!(
+        text.contains("\"interface_0_3\"") && text.contains("\"interface_1_3\""),
+        "{text}"
+    );
     assert!(!text.contains("\"boundary\""));
 }
 
@@ -141,26 +167,49 @@ fn every_format_holds_a_mesh_without_its_background() {
     let folder = folder();
     let path = folder.path();
     for image in ["l3", "l2"] {
-        run(path, &format!("mesh {image}.npy --distance 4 --drop 0 -o part.vtu --quiet"));
+        run(
+            path,
+            &format!("mesh {image}.npy --distance 4 --drop 0 -o part.vtu --quiet"),
+        );
         let formats = [
-            ("msh", "a.msh"), ("msh2", "a2.msh"), ("inp", "a.inp"), ("nastran", "a.bdf"), ("exodus", "a.exo"),
-            ("cgns", "a.cgns"), ("vtkhdf", "a.vtkhdf"), ("xdmf", "a.xdmf"), ("medit", "a.mesh"), ("stl", "a.stl"),
-            ("obj", "a.obj"), ("openfoam", "case"), ("geos", "g.vtu"), ("mrst", "a.mat"),
+            ("msh", "a.msh"),
+            ("msh2", "a2.msh"),
+            ("inp", "a.inp"),
+            ("nastran", "a.bdf"),
+            ("exodus", "a.exo"),
+            ("cgns", "a.cgns"),
+            ("vtkhdf", "a.vtkhdf"),
+            ("xdmf", "a.xdmf"),
+            ("medit", "a.mesh"),
+            ("stl", "a.stl"),
+            ("obj", "a.obj"),
+            ("openfoam", "case"),
+            ("geos", "g.vtu"),
+            ("mrst", "a.mat"),
         ];
         for (format, name) in formats {
-            run(path, &format!("export part.vtu --to {format} -o {name} --quiet --down z"));
+            run(
+                path,
+                &format!("export part.vtu --to {format} -o {name} --quiet --down z"),
+            );
         }
         for name in ["a.msh", "a2.msh", "a.inp"] {
-            let text = std::fs::read_to_string(path.join(name)).unwrap().to_lowercase();
+            let text = std::fs::read_to_string(path.join(name))
+                .unwrap()
+                .to_lowercase();
             for set in ["interface_0_1", "interface_0_3", "xmin", "ymax"] {
                 assert!(text.contains(set), "{name} {set}");
             }
             assert!(!text.contains("\"boundary\""), "{name}");
         }
-        let boundary = std::fs::read_to_string(path.join("case/constant/polyMesh/boundary")).unwrap();
+        let boundary =
+            std::fs::read_to_string(path.join("case/constant/polyMesh/boundary")).unwrap();
         assert!(boundary.contains("interface_0_1") && boundary.contains("interface_0_3"));
         // Only sides that the layers reach have faces.
-        let fluxes = json(path, "flow part.vtu --pressure xmin=1 --pressure xmax=0 --permeability 1");
+        let fluxes = json(
+            path,
+            "flow part.vtu --pressure xmin=1 --pressure xmax=0 --permeability 1",
+        );
         assert!(fluxes.to_string().len() > 10);
     }
 }
@@ -169,19 +218,40 @@ fn every_format_holds_a_mesh_without_its_background() {
 fn what_is_not_there_is_refused_with_one_line() {
     let folder = folder();
     let path = folder.path();
-    run(path, "mesh l3.npy --distance 6 --feature labels -o all.vtu --quiet");
-    run(path, "mesh l3.npy --distance 6 --drop 0 -o part.vtu --quiet");
+    run(
+        path,
+        "mesh l3.npy --distance 6 --feature labels -o all.vtu --quiet",
+    );
+    run(
+        path,
+        "mesh l3.npy --distance 6 --drop 0 -o part.vtu --quiet",
+    );
     for (line, says) in [
         ("mesh l3.npy --drop 7 -o a.vtu", "drop 7: is no label"),
         ("mesh l3.npy --drop bone -o a.vtu", "which has 0, 1, 3"),
         ("mesh l3.npy --drop 0,1,3 -o a.vtu", "leaves out all labels"),
-        ("mesh l3.npy --feature edges --drop 0 -o a.vtu", "is about a label"),
+        (
+            "mesh l3.npy --feature edges --drop 0 -o a.vtu",
+            "is about a label",
+        ),
         ("mesh l3.npy --drop 0 -o a.pvtu", "several files"),
         ("mesh l3.npy --drop 0 --pad sides=5 -o a.vtu", "pad"),
-        ("export all.vtu --to msh -o a.msh --keep 9", "keep 9: is no label"),
-        ("mesh l3.npy --distance 3mm -o a.vtu", "--spacing 1,1,1 --unit mm"),
-        ("mesh l3.npy --cover voxels --cells voronoi -o a.vtu", "cover voxels"),
-        ("edit part.vtu l3.npy --add 5,5,5 -o e.vtu", "labels were left out"),
+        (
+            "export all.vtu --to msh -o a.msh --keep 9",
+            "keep 9: is no label",
+        ),
+        (
+            "mesh l3.npy --distance 3mm -o a.vtu",
+            "--spacing 1,1,1 --unit mm",
+        ),
+        (
+            "mesh l3.npy --cover voxels --cells voronoi -o a.vtu",
+            "cover voxels",
+        ),
+        (
+            "edit part.vtu l3.npy --add 5,5,5 -o e.vtu",
+            "labels were left out",
+        ),
     ] {
         let arguments: Vec<&str> = line.split(' ').collect();
         let error = expect_refusal(path, &arguments);
@@ -208,7 +278,10 @@ fn lengths_have_the_size_that_they_say() {
     // A distance of 400 um in each label is the same in samples.
     let both = |distance: &str| {
         let options = format!("mesh l2.npy --spacing 0.2,0.2 --unit mm --distance {distance}");
-        run(path, &format!("{options} --feature labels --quiet -o b.vtu"));
+        run(
+            path,
+            &format!("{options} --feature labels --quiet -o b.vtu"),
+        );
         content(&path.join("b.vtu"))
     };
     assert_eq!(both("0.8mm"), both("4"));
@@ -221,10 +294,14 @@ fn full_voxels_have_the_volume_of_the_image() {
     let path = folder.path();
     for (image, samples) in [("l3", 31.0 * 25.0 * 21.0), ("l2", 40.0 * 30.0)] {
         for feature in ["labels", "none", "isosurface --threshold 0.5"] {
-            let options = format!("--cover voxels --distance 5 --feature {feature} --quiet -o v.vtu");
+            let options =
+                format!("--cover voxels --distance 5 --feature {feature} --quiet -o v.vtu");
             run(path, &format!("mesh {image}.npy {options}"));
             let (volume, _, _) = content(&path.join("v.vtu"));
-            assert!(is_close(volume, samples, 1e-9), "{image} {feature}: {volume} {samples}");
+            assert!(
+                is_close(volume, samples, 1e-9),
+                "{image} {feature}: {volume} {samples}"
+            );
             assert_eq!(json(path, "validate v.vtu")["valid"], true);
         }
         let dropped = "--cover voxels --distance 4 --drop 0 --quiet -o d.vtu --report d.json";

@@ -208,7 +208,7 @@ fn every_format_holds_a_mesh_without_its_background() {
         // Only sides that the layers reach have faces.
         let fluxes = json(
             path,
-            "flow part.vtu --pressure xmin=1 --pressure xmax=0 --permeability 1",
+            "flow part.vtu -o f.vtu --pressure xmin=1 --pressure xmax=0 --permeability 1",
         );
         assert!(fluxes.to_string().len() > 10);
     }

@@ -262,6 +262,14 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
             "edit the mesh that is made without --pad",
         ));
     }
+    if let Some(axes) = spec.periodic {
+        return Err(refuse(
+            format!(
+                "is periodic along {axes}, where an edit would have to change opposite sides alike"
+            ),
+            "edit the mesh that is made without --periodic",
+        ));
+    }
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh holds its fixed atoms and its distances, while the files may no longer exist.

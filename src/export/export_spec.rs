@@ -121,10 +121,6 @@ impl ExportSpec {
         self.cell_choice().validate()?;
         self.space.placement()?;
         let laws = self.fault_options.laws(FaultResistance::Open)?;
-        if self.quadratic && self.split.is_some() {
-            let problem = "is for meshes that are not split along surfaces";
-            return Err(no_effect_error("quadratic", problem));
-        }
         self.gouge.validate()?;
         let has_closed_fault = laws.law.multiplier() == 0.0
             || laws

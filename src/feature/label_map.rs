@@ -1,6 +1,7 @@
 //! Labels of an image, at samples and at positions between them.
 
 use super::components::Components;
+use super::value_field::ValueField;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
@@ -189,6 +190,9 @@ pub struct LabelMap<const D: usize> {
     pub winner: Vec<u32>,
     /// Lead of the winner over the second label at each sample, from 0 to 1.
     pub lead: Vec<f32>,
+    /// Values and thresholds, if these make the labels. They then say where interfaces are; `lead` is the
+    /// difference from the nearest threshold.
+    pub values: Option<ValueField<D>>,
     /// Volume of each label's samples inside the box, in lattice units. Components that are too
     /// small to be kept count for the label that absorbed them.
     pub volumes: Vec<f64>,
@@ -245,8 +249,16 @@ impl<const D: usize> LabelMap<D> {
         }
     }
 
+    /// Returns a position in lattice space as one in samples.
+    fn to_samples(&self, x: [f64; D]) -> [f64; D] {
+        std::array::from_fn(|k| x[k] / self.step[k])
+    }
+
     /// Returns the index of the label at a position in lattice space.
     pub fn label_at(&self, x: [f64; D]) -> u32 {
+        if let Some(values) = &self.values {
+            return values.region_at(self.to_samples(x));
+        }
         let (mut first, mut is_same) = (None, true);
         self.for_each_weight(x, |i, _| {
             let label = self.winner[i];
@@ -272,9 +284,12 @@ impl<const D: usize> LabelMap<D> {
     }
 
     /// Returns the lead of label `a` over label `b` at a position: negative where `b` leads, zero
-    /// where other labels lead.
+    /// where other labels lead, unless thresholds make the labels.
     #[inline]
     pub fn lead_between(&self, x: [f64; D], [a, b]: [u32; 2]) -> f64 {
+        if let Some(values) = &self.values {
+            return values.lead_between(self.to_samples(x), [a, b]);
+        }
         let mut sum = 0.0;
         self.for_each_weight(x, |i, weight| {
             let sign = match self.winner[i] {
@@ -403,6 +418,7 @@ mod tests {
     #[test]
     fn an_interface_is_found_from_either_side() {
         let label_map = LabelMap {
+            values: None,
             dims: [6, 2],
             step: [1.0, 1.0],
             labels: [1.0, 2.0, 3.0].map(LabelValue::from_sample).to_vec(),

@@ -51,6 +51,7 @@ impl Modality {
             | ImageFormat::MetaImage
             | ImageFormat::Nrrd
             | ImageFormat::Tiff
+            | ImageFormat::Dicom
             | ImageFormat::Inrimage => Self::Scan,
             _ => geometry.modality(),
         }

@@ -180,6 +180,7 @@ mod tests {
     use super::*;
     use crate::image::Geometry;
     use crate::job::{MeshSpec, run};
+    use crate::mesh::Mesh;
     use crate::progress::NoProgress;
 
     #[test]

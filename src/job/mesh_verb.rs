@@ -14,7 +14,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
-    Params, Spacing, StageRunner, cells, estimate, horizons, live, simplices,
+    Params, Spacing, StageRunner, advice, cells, estimate, horizons, live, periodic, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -26,6 +26,7 @@ use crate::lattice::optimise::{self, StopReason};
 #[cfg(doc)]
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
+use crate::mesh::periodic::{PeriodicNodes, check_periodic};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Dimension, SimplexMesh, Simplices, Space, TetMesh, TriMesh};
 use crate::mesh_file::Provenance;
@@ -60,6 +61,8 @@ pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     pub live: Option<Vec<f64>>,
     /// The cells that files of the mesh contain, ascending; `None` for all of them.
     pub kept_cells: Option<Vec<u32>>,
+    /// The nodes on opposite sides that match; `None` if the mesh is not periodic.
+    pub periodic_nodes: Option<PeriodicNodes>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -155,6 +158,8 @@ pub struct RunOptions<'a> {
     pub may_partition: bool,
     /// The ranks that share the job; by default this process alone.
     pub comm: &'a dyn Comm,
+    /// `true` for a job that tries an option, after which no others are tried.
+    pub is_trial: bool,
 }
 
 impl Default for RunOptions<'_> {
@@ -163,6 +168,7 @@ impl Default for RunOptions<'_> {
             checkpoint: None,
             may_partition: false,
             comm: &SelfComm,
+            is_trial: false,
         }
     }
 }
@@ -217,7 +223,11 @@ impl MeshImage<3> for Space<3> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<3, TetMesh>> {
-        run_covering(source, params, run_options, progress)
+        let mut outcome = run_covering(source, params, run_options, progress)?;
+        if !run_options.is_trial && run_options.comm.size() == 1 {
+            advice::advise(source, params, &mut outcome, progress);
+        }
+        Ok(outcome)
     }
 }
 
@@ -261,6 +271,9 @@ where
     let checkpoint = run_options.checkpoint.map(for_job).transpose()?;
     let prepared = PreparedImage::new(source, params)?;
     let source = prepared.source(source);
+    if let Some(axes) = params.spec.periodic {
+        periodic::check_axes(axes, source, comm)?;
+    }
     let (dims, geometry) = (source.dims(), source.geometry());
     let (placed, notes_on_points) = params.with_points_in(geometry, dims)?;
     let params = &*placed.with_metric_for(source)?;
@@ -340,6 +353,7 @@ where
         face_names: made.face_names,
         live,
         kept_cells,
+        periodic_nodes: made.periodic_nodes,
         distance: made.distance,
         optimise_result: made.optimise_result,
         provenance: Provenance::default(),
@@ -665,6 +679,8 @@ pub(super) struct MadeMesh<const D: usize, M> {
     pub report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
     pub share: Option<MeshShare>,
+    /// Nodes on opposite sides that match.
+    pub periodic_nodes: Option<PeriodicNodes>,
     pub distance: Distance<D>,
     pub optimise_result: Option<optimise::OptimiseResult>,
 }
@@ -723,6 +739,7 @@ fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
             mesh: MeshResult::Simplices(annotated),
             report: partition.report,
             share: Some(partition.share),
+            periodic_nodes: None,
             distance: partition.distance,
             optimise_result,
         });
@@ -734,13 +751,31 @@ fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
         features,
         distance: &distance,
     };
-    let atoms = atoms.all_gather(comm)?;
-    let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
+    let mut atoms = atoms.all_gather(comm)?;
+    let axes = params.periodic_axes();
+    let mut sides = axes
+        .map(|axes| M::match_sides(std::mem::take(&mut atoms), &scene, params, axes, stages))
+        .transpose()?;
+    if let Some(sides) = &mut sides {
+        atoms = std::mem::take(&mut sides.atoms);
+    }
+    let made =
+        simplices::make_simplices::<D, M>(atoms, &scene, source, params, sides.as_ref(), stages)?;
+    let mut report = made.report;
+    let mut periodic_nodes = None;
+    if let (Some(flags), Some(axes)) = (axes, params.spec().periodic) {
+        let AnnotatedMesh { mesh, regions, .. } = &made.annotated;
+        let neighbours = simplices::cell_neighbours(mesh)?;
+        let (nodes, check) = check_periodic(mesh, &neighbours, regions, extent, flags)?;
+        report.notes.push(periodic::note(axes, &check));
+        periodic_nodes = Some(nodes);
+    }
     Ok(MadeMesh {
         mesh: MeshResult::Simplices(made.annotated),
         face_names: made.face_names,
-        report: made.report,
+        report,
         share: None,
+        periodic_nodes,
         distance,
         optimise_result,
     })

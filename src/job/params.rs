@@ -541,11 +541,15 @@ impl<const D: usize> Params<D> {
             (kind, _) => kind,
         };
         let spacing = self.spacing();
+        let (threshold, further_levels) = spec.threshold_levels();
         feature::DetectionOptions {
             kind,
             modality: self.modality,
             scale: spec.sigma,
-            threshold: spec.threshold,
+            label_smoothing: spec.label_smoothing,
+            threshold,
+            further_levels,
+            min_part: spec.min_part_samples(),
             fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,
@@ -628,6 +632,12 @@ impl<'a, const D: usize> LatticeParams<'a, D> {
     /// Returns the weight of the image.
     pub fn beta(&self) -> &Weight<D> {
         &self.0.beta
+    }
+
+    /// Returns the axes along which the mesh is periodic, if there are any.
+    pub fn periodic_axes(&self) -> Option<[bool; D]> {
+        let axes = self.0.spec.periodic?;
+        Some(array::from_fn(|k| axes.0[k]))
     }
 
     /// Returns the fixed atoms, in physical coordinates.

@@ -21,6 +21,12 @@ pub(crate) const ANGLES_ARRAY: &str = "angles";
 /// Name of the array that marks faces on horizons, which are no barriers to flow: bits of cells as
 /// in `feature_faces`, or pairs of cells for polyhedra and polygons.
 pub(crate) const HORIZON_FACES_ARRAY: &str = "horizon_faces";
+/// Name of the array with the base of each node of a periodic mesh. Nodes with the same number are
+/// images of one another on opposite sides; other nodes have their own number.
+pub(crate) const PERIODIC_NODE_ARRAY: &str = "periodic_node";
+/// Name of the array with the axes of the image on whose far side each node of a periodic mesh lies:
+/// 1 for x, 2 for y, 4 for z, added up.
+pub(crate) const FAR_AXES_ARRAY: &str = "periodic_axes";
 /// Array of the global node numbers.
 pub(crate) const GLOBAL_NODE_ARRAY: &str = "node";
 /// Start of the name of a cell array that is a set of cells.

@@ -118,6 +118,59 @@ impl Display for PointValue {
         f.write_str(&joined(&self.0))
     }
 }
+
+/// Thresholds of features: the smallest strength, or the values of isosurfaces in ascending order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThresholdValues(Vec<f32>);
+
+impl ThresholdValues {
+    /// Returns the values: at least one.
+    pub fn values(&self) -> &[f32] {
+        &self.0
+    }
+
+    /// Returns the first value, and those beyond it.
+    pub(crate) fn first_and_further(&self) -> (Option<f32>, Vec<f32>) {
+        (
+            self.0.first().copied(),
+            self.0.iter().skip(1).copied().collect(),
+        )
+    }
+}
+
+impl From<f32> for ThresholdValues {
+    fn from(value: f32) -> Self {
+        Self(vec![value])
+    }
+}
+
+impl FromStr for ThresholdValues {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy =
+            "give a number such as 0.5, or values of isosurfaces that increase, such as 300,700";
+        let Some(values) = finite_numbers(text) else {
+            return Err(InvalidValue::new("is not a finite number", remedy));
+        };
+        let values: Vec<f32> = values.iter().map(|value| *value as f32).collect();
+        if !values.iter().all(|value| value.is_finite()) {
+            return Err(InvalidValue::new("is too large for a sample", remedy));
+        }
+        if values.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return Err(InvalidValue::new("has values that do not increase", remedy));
+        }
+        Ok(Self(values))
+    }
+}
+
+impl Display for ThresholdValues {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let words: Vec<String> = self.0.iter().map(f32::to_string).collect();
+        f.write_str(&words.join(","))
+    }
+}
+
 /// A coordinate axis, or its opposite: x, y, z, -x, -y or -z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SignedAxis {
@@ -218,6 +271,7 @@ serde_as_text!(
     NumberOrFile: [","; 2],
     PointValue: [","; 2],
     SignedAxis: [","; 2],
+    ThresholdValues: [","; 2],
 );
 
 /// Returns numbers with commas between them.

@@ -70,6 +70,11 @@ impl Report {
                 line(if number == 0 { "regions" } else { "" }, text);
             }
         }
+        if let Some(certificate) = &self.certificate {
+            for (number, text) in certificate.lines().into_iter().enumerate() {
+                line(if number == 0 { "image" } else { "" }, text);
+            }
+        }
         if let Some(padding) = &self.padding {
             add_padding(&mut line, padding);
         }

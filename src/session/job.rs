@@ -202,6 +202,7 @@ impl JobRun<'_, '_> {
             checkpoint: checkpoint.as_ref(),
             may_partition: is_pvtu(&output) && whole_mesh_outputs.iter().all(|path| path.is_none()),
             comm,
+            is_trial: false,
         };
         let outcome = run_from(image, &params, run_options, &mut traced);
         let (trace_error, lattices) = (traced.error, traced.lattices);

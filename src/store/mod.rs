@@ -28,8 +28,8 @@ pub(crate) mod vtu;
 
 pub use crate::mesh_file::{
     AnyMesh, CellStreams, FieldValue, LabelledRegion, LatticeSpace, MeshFile, NamedRegion,
-    face_bits_to_physical, image_geometry_in_depth, read_labels, read_named_regions, replace_nodes,
-    take_cells, to_physical, write_cells_vtu, write_vtu,
+    TakeCells, face_bits_to_physical, image_geometry_in_depth, read_labels, read_named_regions,
+    replace_nodes, take_cells, to_physical, write_cells_vtu, write_vtu,
 };
 pub(crate) use crate::mesh_file::{named_sets, with_mesh};
 pub use depth::to_depth;

@@ -428,6 +428,39 @@ class Mesh:
             self._measured = answer.report
         return self._measured
 
+    def check(self, labels: Any) -> dict[str, Any]:
+        """Compares the mesh with the image of labels that was meshed, sample by sample.
+
+        Parameters
+        ----------
+        labels
+            The image: an array, an `Image`, or the path of a file.
+
+        Returns
+        -------
+        dict
+            The certificate: for each connected part of each label its volume and that of its samples, the Dice
+            coefficient, the distances between the boundaries, the thickness and the Euler number in the image and in
+            the mesh; the nodes at which parts touch that are apart in the image; and the samples that changed sides.
+            It is the part `certificate` of the report of `atomesh quality --labels`.
+
+        Raises
+        ------
+        InvalidValueError
+            If the image does not fit the mesh, or holds no labels. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import numpy as np, atomesh
+        >>> labels = np.zeros((20, 20, 20), dtype=np.uint8)
+        >>> labels[5:15, 5:15, 5:15] = 1
+        >>> check = atomesh.mesh(labels, distance=4).check(labels)
+        >>> check["parts"], check["lost_parts"], check["pinch_count"]
+        (2, 0, 0)
+        """
+        certificate: dict[str, Any] = self.measure(labels=labels)["certificate"]
+        return certificate
+
     def validate(self) -> dict[str, Any]:
         """Checks the mesh with atomesh's own checker and its Delaunay kernels (spade in 2-D): `atomesh validate`.
 

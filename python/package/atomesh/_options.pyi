@@ -42,9 +42,10 @@ class MeshOptions(TypedDict, total=False):
     surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them, which divide the image into
+    #: regions [default: automatic; it is printed]
+    threshold: _Value | None
     #: How faults are recognised in seismic amplitudes
     fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
@@ -70,6 +71,9 @@ class MeshOptions(TypedDict, total=False):
     keep: _Value | None
     #: Of each label that stays, keep only the largest connected part
     keep_largest: bool | None
+    #: Number of samples below which a connected part of a label, or of a region of --feature
+    #: isosurface, joins the labels around it before the image is meshed
+    min_part: int | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
     object: _Values | None
     #: A point of the background, for --feature paths; may be repeated [default: the image's
@@ -156,6 +160,10 @@ class MeshOptions(TypedDict, total=False):
     #: it, as for --surface. It must cover the image and the sides of --pad, and replaces
     #: above=DIST of --pad
     topography: _Value | None
+    #: Make opposite sides match node by node along these axes, so that copies of the mesh fill
+    #: space: x, y and z (x and y in 2-D). The last layer of the image along them must repeat the
+    #: first
+    periodic: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole image, or a file of interval velocities in m/s on a grid in two-way time. With
     #: a file, the image is resampled
@@ -238,9 +246,10 @@ class FeatureOptions(TypedDict, total=False):
     distance: _Number | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them [default: automatic; it is
+    #: printed]
+    threshold: _Value | None
     #: How faults are recognised in seismic amplitudes
     fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
@@ -453,6 +462,9 @@ class ConvertOptions(TypedDict, total=False):
 class QualityOptions(TypedDict, total=False):
     #: The exact distance to the features, as `synth --truth` writes it
     truth: _Path | None
+    #: The image of labels that was meshed: also compare the mesh with each connected part of its labels,
+    #: sample by sample
+    labels: _Path | None
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None
@@ -1010,9 +1022,10 @@ class SurfaceOptions(TypedDict, total=False):
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them [default: automatic; it is
+    #: printed]
+    threshold: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole mesh, or a file of interval velocities in m/s on a grid in two-way time
     velocity: _Value | None

@@ -98,8 +98,8 @@ pub struct InputOptions {
     /// image with as many samples that is 0 outside
     #[arg(long, value_name = "FILE")]
     pub inside: Option<PathBuf>,
-    /// A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to read,
-    /// from 0
+    /// A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of the
+    /// layer to read, from 0
     #[arg(long, value_name = "N")]
     pub layer: Option<usize>,
     /// SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual header
@@ -327,11 +327,11 @@ impl InputOptions {
         let options = self.read_options()?;
         if let Some(layer) = self.layer {
             let format = detect(path, &options)?;
-            if format != ImageFormat::Nrrd {
+            if !matches!(format, ImageFormat::Nrrd | ImageFormat::Dicom) {
                 return Err(Error::Job(cause(
                     format!("layer {layer}"),
                     format!(
-                        "applies to segmentations of 3D Slicer (.seg.nrrd), but {} is read as {format}",
+                        "applies to segmentations of 3D Slicer (.seg.nrrd) and of DICOM, but {} is read as {format}",
                         path.display()
                     ),
                     "omit it",

@@ -7,6 +7,7 @@
 //! - `grids`: grids of heights: IRAP classic, ZMAP+, CPS-3, Surfer, ESRI ASCII
 //! - `hdf5`: arrays in HDF5 files, of h5py, MATLAB, ilastik, ITK and VTK
 //! - `crop`: blocks of images
+//! - `dicom`: series, frames and segmentations of DICOM
 //! - `inside`: outlines of the part of an image that is kept
 //! - `inrimage`: INRIMAGE-4 volumes
 //! - `metaimage`: MetaImage, the format of ITK
@@ -32,6 +33,7 @@
 
 pub(crate) mod crop;
 pub(crate) mod describe;
+mod dicom;
 mod file_hash;
 mod foreign;
 pub(crate) mod grids;
@@ -148,6 +150,8 @@ pub enum ImageFormat {
     Zarr,
     /// A data set of an HDF5 file.
     Hdf5,
+    /// DICOM: a series of files, a file of frames, or a segmentation.
+    Dicom,
     /// Samples without a header.
     Raw,
 }
@@ -181,6 +185,7 @@ impl fmt::Display for ImageFormat {
             Self::Esri => "ESRI ASCII",
             Self::Zarr => "Zarr",
             Self::Hdf5 => "HDF5",
+            Self::Dicom => "DICOM",
             Self::Raw => "raw samples",
         })
     }
@@ -437,6 +442,7 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Npy => return npy::open(path),
         ImageFormat::Segy => return segy::open(path, &options.segy).map(OpenedImage::Stream),
         ImageFormat::Zarr => return zarr::open(path).map(OpenedImage::Stream),
+        ImageFormat::Dicom => return dicom::open(path, options.layer),
         ImageFormat::Nifti => nifti::read(path)?,
         ImageFormat::MetaImage => metaimage::read(path)?,
         ImageFormat::Nrrd => nrrd::read(path, options.layer)?,
@@ -491,6 +497,9 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     let mut head = Vec::new();
     if options.raw.is_none() && zarr::is_node(path)? {
         return Ok(ImageFormat::Zarr);
+    }
+    if options.raw.is_none() && path.is_dir() && dicom::is_folder_of_series(path) {
+        return Ok(ImageFormat::Dicom);
     }
     if let Some(error) = path
         .is_dir()
@@ -585,6 +594,7 @@ fn recognise(head: &[u8]) -> Option<ImageFormat> {
         _ if head.starts_with(png::MAGIC) => ImageFormat::Png,
         _ if head.starts_with(nrrd::MAGIC) => ImageFormat::Nrrd,
         _ if head.starts_with(inrimage::MAGIC) => ImageFormat::Inrimage,
+        _ if dicom::is_dicom(head) => ImageFormat::Dicom,
         _ if metaimage::looks_like(head) => ImageFormat::MetaImage,
         _ if tiff::MAGIC.iter().any(|magic| head.starts_with(magic)) => ImageFormat::Tiff,
         _ if nifti::looks_like(head) || nifti::looks_like_analyze(head) => ImageFormat::Nifti,
@@ -596,7 +606,7 @@ fn unknown_format(path: &Path) -> Error {
     Error::Io(
         cause(
             path.display(),
-            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, HDF5, Zarr)",
+            "is not in a known image format (SEG-Y, .npy, .vti, .nrrd, .mha, .nii, .tif, .inr, .png, .irap, .zmap, .cps3, .grd, .asc, HDF5, Zarr, DICOM)",
             "say what it holds, e.g. 100x400x208:f32be (fastest axis first), or convert it to .npy",
         )
         .with_parameter("raw"),

@@ -28,8 +28,8 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
 use crate::mesh_file::array_names::{
-    ANGLES_ARRAY, ATOM_KIND_ARRAY, DISTANCE_ARRAY, FEATURES_FIELD, HORIZON_FACES_ARRAY,
-    IMAGE_ARRAY, LIVE_ARRAY, REGION_ARRAY,
+    ANGLES_ARRAY, ATOM_KIND_ARRAY, DISTANCE_ARRAY, FAR_AXES_ARRAY, FEATURES_FIELD,
+    HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY, PERIODIC_NODE_ARRAY, REGION_ARRAY,
 };
 use crate::mesh_file::labels::regions_field;
 use crate::mesh_file::lattice_space::common_fields;
@@ -113,6 +113,11 @@ pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
             fields
         },
     };
+    if let Some(periodic) = &outcome.periodic_nodes {
+        let base = DataArray::scalars(PERIODIC_NODE_ARRAY, periodic.base.clone());
+        let axes = DataArray::scalars(FAR_AXES_ARRAY, periodic.far_axes.clone());
+        file.point_data.extend([base, axes]);
+    }
     file.cell_data.extend(live_array(outcome));
     file.cell_data.extend(physical_angles);
     if !outcome.face_names.is_empty()

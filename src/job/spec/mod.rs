@@ -31,12 +31,14 @@ use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
 use crate::mesh_file::CellChoice;
 pub use crate::mesh_file::RegionNames;
-pub use crate::option_text::{InvalidValue, Length, NumberOrFile, PointValue, SignedAxis};
+pub use crate::option_text::{
+    InvalidValue, Length, NumberOrFile, PointValue, SignedAxis, ThresholdValues,
+};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
-pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding};
+pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding, PeriodicAxes};
 
 /// Headings of the command line's help; options without one come first.
 const FEATURES: &str = "Features";
@@ -80,10 +82,15 @@ pub struct MeshSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// Smooths the boundaries of labels over this many samples, also beyond the half sample that is
+    /// allowed otherwise [default: as little as the steps of the samples ask for]
+    #[arg(long, value_name = "S", help_heading = FEATURES)]
+    pub label_smoothing: Option<f64>,
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value, or
+    /// several values in ascending order with commas between them, which divide the image into regions
     /// [default: automatic; it is printed]
-    #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)]
-    pub threshold: Option<f32>,
+    #[arg(long, value_name = "T[,T]", allow_hyphen_values = true, help_heading = FEATURES)]
+    pub threshold: Option<ThresholdValues>,
     /// How faults are recognised in seismic amplitudes
     #[arg(
             long,
@@ -138,6 +145,10 @@ pub struct MeshSpec {
     #[arg(long)]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub keep_largest: bool,
+    /// Number of samples below which a connected part of a label, or of a region of --feature isosurface,
+    /// joins the labels around it before the image is meshed
+    #[arg(long, value_name = "N", help_heading = FEATURES)]
+    pub min_part: Option<NonZeroUsize>,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -291,6 +302,10 @@ pub struct MeshSpec {
     /// above=DIST of --pad
     #[arg(long, value_name = "FILE[:NAME][,...]")]
     pub topography: Option<FileOption>,
+    /// Make opposite sides match node by node along these axes, so that copies of the mesh fill space:
+    /// x, y and z (x and y in 2-D). The last layer of the image along them must repeat the first
+    #[arg(long, value_name = "AXES")]
+    pub periodic: Option<PeriodicAxes>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -338,6 +353,7 @@ impl Default for MeshSpec {
             feature: FeatureKind::Auto,
             surface: Vec::new(),
             sigma: None,
+            label_smoothing: None,
             threshold: None,
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
@@ -349,6 +365,7 @@ impl Default for MeshSpec {
             drop: None,
             keep: None,
             keep_largest: false,
+            min_part: None,
             object: Vec::new(),
             background: Vec::new(),
             potential_out: None,
@@ -379,6 +396,7 @@ impl Default for MeshSpec {
             cover: Cover::Samples,
             pad: None,
             topography: None,
+            periodic: None,
             velocity: None,
             rng_seed: 1,
             report: None,
@@ -513,7 +531,9 @@ impl MeshSpec {
             CellKind::Simplices => AtomAlignment::On,
             CellKind::Voronoi => AtomAlignment::Alongside,
         });
-        let is_about_labels = !self.label.is_empty() || !self.cell_choice().keeps_all();
+        let is_about_labels = !self.label.is_empty()
+            || self.label_smoothing.is_some()
+            || !self.cell_choice().keeps_all();
         if self.feature == FeatureKind::Auto && is_about_labels {
             self.feature = FeatureKind::Labels;
         }
@@ -560,10 +580,14 @@ impl MeshSpec {
     /// # Errors
     /// Returns [`Error::Job`] for a point that does not have `D` coordinates.
     pub fn detection_options<const D: usize>(&self, step: [f64; D]) -> Result<DetectionOptions<D>> {
+        let (threshold, further_levels) = self.threshold_levels();
         Ok(DetectionOptions {
             kind: self.feature,
             scale: self.sigma,
-            threshold: self.threshold,
+            label_smoothing: self.label_smoothing,
+            threshold,
+            further_levels,
+            min_part: self.min_part_samples(),
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
@@ -578,6 +602,16 @@ impl MeshSpec {
             keep_nulls: self.input.keeps_nulls(),
             ..DetectionOptions::default()
         })
+    }
+
+    /// Returns the threshold, and further values of isosurfaces.
+    pub(crate) fn threshold_levels(&self) -> (Option<f32>, Vec<f32>) {
+        (self.threshold.as_ref()).map_or_else(Default::default, ThresholdValues::first_and_further)
+    }
+
+    /// Returns the number of samples below which a connected part of a label joins the labels around it.
+    pub(crate) fn min_part_samples(&self) -> usize {
+        self.min_part.map_or(0, NonZeroUsize::get)
     }
 
     /// Returns the points near which random shortest paths begin and end.

@@ -247,6 +247,43 @@ impl Display for Padding {
     }
 }
 
+/// Axes along which a mesh is periodic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PeriodicAxes(pub [bool; 3]);
+
+impl PeriodicAxes {
+    /// The names of the axes.
+    pub const NAMES: [&'static str; 3] = ["x", "y", "z"];
+}
+
+impl FromStr for PeriodicAxes {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give axes of the image such as x or x,y,z";
+        let mut axes = [false; 3];
+        for name in text.split(',') {
+            match Self::NAMES.iter().position(|known| *known == name.trim()) {
+                Some(k) if axes[k] => return Err(InvalidValue::new("names an axis twice", remedy)),
+                Some(k) => axes[k] = true,
+                None => return Err(InvalidValue::new("names no axis x, y or z", remedy)),
+            }
+        }
+        Ok(Self(axes))
+    }
+}
+
+impl Display for PeriodicAxes {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let named = Self::NAMES
+            .iter()
+            .zip(self.0)
+            .filter(|(_, is_periodic)| *is_periodic);
+        let names: Vec<&str> = named.map(|(name, _)| *name).collect();
+        f.write_str(&names.join(","))
+    }
+}
+
 /// The length of one sample along each axis of lattice space, in which cells are well shaped.
 ///
 /// Lattice space has these lengths except for a common factor: a unit cube of it holds one sample, so
@@ -334,6 +371,7 @@ serde_as_text!(
     DistanceSource: [","; 2],
     FeatureWeights: [","; 2],
     Padding: [","; 2],
+    PeriodicAxes: [","; 2],
     Metric: [","; 2],
     LabelOptions: [",", ":"],
 );

@@ -15,6 +15,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::flow::anisotropy::AxisRatios;
+use crate::model::reservoir::periodic_pairs::PeriodicImages;
 use crate::model::reservoir::region_shares::RegionShares;
 use crate::model::reservoir::{
     CellMeans, DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, ModelSets, SamplePositions,
@@ -108,6 +109,7 @@ struct ModelParts {
     labels: Vec<LabelledRegion>,
     named_regions: Vec<NamedRegion>,
     sets: ModelSets,
+    periodic: PeriodicImages,
 }
 
 /// Returns the error for a mesh from which no model can be built.
@@ -234,6 +236,7 @@ impl ModelParts {
             is_bent: space.bent_side.is_some() || arrays.cell_array(COLUMN).is_some(),
             has_feature_faces,
             labels: read_labels(&arrays),
+            periodic: PeriodicImages::from_file(&arrays),
             named_regions: read_named_regions(&arrays),
             cell_data: arrays.cell_data,
         };
@@ -339,6 +342,7 @@ impl PreparedModel {
         let mut model = Model::new(mesh, tets);
         model.labels = parts.labels;
         model.sets = parts.sets;
+        model.periodic = parts.periodic;
         model.named_regions = parts.named_regions;
         if let Some(surfaces) = parts.surfaces {
             model.surfaces = surfaces;

@@ -22,6 +22,7 @@ mod compartments;
 mod conforming;
 mod corner_points;
 mod directions;
+mod dropped_labels;
 mod edit;
 mod effort;
 mod export;

@@ -15,7 +15,7 @@ use crate::job::output::geometry_of_other_shapes;
 use crate::job::simplices::cell_neighbours;
 use crate::job::{cells, scaled_mesh, write_lines};
 use crate::mesh::Simplices;
-use crate::mesh::check::{CheckHints, check_with_hints};
+use crate::mesh::check::check_with_hints;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh_file::array_names::DISTANCE_ARRAY;
@@ -317,10 +317,7 @@ pub(crate) fn measure_simplices<const D: usize, M: Simplices<D>>(
 ) -> Result<Report> {
     let (mesh, space) = (&stored.lattice, &stored.space);
     let assessment = explained_angles(stored);
-    let hints = CheckHints {
-        bent_side: space.bent_side,
-        ..CheckHints::default()
-    };
+    let hints = stored.check_hints();
     let (low, high, tolerance) = ([0.0; D], space.extent, space.tolerance());
     let mut report = Report {
         quality: Some(Quality {
@@ -370,10 +367,7 @@ pub(crate) fn measure_cells<const D: usize>(
     truth: Option<DescribedTruth<D>>,
 ) -> Report {
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let hints = CheckHints {
-        weld: stored.weld,
-        ..CheckHints::default()
-    };
+    let hints = stored.check_hints();
     let cell_check = check_with_hints(mesh, hints, [0.0; D], space.extent, space.tolerance());
     let graph = Graph::from_poly(mesh);
     let mut report = Report::default();

@@ -11,7 +11,7 @@ use crate::image::formats::{InputOptions, ReadImage};
 use crate::image::image_in_depth;
 use crate::image::{Image, ImageSource};
 use crate::job::output::{with_image, with_live};
-use crate::job::spec::{CellKind, DistanceSource, NominalDistance};
+use crate::job::spec::{CellKind, DistanceSource};
 use crate::job::{MeshSpec, Params};
 use crate::progress::Progress;
 use crate::report::{Report, StageCost};
@@ -281,7 +281,7 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
         spec.well.clear();
         spec.well_distance = None;
     }
-    if matches!(spec.distance, NominalDistance::Range { .. }) {
+    if spec.distance.varies() {
         spec.distance_from = DistanceSource::Features;
     }
     if spec.coarse_to_fine > 0 {

@@ -8,7 +8,9 @@ use serde_json::{Value, json};
 use super::export_spec::{ExportSpec, no_effect_error};
 use super::names::ExportNames;
 use super::{ExportContent, ExportFormat};
+use crate::Result;
 use crate::error::cause;
+use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
@@ -198,6 +200,28 @@ fn deactivate(
     Ok(())
 }
 
+/// Returns the mesh of the cells that are exported.
+fn with_chosen_cells(
+    mesh: AnyMesh,
+    choice: &CellChoice<'_>,
+    name: &str,
+    progress: &mut dyn Progress,
+) -> Result<AnyMesh> {
+    if choice.keeps_all() {
+        return Ok(mesh);
+    }
+    with_mesh!(mesh, file => {
+        let chosen = choice.cells_of_file(&file, name)?;
+        Ok(match chosen {
+            Some(chosen) => {
+                progress.note(&chosen.note);
+                take_cells(file, &chosen.cells)?.into()
+            }
+            None => file.into(),
+        })
+    })
+}
+
 /// Notes that a format has no place for the pairs of nodes on opposite sides of a periodic mesh.
 fn note_periodic(model: &Model, format: &ExportFormat, progress: &mut dyn Progress) {
     let content = ExportContent::PeriodicPairs;
@@ -229,6 +253,7 @@ fn prepare_model(
     progress: &mut dyn Progress,
 ) -> Result<PreparedModel> {
     let MeshInput { mesh, name, .. } = input;
+    let mesh = with_chosen_cells(mesh, &spec.cell_choice(), name, progress)?;
     let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
     if spec.space.thickness.is_some() && is_3d {
         let problem = "is for 2-D meshes, but the mesh is 3-D";

@@ -7,6 +7,7 @@ use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
 use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
 use crate::names::NameRules;
+use crate::units::{Unit, split_length};
 use std::fmt;
 
 /// User options for one label.
@@ -14,8 +15,10 @@ use std::fmt;
 pub struct LabelOptions {
     /// Value of the label's samples.
     pub label: LabelValue,
-    /// Distance between atoms in the label, in lattice units; the general distance if `None`.
+    /// Distance between atoms in the label, in lattice units, or in `unit`; the general distance if `None`.
     pub distance: Option<f64>,
+    /// The unit of length of the distance, until it is converted to lattice units.
+    pub unit: Option<Unit>,
     /// Name of the label in the mesh.
     pub name: Option<String>,
     /// The label into which this one is merged.
@@ -29,7 +32,6 @@ impl LabelOptions {
     /// Returns the problem and its remedy if the text has another form.
     pub fn parse(text: &str) -> std::result::Result<Self, (String, &'static str)> {
         let remedy = "give VALUE:distance=D,name=NAME or VALUE:into=VALUE";
-        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
         let (label, settings) = text
             .split_once(':')
             .ok_or_else(|| ("gives a label, but no options for it".into(), remedy))?;
@@ -38,20 +40,24 @@ impl LabelOptions {
         let mut options = Self {
             label,
             distance: None,
+            unit: None,
             name: None,
             merge_into: None,
         };
         for part in settings.split(',') {
             let (key, value) = part.split_once('=').unwrap_or((part, ""));
             match key.trim() {
-                "distance" => match number(value) {
-                    Some(d) if d > 0.0 => options.distance = Some(d),
-                    _ => {
+                "distance" => match split_length(value) {
+                    Ok((d, unit)) if d > 0.0 => {
+                        (options.distance, options.unit) = (Some(d), unit);
+                    }
+                    Ok(_) => {
                         return Err((
                             format!("distance '{value}' is not a positive number of samples"),
                             remedy,
                         ));
                     }
+                    Err(problem) => return Err((format!("distance '{value}' {problem}"), remedy)),
                 },
                 "into" => match LabelValue::parse(value) {
                     Some(into) if into != label => options.merge_into = Some(into),
@@ -88,7 +94,8 @@ fn is_name(text: &str) -> bool {
 impl fmt::Display for LabelOptions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [
-            self.distance.map(|d| format!("distance={d}")),
+            (self.distance)
+                .map(|d| format!("distance={d}{}", self.unit.map_or("", |unit| unit.symbol))),
             self.name.as_ref().map(|name| format!("name={name}")),
             self.merge_into.map(|into| format!("into={into}")),
         ];

@@ -101,6 +101,7 @@ pub(super) fn nominal_distance<const D: usize>(
             params
                 .spec()
                 .well_distance
+                .map(|length| length.value)
                 .filter(|_| !well_paths.is_empty()),
             distance,
         ) {

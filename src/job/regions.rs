@@ -257,6 +257,7 @@ impl<const D: usize> JudgedLabels<D> {
         }
         let named = |(label, name): (&LabelValue, &Option<String>)| LabelOptions {
             label: *label,
+            unit: None,
             name: name.clone(),
             distance: (options.iter().find(|options| options.label == *label))
                 .and_then(|options| options.distance),

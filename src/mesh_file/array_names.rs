@@ -73,6 +73,11 @@ pub(crate) const FACE_SET_NAMES_FIELD: &str = "face_set_names";
 /// Field with the faces of the sets: for each face the number of its set, from 1, the number of its
 /// nodes, and its nodes.
 pub(crate) const FACE_SETS_FIELD: &str = "face_sets";
+/// Field with the names of the sets of faces at which cells were left out, one per line. Together with the
+/// sides of the box they bound the mesh.
+pub(crate) const OUTER_BOUNDARY_FIELD: &str = "outer_boundary";
+/// Field with the share of the box that the cells fill, if some were left out.
+pub(crate) const FILLED_SHARE_FIELD: &str = "filled_share";
 /// Field of welded Voronoi cells: the fraction of their size within which nodes are merged.
 pub(crate) const WELD_FIELD: &str = "weld";
 /// Field of meshes of columns that are offset at faults: upright faces with one cell that lie in no side

@@ -9,6 +9,7 @@ use std::str::FromStr;
 
 use super::serde_as_text;
 use crate::error::cause;
+use crate::units::{self, Unit};
 
 /// The error about a text that is not a value of an option.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -223,7 +224,50 @@ impl Display for SignedAxis {
         write!(f, "{sign}{}", AXIS_NAMES.get(self.axis).unwrap_or(&"?"))
     }
 }
+/// A length in samples, or in a unit of length such as `3mm`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Length {
+    /// The number.
+    pub value: f64,
+    /// Its unit; samples if `None`.
+    pub unit: Option<Unit>,
+}
+
+impl Length {
+    /// Returns a number of samples.
+    pub fn samples(value: f64) -> Self {
+        Self { value, unit: None }
+    }
+
+    /// Parses a length, or returns the problem.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let (value, unit) = units::split_length(text)?;
+        Ok(Self { value, unit })
+    }
+}
+
+impl FromStr for Length {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give a number of samples such as 8, or a length such as 3mm";
+        Self::parse(text).map_err(|problem| InvalidValue::new(problem, remedy))
+    }
+}
+
+impl Display for Length {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}{}",
+            self.value,
+            self.unit.map_or("", |unit| unit.symbol)
+        )
+    }
+}
+
 serde_as_text!(
+    Length: [","; 2],
     NumberOrFile: [","; 2],
     PointValue: [","; 2],
     SignedAxis: [","; 2],

@@ -6,6 +6,7 @@
 //! - `angle_space`: the space whose angles decide what a mesh is fit for
 //! - `angles`: bad angles that these lines explain
 //! - `assumptions`: what was assumed about the input
+//! - `body`: the size of what the mesh fills
 //! - `fidelity`: how well the faces of the mesh follow the features
 //! - `given_surfaces`: how well the mesh follows the surfaces that the user gave
 //! - `face_samples`: faces cut into small pieces
@@ -30,6 +31,7 @@ mod advice;
 mod angle_space;
 pub(crate) mod angles;
 pub(crate) mod assumptions;
+mod body;
 pub(crate) mod cells;
 pub mod certificate;
 mod codecs;
@@ -57,6 +59,7 @@ pub use angle_space::AngleSpace;
 pub(crate) use angles::assess_angles;
 pub(crate) use angles::assess_partition_angles;
 pub use angles::{AngleAssessment, Angles};
+pub use body::BodySize;
 pub use cells::Voronoi;
 pub(crate) use cells::{lattice_of_graph, measure_voronoi};
 pub use certificate::Certificate;
@@ -98,6 +101,9 @@ pub struct Report {
     pub angle_space: Option<AngleSpace>,
     /// Shapes in lattice space, in which cells should be well shaped.
     pub quality: Option<Quality>,
+    /// Size of the box around the cells, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub body: Option<BodySize>,
     /// Shapes in physical space, if it differs and all its axes are lengths.
     pub quality_physical: Option<Quality>,
     /// Doubt about the kind of feature, if it was chosen from the image.
@@ -174,6 +180,7 @@ impl Default for Report {
             padding: None,
             improvement: None,
             baseline: None,
+            body: None,
             distance_in_use: None,
             shape_option: "--metric shape".into(),
             has_memory_for_finer: true,

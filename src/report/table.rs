@@ -109,6 +109,9 @@ impl Report {
             line("input", format!("{}, {dims} samples", input.file));
             line("", input.hash.clone());
         }
+        if let Some(text) = self.body_line() {
+            line("body", text);
+        }
         if let Some(quality) = &self.quality {
             let (nodes, cells) = (group_digits(quality.nodes), group_digits(quality.cells));
             line("size", format!("{nodes} nodes, {cells} {}", quality.kind));

@@ -183,7 +183,7 @@ impl JobRun<'_, '_> {
             session: Session { objects, progress },
         } = self;
         let geometry = image.geometry();
-        let params = params.with_metric_for(geometry).into_owned();
+        let params = params.with_metric_for(image)?.into_owned();
         let warning = time_warning(geometry);
         warning.iter().for_each(|line| progress.note(line));
         let known_hash = objects.known_hash(path);
@@ -229,6 +229,7 @@ impl JobRun<'_, '_> {
                 metric: params.spec.metric.clone(),
                 ..spec.clone().reproducible()
             }
+            .with_lengths_in(geometry)?
             .to_toml()?,
             input_sha256,
         };
@@ -259,13 +260,14 @@ impl JobRun<'_, '_> {
 }
 
 /// Describes the image in the report.
-fn set_input<const D: usize, M>(
+fn set_input<const D: usize, M: Simplices<D>>(
     outcome: &mut Outcome<D, M>,
     path: &Path,
     geometry: &Geometry<D>,
     dims: [usize; D],
 ) {
     outcome.report.set_angle_space(geometry);
+    outcome.report.body = outcome.body_size();
     outcome.report.input = Some(Input {
         file: path.display().to_string(),
         dims: dims.to_vec(),

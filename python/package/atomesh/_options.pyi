@@ -20,7 +20,8 @@ _Value: TypeAlias = (
 _Values: TypeAlias = _Value | Sequence[_Value] | Mapping[Any, _Value | Mapping[str, _Value]]
 
 class MeshOptions(TypedDict, total=False):
-    #: Nominal distance between atoms, in samples: one number, or MIN:MAX
+    #: Nominal distance between atoms, in samples: one number, or MIN:MAX; or in a unit of length,
+    #: such as 3mm, 0.5mm:2mm or 40ft, if the image has one
     distance: _Value | None
     #: Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
     #: or cross at shallow angles), features (MIN on them, increasing away from them), image (MIN
@@ -60,9 +61,16 @@ class MeshOptions(TypedDict, total=False):
     keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
-    #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
-    #: or VALUE:into=VALUE, which merges it into another label; may be repeated
+    #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, as for
+    #: --distance), or VALUE:into=VALUE, which merges it into another label; may be repeated
     label: _Values | None
+    #: Labels, by value or name, whose cells the mesh leaves out, such as 0 for the background.
+    #: Their boundaries keep their names, such as interface_0_3
+    drop: _Value | None
+    #: Labels, by value or name, whose cells alone the mesh has
+    keep: _Value | None
+    #: Of each label that stays, keep only the largest connected part
+    keep_largest: bool | None
     #: Number of samples below which a connected part of a label, or of a region of --feature
     #: isosurface, joins the labels around it before the image is meshed
     min_part: _Value | None
@@ -102,8 +110,9 @@ class MeshOptions(TypedDict, total=False):
     #: FILE:NAME takes one well. What the file does not say follows it, as for --surface, and
     #: ,head=x,y,z is the wellhead; may be repeated
     well: _Values | None
-    #: Distance between atoms at wells, in samples; it increases to --distance away from them
-    well_distance: _Number | None
+    #: Distance between atoms at wells, in samples or in a unit of length; it increases to
+    #: --distance away from them
+    well_distance: _Value | None
     #: Evaluator of the lattice energy
     evaluator: Literal["pairwise", "sampled"] | None
     #: Weight, in [0, 1], of the energy between atoms against their Laplacian coordinates, which
@@ -131,12 +140,16 @@ class MeshOptions(TypedDict, total=False):
     weld: _Number | None
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     smooth: Literal["cvt", "odt"] | None
-    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance
-    #: is then in physical units, not in samples), shape (physical proportions, with as many
-    #: samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
-    #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
-    #: (SX,SY in 2-D)
+    #: Metric of lattice space: auto (shape for scans, for labels outside surveys, and for
+    #: distances in a unit of length, else samples), samples, physical (--distance is then in
+    #: physical units, not in samples), shape (physical proportions, with as many samples per cell
+    #: as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these permeabilities along
+    #: x, y and z; only their ratios count), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     metric: _Value | None
+    #: The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an
+    #: axis of N samples), or voxels (N steps; the outermost samples continue to the edges of their
+    #: voxels)
+    cover: Literal["samples", "voxels"] | None
     #: Continue the mesh beyond the image, with cells that coarsen away from it:
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
     #: out. The cells belong to the regions overburden, underburden and sideburden
@@ -816,6 +829,13 @@ class ExportOptions(TypedDict, total=False):
     #: Clay fraction of the rock, 0 to 1, given like a porosity: with --throw it gives the shale-
     #: gouge ratio, the permeability and the thickness of fault rock
     clay: _Value | None
+    #: Regions, by label or name, whose cells are left out, such as 0 for the background. Their
+    #: boundaries keep their names, such as interface_0_3
+    drop: _Value | None
+    #: Regions, by label or name, whose cells alone are exported
+    keep: _Value | None
+    #: Of each region that stays, keep only the largest connected part
+    keep_largest: bool | None
     #: Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
     #: as fine as the cells]
     grid: _Value | None

@@ -6,10 +6,12 @@
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
 //! - `config`: options from a configuration file
+//! - `lengths`: options in units of length
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
 mod config;
+mod lengths;
 mod validate;
 mod values;
 
@@ -18,6 +20,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::cover::Cover;
 use super::params::{Evaluator, Optimizer};
 use crate::error::cause;
 use crate::feature::{
@@ -26,7 +29,11 @@ use crate::feature::{
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
-pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis, ThresholdValues};
+use crate::mesh_file::CellChoice;
+pub use crate::mesh_file::RegionNames;
+pub use crate::option_text::{
+    InvalidValue, Length, NumberOrFile, PointValue, SignedAxis, ThresholdValues,
+};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
@@ -46,7 +53,8 @@ pub struct MeshSpec {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[arg(short, long, value_name = "MESH.vtu")]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples: one number, or MIN:MAX
+    /// Nominal distance between atoms, in samples: one number, or MIN:MAX; or in a unit of length, such as 3mm,
+    /// 0.5mm:2mm or 40ft, if the image has one
     #[arg(long, value_name = "D", default_value_t = defaults().distance)]
     pub distance: NominalDistance,
     /// Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
@@ -116,11 +124,27 @@ pub struct MeshSpec {
             help_heading = FEATURES
         )]
     pub feature_weights: FeatureWeights,
-    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
+    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, as for --distance),
     /// or VALUE:into=VALUE, which merges it into another label; may be repeated
     #[arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
+    /// Labels, by value or name, whose cells the mesh leaves out, such as 0 for the background. Their boundaries
+    /// keep their names, such as interface_0_3
+    #[arg(
+        long,
+        value_name = "LABEL,...",
+        allow_hyphen_values = true,
+        conflicts_with = "keep"
+    )]
+    pub drop: Option<RegionNames>,
+    /// Labels, by value or name, whose cells alone the mesh has
+    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true)]
+    pub keep: Option<RegionNames>,
+    /// Of each label that stays, keep only the largest connected part
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub keep_largest: bool,
     /// Number of samples below which a connected part of a label, or of a region of --feature isosurface,
     /// joins the labels around it before the image is meshed
     #[arg(long, value_name = "N", help_heading = FEATURES)]
@@ -184,9 +208,9 @@ pub struct MeshSpec {
     #[arg(long, value_name = "FILE.csv", help_heading = ATOMS)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<FileOption>,
-    /// Distance between atoms at wells, in samples; it increases to --distance away from them
+    /// Distance between atoms at wells, in samples or in a unit of length; it increases to --distance away from them
     #[arg(long, value_name = "D", help_heading = ATOMS)]
-    pub well_distance: Option<f64>,
+    pub well_distance: Option<Length>,
     /// Evaluator of the lattice energy
     #[arg(
             long,
@@ -256,12 +280,17 @@ pub struct MeshSpec {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[arg(long, value_name = "HOW", help_heading = SHAPES)]
     pub smooth: Option<Scheme>,
-    /// Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance is then in
+    /// Metric of lattice space: auto (shape for scans, for labels outside surveys, and for distances in a unit of length,
+    /// else samples), samples, physical (--distance is then in
     /// physical units, not in samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
     /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     /// (SX,SY in 2-D)
     #[arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)]
     pub metric: Metric,
+    /// The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an axis of N samples), or
+    /// voxels (N steps; the outermost samples continue to the edges of their voxels)
+    #[arg(long, value_name = "WHAT", default_value_t = defaults().cover, value_enum)]
+    pub cover: Cover,
     /// Continue the mesh beyond the image, with cells that coarsen away from it:
     /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The cells belong to the
     /// regions overburden, underburden and sideburden
@@ -333,6 +362,9 @@ impl Default for MeshSpec {
             keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
+            drop: None,
+            keep: None,
+            keep_largest: false,
             min_part: None,
             object: Vec::new(),
             background: Vec::new(),
@@ -361,6 +393,7 @@ impl Default for MeshSpec {
             weld: 0.0,
             smooth: None,
             metric: Metric::Auto,
+            cover: Cover::Samples,
             pad: None,
             topography: None,
             periodic: None,
@@ -469,6 +502,15 @@ impl MeshSpec {
         })
     }
 
+    /// Returns which cells of the mesh are kept.
+    pub fn cell_choice(&self) -> CellChoice<'_> {
+        CellChoice {
+            drop: self.drop.as_ref(),
+            keep: self.keep.as_ref(),
+            keep_largest: self.keep_largest,
+        }
+    }
+
     /// Returns how much work goes into the mesh.
     pub fn effort(&self) -> Effort {
         self.effort.unwrap_or_default()
@@ -489,9 +531,10 @@ impl MeshSpec {
             CellKind::Simplices => AtomAlignment::On,
             CellKind::Voronoi => AtomAlignment::Alongside,
         });
-        if self.feature == FeatureKind::Auto
-            && (!self.label.is_empty() || self.label_smoothing.is_some())
-        {
+        let is_about_labels = !self.label.is_empty()
+            || self.label_smoothing.is_some()
+            || !self.cell_choice().keeps_all();
+        if self.feature == FeatureKind::Auto && is_about_labels {
             self.feature = FeatureKind::Labels;
         }
         self

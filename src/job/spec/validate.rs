@@ -6,14 +6,16 @@
 use std::fmt::Display;
 
 use super::{
-    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NominalDistance,
-    NumberOrFile, SeedingKind, Slivers,
+    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NumberOrFile, SeedingKind,
+    Slivers,
 };
 use crate::Result;
 use crate::error::{Error, cause};
 use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
+use crate::job::cover::Cover;
 use crate::job::params::Evaluator;
+use crate::mesh_file::pvtu::is_pvtu;
 use crate::names::first_repeated;
 use crate::option_text::names_image;
 
@@ -81,6 +83,8 @@ impl MeshSpec {
         options.check_alignment()?;
         options.check_cells()?;
         options.check_topography()?;
+        options.check_choice()?;
+        options.check_cover()?;
         options.check_periodic()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
@@ -100,6 +104,51 @@ impl Options<'_> {
         let problem = "is where the cells beyond the image end, but there are none";
         let remedy = "add --pad, for example --pad below=500,sides=1000";
         self.refuse(&["topography"], problem, remedy)
+    }
+
+    /// Checks that the mesh can cover voxels.
+    fn check_cover(&self) -> Result<()> {
+        if self.spec.cover == Cover::Samples {
+            return Ok(());
+        }
+        if self.spec.cell_kind() == CellKind::Voronoi {
+            let problem =
+                "is for tetrahedra and triangles: squeezed at the sides, Voronoi cells are none";
+            let remedy = "omit it, or choose --cells tets";
+            return Err(option_error("cover", "voxels", problem, remedy));
+        }
+        let problem = "needs a mesh through the outermost samples";
+        let remedy = "omit it, or --cover voxels";
+        let options = [
+            "pad",
+            "topography",
+            "periodic",
+            "page",
+            "potential-out",
+            "trace",
+            "checkpoint",
+        ];
+        self.refuse(&options, problem, remedy)
+    }
+
+    /// Checks the labels that are left out.
+    fn check_choice(&self) -> Result<()> {
+        let choice = self.spec.cell_choice();
+        choice.validate()?;
+        if choice.keeps_all() {
+            return Ok(());
+        }
+        let problem = "continues the mesh beyond the image, but labels of it are left out";
+        let remedy = "omit it, or leave labels out afterwards (atomesh export --drop)";
+        self.refuse(&["pad", "periodic"], problem, remedy)?;
+        match &self.spec.output {
+            Some(output) if is_pvtu(output) => Err(Error::Job(cause(
+                format!("output {}", output.display()),
+                "is a mesh in several files, of which no label can be left out",
+                "give a name that ends in .vtu",
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Checks that nothing else determines the sides of a periodic mesh.
@@ -296,22 +345,20 @@ impl Options<'_> {
     fn check_distance(&self) -> Result<()> {
         let spec = self.spec;
         match (&spec.distance, &spec.distance_from) {
-            (NominalDistance::Constant(_), DistanceSource::Gaps) => Ok(()),
-            (NominalDistance::Constant(d), source) => Err(option_error(
+            (distance, DistanceSource::Gaps) if !distance.varies() => Ok(()),
+            (d, source) if !d.varies() => Err(option_error(
                 "distance-from",
                 source,
                 &format!("makes the distance vary, but it is {d} everywhere"),
                 "omit it, or give a range MIN:MAX such as --distance 5:15",
             )),
-            (NominalDistance::Range { .. }, DistanceSource::File(path)) if !names_image(path) => {
-                Err(option_error(
-                    "distance-from",
-                    path.display(),
-                    "is not gaps, features, image, laplacian or a file",
-                    "give one of these, or an image of distances in samples",
-                ))
-            }
-            (NominalDistance::Range { .. }, _) => Ok(()),
+            (_, DistanceSource::File(path)) if !names_image(path) => Err(option_error(
+                "distance-from",
+                path.display(),
+                "is not gaps, features, image, laplacian or a file",
+                "give one of these, or an image of distances in samples",
+            )),
+            _ => Ok(()),
         }
     }
 
@@ -325,7 +372,7 @@ impl Options<'_> {
             );
         }
         match self.spec.well_distance {
-            Some(d) if !(d.is_finite() && d > 0.0) => Err(option_error(
+            Some(d) if d.value <= 0.0 => Err(option_error(
                 "well-distance",
                 d,
                 "is not a positive number of samples",
@@ -486,7 +533,7 @@ impl Options<'_> {
         if !matches!(kind, FeatureKind::Labels | FeatureKind::Isosurface) {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(
-                &["label"],
+                &["label", "drop", "keep", "keep-largest"],
                 &problem,
                 "omit it, or follow labels (--feature labels)",
             )?;

@@ -154,6 +154,9 @@ impl<const D: usize, M: Simplices<D>> ToModelCells<D> for M {
         if let Some(side) = stored.space.bent_side {
             mesh.assign_bent_side(side, [0.0; D], stored.space.extent);
         }
+        if let Some(outer) = &stored.outer {
+            mesh.release_outer_faces(outer);
+        }
         let surface = labels_of_faces(&mesh, facets);
         let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
         let mut world = Positions {
@@ -198,6 +201,7 @@ impl ModelParts {
         let sets = std::mem::take(&mut stored.named_sets);
         stored.check_filled(place)?;
         let space = stored.space.clone();
+        let filled_share = (stored.outer.as_ref()).map_or(1.0, |outer| outer.filled_share);
         let marks = stored.feature_marks();
         let has_feature_faces = marks.is_some();
         let marks = marks.filter(|_| with_surfaces);
@@ -228,7 +232,7 @@ impl ModelParts {
             geometry: space.geometry.to_3d(),
             step: std::array::from_fn(|k| space.step.get(k).copied().unwrap_or(1.0)),
             dims: std::array::from_fn(dim),
-            box_volume: volume * if D == 2 { thickness } else { 1.0 },
+            box_volume: filled_share * volume * if D == 2 { thickness } else { 1.0 },
             is_bent: space.bent_side.is_some() || arrays.cell_array(COLUMN).is_some(),
             has_feature_faces,
             labels: read_labels(&arrays),

@@ -8,7 +8,6 @@ use serde_json::{Value, json};
 use super::export_spec::{ExportSpec, no_effect_error};
 use super::names::ExportNames;
 use super::{ExportContent, ExportFormat};
-use crate::Result;
 use crate::error::cause;
 use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;

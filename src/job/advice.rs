@@ -274,6 +274,8 @@ fn distance_in<const D: usize>(
             min: min.min(largest),
             max: max.min(largest),
         },
+        // Jobs convert lengths to samples before they give advice.
+        in_unit @ NominalDistance::InUnit { .. } => in_unit,
     }
 }
 
@@ -296,6 +298,11 @@ fn candidates(params: &Params<3>, issue: &PartIssue) -> Vec<Candidate> {
         NominalDistance::Range { .. } => NominalDistance::Range {
             min: finer(min),
             max: finer(max),
+        },
+        NominalDistance::InUnit { unit, .. } => NominalDistance::InUnit {
+            min: finer(min),
+            max: finer(max),
+            unit,
         },
     };
     let finer_distance = ("distance", Value::String(distance.to_string()));

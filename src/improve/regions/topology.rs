@@ -6,8 +6,8 @@
 //! - two parts meet at it that touch nowhere in the image, at a side, an edge or a corner of a sample, or
 //! - the cells of a part around it are not connected by faces, or those of all other parts are not.
 //!
-//! At each such node, the cells of one part (those connected by faces around the node, or one cell) take
-//! the part on their other side, if this leaves fewer pinches in all. Of several changes, the one whose
+//! At each such node, the cells of one part (all of them, those connected by faces around the node, or one
+//! cell) take the part on their other side, if this leaves fewer pinches in all. Of several changes, the one whose
 //! cells the labels of the image support most is made.
 
 use super::assign::Votes;
@@ -194,6 +194,10 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
             }
         }
         candidates.extend(star.iter().map(|&c| vec![c]));
+        for a in sorted_distinct(star.iter().map(|&c| part[c as usize])) {
+            let all = star.iter().copied().filter(|&c| part[c as usize] == a);
+            candidates.push(all.collect());
+        }
         let mut best: Option<Change> = None;
         for cells in candidates {
             let current = part[cells[0] as usize];

@@ -404,7 +404,7 @@ mod tests {
             ("3", "no options"),
             ("x:distance=3", "not the value of a label"),
             ("3:distance=0", "not a positive"),
-            ("3:distance=nan", "not a positive"),
+            ("3:distance=nan", "not a finite"),
             ("3:into=3", "another label"),
             ("3:name= ", "is empty"),
             ("3:colour=red", "not an option"),

@@ -107,6 +107,8 @@ mod tests {
             "{text}"
         );
         advice.trials.clear();
+        assert!(advice.suggestion().contains("does not have this issue"));
+        advice.crop.clear();
         assert!(advice.suggestion().contains("too small"));
     }
 }

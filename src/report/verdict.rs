@@ -824,7 +824,7 @@ mod tests {
         for (options, option) in [
             (json!({ "feature": "edges" }), Some("--feature ridges")),
             (json!({ "feature": "ridges" }), Some("--feature edges")),
-            (json!({ "threshold": 0.5 }), Some("--threshold 0.25")),
+            (json!({ "threshold": "0.5" }), Some("--threshold 0.25")),
         ] {
             featureless.parameters = options;
             assert_eq!(

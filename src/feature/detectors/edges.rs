@@ -82,6 +82,9 @@ impl<const D: usize> Detector<D> for Edges {
 const PREWITT_VARIANCE: f64 = 2.0 / 3.0;
 /// Number of samples to either side that second derivatives need.
 const DERIVATIVE_REACH: usize = 2;
+/// Smallest radius of curvature, in widths of the smoothing, of an edge that is moved back: a smaller one is
+/// that of a smoothed corner.
+const MIN_RADIUS_RATIO: f64 = 2.0;
 /// Largest move of a point, in widths of the smoothing: near corners and noise, curvatures mean nothing.
 const MAX_MOVE_RATIO: f64 = 0.5;
 /// Smallest component of the normal along the axis of a point, along which it moves.
@@ -157,6 +160,9 @@ fn edge_offset<const D: usize>(
         return None;
     }
     let radius = (D - 1) as f64 / curvature;
+    if radius.abs() < MIN_RADIUS_RATIO * variance.sqrt() {
+        return None;
+    }
     let distance = radius * ((1.0 + (D - 1) as f64 * variance / (radius * radius)).sqrt() - 1.0);
     let max_move = MAX_MOVE_RATIO * variance.sqrt();
     Some((distance.clamp(-max_move, max_move) / normal[axis]) as f32)

@@ -7,13 +7,13 @@
 //!
 //! 1. Each slice is smoothed by itself.
 //! 2. The lead of the winner at a sample is its distance to the next boundary in its slice, in the
-//!    smallest distance between samples: exact next to the boundary, and elsewhere the solution of the
-//!    eikonal equation by fast sweeping (Zhao 2005).
+//!    smallest distance between samples.
 //! 3. Where a slice has no boundary near, the distance is cut at [`MAX_SLOPE_RATIO`] times that between
 //!    slices, so that a label that ends between two slices gets a cap.
 
 use super::label_smoothing::smooth_labels;
 use crate::feature::volume::Volume;
+use crate::geometry::{norm, sub};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
 
@@ -80,7 +80,8 @@ pub fn smooth_slices<const D: usize>(
 }
 
 /// Returns the distance of each sample to the next interface, at most `max`. `step` is the distance
-/// between samples along each axis.
+/// between samples along each axis. The nearest point of the interface is handed on from sample to sample
+/// (Danielsson 1980, "Euclidean distance mapping").
 fn distances<const D: usize>(
     dims: [usize; D],
     step: [f64; D],
@@ -90,25 +91,31 @@ fn distances<const D: usize>(
 ) -> Vec<f32> {
     let volume = Volume::new(dims, &[]);
     let strides = volume.strides();
-    // Distance to the plane through the points at which the lead changes its sign along the axes.
-    let adjacent = |i: usize| {
+    let position = |i: usize| -> [f64; D] {
         let at: [usize; D] = volume.coordinates(i);
-        let square_sum: f64 = (0..D)
-            .map(|k| {
-                let before = (at[k] > 0).then(|| i - strides[k]);
-                let after = (at[k] + 1 < dims[k]).then(|| i + strides[k]);
-                let crossings = before.into_iter().chain(after).filter_map(|j| {
-                    let (own, other) = (f64::from(lead[i]), f64::from(lead[j]));
-                    (winner[j] != winner[i]).then(|| step[k] * own / (own + other).max(1e-12))
-                });
-                let nearest = crossings.fold(f64::INFINITY, f64::min);
-                nearest.max(1e-6).powi(-2)
-            })
-            .sum();
-        (square_sum > 0.0).then(|| square_sum.sqrt().recip())
+        std::array::from_fn(|k| at[k] as f64 * step[k])
     };
-    let seeds: Vec<Option<f64>> = (0..winner.len()).map(adjacent).collect();
-    let mut distance: Vec<f64> = seeds.iter().map(|seed| seed.unwrap_or(max)).collect();
+    // Nearest point of the plane through the points at which the lead changes its sign along the axes.
+    let adjacent_point = |i: usize| -> Option<[f64; D]> {
+        let at: [usize; D] = volume.coordinates(i);
+        let slope: [f64; D] = std::array::from_fn(|k| {
+            let before = (at[k] > 0).then(|| (i - strides[k], -1.0));
+            let after = (at[k] + 1 < dims[k]).then(|| (i + strides[k], 1.0));
+            let crossings = before.into_iter().chain(after).filter_map(|(j, sign)| {
+                let (own, other) = (f64::from(lead[i]), f64::from(lead[j]));
+                let offset = step[k] * own / (own + other).max(1e-12);
+                (winner[j] != winner[i]).then(|| sign / offset.max(1e-6))
+            });
+            crossings.fold(0.0, |a: f64, b: f64| if b.abs() > a.abs() { b } else { a })
+        });
+        let square: f64 = slope.iter().map(|s| s * s).sum();
+        let x = position(i);
+        (square > 0.0).then(|| std::array::from_fn(|k| x[k] + slope[k] / square))
+    };
+    let mut nearest: Vec<Option<[f64; D]>> = (0..winner.len()).map(adjacent_point).collect();
+    let distance_to = |i: usize, point: Option<[f64; D]>| {
+        point.map_or(f64::INFINITY, |point| norm(sub(point, position(i))))
+    };
     for _ in 0..MAX_SWEEPS {
         let mut is_changed = false;
         for order in 0..1usize << D {
@@ -118,19 +125,17 @@ fn distances<const D: usize>(
                     at[k] = dims[k] - 1 - at[k];
                 }
                 let i = volume.index(at);
-                if seeds[i].is_some() {
-                    continue;
-                }
-                let upwind: [f64; D] = std::array::from_fn(|k| {
-                    let before = (at[k] > 0).then(|| distance[i - strides[k]]);
-                    let after = (at[k] + 1 < dims[k]).then(|| distance[i + strides[k]]);
-                    let nearest = before.into_iter().chain(after);
-                    nearest.fold(f64::INFINITY, f64::min)
-                });
-                let new = eikonal_solution(upwind, step);
-                if new < distance[i] - 1e-9 {
-                    distance[i] = new;
-                    is_changed = true;
+                let mut best = distance_to(i, nearest[i]);
+                for k in 0..D {
+                    let before = (at[k] > 0).then(|| i - strides[k]);
+                    let after = (at[k] + 1 < dims[k]).then(|| i + strides[k]);
+                    for j in before.into_iter().chain(after) {
+                        let distance = distance_to(i, nearest[j]);
+                        if distance < best - 1e-9 {
+                            (best, nearest[i]) = (distance, nearest[j]);
+                            is_changed = true;
+                        }
+                    }
                 }
             }
         }
@@ -138,32 +143,9 @@ fn distances<const D: usize>(
             break;
         }
     }
-    distance.into_iter().map(|d| d.min(max) as f32).collect()
-}
-
-/// Returns the solution u of sum over k of (max(0, u - a_k) / h_k)^2 = 1, for the values `a` of the
-/// neighbours along each axis and the distances `h` to them.
-fn eikonal_solution<const D: usize>(a: [f64; D], h: [f64; D]) -> f64 {
-    let mut order: [usize; D] = std::array::from_fn(|k| k);
-    order.sort_by(|&i, &j| a[i].total_cmp(&a[j]));
-    let mut solution = f64::INFINITY;
-    // Coefficients of the quadratic equation p u^2 - 2 q u + r = 0.
-    let (mut p, mut q, mut r) = (0.0, 0.0, -1.0);
-    for k in order {
-        if !a[k].is_finite() || solution <= a[k] {
-            break;
-        }
-        let weight = h[k].powi(-2);
-        p += weight;
-        q += weight * a[k];
-        r += weight * a[k] * a[k];
-        let discriminant: f64 = q * q - p * r;
-        if discriminant < 0.0 {
-            break;
-        }
-        solution = (q + discriminant.sqrt()) / p;
-    }
-    solution
+    (0..winner.len())
+        .map(|i| distance_to(i, nearest[i]).min(max) as f32)
+        .collect()
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ const FILTER_RATIO: f64 = 1.2;
 /// the samples: on a ball of radius 16, normals deviate by 5.7 degrees rms with 1.0 and 4.1 with 1.6.
 const UPDATE_RATIO: f64 = 1.6;
 /// Number of updates everywhere.
-const UPDATE_ROUNDS: usize = 2;
+const UPDATE_ROUNDS: usize = 3;
 /// Width of the filter for thin parts, in samples.
 const THIN_SIGMA: f64 = 0.7;
 /// Smallest smoothed difference of fractions, from -2 to 2, that is corrected in thin parts. The steps of

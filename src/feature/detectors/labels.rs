@@ -366,6 +366,11 @@ impl<const D: usize> LabelSpacing<D> {
     }
 }
 
+/// Weights of five samples that smooth across a derivative.
+const SMOOTHING_WEIGHTS: [f64; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
+/// Weights of five samples that give a smoothed derivative.
+const DERIVATIVE_WEIGHTS: [f64; 5] = [-0.125, -0.25, 0.0, 0.25, 0.125];
+
 /// The winning label of each sample, and its lead.
 struct LabelLead<'a, const D: usize> {
     winner: &'a [u32],
@@ -425,28 +430,27 @@ impl<'a, const D: usize> LabelLead<'a, D> {
             }
         };
         let mut gradient = [0.0; D];
-        for number in 0..3usize.pow(D as u32) {
-            let offset: [usize; D] = index_at([3; D], number);
-            // Along the axis there are two samples, with offsets 1 and 2 from the sample before.
-            if offset[axis] == 0 {
+        for number in 0..5usize.pow(D as u32) {
+            let offset: [usize; D] = index_at([5; D], number);
+            // Along the axis there are two samples, with offsets 2 and 3.
+            if !(2..4).contains(&offset[axis]) {
                 continue;
             }
             let p = std::array::from_fn(|k| {
                 (at[k] + offset[k])
-                    .saturating_sub(1)
+                    .saturating_sub(2)
                     .min(self.lead.dims[k] - 1)
             });
             let lead = signed_lead(p);
-            let weight = |k: usize| if offset[k] == 1 { 0.5 } else { 0.25 };
             for (k, slope) in gradient.iter_mut().enumerate() {
                 let others = (0..D).filter(|&other| other != k && other != axis);
-                let product: f64 = others.map(weight).product();
+                let product: f64 = others.map(|other| SMOOTHING_WEIGHTS[offset[other]]).product();
                 *slope += lead
                     * product
                     * if k == axis {
-                        2.0 * offset[k] as f64 - 3.0
+                        2.0 * offset[k] as f64 - 5.0
                     } else {
-                        0.25 * (offset[k] as f64 - 1.0)
+                        0.5 * DERIVATIVE_WEIGHTS[offset[k]]
                     };
             }
         }
@@ -508,10 +512,10 @@ mod tests {
             let fit = measure_fit(dims, &sides, &features.points);
             assert!(fit.coverage > 0.99 && fit.precision > 0.999, "{fit:?}");
             assert!(fit.rms < 0.15, "{fit:?}");
-            // The distance between atoms is 0.7 of the layer's thickness.
+            // The distance between atoms is 0.9 of the layer's thickness.
             let spacing = features.spacing.unwrap();
             let mean = spacing.iter().map(|&d| f64::from(d)).sum::<f64>() / spacing.len() as f64;
-            assert!((1.9..2.3).contains(&mean), "{mean}");
+            assert!((2.4..2.8).contains(&mean), "{mean}");
         }
     }
 }

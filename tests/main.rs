@@ -21,6 +21,7 @@ mod columns;
 mod compartments;
 mod conforming;
 mod corner_points;
+mod dicom;
 mod directions;
 mod dropped_labels;
 mod edit;

@@ -274,11 +274,9 @@ fn spacing_is_read_from_ome_zarr() {
 fn unsupported_files_are_refused_with_the_name_of_a_tool_that_reads_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let dicom = [&[0u8; 128][..], b"DICM\x02\0\0\0"].concat();
     let gzip = b"\x1f\x8b\x08\0\0\0\0\0\0\x03";
     let files: &[(&str, &[u8], &str)] = &[
         ("brain.mgz", gzip, "mri_convert"),
-        ("slice.dcm", &dicom, "dcm2niix"),
         ("all.npz", b"PK\x03\x04\x14\0\0\0a.npy", "numpy.load"),
         ("all.zip", b"PK\x03\x04", "unzip"),
     ];
@@ -287,10 +285,6 @@ fn unsupported_files_are_refused_with_the_name_of_a_tool_that_reads_them() {
         let error = expect_refusal(folder, &["info", name]);
         assert!(error.contains(tool), "{name}: {error}");
     }
-    std::fs::create_dir(folder.join("series")).unwrap();
-    std::fs::write(folder.join("series/1"), &dicom).unwrap();
-    let error = expect_refusal(folder, &["info", "series"]);
-    assert!(error.contains("dcm2niix"), "{error}");
 }
 
 #[test]

@@ -113,6 +113,7 @@ impl EditSpec {
     /// # Errors
     /// Returns [`Error::Job`] if there is none.
     pub fn validate(&self) -> Result<()> {
+        self.input.refuse_label_table()?;
         let has_edit = !(self.add.is_empty() && self.moves.is_empty() && self.remove.is_empty());
         if has_edit || self.edits.is_some() {
             return Ok(());

@@ -10,8 +10,8 @@ use super::surfaces::vtp::read_surfaces;
 use super::{FaultSticks, Gocad, read_gocad, write_sticks};
 use crate::error::cause;
 use crate::files::output::check_output;
-use crate::image::Image;
 use crate::image::formats::grids::displacement_note;
+use crate::image::formats::label_table;
 use crate::image::formats::segy::{SegyFloat, write_like};
 use crate::image::formats::stream::ImageStream;
 use crate::image::formats::with_loaded;
@@ -21,6 +21,7 @@ use crate::image::formats::{
 };
 use crate::image::image_in_depth;
 use crate::image::stated::StatedCoordinates;
+use crate::image::{Image, LabelValue};
 use crate::option_text::NumberOrFile;
 use crate::surface_file::interpretation::{PickedShape, PickedSurface, read_interpretation};
 use crate::surface_file::obj::read_obj;
@@ -44,6 +45,10 @@ pub struct ConvertSpec {
     /// The samples of SEG-Y that is written: ibm or ieee floats [default: as in the survey]
     #[arg(long, value_name = "FORMAT", requires = "like")]
     pub sample_format: Option<SegyFloat>,
+    /// Write the names of labels that the image or its table has (--label-table): NAMES.csv or .tsv, which
+    /// atomesh mesh --label-table reads
+    #[arg(long, value_name = "NAMES.csv")]
+    pub label_table_out: Option<PathBuf>,
     /// Options for reading the image, and the survey.
     #[command(flatten, next_help_heading = "Reading the image")]
     pub input: InputOptions,
@@ -76,6 +81,12 @@ impl ConvertSpec {
             }
             None => Ok(()),
         };
+        if self.label_table_out.is_none() {
+            self.input.refuse_label_table()?;
+        } else if holds_surfaces(input) || self.like.is_some() {
+            let problem = "writes names of labels, and the input has none";
+            return Err(Error::Job(cause("label-table-out", problem, "omit it")));
+        }
         if holds_surfaces(input) {
             self.input.refuse_unused("surfaces are read", "omit it")?;
             return refuse_velocity(
@@ -128,7 +139,13 @@ impl ConvertSpec {
             Some(_) => &SEGY_EXTENSIONS[..],
             None => &IMAGE_EXTENSIONS,
         };
-        check_output(output, "OUT", endings, &inputs)
+        inputs.extend(self.input.label_table.as_deref());
+        check_output(output, "OUT", endings, &inputs)?;
+        let Some(table) = &self.label_table_out else {
+            return Ok(());
+        };
+        inputs.push(output);
+        check_output(table, "label-table-out", &["csv", "tsv"], &inputs)
     }
 }
 
@@ -408,6 +425,35 @@ impl Converted {
             Self::Sticks(sticks) => sticks.len(),
             _ => 0,
         }
+    }
+
+    /// Returns the names of the labels of an image.
+    fn label_names(&self) -> &[(LabelValue, String)] {
+        match self {
+            Self::Stream(stream) => &stream.header.label_names,
+            Self::Image(image) => with_loaded!(image, loaded => &loaded.image.label_names),
+            _ => &[],
+        }
+    }
+
+    /// Writes the names of labels to a table. Returns their number.
+    ///
+    /// # Errors
+    /// Returns [`Error::Job`] if there are none, and [`Error::Io`] if the file cannot be written.
+    pub fn write_label_table(&self, path: &Path) -> Result<usize> {
+        let names = self.label_names();
+        if names.is_empty() {
+            let place = format!("label-table-out {}", path.display());
+            let problem =
+                "has no names to write, as neither the image nor a table names its labels";
+            return Err(Error::Job(cause(
+                place,
+                problem,
+                "omit it, or give --label-table",
+            )));
+        }
+        label_table::write(path, names)?;
+        Ok(names.len())
     }
 
     /// Returns the number of samples along each axis of an image; for surfaces it is empty.

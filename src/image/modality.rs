@@ -52,6 +52,7 @@ impl Modality {
             | ImageFormat::Nrrd
             | ImageFormat::Tiff
             | ImageFormat::Dicom
+            | ImageFormat::SliceFolder
             | ImageFormat::Inrimage => Self::Scan,
             _ => geometry.modality(),
         }

@@ -131,6 +131,7 @@ impl FeatureSpec {
     /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
     /// effect.
     pub fn validate(&self) -> Result<()> {
+        self.input.refuse_label_table()?;
         let refuse =
             |place: String, problem, remedy| Err(Error::Job(cause(place, problem, remedy)));
         if !(self.distance > 0.0 && self.distance.is_finite()) {

@@ -488,16 +488,41 @@ impl<const D: usize> Params<D> {
     /// Returns the errors of loading the image.
     pub(crate) fn with_label_names(&self, source: ImageSource<'_, D>) -> Result<Cow<'_, Self>> {
         let kind = self.spec.feature;
+        let given = self.spec.input.label_table.as_deref();
+        let unused = |problem: &str, remedy: &str| match given {
+            Some(file) if file != Path::new("none") => {
+                let place = format!("label-table {}", file.display());
+                Err(Error::Job(cause(place, problem, remedy)))
+            }
+            _ => Ok(Cow::Borrowed(self)),
+        };
         let ImageSource::InMemory(image) = source else {
-            return Ok(Cow::Borrowed(self));
+            let problem = "names labels, but the image is read in parts";
+            return unused(problem, "omit it, and name labels with --label");
         };
         if image.label_names.is_empty() || !matches!(kind, FeatureKind::Auto | FeatureKind::Labels)
         {
-            return Ok(Cow::Borrowed(self));
+            let problem = format!("names labels, but {kind} are followed");
+            return unused(&problem, "omit it, or follow labels (--feature labels)");
         }
         let Some(table) = LabelTable::from_image(image) else {
-            return Ok(Cow::Borrowed(self));
+            let problem = "names labels, but the image has too many values to be one of labels";
+            return unused(problem, "omit it, or give an image of labels");
         };
+        let is_in_image = |(label, _): &(LabelValue, String)| table.values.contains(label);
+        if !image.label_names.iter().any(is_in_image) {
+            let values: Vec<String> = table
+                .values
+                .iter()
+                .take(12)
+                .map(LabelValue::to_string)
+                .collect();
+            let problem = format!(
+                "names none of the image's labels, such as {}",
+                values.join(", ")
+            );
+            return unused(&problem, "give the table of this image");
+        }
         let options_of = |label: LabelValue| self.spec.label.iter().find(|o| o.label == label);
         let is_unnamed = |label: LabelValue| {
             options_of(label).is_none_or(|o| o.name.is_none() && o.merge_into.is_none())

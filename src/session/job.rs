@@ -91,6 +91,12 @@ pub(crate) fn run_distributed(
 fn stream_notes(stream: &ImageStream) -> Vec<String> {
     let mut notes = stream.header.notes.clone();
     notes.extend(stream.rounding_note());
+    if !stream.header.label_names.is_empty() {
+        notes.push(
+            "names of labels are not used, since the image stays in its file: --label gives them"
+                .into(),
+        );
+    }
     notes.push("the image stays in its file and is read a few layers at a time".into());
     notes
 }
@@ -141,6 +147,7 @@ impl JobRun<'_, '_> {
         } else {
             image.check(&place)?;
         }
+        notes.extend(self.spec.notes_on_names(&image.label_names));
         let mut params = self.params::<D>()?;
         params.modality = Modality::detect(format, &image.geometry);
         params.note_time_unit(&image.geometry);

@@ -159,7 +159,11 @@ impl Session<'_> {
             }
             dims => (samples(dims), json!({ "dims": dims })),
         };
-        let answer = Answer::new("", file_report(output, fields)).with_file(output, &content);
+        let mut answer = Answer::new("", file_report(output, fields)).with_file(output, &content);
+        if let Some(table) = &spec.label_table_out {
+            let count = converted.write_label_table(table)?;
+            answer = answer.with_file(table, &format!("names of {count} labels"));
+        }
         match converted {
             Converted::Image(image) => {
                 answer.with_result(objects, output, Output::Image(Box::new(image)))

@@ -108,6 +108,7 @@ impl SurfaceSpec {
     /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
     /// effect.
     pub fn validate(&self) -> Result<()> {
+        self.input.refuse_label_table()?;
         self.grouping.options(self.min_area)?;
         if let Some(step) = self.step.filter(|step| !(step.is_finite() && *step > 0.0)) {
             let remedy = "give a length above 0, in the unit of x";

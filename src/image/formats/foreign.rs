@@ -13,9 +13,6 @@ use crate::error::{Error, cause};
 /// Number of bytes at the start, and at the end, of a container in which its kind is looked for.
 const CONTAINER_BYTES: u64 = 1 << 18;
 
-/// Length of the preamble of a DICOM file.
-const DICOM_PREAMBLE: usize = 128;
-
 /// First bytes of HDF5 files, whose contents the entries below tell apart.
 const HDF5_MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
@@ -75,18 +72,6 @@ const FORMATS: &[Format] = &[
         "write the property to .npy, in Python with resqpy, and give --spacing and --origin",
     ),
     // Scans.
-    (
-        "a DICOM segmentation",
-        Is(is_dicom_segmentation),
-        "convert it to .nrrd with segimage2itkimage of dcmqi, or in Python with highdicom; other readers \
-         lose the distance between its frames",
-    ),
-    (
-        "a DICOM file of contours (RTSTRUCT)",
-        Is(is_dicom_contours),
-        "convert it to .nii.gz, with dcmrtstruct2nii or 3D Slicer",
-    ),
-    ("a DICOM file", Is(is_dicom), "convert the whole series to .nii.gz: dcm2niix FOLDER, or in Python with SimpleITK"),
     ("an MRC volume", Is(is_mrc), "convert it to .nrrd, in Python with SimpleITK or mrcfile"),
     ("an AmiraMesh file", At(0, b"# AmiraMesh"), "save it as .nrrd, from Amira, Avizo or Fiji"),
     ("an Avizo file", At(0, b"# Avizo"), "save it as .nrrd, from Amira, Avizo or Fiji"),
@@ -214,31 +199,6 @@ fn is_cbvs(head: &[u8]) -> bool {
 
 fn is_voxet(head: &[u8]) -> bool {
     head.trim_ascii_start().starts_with(b"GOCAD Voxet")
-}
-
-fn is_dicom(head: &[u8]) -> bool {
-    has(head, DICOM_PREAMBLE, b"DICM")
-}
-
-/// Returns the first elements of a DICOM file, which name the class of what it holds.
-fn dicom_meta(head: &[u8]) -> &[u8] {
-    &head[..head.len().min(DICOM_PREAMBLE + 384)]
-}
-
-/// Returns `true` for segmentations, and for those of labels.
-fn is_dicom_segmentation(head: &[u8]) -> bool {
-    let classes: [&[u8]; 2] = [
-        b"1.2.840.10008.5.1.4.1.1.66.4",
-        b"1.2.840.10008.5.1.4.1.1.66.7",
-    ];
-    is_dicom(head)
-        && classes
-            .iter()
-            .any(|class| contains(dicom_meta(head), class))
-}
-
-fn is_dicom_contours(head: &[u8]) -> bool {
-    is_dicom(head) && contains(dicom_meta(head), b"1.2.840.10008.5.1.4.1.1.481.3")
 }
 
 /// Returns `true` for a data set of DICOM that begins with an element of group 2 or 8, in little-endian
@@ -411,7 +371,6 @@ fn header_beside(path: &Path) -> Option<PathBuf> {
 
 /// Returns the error for a folder of files that are not read; `None` for others.
 pub(super) fn folder_refusal(folder: &Path) -> Option<Error> {
-    const MAX_FILES_CHECKED: usize = 16;
     let entries = std::fs::read_dir(folder).ok()?;
     let mut paths: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
     paths.sort();
@@ -419,25 +378,6 @@ pub(super) fn folder_refusal(folder: &Path) -> Option<Error> {
     if is_there("acqp") && is_there("method") || is_there("2dseq") {
         let remedy = "convert the scan to .nii.gz, in Python with brkraw";
         return Some(error(folder, "a scan of Bruker", remedy));
-    }
-    let heads = paths.iter().filter(|path| path.is_file());
-    for path in heads.take(MAX_FILES_CHECKED) {
-        let mut head = Vec::new();
-        let file = File::open(path);
-        let read = file.and_then(|file| file.take(super::DETECTION_BYTES).read_to_end(&mut head));
-        if read.is_err() {
-            continue;
-        }
-        if is_dicom_segmentation(&head) {
-            let remedy = "give the file of one segmentation, converted to .nrrd with segimage2itkimage of dcmqi, or in Python \
-                          with highdicom";
-            return Some(error(folder, "a folder of DICOM segmentations", remedy));
-        }
-        if is_dicom(&head) {
-            let remedy =
-                "convert the series to .nii.gz: dcm2niix FOLDER, or in Python with SimpleITK";
-            return Some(error(folder, "a folder of DICOM files", remedy));
-        }
     }
     None
 }
@@ -465,7 +405,6 @@ mod tests {
 
     /// Returns the first bytes of a file of each format that has no fixed ones.
     fn special_files() -> Vec<(Vec<u8>, &'static str)> {
-        let dicom = |class: &[u8]| bytes(4000, &[(128, b"DICM\x02\0\0\0UL\x04\0"), (200, class)]);
         let words = |words: &[i32]| {
             words
                 .iter()
@@ -484,13 +423,6 @@ mod tests {
             (b"dGB\x01\x02".to_vec(), "from OpendTect"),
             (b"GOCAD Voxet 1\n".to_vec(), "--raw"),
             (b"GOCAD TSurf 1\n".to_vec(), "not a mesh"),
-            (
-                dicom(b"1.2.840.10008.5.1.4.1.1.66.4\x02\0"),
-                "segimage2itkimage",
-            ),
-            (dicom(b"1.2.840.10008.5.1.4.1.1.66.7\0"), "highdicom"),
-            (dicom(b"1.2.840.10008.5.1.4.1.1.481.3\0"), "dcmrtstruct2nii"),
-            (dicom(b"1.2.840.10008.5.1.4.1.1.2\0"), "dcm2niix"),
             (
                 bytes(400, &[(0, b"\x08\0\x05\0CS\x0a\0ISO_IR 100")]),
                 "without a preamble",
@@ -564,18 +496,10 @@ mod tests {
     #[test]
     fn folders_of_scanners_are_refused_with_a_tool() {
         let folder = tempfile::tempdir().unwrap();
-        for (name, files, tool) in [
-            ("dicom", &["1", "2"][..], "dcm2niix FOLDER"),
-            ("bruker", &["acqp", "method"], "brkraw"),
-        ] {
-            let folder = folder.path().join(name);
-            std::fs::create_dir(&folder).unwrap();
-            for file in files {
-                let dicom = bytes(400, &[(128, b"DICM")]);
-                std::fs::write(folder.join(file), dicom).unwrap();
-            }
-            let message = message(&folder);
-            assert!(message.contains(tool), "{message}");
+        for file in ["acqp", "method"] {
+            std::fs::write(folder.path().join(file), b"##TITLE").unwrap();
         }
+        let message = message(folder.path());
+        assert!(message.contains("brkraw"), "{message}");
     }
 }

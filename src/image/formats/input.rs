@@ -6,7 +6,10 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::placement::ImagePlacement;
-use super::{AnyImage, Crop, ImageFormat, OpenedImage, ReadOptions, SegyBytes, detect, restricted};
+use super::{
+    AnyImage, Crop, ImageFormat, OpenedImage, ReadOptions, SegyBytes, detect, name_labels,
+    restricted,
+};
 use crate::error::cause;
 use crate::option_text::deserialize_optional;
 use crate::{Error, Result};
@@ -102,6 +105,10 @@ pub struct InputOptions {
     /// layer to read, from 0
     #[arg(long, value_name = "N")]
     pub layer: Option<usize>,
+    /// Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of values and
+    /// names (.csv, .tsv). none: not those of a table that lies beside the image
+    #[arg(long, value_name = "FILE")]
+    pub label_table: Option<PathBuf>,
     /// SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual header
     /// says so]. In depth, sample intervals are in thousandths of a metre or foot, and the first
     /// sample in metres or feet
@@ -143,6 +150,20 @@ impl InputOptions {
         Err(Error::Job(cause(format!("--{given}"), problem, remedy)))
     }
 
+    /// Checks that no table of labels is given where no label has a name.
+    ///
+    /// # Errors
+    /// Returns an [`Error::Job`] if one is given.
+    pub fn refuse_label_table(&self) -> Result<()> {
+        let Some(table) = &self.label_table else {
+            return Ok(());
+        };
+        let problem = "names labels, which have no names here";
+        let remedy = "omit it; atomesh mesh, convert and info use it";
+        let place = format!("label-table {}", table.display());
+        Err(Error::Job(cause(place, problem, remedy)))
+    }
+
     /// Returns the name of the first option that is given.
     fn given_option(&self) -> Option<String> {
         let options = serde_json::to_value(self).ok()?;
@@ -181,6 +202,7 @@ impl InputOptions {
             mask: self.mask.clone(),
             crop: self.crop()?,
             layer: self.layer,
+            label_table: self.label_table.clone(),
             inside: self.inside.clone(),
         })
     }
@@ -203,6 +225,7 @@ impl InputOptions {
             null: None,
             crop: None,
             inside: None,
+            label_table: None,
             ..self.clone()
         };
         others.refuse_unused(
@@ -214,7 +237,10 @@ impl InputOptions {
             inside: self.inside.clone(),
             ..ReadOptions::default()
         };
-        let opened = OpenedImage::InMemory(image).with_nulls(&self.nulls()?);
+        let mut opened = OpenedImage::InMemory(image).with_nulls(&self.nulls()?);
+        if let Some(table) = &self.label_table {
+            name_labels(&mut opened, place, Some(table))?;
+        }
         restricted(opened, place, &options)?.load(place)
     }
 
@@ -292,6 +318,7 @@ impl InputOptions {
             crop: self.crop.clone().or_else(|| fallback.crop.clone()),
             inside: self.inside.clone().or_else(|| fallback.inside.clone()),
             layer: self.layer.or(fallback.layer),
+            label_table: (self.label_table.clone()).or_else(|| fallback.label_table.clone()),
             domain: self.domain.or(fallback.domain),
             inline_byte: self.inline_byte.or(fallback.inline_byte),
             crossline_byte: self.crossline_byte.or(fallback.crossline_byte),

@@ -10,6 +10,7 @@
 //! - `dicom`: series, frames and segmentations of DICOM
 //! - `inside`: outlines of the part of an image that is kept
 //! - `inrimage`: INRIMAGE-4 volumes
+//! - `label_table`: tables of names of labels
 //! - `metaimage`: MetaImage, the format of ITK
 //! - `nifti`: NIfTI, the format of neuroscience
 //! - `npy`: NumPy arrays
@@ -26,6 +27,7 @@
 //! - `stream`: images that may be larger than memory, read in parts
 //! - `same_place`: compares the positions of two images, and orders the samples of masks
 //! - `segments`: names of labels, and layers of segmentations
+//! - `slice_folder`: folders of PNG or TIFF slices
 //! - `samples`: sample types and their conversion to `f32`
 //! - `placement`: geometry that the user gives for files without one
 //! - `input`: options of the user for reading a file
@@ -41,6 +43,7 @@ pub(crate) mod hdf5;
 pub(crate) mod input;
 pub(crate) mod inrimage;
 mod inside;
+pub(crate) mod label_table;
 pub(crate) mod metaimage;
 pub(crate) mod nifti;
 pub(crate) mod npy;
@@ -53,6 +56,7 @@ pub(crate) mod same_place;
 pub(crate) mod samples;
 mod segments;
 pub mod segy;
+mod slice_folder;
 pub(crate) mod stream;
 pub(crate) mod tiff;
 pub mod vti;
@@ -99,6 +103,8 @@ pub struct ReadOptions {
     pub crop: Option<Crop>,
     /// The layer of a segmentation with layers that is read.
     pub layer: Option<usize>,
+    /// A table of names of labels, or `none`. If `None`, a table that lies beside the image is read.
+    pub label_table: Option<PathBuf>,
     /// Polygons in map view, or an image with as many samples; outside them, or where its samples are
     /// zero, those of the image are read as NaN.
     pub inside: Option<PathBuf>,
@@ -152,6 +158,8 @@ pub enum ImageFormat {
     Hdf5,
     /// DICOM: a series of files, a file of frames, or a segmentation.
     Dicom,
+    /// A folder of PNG or TIFF slices.
+    SliceFolder,
     /// Samples without a header.
     Raw,
 }
@@ -186,6 +194,7 @@ impl fmt::Display for ImageFormat {
             Self::Zarr => "Zarr",
             Self::Hdf5 => "HDF5",
             Self::Dicom => "DICOM",
+            Self::SliceFolder => "folder of slices",
             Self::Raw => "raw samples",
         })
     }
@@ -334,7 +343,9 @@ pub fn read_any(path: &Path, options: &ReadOptions) -> Result<AnyImage> {
 /// # Errors
 /// Returns the errors of [`read_any`].
 pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
-    let opened = match open_as_stored(path, options)? {
+    let mut opened = open_as_stored(path, options)?;
+    name_labels(&mut opened, path, options.label_table.as_deref())?;
+    let opened = match opened {
         // The geometry of a 2-D image is derived when its samples are loaded.
         OpenedImage::Stream(stream) if stream.header.dims[2] == 1 => {
             OpenedImage::InMemory(into_any_image(stream.into_loaded(path)?))
@@ -343,6 +354,37 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
     };
     let opened = options.placement.apply(opened, &options.segy)?;
     restricted(opened.with_nulls(&options.nulls), path, options)
+}
+
+/// Gives the labels of an image the names in a table, or in one that lies beside the image if its file
+/// has no names and `table` is not `none`.
+///
+/// # Errors
+/// Returns an [`Error::Io`] if the table cannot be read.
+pub(crate) fn name_labels(
+    opened: &mut OpenedImage,
+    path: &Path,
+    table: Option<&Path>,
+) -> Result<()> {
+    let has_names = !opened.label_names_mut().is_empty();
+    let (file, names, is_found) = match table {
+        Some(file) if file == Path::new("none") => return Ok(()),
+        Some(file) => (file.to_path_buf(), label_table::read(file)?, false),
+        None if has_names => return Ok(()),
+        None => match label_table::beside(path) {
+            Some((file, names)) => (file, names, true),
+            None => return Ok(()),
+        },
+    };
+    let mut note = label_table::note(&file, &names, is_found);
+    if has_names {
+        note += ", in place of those in the image";
+    }
+    let notes = opened.notes_mut();
+    notes.retain(|note| !note.starts_with(segments::NAMES_NOTE));
+    notes.push(note);
+    *opened.label_names_mut() = names;
+    Ok(())
 }
 
 /// Returns the part of an image that is read: the block to which it is cropped, with NaN where a mask
@@ -443,6 +485,7 @@ fn open_as_stored(path: &Path, options: &ReadOptions) -> Result<OpenedImage> {
         ImageFormat::Segy => return segy::open(path, &options.segy).map(OpenedImage::Stream),
         ImageFormat::Zarr => return zarr::open(path).map(OpenedImage::Stream),
         ImageFormat::Dicom => return dicom::open(path, options.layer),
+        ImageFormat::SliceFolder => return slice_folder::open(path).map(OpenedImage::Stream),
         ImageFormat::Nifti => nifti::read(path)?,
         ImageFormat::MetaImage => metaimage::read(path)?,
         ImageFormat::Nrrd => nrrd::read(path, options.layer)?,
@@ -508,12 +551,15 @@ pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     {
         return Err(error);
     }
+    if options.raw.is_none() && path.is_dir() && slice_folder::has_slices(path) {
+        return Ok(ImageFormat::SliceFolder);
+    }
     if options.raw.is_none() && hdf5::split_path(path).is_some() {
         return Ok(ImageFormat::Hdf5);
     }
     let file = files::open(
         path,
-        "give an image file, or a folder with an array of Zarr",
+        "give an image file, or a folder with an array of Zarr, a DICOM series, or PNG or TIFF slices",
     )?;
     if options.raw.is_some() {
         return Ok(ImageFormat::Raw);

@@ -65,6 +65,9 @@ pub(super) fn label_names(segments: &[Segment], layer: usize) -> Vec<(LabelValue
     labels
 }
 
+/// The beginning of the note on names that the file of an image gives.
+pub(super) const NAMES_NOTE: &str = "labels have the names of the file";
+
 /// Returns a note that lists the names of labels, if there are any.
 pub(super) fn note_on_names(names: &[(LabelValue, String)]) -> Option<String> {
     const MAX_NAMES: usize = 20;
@@ -74,7 +77,7 @@ pub(super) fn note_on_names(names: &[(LabelValue, String)]) -> Option<String> {
     if names.len() > MAX_NAMES {
         list.push("...".into());
     }
-    (!names.is_empty()).then(|| format!("labels have the names of the file: {}", list.join(", ")))
+    (!names.is_empty()).then(|| format!("{NAMES_NOTE}: {}", list.join(", ")))
 }
 
 /// Returns a description of the layers, with the names of their segments.

@@ -16,7 +16,7 @@ use super::{AnyImage, ImageFormat, LoadedImage, into_any_image};
 use crate::error::{Result, io_error};
 use crate::image::formats::with_loaded;
 use crate::image::nulls::is_null;
-use crate::image::{ExactLabels, Geometry, Image};
+use crate::image::{ExactLabels, Geometry, Image, LabelValue};
 use crate::memory;
 
 /// Everything that is known of an image except its samples.
@@ -28,6 +28,8 @@ pub struct ImageHeader<const D: usize> {
     pub geometry: Geometry<D>,
     /// Flags of rows along x that hold no data, as in [`Image::missing`].
     pub missing: Vec<bool>,
+    /// Names of labels, as in [`Image::label_names`].
+    pub label_names: Vec<(LabelValue, String)>,
     /// This field and those below are as in [`LoadedImage`].
     pub format: ImageFormat,
     pub encoding: String,
@@ -49,6 +51,7 @@ impl ImageHeader<3> {
             dims,
             geometry: Geometry::default(),
             missing: Vec::new(),
+            label_names: Vec::new(),
             format,
             encoding: encoding.to_string(),
             notes: vec![format!("{description} {NO_GEOMETRY_NOTE}")],
@@ -69,6 +72,9 @@ impl<const D: usize> ImageHeader<D> {
     /// Returns an image with its geometry and missing rows replaced by those of this header.
     pub fn with_image(self, mut image: Image<D>) -> LoadedImage<D> {
         image.geometry = self.geometry;
+        if !self.label_names.is_empty() {
+            image.label_names = self.label_names;
+        }
         LoadedImage {
             image: image.with_missing(self.missing),
             format: self.format,
@@ -87,6 +93,7 @@ impl<const D: usize> LoadedImage<D> {
             dims: self.image.dims(),
             geometry: self.image.geometry.clone(),
             missing: self.image.missing.clone(),
+            label_names: self.image.label_names.clone(),
             format: self.format,
             encoding: self.encoding.clone(),
             notes: self.notes.clone(),
@@ -416,6 +423,22 @@ impl OpenedImage {
                 samples.iter_mut().for_each(|s| null_to_nan(s, nulls));
                 Self::InMemory(loaded)
             }
+        }
+    }
+
+    /// Returns the names of labels.
+    pub fn label_names_mut(&mut self) -> &mut Vec<(LabelValue, String)> {
+        match self {
+            Self::Stream(stream) => &mut stream.header.label_names,
+            Self::InMemory(image) => with_loaded!(image, loaded => &mut loaded.image.label_names),
+        }
+    }
+
+    /// Returns the messages for the user about the reading.
+    pub fn notes_mut(&mut self) -> &mut Vec<String> {
+        match self {
+            Self::Stream(stream) => &mut stream.header.notes,
+            Self::InMemory(image) => with_loaded!(image, loaded => &mut loaded.notes),
         }
     }
 

@@ -26,6 +26,7 @@ use crate::error::cause;
 use crate::feature::{
     DetectionOptions, FaultEvidence, FeatureKind, LabelOptions, MIN_FAULT_DIP, PathSeeds,
 };
+use crate::image::LabelValue;
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
@@ -485,6 +486,18 @@ pub enum CellKind {
 }
 
 impl MeshSpec {
+    /// Returns notes on labels for which these options give another name than the image does.
+    pub(crate) fn notes_on_names(&self, names: &[(LabelValue, String)]) -> Vec<String> {
+        let note = |(label, other): &(LabelValue, String)| {
+            let options = self.label.iter().find(|options| options.label == *label)?;
+            let name = options.name.as_ref().filter(|name| *name != other)?;
+            Some(format!(
+                "label {label} is named {name}, as --label says, not {other}, as the table or file of labels does"
+            ))
+        };
+        names.iter().filter_map(note).collect()
+    }
+
     /// Returns the kind of cells, which `cells` or `align` names.
     pub fn cell_kind(&self) -> CellKind {
         self.cells.unwrap_or(match self.align {

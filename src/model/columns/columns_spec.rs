@@ -94,6 +94,7 @@ impl ColumnsSpec {
     /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
     /// effect.
     pub fn validate(&self) -> Result<()> {
+        self.input.refuse_label_table()?;
         if self.layers.is_some() && self.layer_thickness.is_some() {
             let problem = "is given, but the thickness of layers determines their number";
             let remedy = "omit it, or the thickness";

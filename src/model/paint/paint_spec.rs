@@ -149,6 +149,7 @@ impl PaintSpec {
     /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
     /// effect.
     pub fn validate(&self) -> Result<()> {
+        self.input.refuse_label_table()?;
         let refuse = |place: String, problem: &str, remedy: &str| {
             Err(Error::Job(cause(place, problem, remedy)))
         };

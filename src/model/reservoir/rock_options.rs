@@ -251,6 +251,7 @@ impl RockOptions {
         read_image: ReadImage<'_>,
         progress: &mut dyn Progress,
     ) -> Result<FilledRock> {
+        self.input.refuse_label_table()?;
         let mut filling = Filling {
             input: &self.input,
             read_image,

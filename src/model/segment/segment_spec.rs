@@ -151,6 +151,7 @@ impl SegmentSpec {
     /// # Errors
     /// Returns [`Error::Job`] that begins with the name of the option that is impossible.
     pub fn validate(&self) -> Result<()> {
+        self.input.refuse_label_table()?;
         for (option, places) in [("object", &self.object), ("background", &self.background)] {
             if places.is_empty() {
                 let problem = "gives no place";

@@ -196,6 +196,7 @@ impl SliceSpec {
     /// Returns [`Error::Job`] that begins with the name of the option that is impossible or has no
     /// effect.
     pub fn validate(&self, has_image: bool, has_mesh: bool) -> Result<()> {
+        self.input.refuse_label_table()?;
         let refuse = |place: &str, problem: &str, remedy: &str| {
             Err(Error::Job(cause(place, problem, remedy)))
         };

@@ -152,6 +152,7 @@ fn open_series(path: &Path, files: Vec<DicomFile>, mut notes: Vec<String>) -> Re
         dims: [columns, rows, planes.len()],
         geometry,
         missing: Vec::new(),
+        label_names: Vec::new(),
         format: ImageFormat::Dicom,
         encoding: format.describe(*codec),
         notes,

@@ -51,6 +51,7 @@ impl SegySurvey {
                 dims,
                 geometry: self.geometry,
                 missing,
+                label_names: Vec::new(),
                 format: ImageFormat::Segy,
                 encoding: self.info.encoding.clone(),
                 notes: self.notes,

@@ -162,6 +162,7 @@ pub fn split_length(text: &str) -> Result<(f64, Option<Unit>), String> {
     }
     match text[end..].trim() {
         "" => Ok((value, None)),
+        name if !name.starts_with(char::is_alphabetic) => Err("is not a finite number".into()),
         name => match find(name) {
             Some(unit) if unit.quantity == Quantity::Length => Ok((value, Some(unit))),
             Some(unit) => Err(format!("has the unit {}, which is no length", unit.symbol)),

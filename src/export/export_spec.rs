@@ -47,7 +47,7 @@ pub struct ExportSpec {
     #[arg(long, value_name = "WHICH", help_heading = None)]
     pub split: Option<BarrierSelection>,
     /// Add nodes in the middle of edges: elements of second order
-    #[arg(long, help_heading = None, conflicts_with = "split")]
+    #[arg(long, help_heading = None)]
     pub quadratic: bool,
     /// Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the mesh,
     /// along the faces of cells. An extension has a name of its own, such as fault1_extension, and the law

@@ -444,7 +444,9 @@ impl<'a, const D: usize> LabelLead<'a, D> {
             let lead = signed_lead(p);
             for (k, slope) in gradient.iter_mut().enumerate() {
                 let others = (0..D).filter(|&other| other != k && other != axis);
-                let product: f64 = others.map(|other| SMOOTHING_WEIGHTS[offset[other]]).product();
+                let product: f64 = others
+                    .map(|other| SMOOTHING_WEIGHTS[offset[other]])
+                    .product();
                 *slope += lead
                     * product
                     * if k == axis {

@@ -238,7 +238,8 @@ fn decode_rle(data: &[u8], size: usize, count: usize) -> Option<Vec<u8>> {
                 0..=127 => {
                     let length = usize::from(control) + 1;
                     let run = rest.get(..length)?;
-                    for (sample, value) in samples.by_ref().take(remaining).zip(run) {
+                    // The run comes first: a sample that is taken without a value would be left out.
+                    for (value, sample) in run.iter().zip(samples.by_ref()) {
                         *sample = *value;
                     }
                     packed = &rest[length..];
@@ -373,6 +374,12 @@ mod tests {
             assert_eq!(decode_rle(&data[..end], 2, 3), None, "{end}");
         }
         assert_eq!(decode_rle(&data, 1, 3), None);
+
+        // Runs that follow one another: two bytes as they are, three equal ones, one as it is.
+        let mut data = vec![0; RLE_HEAD_BYTES];
+        (data[0], data[4]) = (1, 64);
+        data.extend([1, 5, 6, 0xfe, 9, 0, 7]);
+        assert_eq!(decode_rle(&data, 1, 6).unwrap(), [5, 6, 9, 9, 9, 7]);
     }
 
     #[test]

@@ -70,7 +70,7 @@ pub(super) fn read(file: &DicomFile, layer: Option<usize>) -> Result<LoadedImage
     let mut notes = vec![format!(
         "{}: {} segments",
         series_name(file),
-        items(&file.data, tags::SEGMENT_SEQUENCE).len()
+        segments.len()
     )];
     let problem = match layer {
         None if layers.len() == 1 => None,

@@ -391,7 +391,7 @@ pub(super) fn stack_error(
             total,
         } => (
             format!(
-                "lacks {total} slices: {count} between {} and {}",
+                "lacks slices ({total} in all): {count} between {} and {}",
                 position(a),
                 position(b)
             ),

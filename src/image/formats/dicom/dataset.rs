@@ -89,8 +89,8 @@ pub(super) struct FrameScope<'a> {
 impl<'a> FrameScope<'a> {
     /// Returns the first item of a functional group.
     pub fn group(&self, group: Tag) -> Option<&'a DataSet> {
-        let of = |set: Option<&'a DataSet>| items(set?, group).first();
-        of(self.own).or_else(|| of(self.shared))
+        let first_item = |set: Option<&'a DataSet>| items(set?, group).first();
+        first_item(self.own).or_else(|| first_item(self.shared))
     }
 
     /// Returns the element `tag` of a functional group, or else of the file.

@@ -120,7 +120,7 @@ fn refuse_others(file: &DicomFile) -> Result<()> {
 fn open_series(path: &Path, files: Vec<DicomFile>, mut notes: Vec<String>) -> Result<ImageStream> {
     files.iter().try_for_each(refuse_others)?;
     let formats: Vec<SampleFormat> = (files.iter())
-        .map(|file| SampleFormat::of(file, false))
+        .map(|file| SampleFormat::from_file(file, false))
         .collect::<Result<_>>()?;
     let codecs: Vec<Codec> = files.iter().map(Codec::of).collect::<Result<_>>()?;
     let mut planes: Vec<Frame> = Vec::new();

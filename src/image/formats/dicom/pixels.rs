@@ -11,7 +11,7 @@ use super::compressed::{Codec, StoredSamples, stored_samples};
 use super::dataset::{DataSet, DicomFile, integer, items, numbers, text};
 use crate::error::Result;
 
-/// What to do with files that are not pictures of one number for each sample.
+/// Remedy for files that are not pictures of one number for each sample.
 const GREY_REMEDY: &str = "give a scan, with one number for each sample";
 
 /// How the samples of a file are stored, and what they stand for.
@@ -51,7 +51,7 @@ impl SampleFormat {
     ///
     /// # Errors
     /// Returns an [`Error::Io`](crate::Error::Io) if these are no single numbers of a known size.
-    pub fn of(file: &DicomFile, has_indices: bool) -> Result<Self> {
+    pub fn from_file(file: &DicomFile, has_indices: bool) -> Result<Self> {
         let set = &file.data;
         let size = |tag: Tag| {
             integer(set, tag)

@@ -25,7 +25,7 @@ const MAX_OFFSET: f64 = 0.05;
 /// Largest number of slices for each frame: more would be a grid of empty slices.
 const MAX_SLICES_PER_FRAME: usize = 4096;
 
-/// What else reads segmentations.
+/// Remedy that names other programs that read segmentations.
 const CONVERT_REMEDY: &str =
     "convert it to .nrrd with segimage2itkimage of dcmqi, or in Python with highdicom";
 
@@ -56,7 +56,7 @@ pub(super) fn read(file: &DicomFile, layer: Option<usize>) -> Result<LoadedImage
             CONVERT_REMEDY,
         ));
     }
-    let format = SampleFormat::of(file, true)?;
+    let format = SampleFormat::from_file(file, true)?;
     let frames = frames(file, 0)?;
     let grid = grid(file, &frames)?;
     let dims = [format.columns, format.rows, grid.count];
@@ -114,7 +114,7 @@ pub(super) fn read(file: &DicomFile, layer: Option<usize>) -> Result<LoadedImage
     Ok(LoadedImage {
         image,
         format: ImageFormat::Dicom,
-        encoding: format!("segmentation, {}", format.describe(Codec::of(file)?)),
+        encoding: format!("segmentation, {}", format.describe(Codec::from_file(file)?)),
         notes,
         survey: None,
         line_numbers: None,

@@ -122,7 +122,7 @@ fn open_series(path: &Path, files: Vec<DicomFile>, mut notes: Vec<String>) -> Re
     let formats: Vec<SampleFormat> = (files.iter())
         .map(|file| SampleFormat::from_file(file, false))
         .collect::<Result<_>>()?;
-    let codecs: Vec<Codec> = files.iter().map(Codec::of).collect::<Result<_>>()?;
+    let codecs: Vec<Codec> = files.iter().map(Codec::from_file).collect::<Result<_>>()?;
     let mut planes: Vec<Frame> = Vec::new();
     for (index, file) in files.iter().enumerate() {
         planes.extend(frames::frames(file, index)?);

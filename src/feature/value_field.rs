@@ -304,13 +304,13 @@ mod tests {
     }
 
     #[test]
-    fn balls_and_discs_have_their_radius_within_a_thirtieth_of_a_sample() {
+    fn balls_and_discs_have_their_radius_within_a_twentieth_of_a_sample() {
         // Away from the middle of a steep edge, a cubic polynomial does not follow it exactly.
         for (level, width, bound) in [
             (500.0, 1.0, 0.02),
             (500.0, 1.6, 0.01),
             (500.0, 3.0, 0.01),
-            (300.0, 1.0, 0.03),
+            (300.0, 1.0, 0.05),
             (300.0, 1.6, 0.01),
             (300.0, 3.0, 0.01),
         ] {

@@ -84,7 +84,7 @@ const PREWITT_VARIANCE: f64 = 2.0 / 3.0;
 const DERIVATIVE_REACH: usize = 2;
 /// Smallest radius of curvature, in widths of the smoothing, of an edge that is moved back: a smaller one is
 /// that of a smoothed corner.
-const MIN_RADIUS_RATIO: f64 = 2.0;
+const MIN_RADIUS_RATIO: f64 = 3.0;
 /// Largest move of a point, in widths of the smoothing: near corners and noise, curvatures mean nothing.
 const MAX_MOVE_RATIO: f64 = 0.5;
 /// Smallest component of the normal along the axis of a point, along which it moves.

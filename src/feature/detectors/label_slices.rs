@@ -95,22 +95,44 @@ fn distances<const D: usize>(
         let at: [usize; D] = volume.coordinates(i);
         std::array::from_fn(|k| at[k] as f64 * step[k])
     };
-    // Nearest point of the plane through the points at which the lead changes its sign along the axes.
+    // Nearest point at which the lead of the winner changes its sign, if it is linear.
     let adjacent_point = |i: usize| -> Option<[f64; D]> {
         let at: [usize; D] = volume.coordinates(i);
+        let own = f64::from(lead[i]);
+        let signed = |j: usize| {
+            let value = f64::from(lead[j]);
+            if winner[j] == winner[i] {
+                value
+            } else {
+                -value
+            }
+        };
+        let mut is_adjacent = false;
         let slope: [f64; D] = std::array::from_fn(|k| {
-            let before = (at[k] > 0).then(|| (i - strides[k], -1.0));
-            let after = (at[k] + 1 < dims[k]).then(|| (i + strides[k], 1.0));
-            let crossings = before.into_iter().chain(after).filter_map(|(j, sign)| {
-                let (own, other) = (f64::from(lead[i]), f64::from(lead[j]));
-                let offset = step[k] * own / (own + other).max(1e-12);
-                (winner[j] != winner[i]).then(|| sign / offset.max(1e-6))
-            });
-            crossings.fold(0.0, |a: f64, b: f64| if b.abs() > a.abs() { b } else { a })
+            let before = (at[k] > 0).then(|| i - strides[k]);
+            let after = (at[k] + 1 < dims[k]).then(|| i + strides[k]);
+            let neighbours = before.into_iter().chain(after);
+            is_adjacent |= neighbours.into_iter().any(|j| winner[j] != winner[i]);
+            match (before, after) {
+                (Some(before), Some(after)) => {
+                    let [low, high] = [own - signed(before), signed(after) - own];
+                    // Across the interface, if it is on one side only.
+                    let crosses = [before, after].map(|j| winner[j] != winner[i]);
+                    match crosses {
+                        [true, false] => low / step[k],
+                        [false, true] => high / step[k],
+                        _ => 0.5 * (low + high) / step[k],
+                    }
+                }
+                (Some(before), None) => (own - signed(before)) / step[k],
+                (None, Some(after)) => (signed(after) - own) / step[k],
+                (None, None) => 0.0,
+            }
         });
         let square: f64 = slope.iter().map(|s| s * s).sum();
         let x = position(i);
-        (square > 0.0).then(|| std::array::from_fn(|k| x[k] + slope[k] / square))
+        (is_adjacent && square > 0.0)
+            .then(|| std::array::from_fn(|k| x[k] - own * slope[k] / square))
     };
     let mut nearest: Vec<Option<[f64; D]>> = (0..winner.len()).map(adjacent_point).collect();
     let distance_to = |i: usize, point: Option<[f64; D]>| {

@@ -28,7 +28,7 @@ use crate::feature::label_map::{
 use crate::feature::volume::Volume;
 use crate::feature::{DetectionOptions, FeatureKind, FeaturePoint};
 use crate::geometry::grid_index::index_at;
-use crate::geometry::unit;
+use crate::geometry::{dot, unit};
 use crate::image::labels::rounding_of_labels;
 use crate::image::{LabelTable, LabelValue};
 use crate::progress::CancelToken;
@@ -366,10 +366,15 @@ impl<const D: usize> LabelSpacing<D> {
     }
 }
 
-/// Weights of five samples that smooth across a derivative.
-const SMOOTHING_WEIGHTS: [f64; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
-/// Weights of five samples that give a smoothed derivative.
-const DERIVATIVE_WEIGHTS: [f64; 5] = [-0.125, -0.25, 0.0, 0.25, 0.125];
+/// Weights of five samples that smooth across a derivative, and that give a smoothed derivative.
+const WIDE_STENCIL: [[f64; 5]; 2] = [
+    [0.0625, 0.25, 0.375, 0.25, 0.0625],
+    [-0.125, -0.25, 0.0, 0.25, 0.125],
+];
+/// Weights without smoothing.
+const NARROW_STENCIL: [[f64; 5]; 2] = [[0.0, 0.0, 1.0, 0.0, 0.0], [0.0, -0.5, 0.0, 0.5, 0.0]];
+/// Largest angle, in degrees, between the normals of the two stencils on a smooth interface.
+const MAX_NORMAL_DIFFERENCE: f64 = 20.0;
 
 /// The winning label of each sample, and its lead.
 struct LabelLead<'a, const D: usize> {
@@ -420,7 +425,22 @@ impl<'a, const D: usize> LabelLead<'a, D> {
     /// Returns the unit gradient of the lead of label `a` over label `b` between a sample and the next one
     /// along `axis`; other labels have lead 0. The gradient is smoothed over the samples beside the two, as
     /// Sobel's operator does it, so that it has little of the steps of the samples.
-    fn normal(&self, at: [usize; D], axis: usize, [a, b]: [u32; 2]) -> [f64; D] {
+    /// Near corners, where the smoothed gradient is that of other faces, fewer samples count.
+    fn normal(&self, at: [usize; D], axis: usize, labels: [u32; 2]) -> [f64; D] {
+        let [narrow, wide] = [&NARROW_STENCIL, &WIDE_STENCIL]
+            .map(|stencil| self.gradient(at, axis, labels, stencil));
+        let is_smooth = dot(narrow, wide) >= MAX_NORMAL_DIFFERENCE.to_radians().cos();
+        if is_smooth { wide } else { narrow }
+    }
+
+    /// Returns the unit gradient with the weights of a stencil.
+    fn gradient(
+        &self,
+        at: [usize; D],
+        axis: usize,
+        [a, b]: [u32; 2],
+        stencil: &[[f64; 5]; 2],
+    ) -> [f64; D] {
         let signed_lead = |p: [usize; D]| {
             let i = self.lead.index(p);
             match self.winner[i] {
@@ -444,15 +464,13 @@ impl<'a, const D: usize> LabelLead<'a, D> {
             let lead = signed_lead(p);
             for (k, slope) in gradient.iter_mut().enumerate() {
                 let others = (0..D).filter(|&other| other != k && other != axis);
-                let product: f64 = others
-                    .map(|other| SMOOTHING_WEIGHTS[offset[other]])
-                    .product();
+                let product: f64 = others.map(|other| stencil[0][offset[other]]).product();
                 *slope += lead
                     * product
                     * if k == axis {
                         2.0 * offset[k] as f64 - 5.0
                     } else {
-                        0.5 * DERIVATIVE_WEIGHTS[offset[k]]
+                        0.5 * stencil[1][offset[k]]
                     };
             }
         }

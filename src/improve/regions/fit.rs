@@ -29,7 +29,7 @@ use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
 
 /// Largest number of moves of each node.
-const MAX_SWEEPS: usize = 10;
+const MAX_SWEEPS: usize = 14;
 /// Largest number of times that cells of spikes change their label.
 const MAX_TRIMS: usize = 4;
 /// First sweep in which volumes are balanced.

@@ -254,6 +254,7 @@ where
 }
 
 /// Runs all stages of a job.
+#[expect(clippy::too_many_lines, reason = "the stages of a job in their order")]
 fn run_stages<const D: usize, M: JoinAtoms<D> + MakePartition<D> + Pad<D>>(
     source: ImageSource<'_, D>,
     params: &Params<D>,

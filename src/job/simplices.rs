@@ -35,6 +35,10 @@ pub(super) struct MadeSimplices<M> {
 
 /// Joins atoms, improves the mesh, and measures it. `sides` are those of a periodic mesh, which has their
 /// atoms.
+#[expect(
+    clippy::too_many_lines,
+    reason = "the steps to a measured mesh in their order"
+)]
 pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     atoms: Atoms<D>,
     scene: &MeshScene<'_, D>,
@@ -44,15 +48,16 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     stages: &mut StageRunner<'_>,
 ) -> Result<MadeSimplices<M>> {
     let step = scene.features.potential.step;
-    let relaxation = match params.spec().smooth {
-        Some(scheme) => Some(relaxation_options(
-            &*source.to_image()?,
-            scheme,
-            params,
-            step,
-        )),
-        None => None,
-    };
+    let relaxation = (params.spec().smooth)
+        .map(|scheme| {
+            Ok::<_, Error>(relaxation_options(
+                &*source.to_image()?,
+                scheme,
+                params,
+                step,
+            ))
+        })
+        .transpose()?;
     let options = params.spec().target();
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
@@ -112,21 +117,16 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
         let (mut report, assessment) = figures.into_report(improvement);
         if let (Some(indices), Some(image)) = (&label_indices, &label_image) {
             let mesh = &annotated.mesh;
-            let sample_points = SamplePoints::from_simplices(mesh);
-            let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
-            let (labelled, spec) = (scene.features.labels.as_ref(), params.spec());
-            let judged = labelled.and_then(|labelled| {
-                regions::JudgedLabels::new(image, labelled, &spec.label, spec.min_part_samples())
-            });
-            if let Some(judged) = judged {
-                let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
-                let cells = LabelledCells::from_simplices(mesh, &neighbours, indices, to_index);
-                report.certificate = regions::certificate(image, &judged, &cells, cancel);
-                let points = &sample_points;
-                report.regions =
-                    regions::report(image, judged, points, &contacts, indices, step, cancel);
-                report.name_smoothed_interface();
-            }
+            report_labels(
+                &mut report,
+                mesh,
+                &neighbours,
+                indices,
+                image,
+                scene,
+                params,
+                cancel,
+            );
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);
@@ -146,6 +146,33 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
         face_names,
         report,
     })
+}
+
+/// Adds the regions and the certificate of a mesh of labels to its report. `indices` has the index of the label
+/// of each cell.
+#[expect(clippy::too_many_arguments)]
+fn report_labels<const D: usize, M: Simplices<D>>(
+    report: &mut Report,
+    mesh: &M,
+    neighbours: &[u32],
+    indices: &[u32],
+    image: &Image<D>,
+    scene: &MeshScene<'_, D>,
+    params: &LatticeParams<'_, D>,
+    cancel: &CancelToken<'_>,
+) {
+    let (spec, step) = (params.spec(), scene.features.potential.step);
+    let judged = scene.features.labels.as_ref().and_then(|labelled| {
+        regions::JudgedLabels::new(image, labelled, &spec.label, spec.min_part_samples())
+    });
+    let Some(judged) = judged else { return };
+    let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+    let cells = LabelledCells::from_simplices(mesh, neighbours, indices, to_index);
+    report.certificate = regions::certificate(image, &judged, &cells, cancel);
+    let points = SamplePoints::from_simplices(mesh);
+    let contacts = regions::contacts_of_simplices(mesh, neighbours, indices);
+    report.regions = regions::report(image, judged, &points, &contacts, indices, step, cancel);
+    report.name_smoothed_interface();
 }
 
 /// Measures the mesh of the baseline method as the mesh with which it is compared.

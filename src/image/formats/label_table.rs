@@ -133,7 +133,7 @@ pub fn write(path: &Path, names: &[(LabelValue, String)]) -> Result<()> {
         for (value, name) in names {
             writer.write_record([&value.to_string(), name])?;
         }
-        Ok(writer.flush()?)
+        writer.flush()
     })
 }
 

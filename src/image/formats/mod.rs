@@ -531,6 +531,28 @@ pub(crate) fn extension(path: &Path) -> String {
         .unwrap_or_default()
 }
 
+/// Returns the format of a folder, or of a data set in a file; `None` for other paths.
+///
+/// # Errors
+/// Returns an [`Error::Io`] for a folder that is not read.
+fn detect_container(path: &Path, options: &ReadOptions) -> Result<Option<ImageFormat>> {
+    let (is_folder, is_raw) = (path.is_dir(), options.raw.is_some());
+    if !is_raw && zarr::is_node(path)? {
+        return Ok(Some(ImageFormat::Zarr));
+    }
+    if !is_raw && is_folder && dicom::is_folder_of_series(path) {
+        return Ok(Some(ImageFormat::Dicom));
+    }
+    if let Some(error) = is_folder.then(|| foreign::folder_refusal(path)).flatten() {
+        return Err(error);
+    }
+    if !is_raw && is_folder && slice_folder::has_slices(path) {
+        return Ok(Some(ImageFormat::SliceFolder));
+    }
+    let is_data_set = !is_raw && hdf5::split_path(path).is_some();
+    Ok(is_data_set.then_some(ImageFormat::Hdf5))
+}
+
 /// Detects the format of a file from its content. The format is raw only if the options describe
 /// raw samples.
 ///
@@ -538,24 +560,8 @@ pub(crate) fn extension(path: &Path) -> String {
 /// Returns an [`Error::Io`] if the file cannot be read or is of no supported format.
 pub fn detect(path: &Path, options: &ReadOptions) -> Result<ImageFormat> {
     let mut head = Vec::new();
-    if options.raw.is_none() && zarr::is_node(path)? {
-        return Ok(ImageFormat::Zarr);
-    }
-    if options.raw.is_none() && path.is_dir() && dicom::is_folder_of_series(path) {
-        return Ok(ImageFormat::Dicom);
-    }
-    if let Some(error) = path
-        .is_dir()
-        .then(|| foreign::folder_refusal(path))
-        .flatten()
-    {
-        return Err(error);
-    }
-    if options.raw.is_none() && path.is_dir() && slice_folder::has_slices(path) {
-        return Ok(ImageFormat::SliceFolder);
-    }
-    if options.raw.is_none() && hdf5::split_path(path).is_some() {
-        return Ok(ImageFormat::Hdf5);
+    if let Some(format) = detect_container(path, options)? {
+        return Ok(format);
     }
     let file = files::open(
         path,

@@ -149,6 +149,30 @@ fn check_names(names: &[String]) -> std::result::Result<(), (usize, usize, &'sta
     }
 }
 
+/// Returns the geometry of slices of which this is the first, and adds what is assumed to the notes.
+fn stack_geometry(first: &Slice, notes: &mut Vec<String>) -> Geometry<3> {
+    let mut geometry = Geometry::default();
+    if first.geometry.units[0].is_empty() && first.geometry.spacing() == [1.0; 3] {
+        notes.push(format!("a folder of slices {NO_GEOMETRY_NOTE}"));
+    } else {
+        let [x, y, _] = first.geometry.axes;
+        geometry.axes = [x, y, [0.0, 0.0, norm(y)]];
+        geometry.units.clone_from(&first.geometry.units);
+        notes.push(
+            "slices do not say how far apart they are: taken as rows are (--spacing sets it)"
+                .into(),
+        );
+    }
+    notes.extend(
+        first
+            .notes
+            .iter()
+            .filter(|note| !note.contains(NO_GEOMETRY_NOTE))
+            .cloned(),
+    );
+    geometry
+}
+
 /// Opens a folder of slices. They are read from their files when they are needed.
 ///
 /// # Errors
@@ -194,25 +218,7 @@ pub fn open(folder: &Path) -> Result<ImageStream> {
         names[0],
         names[names.len() - 1]
     )];
-    let mut geometry = Geometry::default();
-    if first.geometry.units[0].is_empty() && first.geometry.spacing() == [1.0; 3] {
-        notes.push(format!("a folder of slices {NO_GEOMETRY_NOTE}"));
-    } else {
-        let [x, y, _] = first.geometry.axes;
-        geometry.axes = [x, y, [0.0, 0.0, norm(y)]];
-        geometry.units.clone_from(&first.geometry.units);
-        notes.push(
-            "slices do not say how far apart they are: taken as rows are (--spacing sets it)"
-                .into(),
-        );
-    }
-    notes.extend(
-        first
-            .notes
-            .iter()
-            .filter(|note| !note.contains(NO_GEOMETRY_NOTE))
-            .cloned(),
-    );
+    let geometry = stack_geometry(&first, &mut notes);
     let dims = [first.dims[0], first.dims[1], files.len()];
     // Floats and wide integers: the reader rounds them, and collects labels exactly.
     let is_wide = first.encoding.contains("32") || first.encoding.contains("64");

@@ -180,7 +180,7 @@ pub fn fit<const D: usize, M: Simplices<D>>(
             .map(|&cell_face| fitting.measure_face(&*mesh, cell_face))
             .collect();
         if sweep >= FIRST_BALANCED_SWEEP {
-            let volumes = part_volumes(&*mesh, fitting.cell_parts, fitting.parts.len());
+            let volumes = part_volumes(&*mesh, fitting.cell_parts, fitting.parts.count());
             let deficits: Vec<f64> = (fitting.parts.volumes.iter().zip(&volumes))
                 .map(|(target, volume)| if *volume > 0.0 { target - volume } else { 0.0 })
                 .collect();

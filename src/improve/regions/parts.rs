@@ -58,7 +58,7 @@ impl<const D: usize> LabelParts<D> {
     }
 
     /// Returns the number of parts.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.volumes.len()
     }
 

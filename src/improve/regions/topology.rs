@@ -143,7 +143,7 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
     /// Changes the parts of cells until no change leaves fewer pinches. `votes` has the sample points of
     /// each label in each cell.
     pub fn repair(&self, part: &mut [u32], votes: &[Votes]) {
-        let mut cell_counts = vec![0usize; self.parts.len()];
+        let mut cell_counts = vec![0usize; self.parts.count()];
         for &p in part.iter().filter(|&&p| p != NONE) {
             cell_counts[p as usize] += 1;
         }

@@ -47,6 +47,18 @@ use cells::cell_mesh_file;
 use lines::write_lines;
 use padding::with_padding;
 
+/// Returns the node opposite which each node of a periodic mesh lies, and the sides on which it is.
+fn periodic_arrays<const D: usize, M>(outcome: &Outcome<D, M>) -> Vec<DataArray> {
+    outcome
+        .periodic_nodes
+        .as_ref()
+        .map_or_else(Vec::new, |periodic| {
+            let base = DataArray::scalars(PERIODIC_NODE_ARRAY, periodic.base.clone());
+            let axes = DataArray::scalars(FAR_AXES_ARRAY, periodic.far_axes.clone());
+            vec![base, axes]
+        })
+}
+
 /// Returns the mesh of a job in world coordinates, with the data of each node and cell.
 pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
     outcome: &Outcome<D, M>,
@@ -113,11 +125,7 @@ pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
             fields
         },
     };
-    if let Some(periodic) = &outcome.periodic_nodes {
-        let base = DataArray::scalars(PERIODIC_NODE_ARRAY, periodic.base.clone());
-        let axes = DataArray::scalars(FAR_AXES_ARRAY, periodic.far_axes.clone());
-        file.point_data.extend([base, axes]);
-    }
+    file.point_data.extend(periodic_arrays(outcome));
     file.cell_data.extend(live_array(outcome));
     file.cell_data.extend(physical_angles);
     if !outcome.face_names.is_empty()

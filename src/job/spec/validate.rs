@@ -501,23 +501,8 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Checks that no option is given that applies to other kinds of features than the `kind` that is
-    /// followed.
-    fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
-        let spec = self.spec;
-        if let Some(thresholds) = &spec.threshold
-            && thresholds.values().len() > 1
-            && kind != FeatureKind::Isosurface
-        {
-            return Err(option_error(
-                "threshold",
-                thresholds,
-                &format!(
-                    "has several values, which divide an image into regions, but {kind} are followed"
-                ),
-                "give one value, or choose --feature isosurface",
-            ));
-        }
+    /// Checks that options for labels are given only if the `kind` that is followed has labels.
+    fn check_options_of_labels(&self, kind: FeatureKind) -> Result<()> {
         if !matches!(
             kind,
             FeatureKind::Auto | FeatureKind::Labels | FeatureKind::Isosurface
@@ -546,6 +531,27 @@ impl Options<'_> {
                 "omit it, or follow labels (--feature labels)",
             )?;
         }
+        Ok(())
+    }
+
+    /// Checks that no option is given that applies to other kinds of features than the `kind` that is
+    /// followed.
+    fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
+        let spec = self.spec;
+        if let Some(thresholds) = &spec.threshold
+            && thresholds.values().len() > 1
+            && kind != FeatureKind::Isosurface
+        {
+            return Err(option_error(
+                "threshold",
+                thresholds,
+                &format!(
+                    "has several values, which divide an image into regions, but {kind} are followed"
+                ),
+                "give one value, or choose --feature isosurface",
+            ));
+        }
+        self.check_options_of_labels(kind)?;
         if kind != FeatureKind::Paths {
             let problem = "applies to an object whose boundary is followed by paths";
             self.refuse(

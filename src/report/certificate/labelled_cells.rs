@@ -205,6 +205,19 @@ impl<'a, const D: usize> LabelledCells<'a, D> {
         }
     }
 
+    /// Returns the tasks with layers of samples that a simplex reaches; `layer_count` is that of the image.
+    fn tasks_of_simplex(&self, s: usize, layer_count: usize) -> std::ops::Range<usize> {
+        let last = D - 1;
+        let [low, high] = bounding_box(&self.simplex(s));
+        let first = (low[last] - OUTSIDE_TOLERANCE).ceil().max(0.0);
+        let end = (high[last] + OUTSIDE_TOLERANCE).floor();
+        if end < first || first >= layer_count as f64 {
+            return 0..0;
+        }
+        let end = (end as usize).min(layer_count - 1);
+        first as usize / LAYERS_PER_TASK..end / LAYERS_PER_TASK + 1
+    }
+
     /// Returns the cell at each sample of an image, and `NONE` where there is none. A sample on a
     /// face between two cells counts for the cell that has its label, if one has.
     pub fn cells_at_samples(&self, dims: [usize; D], label_of_sample: &[u32]) -> Vec<u32> {
@@ -212,18 +225,10 @@ impl<'a, const D: usize> LabelledCells<'a, D> {
         let layer: usize = dims[..last].iter().product();
         let task_count = dims[last].div_ceil(LAYERS_PER_TASK);
         let simplex_count = self.corners.len() / (D + 1);
-        let tasks_of = |s: usize| {
-            let [low, high] = bounding_box(&self.simplex(s));
-            let first = (low[last] - OUTSIDE_TOLERANCE).ceil().max(0.0);
-            let end = (high[last] + OUTSIDE_TOLERANCE).floor();
-            if end < first || first >= dims[last] as f64 {
-                return 0..0;
-            }
-            let end = (end as usize).min(dims[last] - 1);
-            first as usize / LAYERS_PER_TASK..end / LAYERS_PER_TASK + 1
-        };
-        let ranges: Vec<std::ops::Range<usize>> =
-            (0..simplex_count).into_par_iter().map(tasks_of).collect();
+        let ranges: Vec<std::ops::Range<usize>> = (0..simplex_count)
+            .into_par_iter()
+            .map(|s| self.tasks_of_simplex(s, dims[last]))
+            .collect();
         let mut simplices_of_task: Vec<Vec<u32>> = vec![Vec::new(); task_count];
         for (s, range) in ranges.into_iter().enumerate() {
             for task in range {

@@ -448,8 +448,8 @@ impl<const D: usize> JudgedParts<'_, D> {
 
     fn class(&self, part: usize) -> PartClass {
         match self.image.components.components[part].sample_count {
-            ..SPECK_SAMPLES => PartClass::Speck,
-            ..LARGE_SAMPLES => PartClass::Small,
+            count if count < SPECK_SAMPLES => PartClass::Speck,
+            count if count < LARGE_SAMPLES => PartClass::Small,
             // Without an end in the part, the thickness is that of the image.
             _ if self.thickness[0][part].is_none_or(|t| t >= THICK_SAMPLES) => PartClass::Thick,
             _ => PartClass::Thin,

@@ -10,7 +10,7 @@ import sys
 import tempfile
 
 # The order must be that of ENDINGS in src/images.rs.
-ENDINGS = ["npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr"]
+ENDINGS = ["npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr", "dcm"]
 
 binary, target, *files = sys.argv[1:]
 binary = os.path.abspath(binary)
@@ -78,6 +78,10 @@ with tempfile.TemporaryDirectory() as folder:
     run("mesh", "s.npy", "-o", "q.vtu", "--distance", "6", "--cells", "voronoi")
     for name in "tvpq":
         mesh("made-" + name, in_folder(name + ".vtu"))
+scans = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../tests/data/dicom")
+for name in sorted(os.listdir(scans)):
+    if name.endswith(".dcm"):
+        image("scan-" + name, os.path.join(scans, name))
 for path in files:
     name = os.path.basename(path)
     (mesh if path.endswith(".vtu") else image)(name, path)

@@ -137,7 +137,10 @@ fn missing_slices_and_several_series_are_named() {
     copy_folder(&data("series"), &folder.join("gap"));
     std::fs::remove_file(folder.join("gap/d")).unwrap();
     let error = expect_refusal(folder, &["info", "gap"]);
-    assert!(error.contains("lacks slices (1 in all): 1 between a at"), "{error}");
+    assert!(
+        error.contains("lacks slices (1 in all): 1 between a at"),
+        "{error}"
+    );
     assert!(error.contains("and b at"), "{error}");
 
     copy_folder(&data("series"), &folder.join("two"));

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use atomesh::image::formats::{self, AnyImage, ReadOptions};
 
-const ENDINGS: [&str; 13] = [
+const ENDINGS: [&str; 14] = [
     "npy", "vti", "nrrd", "mha", "nii", "tif", "png", "sgy", "inr", "nii.gz", "vtk", "mhd", "nhdr",
+    "dcm",
 ];
 
 /// Reads the bytes as an image file, whose format the first byte selects.

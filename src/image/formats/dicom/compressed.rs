@@ -40,7 +40,7 @@ impl Codec {
     ///
     /// # Errors
     /// Returns an [`Error::Io`](crate::Error::Io) that names a compression that is not read.
-    pub fn of(file: &DicomFile) -> Result<Self> {
+    pub fn from_file(file: &DicomFile) -> Result<Self> {
         let uid = file.syntax.as_str();
         let name = match uid.strip_prefix("1.2.840.10008.1.2").unwrap_or("?") {
             "" | ".1" | ".2" | ".1.99" | ".1.98" => return Ok(Self::Native),
@@ -87,7 +87,7 @@ pub(super) fn stored_samples<'a>(
     format: &SampleFormat,
     frame: usize,
 ) -> Result<StoredSamples<'a>> {
-    let codec = Codec::of(file)?;
+    let codec = Codec::from_file(file)?;
     let data = match codec {
         Codec::Native => return native_samples(file, format, frame),
         _ => frame_data(file, frame)?,

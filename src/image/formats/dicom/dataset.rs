@@ -7,6 +7,7 @@ use dicom_object::mem::InMemElement;
 use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
 
 use super::super::packed::{DAMAGED_REMEDY, file_error};
+use super::lengths::check_lengths;
 use crate::error::Result;
 use crate::names;
 
@@ -29,6 +30,7 @@ impl DicomFile {
     /// # Errors
     /// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
     pub fn read(path: &Path, with_samples: bool) -> Result<Self> {
+        check_lengths(path)?;
         let options = OpenFileOptions::new();
         let options = if with_samples {
             options
@@ -89,8 +91,8 @@ pub(super) struct FrameScope<'a> {
 impl<'a> FrameScope<'a> {
     /// Returns the first item of a functional group.
     pub fn group(&self, group: Tag) -> Option<&'a DataSet> {
-        let of = |set: Option<&'a DataSet>| items(set?, group).first();
-        of(self.own).or_else(|| of(self.shared))
+        let first_item = |set: Option<&'a DataSet>| items(set?, group).first();
+        first_item(self.own).or_else(|| first_item(self.shared))
     }
 
     /// Returns the element `tag` of a functional group, or else of the file.

@@ -7,6 +7,7 @@
 //!
 //! - `dataset`: values of elements, and those of each frame
 //! - `compressed`: samples of a frame as they are stored: native, RLE, JPEG, JPEG 2000
+//! - `lengths`: lengths of elements against that of the file
 //! - `pixels`: bits, padding and values of samples
 //! - `frames`: positions and scales of the frames of a file
 //! - `stack`: the geometry of planes with positions
@@ -16,6 +17,7 @@
 mod compressed;
 mod dataset;
 mod frames;
+mod lengths;
 mod pixels;
 mod segmentation;
 mod series;
@@ -120,9 +122,9 @@ fn refuse_others(file: &DicomFile) -> Result<()> {
 fn open_series(path: &Path, files: Vec<DicomFile>, mut notes: Vec<String>) -> Result<ImageStream> {
     files.iter().try_for_each(refuse_others)?;
     let formats: Vec<SampleFormat> = (files.iter())
-        .map(|file| SampleFormat::of(file, false))
+        .map(|file| SampleFormat::from_file(file, false))
         .collect::<Result<_>>()?;
-    let codecs: Vec<Codec> = files.iter().map(Codec::of).collect::<Result<_>>()?;
+    let codecs: Vec<Codec> = files.iter().map(Codec::from_file).collect::<Result<_>>()?;
     let mut planes: Vec<Frame> = Vec::new();
     for (index, file) in files.iter().enumerate() {
         planes.extend(frames::frames(file, index)?);

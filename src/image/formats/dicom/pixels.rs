@@ -51,7 +51,7 @@ impl SampleFormat {
     ///
     /// # Errors
     /// Returns an [`Error::Io`](crate::Error::Io) if these are no single numbers of a known size.
-    pub fn of(file: &DicomFile, has_indices: bool) -> Result<Self> {
+    pub fn from_file(file: &DicomFile, has_indices: bool) -> Result<Self> {
         let set = &file.data;
         let size = |tag: Tag| {
             integer(set, tag)

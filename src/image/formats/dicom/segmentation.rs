@@ -56,7 +56,7 @@ pub(super) fn read(file: &DicomFile, layer: Option<usize>) -> Result<LoadedImage
             CONVERT_REMEDY,
         ));
     }
-    let format = SampleFormat::of(file, true)?;
+    let format = SampleFormat::from_file(file, true)?;
     let frames = frames(file, 0)?;
     let grid = grid(file, &frames)?;
     let dims = [format.columns, format.rows, grid.count];
@@ -114,7 +114,7 @@ pub(super) fn read(file: &DicomFile, layer: Option<usize>) -> Result<LoadedImage
     Ok(LoadedImage {
         image,
         format: ImageFormat::Dicom,
-        encoding: format!("segmentation, {}", format.describe(Codec::of(file)?)),
+        encoding: format!("segmentation, {}", format.describe(Codec::from_file(file)?)),
         notes,
         survey: None,
         line_numbers: None,

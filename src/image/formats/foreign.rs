@@ -425,7 +425,7 @@ mod tests {
             (b"GOCAD TSurf 1\n".to_vec(), "not a mesh"),
             (
                 bytes(400, &[(0, b"\x08\0\x05\0CS\x0a\0ISO_IR 100")]),
-                "without a preamble",
+                "dcm2niix FOLDER",
             ),
             (bytes(1024, &[(208, b"MAP \x44\x44\0\0")]), "mrcfile"),
             (bytes(300, &[(0, &mgh)]), "mri_convert"),

@@ -145,6 +145,32 @@ pub fn find(name: &str) -> Option<Unit> {
     })
 }
 
+/// Splits a number from the unit of length behind it, as in `3mm`, `1e-3 m` or `40 ft`. The unit is `None` for
+/// a number alone.
+///
+/// # Errors
+/// Returns the problem if the text begins with no finite number, or if no unit of length follows.
+pub fn split_length(text: &str) -> Result<(f64, Option<Unit>), String> {
+    let text = text.trim();
+    let ends = (text.char_indices().map(|(i, c)| i + c.len_utf8())).rev();
+    let number = |end: usize| text[..end].trim_end().parse::<f64>().ok();
+    let Some((value, end)) = ends.filter_map(|end| Some((number(end)?, end))).next() else {
+        return Err("is not a finite number".into());
+    };
+    if !value.is_finite() {
+        return Err("is not a finite number".into());
+    }
+    match text[end..].trim() {
+        "" => Ok((value, None)),
+        name if !name.starts_with(char::is_alphabetic) => Err("is not a finite number".into()),
+        name => match find(name) {
+            Some(unit) if unit.quantity == Quantity::Length => Ok((value, Some(unit))),
+            Some(unit) => Err(format!("has the unit {}, which is no length", unit.symbol)),
+            None => Err(format!("has the unit '{name}', which is not known")),
+        },
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -164,6 +190,32 @@ mod tests {
         }
         for name in ["", "unitless", "none", "1", "furlong"] {
             assert_eq!(find(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn lengths_have_a_number_and_perhaps_a_unit() {
+        for (text, value, symbol) in [
+            ("8", 8.0, None),
+            (" 2.5 ", 2.5, None),
+            ("3mm", 3.0, Some("mm")),
+            ("3 mm", 3.0, Some("mm")),
+            ("1e-3m", 1e-3, Some("m")),
+            ("2e3nm", 2e3, Some("nm")),
+            ("0.5in", 0.5, Some("in")),
+            ("40ft", 40.0, Some("ft")),
+            ("7\u{b5}m", 7.0, Some("um")),
+            ("1.5 km", 1.5, Some("km")),
+        ] {
+            let (number, unit) = split_length(text).unwrap();
+            assert_eq!(
+                (number, unit.map(|unit| unit.symbol)),
+                (value, symbol),
+                "{text}"
+            );
+        }
+        for text in ["", "mm", "inf", "3 ms", "3 furlong", "3mm4", "nan m"] {
+            assert!(split_length(text).is_err(), "{text}");
         }
     }
 

@@ -27,11 +27,12 @@ fn labels_become_regions_closed_surfaces_and_named_sets() {
         folder,
         "mesh labels.npy -o m.vtu --distance 3:6 --label 3:name=core --details",
     );
-    let expected =
-        "LOST of label 7: a part of 1 sample at (34, 30, 27); --label 7:distance=0.55 keeps it";
+    let expected = "LOST of label 7: a part of 1 sample at (34, 30, 27)\n";
     assert!(stdout.contains(expected), "{stdout}");
+    // Specks are rarely wanted, so that finer cells are no remedy.
     assert!(
-        stdout.contains("label 7") && stdout.contains("fair"),
+        stdout.contains("fair: the part of label 7 with 1 sample at (34, 30, 27) is lost")
+            && !stdout.contains("--label 7:distance"),
         "{stdout}"
     );
 
@@ -179,4 +180,43 @@ fn exported_label_meshes_suit_every_verb() {
         error.contains("hdf.exo: is damaged or no HDF5 file"),
         "{error}"
     );
+}
+
+#[test]
+fn a_mesh_is_judged_by_the_samples_of_the_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_npy(&folder.join("labels.npy"), [40, 36, 32], label);
+    run(
+        folder,
+        "mesh labels.npy -o m.vtu --distance 3:6 --quiet --report m.json",
+    );
+    let json = |text: &str| -> serde_json::Value { serde_json::from_str(text).unwrap() };
+    let of_job = json(&std::fs::read_to_string(folder.join("m.json")).unwrap());
+    let of_file = json(&run(
+        folder,
+        "quality m.vtu --labels labels.npy --json --quiet",
+    ));
+    let [of_job, of_file] = [&of_job, &of_file].map(|report| &report["certificate"]);
+    // The two layers, the ball in both and the speck.
+    for certificate in [of_job, of_file] {
+        assert_eq!(certificate["parts"], 4);
+        assert_eq!(certificate["lost_parts"], 1);
+        assert_eq!(certificate["pinch_count"], 0);
+        assert_eq!(certificate["samples"], 40 * 36 * 32);
+    }
+    for key in ["changed_samples", "issues"] {
+        assert_eq!(of_job[key], of_file[key]);
+    }
+    let ball = &of_job["part_reports"][2];
+    assert_eq!(
+        (&ball["label"], &ball["mesh_euler"]),
+        (&json("3"), &json("2"))
+    );
+    assert!(
+        ball["volume_error_percent"].as_f64().unwrap().abs() < 1.0,
+        "{ball}"
+    );
+    let message = expect_refusal(folder, &["quality", "m.vtu", "--labels", "m.vtu"]);
+    assert!(message.contains("m.vtu"), "{message}");
 }

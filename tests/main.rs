@@ -23,6 +23,7 @@ mod conforming;
 mod corner_points;
 mod dicom;
 mod directions;
+mod dropped_labels;
 mod edit;
 mod effort;
 mod export;

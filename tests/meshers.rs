@@ -708,6 +708,242 @@ fn scipy_reads_exodus_files_of_polyhedra() {
 }
 
 #[test]
+#[ignore = "needs pyfebio: make test-all"]
+fn pyfebio_reads_parts_surfaces_and_quadratic_elements() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_npy(&folder.join("labels.npy"), DIMS, |[_, _, z]| {
+        if z < 16 { 1.0 } else { 2.0 }
+    });
+    // pyfebio is slow, so that the mesh is coarse.
+    run(
+        folder,
+        "mesh labels.npy --feature labels --distance 10 -o tets.vtu --quiet",
+    );
+    let count = read_vtu(&folder.join("tets.vtu")).unwrap().mesh.nodes.len();
+    for (options, kind) in [
+        ("", "tet4"),
+        ("--quadratic", "tet10"),
+        ("--quadratic --split all", "tet10"),
+    ] {
+        let export = "export tets.vtu --to febio -o a.feb --quiet";
+        run(folder, &format!("{export} {options}"));
+        let path = folder.join("a.feb");
+        let result = run_validator("pyfebio", "febio.py", &[path.as_os_str()]);
+        let parts = result["parts"].as_object().unwrap();
+        assert_eq!(parts.len(), 2, "{result}");
+        let mut volume = 0.0;
+        for (name, part) in parts {
+            assert_eq!(part["type"], kind);
+            assert!(part["least"].as_f64().unwrap() > 0.0, "{name}: {part}");
+            assert!(part["middle"].as_f64().unwrap() < 1e-9, "{name}: {part}");
+            volume += part["volume"].as_f64().unwrap();
+        }
+        assert!(is_close(volume, VOLUME, 1e-9), "{volume}");
+        let names: Vec<&String> = parts.keys().collect();
+        for key in ["domains", "materials"] {
+            let list = result[key].as_array().unwrap();
+            assert!(names.iter().all(|name| list.iter().any(|n| n == *name)));
+        }
+        let surfaces = result["surfaces"].as_object().unwrap();
+        let [x, y, z] = [39.0, 35.0, 31.0];
+        for (side, area) in [("xmin", y * z), ("ymax", z * x), ("zmin", x * y)] {
+            assert!(is_close(
+                surfaces[side]["area"].as_f64().unwrap(),
+                area,
+                1e-9
+            ));
+            let out = numbers(&surfaces[side]["vector"]);
+            let axis = "xyz".find(&side[..1]).unwrap();
+            let sign = if side.ends_with("min") { -1.0 } else { 1.0 };
+            assert!(is_close(out[axis], sign * area, 1e-9), "{side}: {out:?}");
+            let set = format!("nodes_{side}");
+            assert!(result["node_sets"][&set].as_u64().unwrap() > 8, "{result}");
+        }
+        let nodes = result["nodes"].as_u64().unwrap() as usize;
+        assert_eq!(nodes > count, !options.is_empty());
+        if options.contains("split") {
+            let sides = ["interface_1_2_a", "interface_1_2_b"];
+            let [a, b] = sides.map(|name| numbers(&surfaces[name]["vector"]));
+            // The two sides look at each other.
+            assert!((0..3).all(|k| (a[k] + b[k]).abs() < 1e-9), "{a:?} {b:?}");
+        } else {
+            assert!(surfaces.contains_key("interface_1_2"), "{result}");
+        }
+    }
+}
+
+#[test]
+fn quadratic_meshes_are_split_with_the_nodes_in_the_middle_of_edges() {
+    let folder = folder_with_meshes();
+    let folder = folder.path();
+    run(
+        folder,
+        "export tets.vtu --to inp -o a.inp --split faults --quadratic --quiet",
+    );
+    assert!(!folder.join("a-cohesive.inp").exists());
+    let text = std::fs::read_to_string(folder.join("a.inp")).unwrap();
+    let nodes: Vec<[f64; 3]> = (number_rows(&text, "*NODE", 4).iter())
+        .map(|row| [row[1], row[2], row[3]])
+        .collect();
+    let cells = number_rows(&text, "*ELEMENT", 11);
+    // Each node is one of a cell, and each face has two cells, or lies on the box or on the fault.
+    let mut faces = std::collections::BTreeMap::<Vec<usize>, usize>::new();
+    let mut is_used = vec![false; nodes.len()];
+    for cell in &cells {
+        let cell: Vec<usize> = cell[1..].iter().map(|&n| n as usize - 1).collect();
+        cell.iter().for_each(|&n| is_used[n] = true);
+        // Corners, and the nodes in the middle of their edges.
+        for face in [
+            [0, 1, 2, 4, 5, 6],
+            [0, 1, 3, 4, 8, 7],
+            [1, 2, 3, 5, 9, 8],
+            [0, 2, 3, 6, 9, 7],
+        ] {
+            let mut face = face.map(|k| cell[k]).to_vec();
+            face.sort_unstable();
+            *faces.entry(face).or_default() += 1;
+        }
+    }
+    assert!(is_used.iter().all(|&is_used| is_used));
+    let on_box = |face: &Vec<usize>| {
+        [39.0, 35.0, 31.0].iter().enumerate().any(|(k, &high)| {
+            [0.0, high]
+                .iter()
+                .any(|plane| face.iter().all(|&n| (nodes[n][k] - plane).abs() < 1e-9))
+        })
+    };
+    let open: Vec<&Vec<usize>> = faces
+        .iter()
+        .filter(|(_, n)| **n == 1)
+        .map(|(f, _)| f)
+        .collect();
+    let torn = open.iter().filter(|face| !on_box(face)).count();
+    let table = std::fs::read_to_string(folder.join("a-twins.csv")).unwrap();
+    assert!(table.starts_with("surface,cell_a,cell_b,a1,a2,a3,a4,a5,a6,b1,b2,b3,b4,b5,b6\n"));
+    let mut split_faces = 0;
+    for line in table.lines().skip(1) {
+        let numbers: Vec<usize> = line
+            .split(',')
+            .skip(3)
+            .map(|n| n.parse().unwrap())
+            .collect();
+        for (a, b) in numbers[..6].iter().zip(&numbers[6..]) {
+            assert_eq!(nodes[a - 1], nodes[b - 1], "{line}");
+        }
+        split_faces += usize::from(numbers[..6] != numbers[6..]);
+    }
+    assert!(split_faces > 50);
+    // A face with a shared node in each place is not open.
+    assert_eq!(torn, 2 * split_faces);
+}
+
+/// Makes a periodic mesh of two layers normal to z, of 9 and 15 of 24 samples.
+fn write_periodic_laminate(folder: &std::path::Path) {
+    write_npy(&folder.join("layers.npy"), [17, 15, 25], |[_, _, z]| {
+        f32::from(u8::from((7..16).contains(&(z % 24)))) + 1.0
+    });
+    run(
+        folder,
+        "mesh layers.npy --feature labels --periodic x,y,z --distance 4 -o cell.vtu --quiet",
+    );
+}
+
+#[test]
+#[ignore = "needs Gmsh: make test-all"]
+fn gmsh_reads_the_periodic_sides_of_a_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_periodic_laminate(folder);
+    // Gmsh ignores the pairs in files of version 2.2, also in its own.
+    for options in ["--to msh", "--to msh --quadratic"] {
+        run(
+            folder,
+            &format!("export cell.vtu {options} -o a.msh --quiet"),
+        );
+        let path = folder.join("a.msh");
+        let sides = run_validator("Gmsh", "periodic.py", &[path.as_os_str()]);
+        let sides = sides.as_array().unwrap();
+        assert_eq!(sides.len(), 3, "{options}: {sides:?}");
+        let periods = [("x", 16.0), ("y", 14.0), ("z", 24.0)];
+        for (side, (k, (axis, period))) in sides.iter().zip(periods.iter().enumerate()) {
+            assert_eq!(side["side"], format!("{axis}max"));
+            assert_eq!(side["master"], format!("{axis}min"));
+            assert_eq!(side["pairs"], side["nodes"], "{options}: {side}");
+            assert!(side["gap"].as_f64().unwrap() < 1e-12, "{side}");
+            assert_eq!(numbers(&side["shift"])[k], *period, "{side}");
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs CalculiX: make test-all"]
+fn calculix_homogenises_a_periodic_laminate() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_periodic_laminate(folder);
+    for (options, tolerance) in [("", 5e-3), ("--quadratic", 5e-3)] {
+        run(
+            folder,
+            &format!("export cell.vtu --to inp -o cell.inp {options} --quiet"),
+        );
+        let text = std::fs::read_to_string(folder.join("cell.inp")).unwrap();
+        let nodes = number_rows(&text, "*NODE", 4);
+        let origin = nodes.iter().find(|row| row[1..4] == [0.0; 3]).unwrap()[0];
+        // Young's moduli 1 and 10 without lateral contraction: the means along the layers are
+        // arithmetic, and harmonic across them.
+        let (thin, thick) = (9.0 / 24.0, 15.0 / 24.0);
+        let along = 10.0 * thin + thick;
+        let across = 1.0 / (thin / 10.0 + thick);
+        let sides = [
+            ("X", 16.0, along, 14.0 * 24.0),
+            ("Z", 24.0, across, 16.0 * 14.0),
+        ];
+        for (axis, period, expected, area) in sides {
+            let component = if axis == "X" { 1 } else { 3 };
+            let mut job =
+                String::from("*INCLUDE, INPUT=cell.inp\n*INCLUDE, INPUT=cell-periodic.inp\n");
+            for (region, modulus) in [(1, 1.0), (2, 10.0)] {
+                job += &format!(
+                    "*MATERIAL, NAME=M{region}\n*ELASTIC\n{modulus}, 0.0\n*SOLID SECTION, ELSET=REGION{region}, MATERIAL=M{region}\n"
+                );
+            }
+            job += &format!("*STEP\n*STATIC\n*BOUNDARY\n{origin}, 1, 3, 0.0\n");
+            for name in ["X", "Y", "Z"] {
+                for k in 1..=3 {
+                    let value = if name == axis && k == component {
+                        0.01 * period
+                    } else {
+                        0.0
+                    };
+                    job += &format!("NPERIODIC_{name}, {k}, {k}, {value}\n");
+                }
+            }
+            job += &format!("*NODE PRINT, NSET=N{axis}MAX, TOTALS=ONLY\nRF\n*END STEP\n");
+            std::fs::write(folder.join("job.inp"), job).unwrap();
+            let mut ccx = Command::new("ccx");
+            ccx.current_dir(folder).arg("job");
+            run_simulator(&mut ccx);
+            let data = std::fs::read_to_string(folder.join("job.dat")).unwrap();
+            let line = data
+                .lines()
+                .filter(|line| !line.trim().is_empty())
+                .last()
+                .unwrap();
+            let forces: Vec<f64> = line
+                .split_whitespace()
+                .map(|w| w.parse().unwrap())
+                .collect();
+            let modulus = forces[component - 1] / (0.01 * area);
+            assert!(
+                is_close(modulus, expected, tolerance),
+                "{axis} {options}: {modulus} {expected}"
+            );
+        }
+    }
+}
+
+#[test]
 #[ignore = "needs VTK: make test-all"]
 fn vtk_reads_split_and_quadratic_meshes() {
     let folder = folder_with_meshes();

@@ -5,20 +5,27 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::cause;
+use crate::feature::components::Components;
+use crate::feature::label_map::{self, LabelOptions, merge_labels};
 use crate::files::output::check_output;
+use crate::image::formats::{InputOptions, ReadImage};
 use crate::image::synth::Truth;
+use crate::image::{Geometry, Image, LabelTable, LabelValue};
 use crate::job::output::geometry_of_other_shapes;
+use crate::job::simplices::cell_neighbours;
 use crate::job::{cells, scaled_mesh, write_lines};
 use crate::mesh::Simplices;
-use crate::mesh::check::{CheckHints, check_with_hints};
+use crate::mesh::check::check_with_hints;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh_file::array_names::DISTANCE_ARRAY;
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::angles::mean_edge_lengths;
-use crate::report::{self, AngleAssessment, Quality, Reference, Report};
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
+use crate::report::{self, AngleAssessment, Certificate, Quality, Reference, Report};
 use crate::store::MeshInput;
-use crate::store::{LatticeSpace, StoredMesh, with_mesh};
+use crate::store::input::{image_part, read_mesh_image};
+use crate::store::{FieldValue, LatticeSpace, MeshFile, Storable, StoredMesh, with_mesh};
 use crate::{Error, Result};
 
 /// Options of `atomesh quality`.
@@ -28,6 +35,10 @@ pub struct QualitySpec {
     /// The exact distance to the features, as `synth --truth` writes it
     #[arg(long, value_name = "DIST.npy")]
     pub truth: Option<PathBuf>,
+    /// The image of labels that was meshed: also compare the mesh with each connected part of its labels,
+    /// sample by sample
+    #[arg(long, value_name = "IMAGE")]
+    pub labels: Option<PathBuf>,
     /// Also write the lines where features, or a feature and a side of the box, meet at less than
     /// 30 degrees, with their angles
     #[arg(long, value_name = "LINES.vtp")]
@@ -42,6 +53,7 @@ impl QualitySpec {
     pub fn check_files(&self, mesh: &Path) -> Result<()> {
         let mut inputs = vec![mesh];
         inputs.extend(self.truth.as_deref());
+        inputs.extend(self.labels.as_deref());
         match &self.lines {
             Some(path) => check_output(path, "--lines", &["vtp"], &inputs),
             None => Ok(()),
@@ -74,13 +86,26 @@ pub fn quality<'a>(
     spec: &QualitySpec,
     progress: &mut dyn Progress,
 ) -> Result<Report> {
-    let MeshInput { mesh, name, .. } = mesh.into();
+    let MeshInput {
+        mesh,
+        name,
+        read_image,
+    } = mesh.into();
     with_mesh!(mesh,
         simplices file => {
+            let file = match spec.labels {
+                Some(_) => image_part(file, &mut *progress),
+                None => file,
+            };
             let mut stored = StoredMesh::new(file, name)?;
+            let labels = spec.read_labels(&stored, name, read_image)?;
             let truth = spec.read_truth(&stored.space)?;
             progress.stage(Stage::Measuring);
-            let report = measure_simplices(&mut stored, truth)?;
+            let mut report = measure_simplices(&mut stored, truth)?;
+            if let Some(labels) = labels {
+                let neighbours = cell_neighbours(&stored.lattice)?;
+                report.certificate = labels.certify_simplices(&stored, &neighbours);
+            }
             if let Some(path) = &spec.lines {
                 let place = |n: u32| stored.world.nodes[n as usize];
                 let angles = report.quality.as_ref().and_then(|q| q.angles.as_ref());
@@ -91,15 +116,142 @@ pub fn quality<'a>(
         cells file => {
             spec.refuse_lines_of_cells(name)?;
             let mut stored = StoredMesh::new(file, name)?;
+            let labels = spec.read_labels(&stored, name, read_image)?;
             let truth = spec.read_truth(&stored.space)?;
             progress.stage(Stage::Measuring);
-            let report = measure_cells(&mut stored, truth);
+            let mut report = measure_cells(&mut stored, truth);
+            report.certificate = labels.and_then(|labels| labels.certify_cells(&stored));
             Ok(with_note_on_space(report, &stored.space))
         }
     )
 }
 
+/// An image of labels, and the index of the label of each cell of a mesh.
+struct LabelsOfMesh<const D: usize> {
+    geometry: Geometry<D>,
+    table: LabelTable,
+    components: Components<D>,
+    names: Vec<Option<String>>,
+    cells: Vec<u32>,
+}
+
+impl<const D: usize> LabelsOfMesh<D> {
+    fn certify(&self, cells: &LabelledCells<'_, D>) -> Option<Certificate> {
+        let image = CertifiedImage {
+            components: &self.components,
+            indices: &self.table.indices,
+            labels: &self.table.values,
+            names: &self.names,
+            geometry: &self.geometry,
+        };
+        certify(&image, cells, &CancelToken::never())
+    }
+
+    fn certify_simplices<M: Simplices<D>>(
+        &self,
+        stored: &StoredMesh<D, M>,
+        neighbours: &[u32],
+    ) -> Option<Certificate> {
+        let to_index = |x: &[f64; D]| self.index_of(&stored.space, x);
+        let (mesh, labels) = (&stored.lattice, &self.cells);
+        self.certify(&LabelledCells::from_simplices(
+            mesh, neighbours, labels, to_index,
+        ))
+    }
+
+    fn certify_cells(&self, stored: &StoredMesh<D, PolyMesh<D>>) -> Option<Certificate> {
+        let to_index = |x: &[f64; D]| self.index_of(&stored.space, x);
+        self.certify(&LabelledCells::from_cells(
+            &stored.lattice,
+            &self.cells,
+            to_index,
+        ))
+    }
+
+    /// Returns the position in the image of a position in lattice space.
+    fn index_of(&self, space: &LatticeSpace<D>, x: &[f64; D]) -> [f64; D] {
+        let index = self.geometry.to_index(space.to_world(*x));
+        index.unwrap_or_else(|| std::array::from_fn(|k| x[k] / space.step[k]))
+    }
+}
+
+/// Returns the options of labels with which a mesh was made, as it records them.
+fn recorded_label_options<M>(file: &MeshFile<M>) -> Vec<LabelOptions> {
+    let Some(FieldValue::Text(text)) = file.field_value("parameters") else {
+        return Vec::new();
+    };
+    let recorded: Option<toml::Table> = toml::from_str(text.trim_end_matches('\0')).ok();
+    let labels = recorded
+        .as_ref()
+        .and_then(|table| table.get("label")?.as_array());
+    let labels = labels
+        .into_iter()
+        .flatten()
+        .filter_map(|item| item.as_str());
+    labels
+        .filter_map(|text| LabelOptions::parse(text).ok())
+        .collect()
+}
+
 impl QualitySpec {
+    /// Reads the image of labels of a mesh, if it is given.
+    fn read_labels<const D: usize, M: Storable<D>>(
+        &self,
+        stored: &StoredMesh<D, M>,
+        name: &str,
+        read_image: ReadImage<'_>,
+    ) -> Result<Option<LabelsOfMesh<D>>> {
+        let Some(path) = &self.labels else {
+            return Ok(None);
+        };
+        let refuse = |problem: String, remedy: &str| {
+            Err(Error::Mesh(cause(path.display(), problem, remedy)))
+        };
+        let Some(regions) = stored.regions() else {
+            let problem = format!("has nothing to be compared with: {name} has no regions");
+            return refuse(problem, "give a mesh of labels");
+        };
+        let image: Image<D> =
+            read_mesh_image(path, &InputOptions::default(), &stored.space, read_image)?;
+        // The mesh was made of this image: labels merged, and those of missing samples filled in.
+        let options = recorded_label_options(&stored.arrays);
+        let image = merge_labels(&image, &options)?.unwrap_or(image);
+        let image = match image.mark_dead(false)? {
+            Some(marked) => marked.image.filled_from_nearest(),
+            None => image,
+        };
+        let Some((table, components)) = label_map::components(&image) else {
+            let problem = "has too many different values to be labels".to_string();
+            return refuse(problem, "give the image of labels that was meshed");
+        };
+        let region_of_label = label_map::regions(&table.values);
+        let mut label_of_region: Vec<(i32, u32)> = region_of_label.into_iter().zip(0..).collect();
+        label_of_region.sort_unstable();
+        let mut cells = Vec::with_capacity(regions.len());
+        for region in regions {
+            let place = label_of_region.binary_search_by_key(&region, |(known, _)| *known);
+            let Ok(place) = place else {
+                let problem = format!("has no label {region}, which is a region of {name}");
+                return refuse(problem, "give the image of labels that was meshed");
+            };
+            cells.push(label_of_region[place].1);
+        }
+        let name_of = |label: &LabelValue| {
+            let mut options = options.iter();
+            options
+                .find(|options| options.label == *label)?
+                .name
+                .clone()
+        };
+        Ok(Some(LabelsOfMesh {
+            geometry: image.geometry.clone(),
+            names: table.values.iter().map(name_of).collect(),
+            table,
+            components,
+            cells,
+        }))
+    }
+
     /// Refuses to write lines of Voronoi cells. `name` is that of the mesh in messages.
     fn refuse_lines_of_cells(&self, name: &str) -> Result<()> {
         let Some(path) = &self.lines else {
@@ -165,10 +317,7 @@ pub(crate) fn measure_simplices<const D: usize, M: Simplices<D>>(
 ) -> Result<Report> {
     let (mesh, space) = (&stored.lattice, &stored.space);
     let assessment = explained_angles(stored);
-    let hints = CheckHints {
-        bent_side: space.bent_side,
-        ..CheckHints::default()
-    };
+    let hints = stored.check_hints();
     let (low, high, tolerance) = ([0.0; D], space.extent, space.tolerance());
     let mut report = Report {
         quality: Some(Quality {
@@ -218,10 +367,7 @@ pub(crate) fn measure_cells<const D: usize>(
     truth: Option<DescribedTruth<D>>,
 ) -> Report {
     let (mesh, space) = (&stored.lattice, &stored.space);
-    let hints = CheckHints {
-        weld: stored.weld,
-        ..CheckHints::default()
-    };
+    let hints = stored.check_hints();
     let cell_check = check_with_hints(mesh, hints, [0.0; D], space.extent, space.tolerance());
     let graph = Graph::from_poly(mesh);
     let mut report = Report::default();
@@ -253,7 +399,6 @@ pub(crate) fn measure_cells<const D: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{Geometry, Image};
     use crate::job::MeshSpec;
     use crate::progress::NoProgress;
     use crate::store::AnyMesh;

@@ -11,7 +11,7 @@ use crate::image::formats::{InputOptions, ReadImage};
 use crate::image::image_in_depth;
 use crate::image::{Image, ImageSource};
 use crate::job::output::{with_image, with_live};
-use crate::job::spec::{CellKind, DistanceSource, NominalDistance};
+use crate::job::spec::{CellKind, DistanceSource};
 use crate::job::{MeshSpec, Params};
 use crate::progress::Progress;
 use crate::report::{Report, StageCost};
@@ -262,6 +262,14 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
             "edit the mesh that is made without --pad",
         ));
     }
+    if let Some(axes) = spec.periodic {
+        return Err(refuse(
+            format!(
+                "is periodic along {axes}, where an edit would have to change opposite sides alike"
+            ),
+            "edit the mesh that is made without --periodic",
+        ));
+    }
     let mut notes = Vec::new();
     let mut note = |line: &str| notes.push(line.to_string());
     // The mesh holds its fixed atoms and its distances, while the files may no longer exist.
@@ -273,7 +281,7 @@ fn recorded_spec<M>(name: &str, file: &MeshFile<M>) -> Result<(MeshSpec, Vec<Str
         spec.well.clear();
         spec.well_distance = None;
     }
-    if matches!(spec.distance, NominalDistance::Range { .. }) {
+    if spec.distance.varies() {
         spec.distance_from = DistanceSource::Features;
     }
     if spec.coarse_to_fine > 0 {

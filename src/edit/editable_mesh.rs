@@ -78,6 +78,15 @@ fn snap_to_sides<const D: usize>(x: &[f64; D], extent: [f64; D]) -> [f64; D] {
     })
 }
 
+/// Returns the error for a mesh of which cells were left out.
+pub(super) fn left_out_error(place: &str) -> Error {
+    Error::Mesh(cause(
+        place,
+        "is a mesh of which labels were left out, and edits need the cells beyond them",
+        "edit the mesh of all labels, and leave labels out afterwards (atomesh export --drop)",
+    ))
+}
+
 impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
     /// Creates an editable mesh from a file, which `place` names in errors. Node and cell arrays
     /// that [`job::run`](crate::job::run()) does not write are dropped.
@@ -93,6 +102,7 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
             world,
             space,
             arrays,
+            outer,
             ..
         } = StoredMesh::new(file, place)?;
         let MeshFile {
@@ -108,6 +118,9 @@ impl<const D: usize, M: Simplices<D>> EditableMesh<D, M> {
         };
         if !space.is_stored {
             return Err(refuse("does not record where its lattice lies".into()));
+        }
+        if outer.is_some() {
+            return Err(left_out_error(place));
         }
         let validity = check(&lattice, [0.0; D], space.extent, space.tolerance());
         if let Some(problem) = validity.problems.first() {

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{ExportContent, ExportFormat};
 use crate::error::cause;
+use crate::mesh_file::{CellChoice, RegionNames};
 use crate::model::flow::driver::{BarrierSelection, FaultLaws};
 use crate::model::flow::{FaultOptions, FaultResistance};
 use crate::model::reservoir::{CaseOptions, GougeOptions, RockOptions, SpaceOptions, WellPlace};
@@ -27,6 +28,16 @@ pub struct ExportSpec {
     /// Options for fault rock that is computed from clay.
     #[command(flatten, next_help_heading = "Faults")]
     pub gouge: GougeOptions,
+    /// Regions, by label or name, whose cells are left out, such as 0 for the background. Their boundaries keep
+    /// their names, such as interface_0_3
+    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true, conflicts_with = "keep", help_heading = None)]
+    pub drop: Option<RegionNames>,
+    /// Regions, by label or name, whose cells alone are exported
+    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true, help_heading = None)]
+    pub keep: Option<RegionNames>,
+    /// Of each region that stays, keep only the largest connected part
+    #[arg(long, help_heading = None)]
+    pub keep_largest: bool,
     /// Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
     /// as fine as the cells]
     #[arg(long, value_name = "NX,NY,NZ", help_heading = None)]
@@ -36,7 +47,7 @@ pub struct ExportSpec {
     #[arg(long, value_name = "WHICH", help_heading = None)]
     pub split: Option<BarrierSelection>,
     /// Add nodes in the middle of edges: elements of second order
-    #[arg(long, help_heading = None, conflicts_with = "split")]
+    #[arg(long, help_heading = None)]
     pub quadratic: bool,
     /// Extend faults beyond their edges by up to DIST metres, to the next fault or the sides of the mesh,
     /// along the faces of cells. An extension has a name of its own, such as fault1_extension, and the law
@@ -88,6 +99,15 @@ pub(super) fn no_effect_error(option: &str, problem: &str) -> Error {
 }
 
 impl ExportSpec {
+    /// Returns which cells of the mesh are exported.
+    pub fn cell_choice(&self) -> CellChoice<'_> {
+        CellChoice {
+            drop: self.drop.as_ref(),
+            keep: self.keep.as_ref(),
+            keep_largest: self.keep_largest,
+        }
+    }
+
     /// Returns `true` if an export in this format is for flow, so that depth and fluxes matter.
     pub fn is_for_flow(&self, format: &ExportFormat) -> bool {
         format.is_for_flow(self.rock.permeability.is_some() || self.rock.porosity.is_some())
@@ -98,12 +118,9 @@ impl ExportSpec {
     /// # Errors
     /// Returns an error that begins with the name of the option that is impossible or has no effect.
     pub fn validate(&self, format: &ExportFormat) -> Result<()> {
+        self.cell_choice().validate()?;
         self.space.placement()?;
         let laws = self.fault_options.laws(FaultResistance::Open)?;
-        if self.quadratic && self.split.is_some() {
-            let problem = "is for meshes that are not split along surfaces";
-            return Err(no_effect_error("quadratic", problem));
-        }
         self.gouge.validate()?;
         let has_closed_fault = laws.law.multiplier() == 0.0
             || laws

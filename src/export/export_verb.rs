@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 use super::export_spec::{ExportSpec, no_effect_error};
 use super::names::ExportNames;
 use super::{ExportContent, ExportFormat};
-use crate::Result;
+use crate::error::cause;
+use crate::mesh_file::{CellChoice, take_cells, with_mesh};
 use crate::model::flow::FaultResistance;
 use crate::model::reservoir::rock_options::FilledRock;
 use crate::model::reservoir::space_options::check_depth;
@@ -19,6 +20,7 @@ use crate::progress::{CancelToken, Progress, Stage};
 use crate::store::AnyMesh;
 use crate::store::MeshInput;
 use crate::store::stored_mesh::read_live;
+use crate::{Error, Result};
 
 /// A model that was written.
 #[derive(Debug, Clone)]
@@ -120,7 +122,9 @@ pub fn export<'a>(
         model.properties.extend(arrays);
     }
     prepared.model.is_quadratic = spec.quadratic;
+    note_periodic(&prepared.model, format, progress);
     if let Some(selection) = &spec.split {
+        check_not_periodic(&prepared.model)?;
         prepared.model.split_along(selection.clone())?;
     }
     prepared.model.grid = spec.grid.map(|grid| grid.0);
@@ -195,6 +199,51 @@ fn deactivate(
     Ok(())
 }
 
+/// Returns the mesh of the cells that are exported.
+fn with_chosen_cells(
+    mesh: AnyMesh,
+    choice: &CellChoice<'_>,
+    name: &str,
+    progress: &mut dyn Progress,
+) -> Result<AnyMesh> {
+    if choice.keeps_all() {
+        return Ok(mesh);
+    }
+    with_mesh!(mesh, file => {
+        let chosen = choice.cells_of_file(&file, name)?;
+        Ok(match chosen {
+            Some(chosen) => {
+                progress.note(&chosen.note);
+                take_cells(file, &chosen.cells)?.into()
+            }
+            None => file.into(),
+        })
+    })
+}
+
+/// Notes that a format has no place for the pairs of nodes on opposite sides of a periodic mesh.
+fn note_periodic(model: &Model, format: &ExportFormat, progress: &mut dyn Progress) {
+    let content = ExportContent::PeriodicPairs;
+    if !model.periodic.is_empty() && !format.supported_content.contains(&content) {
+        progress.note(&format!(
+            "{} has no place for the {content} of the periodic mesh: left out",
+            format.name
+        ));
+    }
+}
+
+/// Checks that a mesh that is to be split is not periodic.
+fn check_not_periodic(model: &Model) -> Result<()> {
+    if model.periodic.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Export(cause(
+        "split",
+        "doubles nodes on sides, but the mesh is periodic, and each node has one counterpart",
+        "omit it, or split a mesh that is made without --periodic",
+    )))
+}
+
 /// Returns the model of a mesh, with its surfaces if the format or an option needs them.
 fn prepare_model(
     input: MeshInput<'_>,
@@ -203,6 +252,7 @@ fn prepare_model(
     progress: &mut dyn Progress,
 ) -> Result<PreparedModel> {
     let MeshInput { mesh, name, .. } = input;
+    let mesh = with_chosen_cells(mesh, &spec.cell_choice(), name, progress)?;
     let is_3d = matches!(mesh, AnyMesh::Tetrahedra(_) | AnyMesh::Polyhedra(_));
     if spec.space.thickness.is_some() && is_3d {
         let problem = "is for 2-D meshes, but the mesh is 3-D";

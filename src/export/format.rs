@@ -58,6 +58,8 @@ pub enum ExportContent {
     SplitNodes,
     /// Quadratic elements, with nodes in the middle of their edges.
     Quadratic,
+    /// Pairs of nodes on opposite sides of a periodic mesh.
+    PeriodicPairs,
 }
 
 impl ExportContent {
@@ -94,6 +96,7 @@ impl std::fmt::Display for ExportContent {
             Self::Names => "names of faces",
             Self::SplitNodes => "meshes split along surfaces",
             Self::Quadratic => "quadratic elements",
+            Self::PeriodicPairs => "pairs of nodes on opposite sides",
         })
     }
 }

@@ -37,9 +37,11 @@ pub struct DetectionOptions<const D: usize> {
     pub scale: Option<f64>,
     /// Width (samples) of the structure tensor's window; 4 (horizons) or 12 (faults) if `None`.
     pub smoothing: Option<f64>,
-    /// Smallest strength of a feature, or value of an isosurface, in units of the image; chosen from
-    /// the image if `None`.
+    /// Smallest strength of a feature, or lowest value of an isosurface, in units of the image; chosen
+    /// from the image if `None`.
     pub threshold: Option<f32>,
+    /// Further values of isosurfaces, for [`FeatureKind::Isosurface`].
+    pub further_levels: Vec<f32>,
     /// How faults are recognised in seismic amplitudes.
     pub fault_evidence: FaultEvidence,
     /// Smallest dip of a fault in the world, in degrees. Two-way time is converted to depth at 2,000
@@ -61,8 +63,13 @@ pub struct DetectionOptions<const D: usize> {
     /// features (see [`Features::spacing`](super::Features::spacing)); `None` if features do not
     /// decide the distance.
     pub gap_d_max: Option<f64>,
+    /// Width, in samples, of the filter that smooths the boundaries of labels, which may then lie more than
+    /// half a sample beside the samples; `None` for one sample within that bound.
+    pub label_smoothing: Option<f64>,
     /// Options for single labels, for [`FeatureKind::Labels`].
     pub labels: Vec<LabelOptions>,
+    /// Number of samples below which a connected part of a label joins the labels around it.
+    pub min_part: usize,
     /// Distance between samples in lattice space, along each axis.
     pub step: [f64; D],
     /// `true` if common null values and traces that are zero throughout are data.
@@ -86,6 +93,7 @@ impl<const D: usize> Default for DetectionOptions<D> {
             scale: None,
             smoothing: None,
             threshold: None,
+            further_levels: Vec::new(),
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
             min_fault_size: None,
@@ -94,7 +102,9 @@ impl<const D: usize> Default for DetectionOptions<D> {
             seeds: PathSeeds::default(),
             d_min: 8.0,
             gap_d_max: None,
+            label_smoothing: None,
             labels: Vec::new(),
+            min_part: 0,
             step: [1.0; D],
             keep_nulls: false,
             keep_chaos: false,
@@ -298,7 +308,11 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
             "give positive steps",
         );
     }
-    for (name, value) in [("scale", options.scale), ("smoothing", options.smoothing)] {
+    for (name, value) in [
+        ("scale", options.scale),
+        ("smoothing", options.smoothing),
+        ("label smoothing", options.label_smoothing),
+    ] {
         if let Some(value) = value
             && !(0.5..=100.0).contains(&value)
         {
@@ -332,7 +346,8 @@ pub(super) fn validate_options<const D: usize>(options: &DetectionOptions<D>) ->
             "give weights such as 1 and 0.5",
         );
     }
-    if options.threshold.is_some_and(|t| !t.is_finite()) {
+    let mut thresholds = options.threshold.iter().chain(&options.further_levels);
+    if thresholds.any(|t| !t.is_finite()) {
         return fail(
             "the threshold is not a finite number".into(),
             "omit it for an automatic one",

@@ -1,11 +1,13 @@
 //! Labels of an image, at samples and at positions between them.
 
 use super::components::Components;
+use super::value_field::ValueField;
 use super::volume::Volume;
 use crate::error::{Error, Result, cause};
 use crate::geometry::grid_index::index_at;
 use crate::image::{ExactLabels, Image, LabelTable, LabelValue};
 use crate::names::NameRules;
+use crate::units::{Unit, split_length};
 use std::fmt;
 
 /// User options for one label.
@@ -13,8 +15,10 @@ use std::fmt;
 pub struct LabelOptions {
     /// Value of the label's samples.
     pub label: LabelValue,
-    /// Distance between atoms in the label, in lattice units; the general distance if `None`.
+    /// Distance between atoms in the label, in lattice units, or in `unit`; the general distance if `None`.
     pub distance: Option<f64>,
+    /// The unit of length of the distance, until it is converted to lattice units.
+    pub unit: Option<Unit>,
     /// Name of the label in the mesh.
     pub name: Option<String>,
     /// The label into which this one is merged.
@@ -28,7 +32,6 @@ impl LabelOptions {
     /// Returns the problem and its remedy if the text has another form.
     pub fn parse(text: &str) -> std::result::Result<Self, (String, &'static str)> {
         let remedy = "give VALUE:distance=D,name=NAME or VALUE:into=VALUE";
-        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
         let (label, settings) = text
             .split_once(':')
             .ok_or_else(|| ("gives a label, but no options for it".into(), remedy))?;
@@ -37,20 +40,24 @@ impl LabelOptions {
         let mut options = Self {
             label,
             distance: None,
+            unit: None,
             name: None,
             merge_into: None,
         };
         for part in settings.split(',') {
             let (key, value) = part.split_once('=').unwrap_or((part, ""));
             match key.trim() {
-                "distance" => match number(value) {
-                    Some(d) if d > 0.0 => options.distance = Some(d),
-                    _ => {
+                "distance" => match split_length(value) {
+                    Ok((d, unit)) if d > 0.0 => {
+                        (options.distance, options.unit) = (Some(d), unit);
+                    }
+                    Ok(_) => {
                         return Err((
                             format!("distance '{value}' is not a positive number of samples"),
                             remedy,
                         ));
                     }
+                    Err(problem) => return Err((format!("distance '{value}' {problem}"), remedy)),
                 },
                 "into" => match LabelValue::parse(value) {
                     Some(into) if into != label => options.merge_into = Some(into),
@@ -87,7 +94,8 @@ fn is_name(text: &str) -> bool {
 impl fmt::Display for LabelOptions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [
-            self.distance.map(|d| format!("distance={d}")),
+            (self.distance)
+                .map(|d| format!("distance={d}{}", self.unit.map_or("", |unit| unit.symbol))),
             self.name.as_ref().map(|name| format!("name={name}")),
             self.merge_into.map(|into| format!("into={into}")),
         ];
@@ -182,6 +190,9 @@ pub struct LabelMap<const D: usize> {
     pub winner: Vec<u32>,
     /// Lead of the winner over the second label at each sample, from 0 to 1.
     pub lead: Vec<f32>,
+    /// Values and thresholds, if these make the labels. They then say where interfaces are; `lead` is the
+    /// difference from the nearest threshold.
+    pub values: Option<ValueField<D>>,
     /// Volume of each label's samples inside the box, in lattice units. Components that are too
     /// small to be kept count for the label that absorbed them.
     pub volumes: Vec<f64>,
@@ -238,8 +249,16 @@ impl<const D: usize> LabelMap<D> {
         }
     }
 
+    /// Returns a position in lattice space as one in samples.
+    fn to_samples(&self, x: [f64; D]) -> [f64; D] {
+        std::array::from_fn(|k| x[k] / self.step[k])
+    }
+
     /// Returns the index of the label at a position in lattice space.
     pub fn label_at(&self, x: [f64; D]) -> u32 {
+        if let Some(values) = &self.values {
+            return values.region_at(self.to_samples(x));
+        }
         let (mut first, mut is_same) = (None, true);
         self.for_each_weight(x, |i, _| {
             let label = self.winner[i];
@@ -265,9 +284,12 @@ impl<const D: usize> LabelMap<D> {
     }
 
     /// Returns the lead of label `a` over label `b` at a position: negative where `b` leads, zero
-    /// where other labels lead.
+    /// where other labels lead, unless thresholds make the labels.
     #[inline]
     pub fn lead_between(&self, x: [f64; D], [a, b]: [u32; 2]) -> f64 {
+        if let Some(values) = &self.values {
+            return values.lead_between(self.to_samples(x), [a, b]);
+        }
         let mut sum = 0.0;
         self.for_each_weight(x, |i, weight| {
             let sign = match self.winner[i] {
@@ -382,7 +404,7 @@ mod tests {
             ("3", "no options"),
             ("x:distance=3", "not the value of a label"),
             ("3:distance=0", "not a positive"),
-            ("3:distance=nan", "not a positive"),
+            ("3:distance=nan", "not a finite"),
             ("3:into=3", "another label"),
             ("3:name= ", "is empty"),
             ("3:colour=red", "not an option"),
@@ -396,6 +418,7 @@ mod tests {
     #[test]
     fn an_interface_is_found_from_either_side() {
         let label_map = LabelMap {
+            values: None,
             dims: [6, 2],
             step: [1.0, 1.0],
             labels: [1.0, 2.0, 3.0].map(LabelValue::from_sample).to_vec(),

@@ -70,6 +70,33 @@ pub fn spacing<const D: usize>(
     Ok(points.owned_values(&spacing))
 }
 
+/// Returns for each feature point the smallest of `gaps`, the distance between atoms there in lattice
+/// units, after small distances have been propagated along surfaces.
+///
+/// # Errors
+/// Returns the errors of other ranks.
+pub fn propagate_gaps<const D: usize>(
+    grid: SharedGrid<'_, D>,
+    points: &[FeaturePoint<D>],
+    step: [f64; D],
+    gaps: &[f32],
+    max: f64,
+) -> Result<Vec<f32>> {
+    let owned = to_candidates(grid.dims, points, step);
+    let points = PointsWithHalo::new(grid, owned, None, EXTRA_HALO_LAYERS)?;
+    let index = CandidateIndex::new(grid.dims, &points.candidates);
+    let mut owned_gaps = gaps.iter();
+    let mut spacing: Vec<f32> = (points.is_owned.iter())
+        .map(|&is_owned| {
+            let gap = is_owned.then(|| owned_gaps.next()).flatten();
+            gap.map_or(max as f32, |&gap| gap)
+        })
+        .collect();
+    let step = step.map(|h| h as f32);
+    propagate(grid, &points, &index, &mut spacing, max as f32, step)?;
+    Ok(points.owned_values(&spacing))
+}
+
 /// Propagates small distances along surfaces, the smallest first, so that the result does not
 /// depend on how points are distributed over ranks.
 fn propagate<const D: usize>(

@@ -19,6 +19,7 @@
 //! - `detectors`: kinds of features with their names and properties; one file per kind
 //!
 //! Shared by detectors:
+//! - `value_field`: values between samples, and the regions into which thresholds divide them
 //! - `volume`: samples in memory and their finite differences
 //! - `windows`: samples read some layers at a time, for images that may be larger than memory
 //! - `gaussian`: Gaussian smoothing
@@ -73,6 +74,7 @@ pub(crate) mod ridges;
 mod shared_grid;
 pub(crate) mod structure_tensor;
 pub(crate) mod surfaces;
+pub(crate) mod value_field;
 pub(crate) mod volume;
 pub(crate) mod voxel_index;
 pub(crate) mod windows;
@@ -87,7 +89,8 @@ use crate::error::Result;
 use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
 use crate::progress::{CancelToken, Stage};
 use detectors::auto::LayerChoice;
-use detectors::labels::{self, LabelSpacing};
+use detectors::label_gaps::label_gaps;
+use detectors::labels::{LabelSpacing, ThinDistances};
 use detectors::{Detector, DetectorInput, DetectorOutput};
 use potential::PotentialValleys;
 use std::borrow::Cow;
@@ -112,6 +115,7 @@ pub use resolved::ResolvedOptions;
 pub use shared_grid::PointCounts;
 pub(crate) use shared_grid::{PointSubset, SharedGrid};
 pub use surfaces::DroppedPoints;
+pub use value_field::ValueField;
 
 /// One detected point of a feature (fault, horizon, wall) at its sub-sample position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -422,14 +426,14 @@ fn run_detector<const D: usize>(
     if !is_partitioned {
         surfaces = surfaces.gather()?;
     }
-    let (labels, label_spacing) = output.labels.unzip();
     let spacing = point_spacing(
         input,
         detector,
         &surfaces,
-        label_spacing.as_ref(),
+        output.labels.as_ref(),
         &mut notes,
     )?;
+    let labels = output.labels.map(|(label_map, _)| label_map);
     let potential = feature_potential(input, detector, &surfaces, spacing.as_deref())?;
     input.cancel.check(Stage::Features)?;
     let is_horizon = detector.is_horizon();
@@ -624,6 +628,7 @@ fn resolved_options<const D: usize>(
         high: output.thresholds.high,
         min_area: rules.min_area,
         mask: output.mask_value,
+        levels: output.levels.clone(),
     }
 }
 
@@ -633,7 +638,7 @@ fn point_spacing<const D: usize>(
     input: &DetectorInput<'_, D>,
     detector: &dyn Detector<D>,
     surfaces: &FeatureSurfaces<'_, D>,
-    labels: Option<&LabelSpacing<D>>,
+    labels: Option<&(LabelMap<D>, LabelSpacing<D>)>,
     notes: &mut Vec<String>,
 ) -> Result<Option<Vec<f32>>> {
     let (grid, points, step) = (surfaces.grid, &surfaces.points, input.options.step);
@@ -645,16 +650,18 @@ fn point_spacing<const D: usize>(
     let surface = has_scattered_normals.then_some(&surfaces.surface[..]);
     let gap_spacing = |[min, max]: [f64; 2]| {
         let spacing = |limits| local_feature_size::spacing(grid, points, surface, step, limits);
-        if labels.is_none() {
+        let Some((label_map, _)) = labels else {
             return spacing([min, max]);
-        }
-        let mut spacing = spacing([labels::MIN_THIN_DISTANCE_RATIO * min, max])?;
-        let distances = spacing.iter_mut();
-        distances.for_each(|gap| *gap = labels::distance_in_gap(*gap, [min, max]));
-        Ok(spacing)
+        };
+        let mut gaps = label_gaps(label_map, points, max);
+        let samples = label_map.winner.len();
+        let distances = ThinDistances::for_gaps(&gaps, [min, max], label_map.min_step(), samples);
+        gaps.iter_mut()
+            .for_each(|gap| *gap = distances.in_gap(*gap));
+        local_feature_size::propagate_gaps(grid, points, step, &gaps, max)
     };
     let mut spacing = gaps.map(gap_spacing).transpose()?;
-    if let Some(labels) = labels {
+    if let Some((_, labels)) = labels {
         spacing = labels.spacing(points, step, spacing);
     }
     if let (Some(spacing), Some(mut limits)) = (&spacing, gaps) {

@@ -7,7 +7,7 @@ use super::detectors;
 use serde::{Deserialize, Serialize};
 
 /// Scale and thresholds for one kind of feature, chosen from a whole image.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ResolvedOptions {
     /// The kind of feature: a single kind, never [`FeatureKind::Auto`].
@@ -23,6 +23,9 @@ pub struct ResolvedOptions {
     /// Value of a thin mask whose middle is the feature, for labels and masks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask: Option<f32>,
+    /// Values of isosurfaces, in ascending order, if there are several.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub levels: Vec<f32>,
 }
 
 /// Returns how far (samples) detection looks to either side. At a larger distance from the cut, a
@@ -70,6 +73,7 @@ mod tests {
                 high: 0.2,
                 min_area: 1.0,
                 mask: None,
+                levels: Vec::new(),
             };
             detect_part(
                 &image_part(),

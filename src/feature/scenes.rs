@@ -1,6 +1,7 @@
 //! Test scenes: surfaces with exact distances, noisy images of them, and the fit of points to them.
 
 use super::FeaturePoint;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::hypot;
 use crate::image::{Geometry, Image};
 
@@ -111,16 +112,10 @@ pub fn ridges_in_correlated_noise(
 }
 
 /// Returns an image of a function of the sample coordinates.
-pub fn image_of(dims: [usize; 3], mut f: impl FnMut([f64; 3]) -> f64) -> Image<3> {
-    let mut samples = Vec::new();
-    for z in 0..dims[2] {
-        for y in 0..dims[1] {
-            for x in 0..dims[0] {
-                samples.push(f([x as f64, y as f64, z as f64]) as f32);
-            }
-        }
-    }
-    Image::new(dims, samples, Geometry::default())
+pub fn image_of<const D: usize>(dims: [usize; D], mut f: impl FnMut([f64; D]) -> f64) -> Image<D> {
+    let position = |i: usize| index_at(dims, i).map(|c| c as f64);
+    let samples = (0..dims.iter().product()).map(|i| f(position(i)) as f32);
+    Image::new(dims, samples.collect(), Geometry::default())
 }
 
 /// Fit of detected points to the true surfaces.

@@ -15,6 +15,7 @@
 //! - `snap`: snaps atoms near features onto them
 //! - `intersect`: finds where edges pass through features
 //! - `seal`: adds the faces that close holes in feature surfaces
+//! - `feature_fit`: moves nodes on features so that faces lie on the features on average
 //! - `regions`: assigns the image's labels to cells, and fits faces to the interfaces between
 //!   labels
 //! - `target`: the quality to reach
@@ -27,6 +28,7 @@
 //! later operation keeps it.
 
 pub(crate) mod constraint;
+mod feature_fit;
 pub(crate) mod feature_planes;
 pub mod regions;
 pub(crate) mod tets;
@@ -40,6 +42,7 @@ mod seal;
 mod snap;
 mod target;
 
+pub use feature_fit::{FeatureFit, fit_feature_faces};
 pub use improve_report::{BlockedCell, ImproveReport, OperationCounts};
 pub use reshape::{Reshape, ReshapeError, ReshapeRequest, ReshapeResult};
 pub use seal::SealReport;

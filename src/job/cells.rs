@@ -44,6 +44,7 @@ use crate::mesh::view::MeshView;
 use crate::mesh::voronoi::conform::{ConformingSites, FacetSurface};
 use crate::mesh::{Dimension, SimplexMesh, Space};
 use crate::progress::{CancelToken, Progress, Stage};
+use crate::report::certificate::LabelledCells;
 use crate::report::{self, Reference, Report};
 
 /// Largest number of energy evaluations in which atoms come to rest among sites.
@@ -125,31 +126,35 @@ where
         .is_some()
         .then(|| source.to_image())
         .transpose()?;
-    let report =
-        stages.run_cancellable(|cancel| {
-            let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel)?;
-            report.regions = label_indices.as_ref().zip(label_image.as_ref()).and_then(
-                |(label_indices, image)| {
-                    let (sample_points, step) =
-                        (SamplePoints::from_cells(&mesh), features.potential.step);
-                    let contacts = regions::contacts_of_cells(&mesh, label_indices);
-                    regions::report(
-                        image,
-                        &params.spec().label,
-                        &sample_points,
-                        &contacts,
-                        label_indices,
-                        step,
-                        cancel,
-                    )
-                },
+    let report = stages.run_cancellable(|cancel| {
+        let mut report = measure_cells(&mesh, weld, &scene, source.geometry(), cancel)?;
+        let judged = labelled
+            .zip(label_image.as_ref())
+            .and_then(|(labelled, image)| {
+                let spec = params.spec();
+                let min_part = spec.min_part_samples();
+                regions::JudgedLabels::new(image, labelled, &spec.label, min_part)
+            });
+        if let (Some(indices), Some(image), Some(judged)) = (&label_indices, &label_image, judged) {
+            let step = features.potential.step;
+            let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+            let cells = LabelledCells::from_cells(&mesh, indices, to_index);
+            report.certificate = regions::certificate(image, &judged, &cells, cancel);
+            let (points, contacts) = (
+                SamplePoints::from_cells(&mesh),
+                regions::contacts_of_cells(&mesh, indices),
             );
-            if let Some(voronoi) = &mut report.voronoi {
-                voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
-            }
-            Ok::<_, crate::Error>(report)
-        })?;
+            report.regions =
+                regions::report(image, judged, &points, &contacts, indices, step, cancel);
+            report.name_smoothed_interface();
+        }
+        if let Some(voronoi) = &mut report.voronoi {
+            voronoi.conforming = Some(sites.covered_share(&mesh, atoms.len()));
+        }
+        Ok::<_, crate::Error>(report)
+    })?;
     Ok(MadeMesh {
+        periodic_nodes: None,
         mesh: MeshResult::Voronoi { mesh, weld },
         face_names,
         report,
@@ -319,7 +324,7 @@ where
         ..Target::default()
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
-    let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), stages)?;
+    let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), None, stages)?;
     let (joined, neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
     let mut annotated = joined.annotated_mesh;
     let face_names = stages.run_cancellable(|cancel| {
@@ -328,7 +333,12 @@ where
     })?;
     let (angle, names) = (Some(target.min_dihedral), &face_names);
     stages.run_cancellable(|cancel| {
-        regions::assign_regions(&mut annotated, &neighbours, names, &scene, angle, cancel)
+        let faces = regions::CellFaces {
+            neighbours: &neighbours,
+            names,
+            pinned: &[],
+        };
+        regions::assign_regions(&mut annotated, faces, &scene, angle, cancel)
     });
     let AnnotatedMesh {
         mesh,

@@ -9,6 +9,7 @@
 
 use super::join::AnnotatedMesh;
 use super::measure::MeasuredMesh;
+use super::regions::has_fitted_faces;
 use super::{MeshScene, StageRunner};
 use crate::Result;
 use crate::comm::Comm;
@@ -87,7 +88,7 @@ impl MakePartition<3> for TetMesh {
         stages: &mut StageRunner<'_>,
     ) -> Result<Option<PartitionResult<Self, 3>>> {
         let (extent, outline) = (scene.extent, scene.distance);
-        let has_labels = scene.features.labels.is_some();
+        let has_labels = scene.features.labels.is_some() || has_fitted_faces(scene.features);
         let Some(target) = target.filter(|t| t.method == SliverMethod::Joe && !has_labels) else {
             return Ok(None);
         };

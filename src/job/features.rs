@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use super::MeshSpec;
 use super::output::lines::write_feature_lines;
 use super::output::points::write_feature_points;
-use super::spec::{FeatureWeights, NominalDistance, PointValue};
+use super::spec::{FeatureWeights, NominalDistance, PointValue, ThresholdValues};
 use crate::error::cause;
 use crate::feature::{
     DetectionOptions, FaultEvidence, FeatureKind, FeatureLine, Features, LineKind, MIN_FAULT_DIP,
@@ -42,10 +42,10 @@ pub struct FeatureSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S")]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    /// [default: automatic; it is printed]
-    #[arg(long, value_name = "T", allow_negative_numbers = true)]
-    pub threshold: Option<f32>,
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value, or
+    /// several values in ascending order with commas between them [default: automatic; it is printed]
+    #[arg(long, value_name = "T[,T]", allow_hyphen_values = true)]
+    pub threshold: Option<ThresholdValues>,
     /// How faults are recognised in seismic amplitudes
     #[arg(long, value_name = "EVIDENCE", default_value_t, value_enum)]
     pub fault_evidence: FaultEvidence,
@@ -155,7 +155,7 @@ impl FeatureSpec {
             distance: NominalDistance::Constant(self.distance),
             feature: self.feature,
             sigma: self.sigma,
-            threshold: self.threshold,
+            threshold: self.threshold.clone(),
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,

@@ -88,6 +88,7 @@ pub(crate) fn lattice_well_paths<const D: usize>(
     let min_distance = params
         .spec()
         .well_distance
+        .map(|length| length.value)
         .unwrap_or(params.spacing().min());
     let spacing = geometry.spacing();
     let sample = (0..D).fold(f64::INFINITY, |s, k| s.min(spacing[k] / step[k]));

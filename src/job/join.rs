@@ -2,6 +2,7 @@
 
 use super::StageRunner;
 use super::checkpoint::Codec;
+use super::periodic::{MatchSides, MatchedSides};
 use super::scene::MeshScene;
 use crate::Result;
 use crate::comm::SelfComm;
@@ -16,12 +17,12 @@ use crate::published::relax::{self, Relaxation};
 use crate::report::{AngleAssessment, Improvement};
 
 /// Simplices into which atoms are joined.
-pub trait JoinAtoms<const D: usize>: Simplices<D> + Codec {
+pub trait JoinAtoms<const D: usize>: Simplices<D> + MatchSides<D> + Codec {
     /// Snaps the atoms that are close to a feature onto it, joins all atoms, and improves the mesh
     /// until every angle is at least as large as `improvement` requires, if that is possible.
     /// Without `improvement` the atoms are only joined. In the plane, the triangulation is smoothed
     /// before that as `relaxation` says. If the job is stopped, smoothing and improvement end
-    /// early.
+    /// early. `sides` are the faces of a periodic mesh on its sides, and its atoms.
     ///
     /// # Errors
     /// Returns the errors of the triangulation.
@@ -30,6 +31,7 @@ pub trait JoinAtoms<const D: usize>: Simplices<D> + Codec {
         scene: &MeshScene<'_, D>,
         relaxation: Option<&Relaxation<D>>,
         improvement: Option<&Target>,
+        sides: Option<&MatchedSides<D>>,
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<Self>>;
 }
@@ -128,18 +130,25 @@ impl JoinAtoms<3> for TetMesh {
         scene: &MeshScene<'_, 3>,
         _: Option<&Relaxation<3>>,
         improvement: Option<&Target>,
+        sides: Option<&MatchedSides<3>>,
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<TetMesh>> {
         let (extent, distance, comm) = (scene.extent, scene.distance, stages.comm);
         let kernel = stages.kernel;
         // The cuts are at the same places, whether this rank has all atoms or not.
         let slabs = match improvement {
-            Some(_) => DistributedSlabs::cut(&atoms.positions, extent, distance, &SelfComm)?,
-            None => None,
+            Some(_) if sides.is_none() => {
+                DistributedSlabs::cut(&atoms.positions, extent, distance, &SelfComm)?
+            }
+            _ => None,
         };
         let slabs = slabs.map(|slabs| DistributedSlabs::new(slabs.cuts, comm));
         let Atoms { positions, kinds } = &mut atoms;
-        let planes = improvement.map(|_| scene.snap(positions, kinds));
+        // The atoms of a periodic mesh are on features already.
+        let planes = improvement.map(|_| match sides {
+            Some(_) => scene.local_planes(),
+            None => scene.snap(positions, kinds),
+        });
         stages.begin(Stage::Triangulating);
         let Delaunay {
             mut mesh,
@@ -165,14 +174,20 @@ impl JoinAtoms<3> for TetMesh {
         let (neighbours, (outcome, feature_faces)) = match target.method {
             SliverMethod::Joe => {
                 stages.begin(Stage::Improving);
-                let result = stages.run_cancellable(|cancel| match &slabs {
-                    Some(slabs) => {
-                        let (mesh, neighbours) = (&mut mesh, &mut neighbours);
-                        improve_slabs(mesh, neighbours, &mut kinds, slabs, context, cancel)
-                    }
-                    None => {
-                        let (mesh, neighbours) = (&mut mesh, &mut neighbours);
-                        tets::improve(mesh, neighbours, &mut kinds, context, work, cancel)
+                let result = stages.run_cancellable(|cancel| {
+                    let (mesh, neighbours) = (&mut mesh, &mut neighbours);
+                    let kinds = &mut kinds;
+                    match (&slabs, sides) {
+                        (_, Some(sides)) => {
+                            let sides = &sides.by_side();
+                            tets::improve_between(mesh, neighbours, kinds, sides, context, cancel)
+                        }
+                        (Some(slabs), None) => {
+                            improve_slabs(mesh, neighbours, kinds, slabs, context, cancel)
+                        }
+                        (None, None) => {
+                            tets::improve(mesh, neighbours, kinds, context, work, cancel)
+                        }
                     }
                 })?;
                 (Some(neighbours.into_flattened()), result)
@@ -207,12 +222,16 @@ impl JoinAtoms<2> for TriMesh {
         scene: &MeshScene<'_, 2>,
         relaxation: Option<&Relaxation<2>>,
         improvement: Option<&Target>,
+        sides: Option<&MatchedSides<2>>,
         stages: &mut StageRunner<'_>,
     ) -> Result<JoinedMesh<TriMesh>> {
         let (extent, distance) = (scene.extent, scene.distance);
         let needs_planes = improvement.is_some() || relaxation.is_some();
         let Atoms { positions, kinds } = &mut atoms;
-        let planes = needs_planes.then(|| scene.snap(positions, kinds));
+        let planes = needs_planes.then(|| match sides {
+            Some(_) => scene.local_planes(),
+            None => scene.snap(positions, kinds),
+        });
         stages.begin(Stage::Triangulating);
         let mut mesh = match (relaxation, &planes) {
             (Some(relaxation), Some(planes)) => {

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use super::cell_choice::{check_choice, choose_cells, with_coarse_cells};
+use super::cover::{self, Cover};
 use super::distributed::MakePartition;
 use super::given_surfaces::SurfacesInImage;
 use super::job_domain::{JobDomain, lattice_extent};
@@ -12,7 +14,7 @@ use super::spec::{DEFAULT_DISTANCES, MeshSpec, NominalDistance, Padding};
 use super::topography::Topography;
 use super::{
     AnnotatedMesh, CellKind, Checkpoint, JoinAtoms, LatticeParams, MeshScene, MeshShare, Metric,
-    Params, Spacing, StageRunner, cells, estimate, horizons, live, simplices,
+    Params, Spacing, StageRunner, advice, cells, estimate, horizons, live, periodic, simplices,
 };
 use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
@@ -24,6 +26,7 @@ use crate::lattice::optimise::{self, StopReason};
 #[cfg(doc)]
 use crate::mesh::complex::NONE;
 use crate::mesh::interface::marks_from_bits;
+use crate::mesh::periodic::{PeriodicNodes, check_periodic};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Dimension, SimplexMesh, Simplices, Space, TetMesh, TriMesh};
 use crate::mesh_file::Provenance;
@@ -40,6 +43,9 @@ pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     pub extent: [f64; D],
     /// Length of one sample along each axis of lattice space.
     pub step: [f64; D],
+    /// Position of the mesh's corner in the lattice space of the features and the distance: half a sample
+    /// beyond their corner if the mesh covers voxels, else 0.
+    pub feature_offset: [f64; D],
     /// Geometry of the image, which maps samples to physical coordinates.
     pub geometry: Geometry<D>,
     /// Cells beyond the image, if the mesh continues there.
@@ -53,6 +59,10 @@ pub struct Outcome<const D: usize = 3, M = SimplexMesh<D>> {
     pub face_names: Vec<u32>,
     /// The share of each cell that holds data; `None` if all cells are full of data.
     pub live: Option<Vec<f64>>,
+    /// The cells that files of the mesh contain, ascending; `None` for all of them.
+    pub kept_cells: Option<Vec<u32>>,
+    /// The nodes on opposite sides that match; `None` if the mesh is not periodic.
+    pub periodic_nodes: Option<PeriodicNodes>,
     /// Nominal distance between atoms; for a part of a mesh, it is known near that part.
     pub distance: Distance<D>,
     /// Result of the optimiser's last pass, if atoms were moved.
@@ -148,6 +158,8 @@ pub struct RunOptions<'a> {
     pub may_partition: bool,
     /// The ranks that share the job; by default this process alone.
     pub comm: &'a dyn Comm,
+    /// `true` for a job that tries an option, after which no others are tried.
+    pub is_trial: bool,
 }
 
 impl Default for RunOptions<'_> {
@@ -156,6 +168,7 @@ impl Default for RunOptions<'_> {
             checkpoint: None,
             may_partition: false,
             comm: &SelfComm,
+            is_trial: false,
         }
     }
 }
@@ -199,7 +212,7 @@ impl MeshImage<2> for Space<2> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<2, TriMesh>> {
-        run_stages(source, params, run_options, progress)
+        run_covering(source, params, run_options, progress)
     }
 }
 
@@ -210,8 +223,34 @@ impl MeshImage<3> for Space<3> {
         run_options: RunOptions<'_>,
         progress: &mut dyn Progress,
     ) -> Result<Outcome<3, TetMesh>> {
-        run_stages(source, params, run_options, progress)
+        let mut outcome = run_covering(source, params, run_options, progress)?;
+        if !run_options.is_trial && run_options.comm.size() == 1 {
+            advice::advise(source, params, &mut outcome, progress);
+        }
+        Ok(outcome)
     }
+}
+
+/// Runs all stages of a job, for the box through the outermost samples or for full voxels.
+fn run_covering<const D: usize, M: JoinAtoms<D> + MakePartition<D> + Pad<D>>(
+    source: ImageSource<'_, D>,
+    params: &Params<D>,
+    run_options: RunOptions<'_>,
+    progress: &mut dyn Progress,
+) -> Result<Outcome<D, M>>
+where
+    Space<D>: Dimension<D, Mesh = M>,
+{
+    if params.spec.cover == Cover::Samples {
+        return run_stages(source, params, run_options, progress);
+    }
+    let image = source.to_image()?;
+    let padded_image = cover::padded(&image);
+    let padded_source = ImageSource::InMemory(&padded_image);
+    let padded_params = cover::padded_params(params);
+    let mut outcome = run_stages(padded_source, &padded_params, run_options, progress)?;
+    cover::squeeze(&mut outcome, &image, &params.spec.label)?;
+    Ok(outcome)
 }
 
 /// Runs all stages of a job.
@@ -232,11 +271,20 @@ where
     let checkpoint = run_options.checkpoint.map(for_job).transpose()?;
     let prepared = PreparedImage::new(source, params)?;
     let source = prepared.source(source);
+    if let Some(axes) = params.spec.periodic {
+        periodic::check_axes(axes, source, comm)?;
+    }
     let (dims, geometry) = (source.dims(), source.geometry());
     let (placed, notes_on_points) = params.with_points_in(geometry, dims)?;
-    let params = &*placed.with_metric_for(geometry);
+    let params = &*placed.with_metric_for(source)?;
     let step = params.spec.metric.step(geometry);
     let extent = lattice_extent(dims, step);
+    let coarse = with_coarse_cells(
+        params,
+        source,
+        lattice_extent(dims, params.spec.metric.lengths(geometry)),
+    )?;
+    let params = coarse.as_ref().unwrap_or(params);
     let fitted = fitted_params(params, dims, geometry, extent)?;
     let params = fitted.as_ref().unwrap_or(params);
     let distance_in_use = params.spec.distance.to_string();
@@ -263,6 +311,7 @@ where
         may_distribute,
         &mut stages,
     )?;
+    check_choice(params, &features)?;
     let mut made = make_mesh(source, lattice, &mut features, &frame, &mut stages)?;
     gather_potential(&mut features, &made.mesh, comm)?;
     let (mesh, distance, report) = (&made.mesh, &made.distance, &mut made.report);
@@ -275,6 +324,8 @@ where
     add_findings(report, &prepared, &features, live.as_deref());
     let (notes_on_given, outside) = given.map_or_else(Default::default, |g| (g.notes, g.outside));
     report.add_given_surfaces(outside, &features.names);
+    let kept_cells = choose_cells(params, mesh, &features, distance, extent, report)?;
+    report.notes.extend(params.metric_note.clone());
     let notes = notes_on_points.into_iter().chain(notes_on_given);
     (report.notes).extend(notes.chain(placement::distance_note(source, lattice, &features)?));
     let scene = scene_of(extent, &features, distance);
@@ -294,12 +345,15 @@ where
         mesh: made.mesh,
         extent,
         step,
+        feature_offset: [0.0; D],
         geometry: geometry.clone(),
         padding,
         share: made.share,
         features,
         face_names: made.face_names,
         live,
+        kept_cells,
+        periodic_nodes: made.periodic_nodes,
         distance: made.distance,
         optimise_result: made.optimise_result,
         provenance: Provenance::default(),
@@ -309,7 +363,9 @@ where
 
 /// Returns `true` if a job with these parameters can be distributed over ranks up to its mesh.
 fn can_be_partitioned<const D: usize>(params: &Params<D>, comm: &dyn Comm) -> bool {
-    comm.size() > 1 && params.spec.pad.is_none() && params.spec.cell_kind() == CellKind::Simplices
+    let keeps_all = params.spec.cell_choice().keeps_all();
+    let is_plain = params.spec.pad.is_none() && params.spec.cover == Cover::Samples;
+    comm.size() > 1 && is_plain && keeps_all && params.spec.cell_kind() == CellKind::Simplices
 }
 
 /// Gathers a distributed potential at the nodes of a mesh, as it is written to the mesh file.
@@ -623,6 +679,8 @@ pub(super) struct MadeMesh<const D: usize, M> {
     pub report: Report,
     /// Which part of the mesh this rank has, if it is partitioned.
     pub share: Option<MeshShare>,
+    /// Nodes on opposite sides that match.
+    pub periodic_nodes: Option<PeriodicNodes>,
     pub distance: Distance<D>,
     pub optimise_result: Option<optimise::OptimiseResult>,
 }
@@ -681,6 +739,7 @@ fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
             mesh: MeshResult::Simplices(annotated),
             report: partition.report,
             share: Some(partition.share),
+            periodic_nodes: None,
             distance: partition.distance,
             optimise_result,
         });
@@ -692,13 +751,31 @@ fn join_atoms<const D: usize, M: JoinAtoms<D> + MakePartition<D>>(
         features,
         distance: &distance,
     };
-    let atoms = atoms.all_gather(comm)?;
-    let made = simplices::make_simplices(atoms, &scene, source, params, stages)?;
+    let mut atoms = atoms.all_gather(comm)?;
+    let axes = params.periodic_axes();
+    let mut sides = axes
+        .map(|axes| M::match_sides(std::mem::take(&mut atoms), &scene, params, axes, stages))
+        .transpose()?;
+    if let Some(sides) = &mut sides {
+        atoms = std::mem::take(&mut sides.atoms);
+    }
+    let made =
+        simplices::make_simplices::<D, M>(atoms, &scene, source, params, sides.as_ref(), stages)?;
+    let mut report = made.report;
+    let mut periodic_nodes = None;
+    if let (Some(flags), Some(axes)) = (axes, params.spec().periodic) {
+        let AnnotatedMesh { mesh, regions, .. } = &made.annotated;
+        let neighbours = simplices::cell_neighbours(mesh)?;
+        let (nodes, check) = check_periodic(mesh, &neighbours, regions, extent, flags)?;
+        report.notes.push(periodic::note(axes, &check));
+        periodic_nodes = Some(nodes);
+    }
     Ok(MadeMesh {
         mesh: MeshResult::Simplices(made.annotated),
         face_names: made.face_names,
-        report: made.report,
+        report,
         share: None,
+        periodic_nodes,
         distance,
         optimise_result,
     })

@@ -2,13 +2,14 @@
 
 use super::job_domain::JobDomain;
 use super::spec::SeedingKind;
-use super::{CellKind, Evaluator, LatticeParams, Optimizer};
+use super::{CellKind, Evaluator, LatticeParams, Optimizer, periodic};
 use crate::Result;
 use crate::comm::Comm;
 use crate::feature::Features;
 use crate::image::SparseField;
 use crate::improve::Effort;
 use crate::lattice::distance::{Distance, DistributedDistance};
+use crate::lattice::energy::tied::TiedEnergy;
 use crate::lattice::energy::{Beta, Energy, PairwiseEnergy};
 use crate::lattice::halo::SharedLattice;
 use crate::lattice::optimise::{self, StopReason};
@@ -79,9 +80,22 @@ pub(super) fn optimise<const D: usize>(
         let mobility = || Ok(atoms.clone().all_gather(comm)?.mobility(extent));
         let beta = frame.beta.clone();
         let group = Some(comm);
-        let energy = &mut *job_energy(params, potential, distance, beta, extent, mobility, group)?;
+        let positions = &atoms.atoms.positions;
+        let tied = (params.periodic_axes())
+            .map(|axes| periodic::tied_nodes(positions, extent, axes))
+            .transpose()?;
+        let mut energy = job_energy(params, potential, distance, beta, extent, mobility, group)?;
+        if let Some(nodes) = &tied {
+            energy = Box::new(TiedEnergy::new(energy, nodes, extent));
+        }
         let lattice = SharedLattice::new(atoms, comm);
-        optimise::optimise_partition(lattice, energy, distance, extent, &options, progress)
+        let energy = &mut *energy;
+        let result =
+            optimise::optimise_partition(lattice, energy, distance, extent, &options, progress)?;
+        if let Some(nodes) = &tied {
+            nodes.follow_bases(&mut atoms.atoms.positions, extent);
+        }
+        Ok(result)
     };
     let potential = &features.potential;
     if potential.is_distributed {

@@ -5,6 +5,7 @@
 //! - `params`: the options, and the content of the files that they name
 //! - `depth`: converts the images among the parameters from two-way time to depth
 //! - `mesh_verb`: runs all stages of a job
+//! - `advice`: options for a better mesh, tried on a part of the image
 //! - `checkpoint`: results of stages, stored in a folder so that an interrupted job can continue
 //! - `stages`: reports each stage to the clock and the caller
 //! - `estimate`: estimates of the size of a mesh
@@ -21,6 +22,7 @@
 //! - `equalise`: makes Voronoi cells more equal in size
 //! - `skew_faces`: removes faces far from the line between the centroids of their cells
 //! - `padding`: cells beyond the image
+//! - `periodic`: opposite sides that match
 //! - `output`: the mesh as a file, and files of lines and feature points
 //! - `topography`: the surface at which those above it end
 //! - `measure`: quality and fidelity of the mesh
@@ -35,10 +37,13 @@
 //! All stages work in *lattice space* (sample index times a step per axis); `store` transforms the
 //! result into physical coordinates.
 
+mod advice;
 pub(crate) mod atom_file;
 mod canny;
+mod cell_choice;
 pub(crate) mod cells;
 mod checkpoint;
+mod cover;
 mod depth;
 mod distributed;
 mod equalise;
@@ -57,6 +62,7 @@ mod named_faces;
 pub(crate) mod output;
 pub(crate) mod padding;
 mod params;
+mod periodic;
 mod placed_points;
 mod placement;
 mod regions;

@@ -20,6 +20,7 @@ use crate::image::{Geometry, Image, ImageSource, LabelTable, LabelValue, Modalit
 use crate::improve::Effort;
 use crate::lattice::optimise::Method;
 use crate::names::append_distinct;
+use crate::progress::ASSUMED;
 use crate::published::{canny, genetic};
 use crate::well_file::WellFile;
 use crate::{Error, Result};
@@ -258,6 +259,8 @@ pub struct Params<const D: usize = 3> {
     pub velocities: Option<VelocityModel<D>>,
     /// The unit of two-way time in the image's file, if the image was converted to depth.
     pub time_unit: Option<String>,
+    /// A note on what was assumed of the space in which cells are regular.
+    pub metric_note: Option<String>,
 }
 
 impl<const D: usize> Default for Params<D> {
@@ -380,19 +383,54 @@ impl<const D: usize> Params<D> {
         Ok(params)
     }
 
-    /// Returns the parameters with the metric that suits an image with this geometry, if it is to be
-    /// chosen: cells of a scan are well shaped in space, those of a survey in samples, because
-    /// layers are thin.
-    pub fn with_metric_for(&self, geometry: &Geometry<D>) -> Cow<'_, Self> {
-        if self.spec.metric != Metric::Auto {
-            return Cow::Borrowed(self);
+    /// Returns the parameters with the metric that suits an image, if it is to be chosen, and with all
+    /// distances in the unit of the metric. Cells of a scan are well shaped in space, those of a survey in
+    /// samples, because layers are thin. Other images count as scans if they are labels, and if a distance
+    /// has a unit of length.
+    ///
+    /// # Errors
+    /// Returns the errors of [`MeshSpec::with_lengths_in`].
+    pub fn with_metric_for(&self, source: ImageSource<'_, D>) -> Result<Cow<'_, Self>> {
+        let has_unit = self.spec.unit_of_lengths().is_some();
+        if self.spec.metric != Metric::Auto && !has_unit {
+            return Ok(Cow::Borrowed(self));
         }
+        let geometry = source.geometry();
         let mut params = self.clone();
-        params.spec.metric = match self.modality.or_detect(geometry) {
-            Modality::Scan => Metric::Shape,
-            Modality::Survey | Modality::Unknown => Metric::Samples,
+        if self.spec.metric == Metric::Auto {
+            let modality = self.modality.or_detect(geometry);
+            let is_isotropic = || Metric::Shape.lengths(geometry).iter().all(|l| *l == 1.0);
+            params.spec.metric = match modality {
+                Modality::Scan => Metric::Shape,
+                _ if has_unit => Metric::Shape,
+                Modality::Unknown if !is_isotropic() && self.is_about_labels(source, modality) => {
+                    Metric::Shape
+                }
+                Modality::Survey | Modality::Unknown => Metric::Samples,
+            };
+            let is_guess = params.spec.metric == Metric::Shape && !has_unit;
+            if is_guess && geometry.units[0].is_empty() && !is_isotropic() {
+                let spacing = geometry.spacing().map(|s| s.to_string()).join(" x ");
+                params.metric_note = Some(format!(
+                    "{ASSUMED}the distances between samples ({spacing}, no unit) are lengths, and cells are \
+                     regular in space; --metric samples makes them as flat as samples"
+                ));
+            }
+        }
+        params.spec = params.spec.with_lengths_in(geometry)?;
+        Ok(Cow::Owned(params))
+    }
+
+    /// Returns `true` if the features are those of labels, and the image lies in space.
+    fn is_about_labels(&self, source: ImageSource<'_, D>, modality: Modality) -> bool {
+        let (kind, geometry) = (self.spec.feature, source.geometry());
+        let is_labelled = || match source {
+            ImageSource::InMemory(image) if kind == FeatureKind::Auto => {
+                image.label_evidence(modality).is_some()
+            }
+            _ => kind.has_labels() || kind == FeatureKind::Mask,
         };
-        Cow::Owned(params)
+        geometry.length_scales().is_ok() && is_labelled()
     }
 
     fn with_resolved(spec: MeshSpec, path_seeds: feature::PathSeeds<D>) -> Self {
@@ -413,6 +451,7 @@ impl<const D: usize> Params<D> {
             topography: Vec::new(),
             velocities: None,
             time_unit: None,
+            metric_note: None,
         }
     }
 
@@ -423,7 +462,12 @@ impl<const D: usize> Params<D> {
         }
         let (min, max) = match self.spec.distance {
             NominalDistance::Constant(d) => return Spacing::Constant(d),
-            NominalDistance::Range { min, max } => (min, max),
+            NominalDistance::InUnit { min, max, .. } if min == max => {
+                return Spacing::Constant(max);
+            }
+            NominalDistance::Range { min, max } | NominalDistance::InUnit { min, max, .. } => {
+                (min, max)
+            }
         };
         if self.distance_map.is_some() {
             return Spacing::FromDistanceMap { min, max };
@@ -503,6 +547,7 @@ impl<const D: usize> Params<D> {
                 None => params.spec.label.push(LabelOptions {
                     label: *label,
                     distance: None,
+                    unit: None,
                     name: Some(name),
                     merge_into: None,
                 }),
@@ -521,11 +566,15 @@ impl<const D: usize> Params<D> {
             (kind, _) => kind,
         };
         let spacing = self.spacing();
+        let (threshold, further_levels) = spec.threshold_levels();
         feature::DetectionOptions {
             kind,
             modality: self.modality,
             scale: spec.sigma,
-            threshold: spec.threshold,
+            label_smoothing: spec.label_smoothing,
+            threshold,
+            further_levels,
+            min_part: spec.min_part_samples(),
             fault_evidence: spec.fault_evidence,
             min_dip: spec.min_dip,
             min_fault_size: spec.min_fault_size,
@@ -560,12 +609,14 @@ impl<'a, const D: usize> LatticeParams<'a, D> {
         let mut params = params.clone();
         match &mut params.spec.distance {
             NominalDistance::Constant(d) => *d /= unit,
-            NominalDistance::Range { min, max } => {
+            NominalDistance::Range { min, max } | NominalDistance::InUnit { min, max, .. } => {
                 *min /= unit;
                 *max /= unit;
             }
         }
-        params.spec.well_distance = params.spec.well_distance.map(|d| d / unit);
+        if let Some(length) = &mut params.spec.well_distance {
+            length.value /= unit;
+        }
         for label in &mut params.spec.label {
             label.distance = label.distance.map(|d| d / unit);
         }
@@ -606,6 +657,12 @@ impl<'a, const D: usize> LatticeParams<'a, D> {
     /// Returns the weight of the image.
     pub fn beta(&self) -> &Weight<D> {
         &self.0.beta
+    }
+
+    /// Returns the axes along which the mesh is periodic, if there are any.
+    pub fn periodic_axes(&self) -> Option<[bool; D]> {
+        let axes = self.0.spec.periodic?;
+        Some(array::from_fn(|k| axes.0[k]))
     }
 
     /// Returns the fixed atoms, in physical coordinates.

@@ -4,7 +4,7 @@
 use super::job_domain::JobDomain;
 use super::minimisation::{self, optimise};
 use super::spec::SeedingKind;
-use super::{LatticeParams, Spacing, StageRunner, canny, estimate};
+use super::{LatticeParams, Spacing, StageRunner, canny, estimate, periodic};
 use crate::comm::Comm;
 use crate::error::cause;
 use crate::feature::components::for_each_sample;
@@ -82,18 +82,26 @@ pub(super) fn nominal_distance<const D: usize>(
     let (extent, well_paths, comm) = (frame.extent, &frame.well_paths, stages.comm);
     let distance = stages.run_or_interrupt(Stage::Placing, |cancel| {
         let mut distance = base_distance(source, params, features, frame.step, comm, cancel)?;
-        if features.labels.is_some() || !well_paths.is_empty() {
+        let is_periodic = params.spec().periodic.is_some();
+        if features.labels.is_some() || !well_paths.is_empty() || is_periodic {
             distance = DistributedDistance::Global(distance.into_global(comm)?);
         }
         if let DistributedDistance::Global(global) = distance {
             distance =
                 DistributedDistance::Global(distance_with_labels(global, params, features, cancel));
         }
+        if let (Some(axes), DistributedDistance::Global(global)) =
+            (params.periodic_axes(), &mut distance)
+        {
+            let growth = MAX_DISTANCE_GROWTH;
+            periodic::make_distance_periodic(global, axes, growth, cancel);
+        }
         cancel.check(Stage::Placing)?;
         match (
             params
                 .spec()
                 .well_distance
+                .map(|length| length.value)
                 .filter(|_| !well_paths.is_empty()),
             distance,
         ) {
@@ -240,6 +248,10 @@ pub(super) fn optimised_lattice<const D: usize>(
             })?;
             Ok((atoms, ()))
         })?;
+        if let Some(axes) = params.periodic_axes() {
+            let min_distance = distance.outline().min();
+            periodic::tie_lattice(&mut atoms, frame.extent, min_distance, axes)?;
+        }
         stages.begin(Stage::Optimising);
         let optimised = optimise(
             &mut atoms,

@@ -7,45 +7,87 @@ use crate::parallel::prelude::*;
 
 use super::{AnnotatedMesh, MeshScene, named_faces};
 use crate::feature::components::{Components, for_each_sample};
-use crate::feature::label_map::components;
+use crate::feature::detectors::labels::absorb_parts_below;
 use crate::feature::volume::Volume;
-use crate::feature::{LabelOptions, label_map};
+use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal};
-use crate::image::{Image, LabelValue};
-use crate::improve::regions::{self, InterfaceFit, SamplePoints};
+use crate::image::{Image, LabelTable, LabelValue};
+use crate::improve::regions::{self, InterfaceFit, LabelParts, PartTopology, SamplePoints};
+use crate::improve::{FeatureFit, fit_feature_faces};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::progress::CancelToken;
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
 use crate::report::{
-    Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, finer_distance,
+    Certificate, Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, VolumeReference,
+    finer_distance,
 };
 
 /// Fraction of a part's volume below which the part is lost, if the cells with its label hold less.
 const MIN_KEPT_SHARE: f64 = 0.25;
 
+/// Largest distance of a face from the edge on which it lies, in the largest step between samples.
+const MAX_FACE_DISTANCE: f64 = 3.0;
+
 /// Number of cells whose sample points one task visits.
 const CELLS_PER_TASK: usize = 1 << 12;
 
+/// The neighbours, the names of faces and the given labels of the cells of a mesh.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellFaces<'a> {
+    /// For every cell and face, in order, the cell on the other side, or `NONE`.
+    pub neighbours: &'a [u32],
+    /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
+    pub names: &'a [u32],
+    /// Cells whose label is given, with its index.
+    pub pinned: &'a [(usize, u32)],
+}
+
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
 /// index of each cell; `None` if the features are not labels. The faces on features become those between labels, and those on given surfaces,
-/// which have `face_names`; these surfaces stay where they are.
+/// which have names; these surfaces stay where they are.
 pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     annotated: &mut AnnotatedMesh<M>,
-    neighbours: &[u32],
-    face_names: &[u32],
+    faces: CellFaces<'_>,
     scene: &MeshScene<'_, D>,
     min_angle: Option<f64>,
     cancel: &CancelToken<'_>,
 ) -> Option<Vec<u32>> {
-    let labelled = scene.features.labels.as_ref()?;
-    let mut regions = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    let CellFaces {
+        neighbours,
+        names: face_names,
+        pinned,
+    } = faces;
+    let Some(labelled) = scene.features.labels.as_ref() else {
+        if let Some(min_angle) = min_angle.filter(|_| has_fitted_faces(scene.features)) {
+            fit_to_edges(annotated, neighbours, scene, min_angle, cancel);
+        }
+        return None;
+    };
+    let pin = |regions: &mut [u32]| pinned.iter().for_each(|&(c, label)| regions[c] = label);
+    let parts = LabelParts::new(labelled);
+    let (mut regions, votes) = regions::assign_labels(&annotated.mesh, neighbours, labelled);
+    pin(&mut regions);
+    let mut cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+    let repair = |mesh: &M, cell_parts: &mut [u32], regions: &mut [u32]| {
+        PartTopology::new(mesh, neighbours, &parts).repair(cell_parts, &votes);
+        for (region, &part) in regions.iter_mut().zip(&*cell_parts) {
+            if part != NONE {
+                *region = parts.label(part);
+            }
+        }
+    };
+    repair(&annotated.mesh, &mut cell_parts, &mut regions);
+    pin(&mut regions);
     if let Some(min_angle) = min_angle {
         let anchors = named_faces::anchored_nodes(&annotated.mesh, face_names, scene);
         let fitting = InterfaceFit {
             labelled,
             regions: &regions,
+            parts: &parts,
+            cell_parts: &cell_parts,
             neighbours,
             anchors: anchors.as_ref(),
             kinds: &annotated.node_kinds,
@@ -54,12 +96,46 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         };
         regions::fit(&mut annotated.mesh, &fitting, cancel);
         regions = regions::remove_spikes(&annotated.mesh, &fitting);
+        pin(&mut regions);
+        cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
+        repair(&annotated.mesh, &mut cell_parts, &mut regions);
+        pin(&mut regions);
         let interfaces = regions::interface_marks::<D>(&regions, neighbours);
         annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
     }
     let label_regions = labelled.regions();
     annotated.regions = regions.iter().map(|&n| label_regions[n as usize]).collect();
     Some(regions)
+}
+
+/// Returns `true` if the faces on features are fitted to them: the features are sides of objects, whose volumes
+/// matter.
+pub(super) fn has_fitted_faces<const D: usize>(features: &Features<D>) -> bool {
+    let mut kinds = features.resolved.iter().map(|resolved| resolved.kind);
+    !features.resolved.is_empty()
+        && features.names.is_empty()
+        && kinds.all(|kind| kind == FeatureKind::Edges)
+}
+
+/// Fits the faces on features to these.
+fn fit_to_edges<const D: usize, M: Simplices<D>>(
+    annotated: &mut AnnotatedMesh<M>,
+    neighbours: &[u32],
+    scene: &MeshScene<'_, D>,
+    min_angle: f64,
+    cancel: &CancelToken<'_>,
+) {
+    let step = scene.features.potential.step;
+    let fit = FeatureFit {
+        points: &scene.features.points,
+        marks: &annotated.feature_faces,
+        neighbours,
+        kinds: &annotated.node_kinds,
+        extent: scene.extent,
+        reach: MAX_FACE_DISTANCE * step.iter().copied().fold(0.0, f64::max),
+        min_angle,
+    };
+    fit_feature_faces(&mut annotated.mesh, &fit, cancel);
 }
 
 /// Returns the number of parts into which marked faces divide a mesh of simplices: cells are in one
@@ -144,28 +220,92 @@ fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet
     pairs
 }
 
+/// The labels of samples by which regions are judged.
+pub(super) struct JudgedLabels<const D: usize> {
+    /// The labels, and for each sample the index of its label.
+    pub table: LabelTable,
+    /// The connected parts of the labels.
+    pub components: Components<D>,
+    /// Names of and distances in labels.
+    pub options: Vec<LabelOptions>,
+    /// Volumes between samples in lattice units, if thresholds make the labels.
+    volumes: Option<Vec<f64>>,
+}
+
+impl<const D: usize> JudgedLabels<D> {
+    /// Returns the labels of the samples of an image. Connected parts of fewer than `min_part` samples have
+    /// joined the labels around them. For thresholds, these are the regions between them in `labelled`. Returns
+    /// `None` if there are too many labels.
+    pub fn new(
+        image: &Image<D>,
+        labelled: &LabelMap<D>,
+        options: &[LabelOptions],
+        min_part: usize,
+    ) -> Option<Self> {
+        if labelled.values.is_none() {
+            let (mut table, mut components) = label_map::components(image)?;
+            if min_part > 1 {
+                absorb_parts_below(image.dims(), &mut table.indices, min_part);
+                components = Components::from_labels(image.dims(), &table.indices);
+            }
+            return Some(Self {
+                components,
+                table,
+                options: options.to_vec(),
+                volumes: None,
+            });
+        }
+        let named = |(label, name): (&LabelValue, &Option<String>)| LabelOptions {
+            label: *label,
+            unit: None,
+            name: name.clone(),
+            distance: (options.iter().find(|options| options.label == *label))
+                .and_then(|options| options.distance),
+            merge_into: None,
+        };
+        Some(Self {
+            table: LabelTable {
+                values: labelled.labels.clone(),
+                indices: labelled.winner.clone(),
+            },
+            components: Components::from_labels(image.dims(), &labelled.winner),
+            options: labelled
+                .labels
+                .iter()
+                .zip(&labelled.names)
+                .map(named)
+                .collect(),
+            volumes: Some(labelled.volumes.clone()),
+        })
+    }
+}
+
 /// Returns the report on the labels of an image, from the sample points, the contacts and the label
-/// indices of cells. Returns `None` if there are too many labels, or if `cancel` is cancelled.
+/// indices of cells. Returns `None` if `cancel` is cancelled.
 pub(super) fn report<const D: usize>(
     image: &Image<D>,
-    label_options: &[LabelOptions],
+    judged: JudgedLabels<D>,
     sample_points: &SamplePoints<'_, D>,
     contacts: &Contacts,
     label_indices: &[u32],
     step: [f64; D],
     cancel: &CancelToken<'_>,
 ) -> Option<RegionSummary> {
-    let (table, parts) = components(image)?;
     if cancel.is_cancelled() {
         return None;
     }
+    let volume_reference = match judged.volumes {
+        Some(_) => VolumeReference::InterpolatedValues,
+        None => VolumeReference::Samples,
+    };
     let labelled = LabelledImage {
         image,
-        labels: table.values,
-        indices: table.indices,
-        parts,
-        options: label_options,
+        labels: judged.table.values,
+        indices: judged.table.indices,
+        parts: judged.components,
+        options: &judged.options,
         step,
+        volumes: judged.volumes,
     };
     let kept_volume = labelled.kept_volumes(sample_points, label_indices);
     let mut regions = labelled.region_reports(&sample_points.volumes, label_indices);
@@ -173,9 +313,33 @@ pub(super) fn report<const D: usize>(
     Some(RegionSummary {
         holes: labelled.holes(contacts),
         regions,
+        volume_reference,
         lost: lost.0,
         damaged: damaged.0,
     })
+}
+
+/// Judges cells by the samples of an image of labels. Returns `None` if `cancel` is cancelled.
+pub(super) fn certificate<const D: usize>(
+    image: &Image<D>,
+    judged: &JudgedLabels<D>,
+    cells: &LabelledCells<'_, D>,
+    cancel: &CancelToken<'_>,
+) -> Option<Certificate> {
+    let name_of = |label: &LabelValue| {
+        let mut options = judged.options.iter();
+        let options = options.find(|options| options.label == *label)?;
+        options.name.clone()
+    };
+    let names: Vec<Option<String>> = judged.table.values.iter().map(name_of).collect();
+    let certified = CertifiedImage {
+        components: &judged.components,
+        indices: &judged.table.indices,
+        labels: &judged.table.values,
+        names: &names,
+        geometry: &image.geometry,
+    };
+    certify(&certified, cells, cancel)
 }
 
 /// An image of labels and its connected parts.
@@ -187,6 +351,8 @@ struct LabelledImage<'a, const D: usize> {
     parts: Components<D>,
     options: &'a [LabelOptions],
     step: [f64; D],
+    /// Volumes of labels in lattice units, if they are not those of samples.
+    volumes: Option<Vec<f64>>,
 }
 
 impl<const D: usize> LabelledImage<'_, D> {
@@ -248,7 +414,10 @@ impl<const D: usize> LabelledImage<'_, D> {
     fn region_reports(&self, cell_volumes: &[f64], label_indices: &[u32]) -> Vec<RegionReport> {
         let (labels, dims) = (&self.labels, self.image.dims());
         let world = self.image.geometry.determinant().abs() / self.sample_volume();
-        let samples = label_map::volumes(dims, self.step, &self.indices, labels.len());
+        let samples = match &self.volumes {
+            Some(volumes) => volumes.clone(),
+            None => label_map::volumes(dims, self.step, &self.indices, labels.len()),
+        };
         let regions = label_map::regions(labels);
         let mut reports: Vec<RegionReport> = (0..labels.len())
             .map(|n| RegionReport {
@@ -269,7 +438,11 @@ impl<const D: usize> LabelledImage<'_, D> {
             reports[n as usize].volume += size * world;
         }
         for region in &mut reports {
-            region.volume_error_percent = 100.0 * (region.volume / region.sample_volume - 1.0);
+            region.volume_error_percent = if region.sample_volume > 0.0 {
+                100.0 * (region.volume / region.sample_volume - 1.0)
+            } else {
+                0.0
+            };
         }
         reports
     }
@@ -412,7 +585,6 @@ fn sufficient_distance<const D: usize>(volume: f64, surface: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::feature::FeatureKind;
     use crate::feature::scenes::image_of;
     use crate::image::LabelValue;
     use crate::job::spec::{MeshSpec, NominalDistance};
@@ -476,9 +648,16 @@ mod tests {
         assert!((contacts[&[0, 2]] - 16.0).abs() < 1e-12, "{contacts:?}");
         let holes_of = |image: &Image<3>| {
             let sample_points = SamplePoints::from_simplices(&mesh);
+            let (table, components) = label_map::components(image).unwrap();
+            let judged = JudgedLabels {
+                table,
+                components,
+                options: Vec::new(),
+                volumes: None,
+            };
             let summary = report(
                 image,
-                &[],
+                judged,
                 &sample_points,
                 &contacts,
                 &numbers,
@@ -578,7 +757,7 @@ mod tests {
             ball.largest_samples > 25 && ball.largest_samples < 40,
             "{ball:?}"
         );
-        assert!(ball.message().contains("label 7") && ball.message().contains("keeps it"));
+        assert!(ball.message().contains("label 7"));
         let option = ball.remedy().unwrap();
         let option = LabelOptions::parse(option.strip_prefix("--label ").unwrap()).unwrap();
         let params_with_label = Params::new(MeshSpec {

@@ -4,7 +4,8 @@ use super::canny::smooth_image;
 use super::join::{AnnotatedMesh, JoinAtoms, JoinedMesh};
 use super::measure::MeasuredMesh;
 use super::named_faces::close_given_surfaces;
-use super::regions;
+use super::periodic::MatchedSides;
+use super::regions::{self, CellFaces};
 use super::{LatticeParams, MeshScene, StageRunner};
 use crate::comm::Comm;
 use crate::error::cause;
@@ -18,6 +19,7 @@ use crate::mesh::Simplices;
 use crate::mesh::view::MeshView;
 use crate::progress::{CancelToken, Stage};
 use crate::published::relax::{self, Relaxation};
+use crate::report::certificate::LabelledCells;
 use crate::report::{Baseline, Report, cells_below};
 use crate::{Error, Result};
 
@@ -31,12 +33,14 @@ pub(super) struct MadeSimplices<M> {
     pub report: Report,
 }
 
-/// Joins atoms, improves the mesh, and measures it.
+/// Joins atoms, improves the mesh, and measures it. `sides` are those of a periodic mesh, which has their
+/// atoms.
 pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     atoms: Atoms<D>,
     scene: &MeshScene<'_, D>,
     source: ImageSource<'_, D>,
     params: &LatticeParams<'_, D>,
+    sides: Option<&MatchedSides<D>>,
     stages: &mut StageRunner<'_>,
 ) -> Result<MadeSimplices<M>> {
     let step = scene.features.potential.step;
@@ -53,7 +57,14 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
     let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
-        let joined = M::join(atoms, scene, relaxation.as_ref(), options.as_ref(), stages)?;
+        let joined = M::join(
+            atoms,
+            scene,
+            relaxation.as_ref(),
+            options.as_ref(),
+            sides,
+            stages,
+        )?;
         seal_mesh(joined, scene, stages)
     })?;
     let JoinedMesh {
@@ -69,9 +80,21 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     })?;
     let target = options.as_ref().filter(|_| improvement.is_some());
     let (angle, names) = (target.map(|target| target.min_dihedral), &face_names);
-    let label_indices = stages.run_cancellable(|cancel| {
-        regions::assign_regions(&mut annotated, &neighbours, names, scene, angle, cancel)
+    let pinned = sides.map_or_else(Vec::new, |sides| {
+        sides.pinned_labels(&annotated.mesh, &neighbours)
     });
+    let faces = CellFaces {
+        neighbours: &neighbours,
+        names,
+        pinned: &pinned,
+    };
+    let label_indices = stages.run_cancellable(|cancel| {
+        regions::assign_regions(&mut annotated, faces, scene, angle, cancel)
+    });
+    if let Some(sides) = sides {
+        let nodes = annotated.mesh.nodes();
+        sides.release(&mut annotated.node_kinds, nodes, scene.extent);
+    }
     stages.begin(Stage::Measuring);
     let label_image = (label_indices.is_some())
         .then(|| source.to_image())
@@ -91,9 +114,19 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
             let mesh = &annotated.mesh;
             let sample_points = SamplePoints::from_simplices(mesh);
             let contacts = regions::contacts_of_simplices(mesh, &neighbours, indices);
-            let (labels, points) = (&params.spec().label, &sample_points);
-            report.regions =
-                regions::report(image, labels, points, &contacts, indices, step, cancel);
+            let (labelled, spec) = (scene.features.labels.as_ref(), params.spec());
+            let judged = labelled.and_then(|labelled| {
+                regions::JudgedLabels::new(image, labelled, &spec.label, spec.min_part_samples())
+            });
+            if let Some(judged) = judged {
+                let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
+                let cells = LabelledCells::from_simplices(mesh, &neighbours, indices, to_index);
+                report.certificate = regions::certificate(image, &judged, &cells, cancel);
+                let points = &sample_points;
+                report.regions =
+                    regions::report(image, judged, points, &contacts, indices, step, cancel);
+                report.name_smoothed_interface();
+            }
             if let (Some(improvement), Some(target)) = (&mut report.improvement, &options) {
                 // Faces between regions are known, and fitted to the labels, only now.
                 improvement.below_target_after = cells_below(mesh, target.min_dihedral);

@@ -8,6 +8,7 @@
 //! - [`poly`]: meshes of polyhedra, or of polygons in 2-D
 //! - `mesh_partition`: tetrahedra that are distributed over several MPI ranks
 //! - `view`: all of a mesh or one partition of it, for code that measures meshes
+//! - `periodic`: opposite sides that match node by node
 //! - `renumber`: new numbers of the nodes or cells that are kept
 //! - `poly_columns`: geometry of cells that stand in columns
 //! - `poly_convert`: polyhedra made from simplices, or by lifting polygons to prisms
@@ -52,6 +53,7 @@ pub(crate) mod dimension;
 pub mod graph;
 pub(crate) mod interface;
 pub(crate) mod mesh_partition;
+pub mod periodic;
 pub mod poly;
 mod poly_columns;
 pub(crate) mod poly_convert;

@@ -361,6 +361,17 @@ impl<const D: usize> PolyMesh<D> {
         }
     }
 
+    /// Takes the side from every face on the boundary for whose nodes `feature_mark` returns whether it
+    /// lies on a feature.
+    pub fn release_sides(&mut self, feature_mark: impl Fn(&[u32]) -> Option<bool>) {
+        for f in self.inner_face_count()..self.face_cells.len() {
+            if let Some(on_feature) = feature_mark(self.faces.get(f)) {
+                self.face_cells[f][1] = NONE;
+                self.on_feature[f] = on_feature;
+            }
+        }
+    }
+
     /// Returns the side of the box `[low, high]` in which a face lies, within a millionth of the box.
     fn containing_side(&self, f: usize, low: [f64; D], high: [f64; D]) -> Option<usize> {
         let longest = (0..D).map(|k| high[k] - low[k]).fold(0.0, f64::max);

@@ -21,6 +21,12 @@ pub(crate) const ANGLES_ARRAY: &str = "angles";
 /// Name of the array that marks faces on horizons, which are no barriers to flow: bits of cells as
 /// in `feature_faces`, or pairs of cells for polyhedra and polygons.
 pub(crate) const HORIZON_FACES_ARRAY: &str = "horizon_faces";
+/// Name of the array with the base of each node of a periodic mesh. Nodes with the same number are
+/// images of one another on opposite sides; other nodes have their own number.
+pub(crate) const PERIODIC_NODE_ARRAY: &str = "periodic_node";
+/// Name of the array with the axes of the image on whose far side each node of a periodic mesh lies:
+/// 1 for x, 2 for y, 4 for z, added up.
+pub(crate) const FAR_AXES_ARRAY: &str = "periodic_axes";
 /// Array of the global node numbers.
 pub(crate) const GLOBAL_NODE_ARRAY: &str = "node";
 /// Start of the name of a cell array that is a set of cells.
@@ -67,6 +73,11 @@ pub(crate) const FACE_SET_NAMES_FIELD: &str = "face_set_names";
 /// Field with the faces of the sets: for each face the number of its set, from 1, the number of its
 /// nodes, and its nodes.
 pub(crate) const FACE_SETS_FIELD: &str = "face_sets";
+/// Field with the names of the sets of faces at which cells were left out, one per line. Together with the
+/// sides of the box they bound the mesh.
+pub(crate) const OUTER_BOUNDARY_FIELD: &str = "outer_boundary";
+/// Field with the share of the box that the cells fill, if some were left out.
+pub(crate) const FILLED_SHARE_FIELD: &str = "filled_share";
 /// Field of welded Voronoi cells: the fraction of their size within which nodes are merged.
 pub(crate) const WELD_FIELD: &str = "weld";
 /// Field of meshes of columns that are offset at faults: upright faces with one cell that lie in no side

@@ -173,6 +173,12 @@ impl<const D: usize> LatticeSpace<D> {
         (0..D).all(|k| (dims[k] as f64 - own_dims[k]).abs() <= 1e-6)
     }
 
+    /// Returns `true` if the mesh covers the voxels of an image of these dimensions, and not only the box
+    /// through its outermost samples.
+    pub fn covers_voxels_of(&self, dims: [usize; D]) -> bool {
+        self.fits_dims(dims.map(|n| n + 1))
+    }
+
     /// Checks that an image of these dimensions fills the box. `place` names the image in errors.
     ///
     /// # Errors
@@ -180,6 +186,13 @@ impl<const D: usize> LatticeSpace<D> {
     pub fn check_dims(&self, dims: [usize; D], place: &str) -> Result<()> {
         if self.fits_dims(dims) {
             return Ok(());
+        }
+        if self.covers_voxels_of(dims) {
+            return Err(Error::Image(cause(
+                place,
+                "has samples in the middle of voxels, which the mesh covers as a whole (--cover voxels)",
+                "mesh the image without --cover to use both together",
+            )));
         }
         Err(Error::Image(cause(
             place,

@@ -13,16 +13,22 @@
 //! - `labels`: regions that are labels of an image
 //! - `named_regions`: regions that have names, and cells beyond the image
 //! - `named_surfaces`: surfaces that have names
+//! - `named_sets`: sets of cells, faces and nodes that have names
+//! - `cell_choice`: the regions of which a mesh keeps the cells
+//! - `take_cells`: meshes of some cells of a mesh
 
 pub(crate) mod array_names;
+pub(crate) mod cell_choice;
 pub(crate) mod formats;
 pub(crate) mod labels;
 pub(crate) mod lattice_space;
 pub(crate) mod named_regions;
+pub(crate) mod named_sets;
 pub(crate) mod named_surfaces;
 mod physical;
 pub(crate) mod polyhedra;
 pub(crate) mod pvtu;
+mod take_cells;
 pub(crate) mod vtu;
 
 use std::path::Path;
@@ -32,11 +38,13 @@ use crate::files::vtk::DataArray;
 pub use crate::files::vtk::pieces::FieldValue;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{TetMesh, TriMesh};
+pub use cell_choice::{CellChoice, ChosenCells, KnownRegion, RegionNames};
 pub use labels::{LabelledRegion, read_labels};
 pub use lattice_space::{LatticeSpace, Provenance, image_geometry_in_depth};
 pub use named_regions::{Burden, NamedRegion, read_named_regions};
 pub use physical::{face_bits_to_physical, replace_nodes, to_physical};
 pub use polyhedra::{CellStreams, write_cells_vtu};
+pub use take_cells::{CUT_NAME, TakeCells, read_outer_boundary, take_cells};
 pub use vtu::write_vtu;
 
 /// A mesh and all data that are stored with it.

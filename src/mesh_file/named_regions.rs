@@ -46,6 +46,11 @@ pub fn read_named_regions<M>(file: &MeshFile<M>) -> Vec<NamedRegion> {
     }
 }
 
+/// Returns the name of the interface between two regions, from their names or numbers.
+pub fn interface_name([a, b]: [&str; 2]) -> String {
+    format!("interface_{a}_{b}")
+}
+
 /// Returns the number of the side of a mesh's box that follows a topography, if there is one: 2 axis for the lower
 /// side, 2 axis + 1 for the upper side.
 pub(crate) fn read_bent_side<M>(file: &MeshFile<M>) -> Option<usize> {

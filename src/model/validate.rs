@@ -5,12 +5,12 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::error::cause;
-use crate::mesh::check::{CheckHints, check_with_hints};
+use crate::mesh::check::check_with_hints;
 use crate::mesh::delaunay::{self, DelaunayKernel};
-use crate::mesh::{Mesh, Simplices, TetMesh, TriMesh};
+use crate::mesh::{Simplices, TetMesh, TriMesh};
 use crate::progress::{Progress, Stage};
 use crate::store::MeshInput;
-use crate::store::{AnyMesh, StoredMesh};
+use crate::store::{AnyMesh, Storable, StoredMesh};
 use crate::{Error, Result};
 
 /// Checks a mesh with each checker that is built in, as `atomesh validate` does. If atomesh's own
@@ -43,6 +43,10 @@ pub fn validate<'a>(
     match mesh {
         AnyMesh::Triangles(file) => {
             let stored = StoredMesh::new(file, name)?;
+            // A mesh of which cells were left out is not convex.
+            if stored.outer.is_some() {
+                return Ok(vec![atomesh_verdict(&stored)]);
+            }
             with_other_checkers(atomesh_verdict(&stored), || {
                 Ok(vec![spade_verdict(
                     &stored.lattice,
@@ -52,8 +56,8 @@ pub fn validate<'a>(
         }
         AnyMesh::Tetrahedra(file) => {
             let mut stored = StoredMesh::new(file, name)?;
-            // A mesh that ends at a topography is not convex.
-            if stored.space.bent_side.is_some() {
+            // A mesh that ends at a topography, or of which cells were left out, is not convex.
+            if stored.space.bent_side.is_some() || stored.outer.is_some() {
                 return Ok(vec![atomesh_verdict(&stored)]);
             }
             with_other_checkers(atomesh_verdict(&stored), || {
@@ -89,17 +93,21 @@ fn with_other_checkers(
 }
 
 /// Returns the verdict of atomesh's own checker, in lattice space, where the sides are known.
-fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> CheckerVerdict {
-    let hints = CheckHints {
-        weld: stored.weld,
-        bent_side: stored.space.bent_side,
-        ..CheckHints::default()
-    };
+fn atomesh_verdict<const D: usize, M: Storable<D>>(stored: &StoredMesh<D, M>) -> CheckerVerdict {
     let (low, high) = ([0.0; D], stored.space.extent);
-    let check = check_with_hints(&stored.lattice, hints, low, high, stored.space.tolerance());
+    let (hints, tolerance) = (stored.check_hints(), stored.space.tolerance());
+    let check = check_with_hints(&stored.lattice, hints, low, high, tolerance);
+    let box_name = match &stored.outer {
+        Some(outer) => format!(
+            "{:.4} of the box, within {} faces where cells were left out,",
+            outer.filled_share,
+            outer.faces.len()
+        ),
+        None => "the box".to_string(),
+    };
     let criterion = match &check.cell_check {
         None => format!(
-            "{} {} of positive {}, conforming, fill the box ({} off by {:.0e}), sides flat, all {} \
+            "{} {} of positive {}, conforming, fill {box_name} ({} off by {:.0e}), sides flat, all {} \
              nodes used",
             check.cells,
             M::CELLS_NAME,
@@ -115,7 +123,7 @@ fn atomesh_verdict<const D: usize, M: Mesh<D>>(stored: &StoredMesh<D, M>) -> Che
                     "the space between top and base",
                 ]
             } else {
-                ["flat faces", "the box"]
+                ["flat faces", box_name.as_str()]
             };
             format!(
                 "{} closed cells with their atoms inside, {} {faces} between two cells or on a side, \

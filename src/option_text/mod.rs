@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer};
 
-pub use values::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+pub use values::{InvalidValue, Length, NumberOrFile, PointValue, SignedAxis, ThresholdValues};
 pub(crate) use values::{finite_number, finite_numbers, joined, names_image, parse_number};
 
 /// The value of an option as TOML, JSON and other languages may hold it.

@@ -9,6 +9,7 @@ use std::str::FromStr;
 
 use super::serde_as_text;
 use crate::error::cause;
+use crate::units::{self, Unit};
 
 /// The error about a text that is not a value of an option.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -117,6 +118,59 @@ impl Display for PointValue {
         f.write_str(&joined(&self.0))
     }
 }
+
+/// Thresholds of features: the smallest strength, or the values of isosurfaces in ascending order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThresholdValues(Vec<f32>);
+
+impl ThresholdValues {
+    /// Returns the values: at least one.
+    pub fn values(&self) -> &[f32] {
+        &self.0
+    }
+
+    /// Returns the first value, and those beyond it.
+    pub(crate) fn first_and_further(&self) -> (Option<f32>, Vec<f32>) {
+        (
+            self.0.first().copied(),
+            self.0.iter().skip(1).copied().collect(),
+        )
+    }
+}
+
+impl From<f32> for ThresholdValues {
+    fn from(value: f32) -> Self {
+        Self(vec![value])
+    }
+}
+
+impl FromStr for ThresholdValues {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy =
+            "give a number such as 0.5, or values of isosurfaces that increase, such as 300,700";
+        let Some(values) = finite_numbers(text) else {
+            return Err(InvalidValue::new("is not a finite number", remedy));
+        };
+        let values: Vec<f32> = values.iter().map(|value| *value as f32).collect();
+        if !values.iter().all(|value| value.is_finite()) {
+            return Err(InvalidValue::new("is too large for a sample", remedy));
+        }
+        if values.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return Err(InvalidValue::new("has values that do not increase", remedy));
+        }
+        Ok(Self(values))
+    }
+}
+
+impl Display for ThresholdValues {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let words: Vec<String> = self.0.iter().map(f32::to_string).collect();
+        f.write_str(&words.join(","))
+    }
+}
+
 /// A coordinate axis, or its opposite: x, y, z, -x, -y or -z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SignedAxis {
@@ -170,10 +224,54 @@ impl Display for SignedAxis {
         write!(f, "{sign}{}", AXIS_NAMES.get(self.axis).unwrap_or(&"?"))
     }
 }
+/// A length in samples, or in a unit of length such as `3mm`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Length {
+    /// The number.
+    pub value: f64,
+    /// Its unit; samples if `None`.
+    pub unit: Option<Unit>,
+}
+
+impl Length {
+    /// Returns a number of samples.
+    pub fn samples(value: f64) -> Self {
+        Self { value, unit: None }
+    }
+
+    /// Parses a length, or returns the problem.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let (value, unit) = units::split_length(text)?;
+        Ok(Self { value, unit })
+    }
+}
+
+impl FromStr for Length {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give a number of samples such as 8, or a length such as 3mm";
+        Self::parse(text).map_err(|problem| InvalidValue::new(problem, remedy))
+    }
+}
+
+impl Display for Length {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}{}",
+            self.value,
+            self.unit.map_or("", |unit| unit.symbol)
+        )
+    }
+}
+
 serde_as_text!(
+    Length: [","; 2],
     NumberOrFile: [","; 2],
     PointValue: [","; 2],
     SignedAxis: [","; 2],
+    ThresholdValues: [","; 2],
 );
 
 /// Returns numbers with commas between them.

@@ -30,7 +30,7 @@ codec_fields! {
     LatticeReport as LatticeReport { atoms, spacing, optimisation }
     CellCheck as CellCheck { faces, is_columnar, open_cells, cells_without_site, warp, self_crossing_width }
     Check as Check {
-        nodes, cells, non_positive_cells, unused_nodes, boundary_faces, faces_off_sides, volume_error, flatness_error,
+        nodes, cells, non_positive_cells, unused_nodes, boundary_faces, faces_off_sides, outer_faces, volume_error, flatness_error,
         area_error, cell_check, problems,
     }
 }

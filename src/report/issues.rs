@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use super::certificate::PartIssue;
 use super::job_facts::JobFacts;
 use super::regions;
 use super::table::group_digits;
@@ -111,13 +112,11 @@ impl Report {
             .or_else(|| self.given_surface_issue())
             .or_else(|| self.shape_issue())
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow_issue(v)))
-            .or_else(|| self.coverage_issue())
-            .or_else(|| self.faceless_surface_issue())
-            .or_else(|| self.lost_part_issue())
-            .or_else(|| self.damage_issue())
-            .or_else(|| self.hole_issue())
-            .or_else(|| self.volume_issue())
-            .or_else(|| self.spike_issue())
+            .or_else(|| self.scan_issue())
+            .or_else(|| match self.certificate {
+                Some(_) => self.part_issue(),
+                None => self.smoothed_issue(),
+            })
             .or_else(|| self.noise_issue())
             .or_else(|| self.dropped_feature_issue())
             .or_else(|| self.flat_cell_issue())
@@ -129,19 +128,27 @@ impl Report {
         let volume_error = self
             .worst_region()
             .map_or(0.0, |region| region.volume_error_percent.abs());
-        let deviation = self.interface_deviation().unwrap_or_default();
-        let cover = self.feature_shares().map_or(1.0, |(cover, _)| cover);
+        let is_usable = volume_error <= MAX_USABLE_VOLUME_ERROR_PERCENT
+            && match &self.certificate {
+                Some(certificate) => certificate.is_usable(),
+                None => self.follows_interfaces(),
+            };
         let least_cover = self.least_covered_surface().map_or(1.0, |(_, cover)| cover);
-        if volume_error > MAX_USABLE_VOLUME_ERROR_PERCENT
-            || deviation > MAX_USABLE_INTERFACE_DEVIATION
-            || cover.min(least_cover) < MIN_USABLE_FEATURE_SHARE
-        {
+        if !is_usable || least_cover < MIN_USABLE_FEATURE_SHARE {
             Grade::Bad
         } else if self.worst_issue().is_some() {
             Grade::Fair
         } else {
             Grade::Good
         }
+    }
+
+    /// Returns `true` if interfaces, which are not judged by the samples, are near those of the image, and the
+    /// features have faces.
+    fn follows_interfaces(&self) -> bool {
+        let deviation = self.interface_deviation().unwrap_or_default();
+        let cover = self.feature_shares().map_or(1.0, |(cover, _)| cover);
+        deviation <= MAX_USABLE_INTERFACE_DEVIATION && cover >= MIN_USABLE_FEATURE_SHARE
     }
 
     /// Returns the issue of a mesh without any detected feature.
@@ -370,6 +377,49 @@ impl Report {
         })
     }
 
+    /// Returns the issue of a scan that was taken for labels.
+    fn scan_issue(&self) -> Option<Issue> {
+        let lost = &self.regions.as_ref()?.lost;
+        let count: usize = lost.iter().map(|of_label| of_label.parts).sum();
+        (count >= SCAN_FRAGMENTS).then(|| Issue {
+            message: format!(
+                "the image has {} parts that are too small for regions: its values look like those of a \
+                 scan, not like labels",
+                group_digits(count)
+            ),
+            option: Some("--feature edges".into()),
+            suggestion: "follows the edges of a scan; labels are for segmentations",
+        })
+    }
+
+    /// Returns the worst issue of parts of labels, if nothing else is worse.
+    pub(crate) fn worst_part_issue(&self) -> Option<&PartIssue> {
+        let issue = self.certificate.as_ref()?.issues.first()?;
+        let worst = self.worst_issue()?;
+        (worst.message == issue.message).then_some(issue)
+    }
+
+    /// Returns the worst issue of the parts of labels, judged by the samples of the image.
+    fn part_issue(&self) -> Option<Issue> {
+        let issue = self.certificate.as_ref()?.issues.first()?;
+        Some(Issue {
+            message: issue.message.clone(),
+            option: None,
+            suggestion: "",
+        })
+    }
+
+    /// Returns the worst issue of features, and of regions that are not judged by the samples.
+    fn smoothed_issue(&self) -> Option<Issue> {
+        (self.coverage_issue())
+            .or_else(|| self.faceless_surface_issue())
+            .or_else(|| self.lost_part_issue())
+            .or_else(|| self.damage_issue())
+            .or_else(|| self.hole_issue())
+            .or_else(|| self.volume_issue())
+            .or_else(|| self.spike_issue())
+    }
+
     /// Returns the issue of parts of labels that are not in the mesh.
     fn lost_part_issue(&self) -> Option<Issue> {
         let lost = &self.regions.as_ref()?.lost;
@@ -379,17 +429,6 @@ impl Report {
             .filter(|lost| lost.is_whole_label || lost.largest_samples >= FRAGMENT_SAMPLES)
             .max_by_key(|lost| (lost.is_whole_label, lost.largest_samples))?;
         let count: usize = lost.iter().map(|of_label| of_label.parts).sum();
-        if count >= SCAN_FRAGMENTS {
-            return Some(Issue {
-                message: format!(
-                    "the image has {} parts that are too small for regions: its values look like those of a \
-                     scan, not like labels",
-                    group_digits(count)
-                ),
-                option: Some("--feature edges".into()),
-                suggestion: "follows the edges of a scan; labels are for segmentations",
-            });
-        }
         let parts = match count {
             1 => "a part of a label is".to_string(),
             parts => format!("{} parts of labels are", group_digits(parts)),

@@ -30,7 +30,7 @@ impl<'a> JobFacts<'a> {
         parameters.is_object().then(|| Self {
             seed: parameters["rng-seed"].as_u64().unwrap_or(1),
             feature: text("feature").and_then(|name| name.parse().ok()),
-            threshold: parameters["threshold"].as_f64(),
+            threshold: text("threshold").and_then(|threshold| threshold.parse().ok()),
             min_angle: parameters["min-dihedral"].as_f64(),
             keeps_slivers: text("slivers") == Some("none"),
             has_canny_atoms: text("seeding") == Some("canny"),

@@ -1,10 +1,12 @@
 //! Measures meshes and the runs that made them.
 //!
 //! - `quality`: shapes of cells
+//! - `advice`: options that were tried on a part of the image
 //! - `acute`: lines at which features, or a feature and a side of the box, meet at a small angle
 //! - `angle_space`: the space whose angles decide what a mesh is fit for
 //! - `angles`: bad angles that these lines explain
 //! - `assumptions`: what was assumed about the input
+//! - `body`: the size of what the mesh fills
 //! - `fidelity`: how well the faces of the mesh follow the features
 //! - `given_surfaces`: how well the mesh follows the surfaces that the user gave
 //! - `face_samples`: faces cut into small pieces
@@ -14,6 +16,7 @@
 //! - `tally`: statistics of distributed distances
 //! - `codecs`: report data as bytes
 //! - `lattice`: how evenly the atoms are spread
+//! - `certificate`: each connected part of the image's labels, sample by sample
 //! - `cells`: Voronoi cells, as flow simulators need them
 //! - `padding`: cells beyond the image
 //! - `regions`: regions that the labels of an image become
@@ -24,10 +27,13 @@
 //! - `job_facts`: facts about the job on which the verdict depends
 
 mod acute;
+mod advice;
 mod angle_space;
 pub(crate) mod angles;
 pub(crate) mod assumptions;
+mod body;
 pub(crate) mod cells;
+pub mod certificate;
 mod codecs;
 mod face_distances;
 mod face_samples;
@@ -48,12 +54,15 @@ mod verdict;
 
 pub use crate::progress::cost::{self, Clock, StageCost};
 pub use acute::{AcuteLine, AcutePair};
+pub use advice::{Advice, Trial};
 pub use angle_space::AngleSpace;
 pub(crate) use angles::assess_angles;
 pub(crate) use angles::assess_partition_angles;
 pub use angles::{AngleAssessment, Angles};
+pub use body::BodySize;
 pub use cells::Voronoi;
 pub(crate) use cells::{lattice_of_graph, measure_voronoi};
+pub use certificate::Certificate;
 pub use fidelity::{FaceMatch, Fidelity, SurfaceCoverage, fidelity};
 pub(crate) use fidelity::{fidelity_of_cells, fidelity_of_partition};
 pub use given_surfaces::GivenSurfaceReport;
@@ -63,7 +72,7 @@ pub use padding::{PaddingRegion, PaddingReport};
 pub use quality::{Quality, quality, smallest_angles};
 pub(crate) use quality::{cells_below, quality_of_partition};
 pub use reference::Reference;
-pub use regions::{Hole, LostParts, RegionReport, RegionSummary};
+pub use regions::{Hole, LostParts, RegionReport, RegionSummary, VolumeReference};
 pub(crate) use regions::{MIN_MISSING_SHARE, finer_distance};
 pub use verdict::{Grade, Verdict};
 
@@ -92,6 +101,9 @@ pub struct Report {
     pub angle_space: Option<AngleSpace>,
     /// Shapes in lattice space, in which cells should be well shaped.
     pub quality: Option<Quality>,
+    /// Size of the box around the cells, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub body: Option<BodySize>,
     /// Shapes in physical space, if it differs and all its axes are lengths.
     pub quality_physical: Option<Quality>,
     /// Doubt about the kind of feature, if it was chosen from the image.
@@ -116,6 +128,12 @@ pub struct Report {
     /// Regions that the labels of the image became.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub regions: Option<RegionSummary>,
+    /// The regions judged by the samples of the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub certificate: Option<Certificate>,
+    /// Options that were tried for the issue that the verdict names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<Advice>,
     /// Cells beyond the image, if the mesh continues there. All other sections are about the image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub padding: Option<PaddingReport>,
@@ -157,13 +175,25 @@ impl Default for Report {
             box_check: None,
             voronoi: None,
             regions: None,
+            certificate: None,
+            advice: None,
             padding: None,
             improvement: None,
             baseline: None,
+            body: None,
             distance_in_use: None,
             shape_option: "--metric shape".into(),
             has_memory_for_finer: true,
             notes: Vec::new(),
+        }
+    }
+}
+
+impl Report {
+    /// Names the features of a mesh of labels: the smoothed interface, which is not the image.
+    pub(crate) fn name_smoothed_interface(&mut self) {
+        if let Some(fidelity) = &mut self.fidelity {
+            fidelity.reference = "smoothed interface".into();
         }
     }
 }

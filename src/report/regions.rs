@@ -3,9 +3,21 @@
 use crate::image::LabelValue;
 use serde::Serialize;
 
+/// Volumes by which those of regions are judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VolumeReference {
+    /// Volumes of the samples of labels.
+    Samples,
+    /// Volumes between isosurfaces of the values, which are interpolated between samples.
+    InterpolatedValues,
+}
+
 /// Regions of a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RegionSummary {
+    /// Volumes by which those of the regions are judged.
+    pub volume_reference: VolumeReference,
     /// Region of each label, in ascending order of labels.
     pub regions: Vec<RegionReport>,
     /// Pairs of labels that touch in the mesh but nowhere in the image, the largest contact first.
@@ -43,7 +55,8 @@ pub struct RegionReport {
     pub cells: usize,
     /// Volume (in 2-D area) of its cells, in the units of the image.
     pub volume: f64,
-    /// Volume of its samples inside the box through the outermost samples.
+    /// Volume of its samples inside the box through the outermost samples; for regions between isosurfaces,
+    /// volume between these.
     pub sample_volume: f64,
     /// Difference of the volume from that of the samples, in percent.
     pub volume_error_percent: f64,
@@ -113,14 +126,7 @@ impl LostParts {
                 self.samples, self.largest_samples
             ),
         };
-        let remedy = match self.remedy() {
-            Some(option) => format!("{option} keeps it"),
-            None => RESAMPLING_ADVICE.to_string(),
-        };
-        format!(
-            "{fate} of label {}{name}: {description}; {remedy}",
-            self.label
-        )
+        format!("{fate} of label {}{name}: {description}", self.label)
     }
 }
 
@@ -164,9 +170,13 @@ const MAX_SHOWN_REGIONS: usize = 40;
 impl RegionSummary {
     /// Returns the lines of the table.
     pub(super) fn lines(&self) -> Vec<String> {
+        let reference = match self.volume_reference {
+            VolumeReference::Samples => "of samples",
+            VolumeReference::InterpolatedValues => "of the image",
+        };
         let mut lines = vec![format!(
             "{:>8} {:>9} {:>14} {:>14} {:>8}  name",
-            "label", "cells", "volume", "of samples", "off %"
+            "label", "cells", "volume", reference, "off %"
         )];
         for region in self.regions.iter().take(MAX_SHOWN_REGIONS) {
             let number = |x: f64| match x.abs() {
@@ -188,6 +198,12 @@ impl RegionSummary {
                 "... {} more in JSON",
                 self.regions.len() - MAX_SHOWN_REGIONS
             ));
+        }
+        if self.volume_reference == VolumeReference::InterpolatedValues {
+            lines.push(
+                "volumes of the image are those that its values, interpolated between samples, have there"
+                    .into(),
+            );
         }
         lines.extend(self.holes.iter().take(MAX_SHOWN_REGIONS).map(|hole| {
             let [a, b] = hole.labels;
@@ -213,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_parts_are_reported_with_size_and_remedy() {
+    fn lost_parts_are_reported_with_their_size() {
         let lost = LostParts {
             label: LabelValue::Whole(13),
             name: Some("cyst".into()),
@@ -226,8 +242,7 @@ mod tests {
         };
         assert_eq!(
             lost.message(),
-            "LOST of label 13 (cyst): 2 parts of 20 samples, the largest of 18 at (29, 42.5, 71); \
-             --label 13:distance=1.4 keeps it"
+            "LOST of label 13 (cyst): 2 parts of 20 samples, the largest of 18 at (29, 42.5, 71)"
         );
     }
 }

@@ -26,6 +26,9 @@ impl Report {
             let dims = dims.collect::<Vec<_>>().join(" x ");
             add("input", format!("{}, {dims} samples", input.file));
         }
+        if let Some(text) = self.body_line() {
+            add("body", text);
+        }
         if let Some(quality) = &self.quality {
             let (nodes, cells) = (group_digits(quality.nodes), group_digits(quality.cells));
             add("size", format!("{nodes} nodes, {cells} {}", quality.kind));

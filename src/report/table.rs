@@ -70,6 +70,11 @@ impl Report {
                 line(if number == 0 { "regions" } else { "" }, text);
             }
         }
+        if let Some(certificate) = &self.certificate {
+            for (number, text) in certificate.lines().into_iter().enumerate() {
+                line(if number == 0 { "image" } else { "" }, text);
+            }
+        }
         if let Some(padding) = &self.padding {
             add_padding(&mut line, padding);
         }
@@ -103,6 +108,9 @@ impl Report {
             let dims = dims.collect::<Vec<_>>().join(" x ");
             line("input", format!("{}, {dims} samples", input.file));
             line("", input.hash.clone());
+        }
+        if let Some(text) = self.body_line() {
+            line("body", text);
         }
         if let Some(quality) = &self.quality {
             let (nodes, cells) = (group_digits(quality.nodes), group_digits(quality.cells));

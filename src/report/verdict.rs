@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use super::Report;
 use super::assumptions::assumptions;
 use super::issues::{Issue, angle_range};
 use super::table::group_digits;
+use super::{Advice, Report};
 use crate::feature::{Confidences, FeatureKind, KindOutcome, MIN_FAULT_DIP};
 use crate::image::NoAngles;
 
@@ -97,6 +97,16 @@ impl Verdict {
         mesh.extend(report.angle_summary());
         let (issue, suggestion, option) = match issue {
             // An option that is in use already does not help again.
+            Some(Issue { message, .. })
+                if report
+                    .advice
+                    .as_ref()
+                    .is_some_and(|advice| advice.issue == message) =>
+            {
+                let advice = report.advice.as_ref();
+                let option = advice.and_then(|advice| advice.option.clone());
+                (Some(message), advice.map(Advice::suggestion), option)
+            }
             Some(Issue {
                 message,
                 option: Some(option),
@@ -216,7 +226,10 @@ impl Report {
             };
             lines.push(format!("{total} % of the samples hold no data, {gaps}"));
         }
-        lines.extend(self.region_summary());
+        match &self.certificate {
+            Some(certificate) => lines.push(certificate.summary()),
+            None => lines.extend(self.region_summary()),
+        }
         lines.extend((self.interface_deviation()).map(|distance| {
             format!(
                 "faces between regions lie up to {distance:.1} samples beside the labels' boundary"
@@ -381,7 +394,7 @@ mod tests {
     use crate::mesh::check::check;
     use crate::report::{
         AngleSpace, FaceMatch, Fidelity, GivenSurfaceReport, RegionReport, RegionSummary,
-        SurfaceCoverage, quality,
+        SurfaceCoverage, VolumeReference, quality,
     };
 
     /// Returns the report on a valid mesh. Tests then make one measure after the other bad.
@@ -557,6 +570,7 @@ mod tests {
                 other: FeatureKind::Mask,
             });
             report.regions = Some(RegionSummary {
+                volume_reference: VolumeReference::Samples,
                 regions: [1.0, volume_error_percent, -0.5].map(region).to_vec(),
                 holes: Vec::new(),
                 lost: Vec::new(),
@@ -810,7 +824,7 @@ mod tests {
         for (options, option) in [
             (json!({ "feature": "edges" }), Some("--feature ridges")),
             (json!({ "feature": "ridges" }), Some("--feature edges")),
-            (json!({ "threshold": 0.5 }), Some("--threshold 0.25")),
+            (json!({ "threshold": "0.5" }), Some("--threshold 0.25")),
         ] {
             featureless.parameters = options;
             assert_eq!(

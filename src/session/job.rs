@@ -190,7 +190,7 @@ impl JobRun<'_, '_> {
             session: Session { objects, progress },
         } = self;
         let geometry = image.geometry();
-        let params = params.with_metric_for(geometry).into_owned();
+        let params = params.with_metric_for(image)?.into_owned();
         let warning = time_warning(geometry);
         warning.iter().for_each(|line| progress.note(line));
         let known_hash = objects.known_hash(path);
@@ -209,6 +209,7 @@ impl JobRun<'_, '_> {
             checkpoint: checkpoint.as_ref(),
             may_partition: is_pvtu(&output) && whole_mesh_outputs.iter().all(|path| path.is_none()),
             comm,
+            is_trial: false,
         };
         let outcome = run_from(image, &params, run_options, &mut traced);
         let (trace_error, lattices) = (traced.error, traced.lattices);
@@ -235,6 +236,7 @@ impl JobRun<'_, '_> {
                 metric: params.spec.metric.clone(),
                 ..spec.clone().reproducible()
             }
+            .with_lengths_in(geometry)?
             .to_toml()?,
             input_sha256,
         };
@@ -265,13 +267,14 @@ impl JobRun<'_, '_> {
 }
 
 /// Describes the image in the report.
-fn set_input<const D: usize, M>(
+fn set_input<const D: usize, M: Simplices<D>>(
     outcome: &mut Outcome<D, M>,
     path: &Path,
     geometry: &Geometry<D>,
     dims: [usize; D],
 ) {
     outcome.report.set_angle_space(geometry);
+    outcome.report.body = outcome.body_size();
     outcome.report.input = Some(Input {
         file: path.display().to_string(),
         dims: dims.to_vec(),

@@ -76,14 +76,20 @@ fn write_surfaces<const D: usize, M: Simplices<D>>(
     let place = output.display().to_string();
     match &outcome.mesh {
         MeshResult::Simplices(annotated) => {
-            let stored = StoredMesh::new(simplex_mesh_file(outcome, annotated), &place)?;
+            let stored = StoredMesh::new(
+                outcome.with_kept_cells(simplex_mesh_file(outcome, annotated))?,
+                &place,
+            )?;
             let file = default_surfaces(&stored)?;
             let count = file.names.len();
             file.write(path)?;
             Ok(count)
         }
         MeshResult::Voronoi { mesh, weld } => {
-            let stored = StoredMesh::new(cell_mesh_file(outcome, mesh, *weld), &place)?;
+            let stored = StoredMesh::new(
+                outcome.with_kept_cells(cell_mesh_file(outcome, mesh, *weld))?,
+                &place,
+            )?;
             let file = default_surfaces(&stored)?;
             let count = file.names.len();
             file.write(path)?;
@@ -112,7 +118,7 @@ fn write_page<const D: usize, M: Simplices<D>>(
     match &outcome.mesh {
         MeshResult::Simplices(annotated) => {
             let file = with_image(
-                simplex_mesh_file(outcome, annotated),
+                outcome.with_kept_cells(simplex_mesh_file(outcome, annotated))?,
                 ImageSource::InMemory(image),
             )?;
             let stored = StoredMesh::new(file, &place)?;
@@ -120,7 +126,7 @@ fn write_page<const D: usize, M: Simplices<D>>(
         }
         MeshResult::Voronoi { mesh, weld } => {
             let file = with_image(
-                cell_mesh_file(outcome, mesh, *weld),
+                outcome.with_kept_cells(cell_mesh_file(outcome, mesh, *weld))?,
                 ImageSource::InMemory(image),
             )?;
             let stored = StoredMesh::new(file, &place)?;

@@ -9,7 +9,6 @@
 //! - `foreign`: meshes of other programs
 //! - `info`: descriptions of files
 //! - `input`: the mesh of a verb, and the images that its options name
-//! - `named_sets`: sets of cells, faces and nodes that have names in files of other programs
 //! - `depth`: meshes converted from two-way time to depth
 //! - `mixed_elements`: cells of several shapes as polyhedra
 //! - `stored_mesh`: meshes from files, whatever their cells are, and the conversion back to lattice
@@ -20,7 +19,6 @@ mod foreign;
 pub(crate) mod info;
 pub(crate) mod input;
 mod mixed_elements;
-pub(crate) mod named_sets;
 mod padding;
 mod polyhedra;
 pub(crate) mod pvd;
@@ -28,12 +26,12 @@ mod pvtu;
 pub(crate) mod stored_mesh;
 pub(crate) mod vtu;
 
-pub(crate) use crate::mesh_file::with_mesh;
 pub use crate::mesh_file::{
     AnyMesh, CellStreams, FieldValue, LabelledRegion, LatticeSpace, MeshFile, NamedRegion,
-    face_bits_to_physical, image_geometry_in_depth, read_labels, read_named_regions, replace_nodes,
-    to_physical, write_cells_vtu, write_vtu,
+    TakeCells, face_bits_to_physical, image_geometry_in_depth, read_labels, read_named_regions,
+    replace_nodes, take_cells, to_physical, write_cells_vtu, write_vtu,
 };
+pub(crate) use crate::mesh_file::{named_sets, with_mesh};
 pub use depth::to_depth;
 pub use foreign::{read_any_mesh, read_any_mesh_with_notes};
 pub use info::{FileInfo, info};

@@ -8,15 +8,16 @@ use super::{
 };
 use crate::error::cause;
 use crate::files::vtk::{DataArray, Values};
-use crate::mesh::check;
+use crate::mesh::check::{self, CheckHints, OuterBoundary};
 use crate::mesh::interface::marks_from_bits;
 use crate::mesh::poly::PolyMesh;
-use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
+use crate::mesh::{Positions, Simplices, TetMesh};
 use crate::mesh_file::array_names::{
     HORIZON_FACES_ARRAY, LIVE_ARRAY, REGION_ARRAY, THROWS_FIELD, WELD_FIELD,
 };
 use crate::mesh_file::labels::remove_labels;
 use crate::mesh_file::named_surfaces::NamedSurfaces;
+use crate::mesh_file::{CUT_NAME, TakeCells, read_outer_boundary};
 use crate::{Error, Result};
 
 /// A mesh read from a file. The mesh is in lattice space; of the file's coordinates only the positions
@@ -65,12 +66,14 @@ pub struct StoredMesh<const D: usize = 3, M = TetMesh> {
     pub named_surfaces: NamedSurfaces,
     /// Sets of cells, faces and nodes that have names in the file.
     pub named_sets: NamedSets,
+    /// The boundary at which cells were left out, if the mesh does not fill its box.
+    pub outer: Option<OuterBoundary>,
     /// The other data of the file.
     pub arrays: MeshFile<()>,
 }
 
 /// A mesh type that files can store.
-pub trait Storable<const D: usize>: Mesh<D> {
+pub trait Storable<const D: usize>: TakeCells<D> {
     /// Returns for each simplex the bits of its faces on features. `mirrored` says that cells will
     /// be reversed. Returns `None` if the file does not have the bits, and for polyhedra and
     /// polygons, which store the marks themselves.
@@ -87,6 +90,9 @@ pub trait Storable<const D: usize>: Mesh<D> {
     /// Assigns boundary faces to the sides of the box `[0, extent]`, for meshes that store sides. In
     /// columns with throws, upright faces that lie in no side get none.
     fn find_sides(&mut self, extent: [f64; D], has_throws: bool);
+
+    /// Takes the side from the boundary faces where cells were left out, for meshes that store sides.
+    fn release_outer_faces(&mut self, outer: &OuterBoundary);
 
     /// Returns the region of each cell; `None` if the file does not have regions. `cell_data` are
     /// the arrays of the cells.
@@ -117,6 +123,8 @@ impl<const D: usize, M: Simplices<D>> Storable<D> for M {
     }
 
     fn find_sides(&mut self, _: [f64; D], _: bool) {}
+
+    fn release_outer_faces(&mut self, _: &OuterBoundary) {}
 
     fn regions(&self, cell_data: &[DataArray]) -> Option<Vec<i32>> {
         let array = cell_data.iter().find(|array| array.name == REGION_ARRAY)?;
@@ -177,6 +185,17 @@ impl<const D: usize> Storable<D> for PolyMesh<D> {
         }
     }
 
+    fn release_outer_faces(&mut self, outer: &OuterBoundary) {
+        // The file does not mark the faces of the boundary that lie on features: these are interfaces.
+        let is_interface = |set: u32| {
+            outer
+                .names
+                .get(set as usize)
+                .is_some_and(|name| name != CUT_NAME)
+        };
+        self.release_sides(|nodes| outer.set_of(nodes).map(is_interface));
+    }
+
     fn regions(&self, _: &[DataArray]) -> Option<Vec<i32>> {
         Some(self.region.clone())
     }
@@ -221,9 +240,13 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
         let horizons = M::horizons(&file, mirrored);
         let named = NamedSurfaces::from_file(&file);
         let named_sets = NamedSets::from_file(&file);
+        let outer = read_outer_boundary(&file);
         let (mut lattice, arrays) = file.into_parts();
         lattice.swap_positions(&mut positions, mirrored);
         lattice.find_sides(space.extent, has_throws);
+        if let Some(outer) = &outer {
+            lattice.release_outer_faces(outer);
+        }
         Ok(Self {
             lattice,
             world: positions,
@@ -233,8 +256,19 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
             weld: weld.unwrap_or(0.0),
             named_surfaces: named,
             named_sets,
+            outer,
             arrays,
         })
+    }
+
+    /// Returns what a check needs to know about the mesh.
+    pub fn check_hints(&self) -> CheckHints<'_> {
+        CheckHints {
+            weld: self.weld,
+            bent_side: self.space.bent_side,
+            outer: self.outer.as_ref(),
+            ..CheckHints::default()
+        }
     }
 
     /// Checks that cells neither overlap nor leave a hole in their box: a simulator would take a
@@ -243,7 +277,7 @@ impl<const D: usize, M: Storable<D>> StoredMesh<D, M> {
     /// # Errors
     /// Returns [`Error::Mesh`] for overlaps and holes. Flat or inverted cells are not reported.
     pub fn check_filled(&self, place: &str) -> Result<()> {
-        let fraction = check::filled_share(&self.lattice, self.space.extent, self.space.bent_side);
+        let fraction = check::filled_share(&self.lattice, self.space.extent, self.check_hints());
         let problem = match fraction {
             Some(fraction) if fraction > 1.0 + VOLUME_TOLERANCE => {
                 format!("some of its cells overlap: they fill {fraction:.4} times their box")

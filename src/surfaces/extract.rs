@@ -11,7 +11,7 @@ use crate::export::surfaces::survey_grid::SurveyGrid;
 use crate::export::surfaces::vtp::read_shapes;
 use crate::feature::{self, DetectionOptions};
 use crate::files::vtk::DataArray;
-use crate::geometry::{normal, unit};
+use crate::geometry::{norm, normal, unit};
 use crate::image::formats;
 use crate::image::placing::Frame;
 use crate::image::{Geometry, Image};
@@ -23,7 +23,7 @@ use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::measure::MapAxes;
 use crate::model::surface::region_interfaces::{RegionInterface, region_interfaces};
 use crate::model::surface::stored_surfaces::{
-    group_facets, horizon_facets, named_faces, region_label, tagged_facets,
+    group_facets, horizon_facets, named_faces, outer_facets, region_label, tagged_facets,
 };
 use crate::model::surface::{
     Options, SurfaceKind, SurfaceMeasure, Surfaces, facet_selection, measure,
@@ -569,6 +569,46 @@ fn amplitude_arrays(measures: &AmplitudeMeasures) -> [DataArray; 5] {
     ]
 }
 
+/// Separates the boundaries at which regions were left out from the sides of the mesh. Also returns the
+/// names of these boundaries.
+fn split_at_boundaries<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+    interfaces: Vec<RegionInterface<D>>,
+) -> (Vec<RegionInterface<D>>, Vec<Option<String>>) {
+    let names = stored.outer.as_ref().map_or(&[][..], |outer| &outer.names);
+    let known = outer_facets(stored);
+    let nodes = stored.world.nodes.as_slice();
+    let area = |facet: &[u32; D]| norm(normal(&facet.map(|n| nodes[n as usize])));
+    let set_of = |facet: &[u32; D]| {
+        let mut sorted = *facet;
+        sorted.sort_unstable();
+        let found = known.binary_search_by(|entry| entry.0.cmp(&sorted));
+        found.ok().map(|index| known[index].1)
+    };
+    let (mut split, mut boundaries) = (Vec::new(), Vec::new());
+    for interface in interfaces {
+        if interface.outer_region.is_some() || known.is_empty() {
+            split.push(interface);
+            boundaries.push(None);
+            continue;
+        }
+        let mut facets: Vec<(Option<u32>, [u32; D])> = (interface.facets.iter())
+            .map(|facet| (set_of(facet), *facet))
+            .collect();
+        facets.sort_by_key(|(set, _)| *set);
+        for same_set in facets.chunk_by(|a, b| a.0 == b.0) {
+            let facets: Vec<[u32; D]> = same_set.iter().map(|entry| entry.1).collect();
+            boundaries.push(same_set[0].0.map(|set| names[set as usize].clone()));
+            split.push(RegionInterface {
+                area: facets.iter().map(area).sum(),
+                facets,
+                ..interface
+            });
+        }
+    }
+    (split, boundaries)
+}
+
 /// Returns the interfaces between every two regions of a mesh, and their measures.
 fn extract_interfaces<const D: usize, M: Storable<D>>(
     stored: &StoredMesh<D, M>,
@@ -576,7 +616,8 @@ fn extract_interfaces<const D: usize, M: Storable<D>>(
     place: &str,
 ) -> Result<(SurfaceFile<D>, Vec<InterfaceMeasure>)> {
     let regions = stored.regions().unwrap_or_default();
-    if regions.iter().all(|region| *region == regions[0]) {
+    let is_part = stored.outer.is_some();
+    if !is_part && regions.iter().all(|region| *region == regions[0]) {
         return Err(Error::Mesh(cause(
             place,
             "has only one region",
@@ -586,12 +627,15 @@ fn extract_interfaces<const D: usize, M: Storable<D>>(
     let nodes = stored.world.nodes.as_slice();
     let is_mirrored = stored.space.is_mirrored();
     let interfaces = region_interfaces(&stored.lattice, &regions, nodes, is_mirrored)?;
+    let (interfaces, boundaries) = split_at_boundaries(stored, interfaces);
     let named = |region: i32| (region, region_label(labels, region));
     let measures: Vec<InterfaceMeasure> = interfaces
         .iter()
-        .map(|between| InterfaceMeasure {
+        .zip(boundaries)
+        .map(|(between, boundary)| InterfaceMeasure {
             inner: named(between.inner_region),
             outer: between.outer_region.map(named),
+            boundary,
             faces: between.facets.len(),
             area: between.area,
         })
@@ -603,10 +647,7 @@ fn extract_interfaces<const D: usize, M: Storable<D>>(
         start.push(facets.len());
     }
     let mut file = SurfaceFile::new(nodes, &facets, &start, "surface");
-    file.names = measures
-        .iter()
-        .map(|m| format!("{}_{}", m.inner.1, m.outer_name()))
-        .collect();
+    file.names = measures.iter().map(InterfaceMeasure::file_name).collect();
     let per_facet = |value: &dyn Fn(&RegionInterface<D>) -> i32| -> Vec<i32> {
         let faces = interfaces.iter();
         faces

@@ -71,6 +71,8 @@ pub struct InterfaceMeasure {
     pub inner: (i32, String),
     /// The region in front of the faces, and its name; `None` at the sides of the mesh.
     pub outer: Option<(i32, String)>,
+    /// The name of the boundary, if the region in front of the faces was left out.
+    pub boundary: Option<String>,
     /// The number of faces.
     pub faces: usize,
     /// The total area of the faces (length in 2-D).
@@ -80,7 +82,17 @@ pub struct InterfaceMeasure {
 impl InterfaceMeasure {
     /// Returns the name of the region in front of the faces.
     pub(super) fn outer_name(&self) -> &str {
-        self.outer.as_ref().map_or("outside", |outer| &outer.1)
+        match (&self.outer, &self.boundary) {
+            (Some(outer), _) => &outer.1,
+            (None, Some(boundary)) => boundary,
+            (None, None) => "outside",
+        }
+    }
+
+    /// Returns the name of the surface in files: that of a boundary, or else of the two regions.
+    pub(super) fn file_name(&self) -> String {
+        let regions = || format!("{}_{}", self.inner.1, self.outer_name());
+        self.boundary.clone().unwrap_or_else(regions)
     }
 }
 

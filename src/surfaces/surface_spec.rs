@@ -9,7 +9,7 @@ use crate::feature::FeatureKind;
 use crate::image::formats::InputOptions;
 use crate::job::MeshSpec;
 use crate::model::surface::GroupingOptions;
-use crate::option_text::NumberOrFile;
+use crate::option_text::{NumberOrFile, ThresholdValues};
 use crate::surface_file::FileOption;
 use crate::{Error, Result};
 
@@ -71,15 +71,15 @@ pub struct SurfaceSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", requires = "image")]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    /// [default: automatic; it is printed]
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value, or
+    /// several values in ascending order with commas between them [default: automatic; it is printed]
     #[arg(
         long,
-        value_name = "T",
-        allow_negative_numbers = true,
+        value_name = "T[,T]",
+        allow_hyphen_values = true,
         requires = "image"
     )]
-    pub threshold: Option<f32>,
+    pub threshold: Option<ThresholdValues>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole mesh, or a
     /// file of interval velocities in m/s on a grid in two-way time
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
@@ -186,7 +186,7 @@ impl SurfaceSpec {
         MeshSpec {
             feature: self.feature.unwrap_or(FeatureKind::Auto),
             sigma: self.sigma,
-            threshold: self.threshold,
+            threshold: self.threshold.clone(),
             ..MeshSpec::default()
         }
     }

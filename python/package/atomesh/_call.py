@@ -30,7 +30,7 @@ log = logging.getLogger("atomesh")
 
 #: Options whose images verbs read by name, so that they need not be files.
 IMAGES_IN_MEMORY = {
-    "beta", "distance-from", "horizon", "permeability", "porosity", "property", "region", "velocity",
+    "beta", "distance-from", "horizon", "labels", "permeability", "porosity", "property", "region", "velocity",
 }
 
 

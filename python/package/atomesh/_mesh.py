@@ -18,7 +18,7 @@ from . import _native
 from ._call import Answer, call, error, options_of, warn_of_issue
 from ._errors import ArgumentError
 from ._image import NAME, Image, read
-from ._subset import cell_numbers, cell_volumes, select_cells
+from ._subset import cell_numbers, cell_volumes, named_cells, select_cells
 from ._surfaces import Surfaces, SurfacesOfMesh
 
 if TYPE_CHECKING:
@@ -307,18 +307,20 @@ class Mesh:
         Parameters
         ----------
         cells
-            A mask with one value per cell, numbers of cells, or a slice.
+            A mask with one value per cell, numbers of cells, or a slice; or the name of a region or of a set of
+            cells, or a list of such names.
 
         Returns
         -------
         Mesh
-            The mesh. Its cells have the order of `cells`, and its points the order that they have here. Faces whose
-            other cell is omitted become boundary faces. It has no report.
+            The mesh, with its names and sets. Its cells have the order of `cells`, and its points the order that they
+            have here. Faces whose other cell is omitted become boundary faces: those between regions are a set of
+            faces such as `interface_0_3`, and those within a region the set `cut`. It has no report.
 
         Raises
         ------
         MissingItemError
-            If there is no such cell, or if the mask has a wrong length. This is also an IndexError.
+            If there is no such cell, region or set, or if the mask has a wrong length. This is also an IndexError.
         InvalidValueError
             If no cell is selected, or one cell twice. This is also a ValueError.
 
@@ -332,7 +334,11 @@ class Mesh:
         >>> bool(part.points[:, 0].min() > 15)
         True
         """
-        native = select_cells(self._native, cell_numbers(cells, self.n_cells))
+        is_name = isinstance(cells, str) or (
+            isinstance(cells, (list, tuple)) and len(cells) > 0 and all(isinstance(name, str) for name in cells)
+        )
+        selection = named_cells(cells, self) if is_name else cells
+        native = select_cells(self._native, cell_numbers(selection, self.n_cells))
         part = Mesh(native, None, self._image)
         part._option_images = dict(self._option_images)
         return part
@@ -421,6 +427,39 @@ class Mesh:
                 return answer.report
             self._measured = answer.report
         return self._measured
+
+    def check(self, labels: Any) -> dict[str, Any]:
+        """Compares the mesh with the image of labels that was meshed, sample by sample.
+
+        Parameters
+        ----------
+        labels
+            The image: an array, an `Image`, or the path of a file.
+
+        Returns
+        -------
+        dict
+            The certificate: for each connected part of each label its volume and that of its samples, the Dice
+            coefficient, the distances between the boundaries, the thickness and the Euler number in the image and in
+            the mesh; the nodes at which parts touch that are apart in the image; and the samples that changed sides.
+            It is the part `certificate` of the report of `atomesh quality --labels`.
+
+        Raises
+        ------
+        InvalidValueError
+            If the image does not fit the mesh, or holds no labels. This is also a ValueError.
+
+        Examples
+        --------
+        >>> import numpy as np, atomesh
+        >>> labels = np.zeros((20, 20, 20), dtype=np.uint8)
+        >>> labels[5:15, 5:15, 5:15] = 1
+        >>> check = atomesh.mesh(labels, distance=4).check(labels)
+        >>> check["parts"], check["lost_parts"], check["pinch_count"]
+        (2, 0, 0)
+        """
+        certificate: dict[str, Any] = self.measure(labels=labels)["certificate"]
+        return certificate
 
     def validate(self) -> dict[str, Any]:
         """Checks the mesh with atomesh's own checker and its Delaunay kernels (spade in 2-D): `atomesh validate`.

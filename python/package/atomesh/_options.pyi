@@ -20,7 +20,8 @@ _Value: TypeAlias = (
 _Values: TypeAlias = _Value | Sequence[_Value] | Mapping[Any, _Value | Mapping[str, _Value]]
 
 class MeshOptions(TypedDict, total=False):
-    #: Nominal distance between atoms, in samples: one number, or MIN:MAX
+    #: Nominal distance between atoms, in samples: one number, or MIN:MAX; or in a unit of length,
+    #: such as 3mm, 0.5mm:2mm or 40ft, if the image has one
     distance: _Value | None
     #: Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
     #: or cross at shallow angles), features (MIN on them, increasing away from them), image (MIN
@@ -41,9 +42,10 @@ class MeshOptions(TypedDict, total=False):
     surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them, which divide the image into
+    #: regions [default: automatic; it is printed]
+    threshold: _Value | None
     #: How faults are recognised in seismic amplitudes
     fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth with --velocity, or
@@ -59,9 +61,19 @@ class MeshOptions(TypedDict, total=False):
     keep_chaos: bool | None
     #: Weights F,H of faults and horizons, each in (0, 1], if both are followed
     feature_weights: _Value | None
-    #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
-    #: or VALUE:into=VALUE, which merges it into another label; may be repeated
+    #: Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, as for
+    #: --distance), or VALUE:into=VALUE, which merges it into another label; may be repeated
     label: _Values | None
+    #: Labels, by value or name, whose cells the mesh leaves out, such as 0 for the background.
+    #: Their boundaries keep their names, such as interface_0_3
+    drop: _Value | None
+    #: Labels, by value or name, whose cells alone the mesh has
+    keep: _Value | None
+    #: Of each label that stays, keep only the largest connected part
+    keep_largest: bool | None
+    #: Number of samples below which a connected part of a label, or of a region of --feature
+    #: isosurface, joins the labels around it before the image is meshed
+    min_part: _Value | None
     #: A point of the object, in physical coordinates, for --feature paths; may be repeated
     object: _Values | None
     #: A point of the background, for --feature paths; may be repeated [default: the image's
@@ -98,8 +110,9 @@ class MeshOptions(TypedDict, total=False):
     #: FILE:NAME takes one well. What the file does not say follows it, as for --surface, and
     #: ,head=x,y,z is the wellhead; may be repeated
     well: _Values | None
-    #: Distance between atoms at wells, in samples; it increases to --distance away from them
-    well_distance: _Number | None
+    #: Distance between atoms at wells, in samples or in a unit of length; it increases to
+    #: --distance away from them
+    well_distance: _Value | None
     #: Evaluator of the lattice energy
     evaluator: Literal["pairwise", "sampled"] | None
     #: Weight, in [0, 1], of the energy between atoms against their Laplacian coordinates, which
@@ -127,12 +140,16 @@ class MeshOptions(TypedDict, total=False):
     weld: _Number | None
     #: Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     smooth: Literal["cvt", "odt"] | None
-    #: Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance
-    #: is then in physical units, not in samples), shape (physical proportions, with as many
-    #: samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
-    #: permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
-    #: (SX,SY in 2-D)
+    #: Metric of lattice space: auto (shape for scans, for labels outside surveys, and for
+    #: distances in a unit of length, else samples), samples, physical (--distance is then in
+    #: physical units, not in samples), shape (physical proportions, with as many samples per cell
+    #: as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these permeabilities along
+    #: x, y and z; only their ratios count), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     metric: _Value | None
+    #: The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an
+    #: axis of N samples), or voxels (N steps; the outermost samples continue to the edges of their
+    #: voxels)
+    cover: Literal["samples", "voxels"] | None
     #: Continue the mesh beyond the image, with cells that coarsen away from it:
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
     #: out. The cells belong to the regions overburden, underburden and sideburden
@@ -143,6 +160,10 @@ class MeshOptions(TypedDict, total=False):
     #: it, as for --surface. It must cover the image and the sides of --pad, and replaces
     #: above=DIST of --pad
     topography: _Value | None
+    #: Make opposite sides match node by node along these axes, so that copies of the mesh fill
+    #: space: x, y and z (x and y in 2-D). The last layer of the image along them must repeat the
+    #: first
+    periodic: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole image, or a file of interval velocities in m/s on a grid in two-way time. With
     #: a file, the image is resampled
@@ -225,9 +246,10 @@ class FeatureOptions(TypedDict, total=False):
     distance: _Number | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them [default: automatic; it is
+    #: printed]
+    threshold: _Value | None
     #: How faults are recognised in seismic amplitudes
     fault_evidence: Literal["auto", "network", "semblance"] | None
     #: Smallest dip of a fault, in degrees; two-way time is converted to depth at 2,000 m/s
@@ -440,6 +462,9 @@ class ConvertOptions(TypedDict, total=False):
 class QualityOptions(TypedDict, total=False):
     #: The exact distance to the features, as `synth --truth` writes it
     truth: _Path | None
+    #: The image of labels that was meshed: also compare the mesh with each connected part of its labels,
+    #: sample by sample
+    labels: _Path | None
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
     lines: _Path | None
@@ -804,6 +829,13 @@ class ExportOptions(TypedDict, total=False):
     #: Clay fraction of the rock, 0 to 1, given like a porosity: with --throw it gives the shale-
     #: gouge ratio, the permeability and the thickness of fault rock
     clay: _Value | None
+    #: Regions, by label or name, whose cells are left out, such as 0 for the background. Their
+    #: boundaries keep their names, such as interface_0_3
+    drop: _Value | None
+    #: Regions, by label or name, whose cells alone are exported
+    keep: _Value | None
+    #: Of each region that stays, keep only the largest connected part
+    keep_largest: bool | None
     #: Number of columns along two axes, and of layers, of a corner-point grid (grdecl) [default:
     #: as fine as the cells]
     grid: _Value | None
@@ -990,9 +1022,10 @@ class SurfaceOptions(TypedDict, total=False):
     feature: Literal["auto", "ridges", "valleys", "edges", "canny", "isosurface", "paths", "horizons", "faults", "faults+horizons", "labels", "mask", "potential", "none"] | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
-    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value
-    #: [default: automatic; it is printed]
-    threshold: _Number | None
+    #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
+    #: or several values in ascending order with commas between them [default: automatic; it is
+    #: printed]
+    threshold: _Value | None
     #: Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s
     #: for the whole mesh, or a file of interval velocities in m/s on a grid in two-way time
     velocity: _Value | None

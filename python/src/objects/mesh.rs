@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use atomesh::mesh::Mesh as _;
 use atomesh::model::surface::facet_selection::marked_facets;
-use atomesh::store::{AnyMesh, CellStreams, MeshFile, Storable, read_any_vtu};
+use atomesh::store::{AnyMesh, CellStreams, MeshFile, Storable, read_any_vtu, take_cells};
 use atomesh::with_mesh;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
@@ -122,6 +122,16 @@ impl Mesh {
         }
         let result = py.detach(|| with_mesh!(&*self.0, file => write_file(&path, file)));
         result.map_err(|error| errors::library_error(py, &error))
+    }
+
+    /// Returns the mesh of the cells with these numbers, in their order.
+    fn take_cells(&self, py: Python<'_>, cells: Vec<u32>) -> PyResult<Self> {
+        let take =
+            || with_mesh!(&*self.0, file => take_cells(file.clone(), &cells).map(AnyMesh::from));
+        let mesh = py.detach(take);
+        Ok(mesh
+            .map_err(|error| errors::library_error(py, &error))?
+            .into())
     }
 
     /// Kind of the cells: "tetra", "triangle", "polyhedron" or "polygon".

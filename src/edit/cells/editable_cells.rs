@@ -1,5 +1,6 @@
 //! Voronoi cells as a file stores them, prepared for edits.
 
+use crate::edit::editable_mesh::left_out_error;
 use crate::edit::resolve::EditLattice;
 use crate::edit::unknown_arrays;
 use crate::error::cause;
@@ -68,6 +69,7 @@ impl<const D: usize> EditableCells<D> {
             is_horizon_face: horizons,
             weld,
             arrays,
+            outer,
             ..
         } = StoredMesh::new(file, place)?;
         let refuse = |problem: String| {
@@ -75,6 +77,9 @@ impl<const D: usize> EditableCells<D> {
         };
         if !space.is_stored {
             return Err(refuse("does not record where its lattice lies".into()));
+        }
+        if outer.is_some() {
+            return Err(left_out_error(place));
         }
         let hints = CheckHints {
             weld,

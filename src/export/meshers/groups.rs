@@ -81,8 +81,13 @@ impl FaceNames {
         });
         append_distinct(&mut names, interfaces);
 
+        let mut is_in_set = vec![false; mesh.face_cells.len()];
+        let members = model.sets.faces.iter().flat_map(|set| &set.members);
+        members.for_each(|&f| is_in_set[f as usize] = true);
         let number = |f: usize| match mesh.face_neighbour(f) {
             FaceNeighbour::Side(side) => side as u32 + 1,
+            // The faces at which cells were left out belong to sets.
+            FaceNeighbour::Unknown if is_in_set[f] => 0,
             FaceNeighbour::Unknown => BOUNDARY_NUMBER,
             FaceNeighbour::Cell(_) => match surface_of(f) {
                 0 => regions(f).map_or(0, |pair| {

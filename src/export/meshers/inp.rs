@@ -5,12 +5,16 @@
 //!
 //! If the mesh is split along surfaces, the cohesive elements between the two sides (COH3D6) are in
 //! a second file, `NAME-cohesive.inp`. CalculiX has no such elements and connects the two sides by
-//! other means.
+//! other means. There are none between quadratic elements.
+//!
+//! The conditions of a periodic mesh are in a file of their own, too, `NAME-periodic.inp`: a reference
+//! node for each periodic axis, and equations that make the displacement of each node on a far side
+//! that of the node opposite it plus those of the reference nodes.
 
 use std::io::Write;
 use std::path::Path;
 
-use super::NAMED_ELEMENTS;
+use super::PERIODIC_ELEMENTS;
 use super::groups::sorted_regions;
 use super::simplices::SimplexMesh;
 use crate::Result;
@@ -31,7 +35,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
     has_companion: false,
     holds_any_cells: false,
     uses_depth: false,
-    supported_content: NAMED_ELEMENTS,
+    supported_content: PERIODIC_ELEMENTS,
     deck_path: None,
     names: FormatNames {
         regions: Naming::Names(NameRules {
@@ -42,7 +46,7 @@ pub const FORMAT: ExportFormat = ExportFormat {
         faces: Naming::Names(NameRules {
             max_bytes: SET_NAMES.max_bytes - 1,
             distinct_bytes: SET_NAMES.max_bytes - 1,
-            reserved: &["ALL"],
+            reserved: &["ALL", "PERIODIC_X", "PERIODIC_Y", "PERIODIC_Z"],
             ..SET_NAMES
         }),
         faces_overlap: true,
@@ -63,6 +67,8 @@ const SET_NAMES: NameRules = NameRules {
 };
 /// Maximum number of characters that are read of a number.
 const NUMBER_WIDTH: usize = 20;
+/// Number of terms of an equation in a line.
+const TERMS_PER_LINE: usize = 4;
 /// Number of values in a line of a set.
 const NUMBERS_PER_LINE: usize = 16;
 /// Local nodes of the faces S1 to S4 of a tetrahedron, from 0.
@@ -144,13 +150,66 @@ pub fn write(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Path)
         Ok(())
     })?;
     mesh.write_face_pairs(batch, path, 1)?;
+    let is_flat = kind.starts_with("CPE");
+    write_periodic(mesh, if is_flat { 2 } else { 3 }, batch, path)?;
     write_cohesive(mesh, batch, path)
+}
+
+/// Names of the axes of the image in the names of reference nodes.
+const AXIS_NAMES: [&str; 3] = ["X", "Y", "Z"];
+
+/// Writes the equations of a periodic mesh for displacements of `dofs` components. Their first term is
+/// the node on the far side, which depends on the others.
+fn write_periodic(mesh: &SimplexMesh, dofs: usize, batch: &mut Batch, path: &Path) -> Result<()> {
+    let pairs = &mesh.periodic_pairs;
+    let axes: Vec<usize> = (0..3).filter(|&axis| mesh.period(axis).is_some()).collect();
+    if axes.is_empty() {
+        return Ok(());
+    }
+    let reference = |axis: usize| {
+        let index = axes.iter().position(|&other| other == axis);
+        mesh.node_count() + index.unwrap_or(0) + 1
+    };
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let path = path.with_file_name(format!("{stem}-periodic.inp"));
+    batch.write(&path, |out| {
+        writeln!(
+            out,
+            "** Periodic conditions, to be included after the mesh. Fix one node of the mesh, and give the\n\
+             ** displacement of NPERIODIC_X over a period along x (Y, Z), which is the mean strain times it."
+        )?;
+        for &axis in &axes {
+            writeln!(out, "*NODE, NSET=NPERIODIC_{}", AXIS_NAMES[axis])?;
+            let [x, y, z] = mesh.period(axis).unwrap_or_default();
+            writeln!(out, "{}, {x:e}, {y:e}, {z:e}", reference(axis))?;
+        }
+        write_items(out, pairs.len(), |text, i| {
+            let pair = &pairs[i];
+            let far_axes = axes.iter().filter(|&&axis| pair.axes >> axis & 1 == 1);
+            let references = far_axes.map(|&axis| reference(axis));
+            let mut terms = vec![(pair.node as usize + 1, "1"), (pair.base as usize + 1, "-1")];
+            terms.extend(references.map(|node| (node, "-1")));
+            for dof in 1..=dofs {
+                text.word("*EQUATION").end_line();
+                text.int(terms.len()).end_line();
+                for line in terms.chunks(TERMS_PER_LINE) {
+                    let mut separator = "";
+                    for (node, factor) in line {
+                        text.word(separator).int(*node).word(", ").int(dof);
+                        text.word(", ").word(factor);
+                        separator = ", ";
+                    }
+                    text.end_line();
+                }
+            }
+        })
+    })
 }
 
 /// Writes the elements between the two sides of the surfaces along which the mesh is split. Their
 /// numbers follow those of the other elements.
 fn write_cohesive(mesh: &SimplexMesh, batch: &mut Batch, path: &Path) -> Result<()> {
-    if mesh.torn_surfaces.is_empty() {
+    if mesh.elements_between().is_empty() {
         return Ok(());
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -158,7 +217,7 @@ fn write_cohesive(mesh: &SimplexMesh, batch: &mut Batch, path: &Path) -> Result<
         &path.with_file_name(format!("{stem}-cohesive.inp")),
         |out| {
             let mut next = mesh.len() + 1;
-            for torn in &mesh.torn_surfaces {
+            for torn in mesh.elements_between() {
                 let name = &torn.name;
                 writeln!(out, "*ELEMENT, TYPE=COH3D6, ELSET={name}")?;
                 write_items(out, torn.face_pairs.len(), |text, i| {

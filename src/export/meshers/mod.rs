@@ -6,6 +6,7 @@
 //! - `msh`: meshes for Gmsh
 //! - `inp`: Abaqus and CalculiX
 //! - `nastran`: NASTRAN bulk data
+//! - `febio`: models for FEBio
 //! - `medit`: meshes for Medit
 //! - `exodus`: Exodus II
 //! - `vtkhdf`, `xdmf`: HDF5 for VTK and ParaView
@@ -15,6 +16,7 @@
 
 pub(crate) mod cgns;
 pub(crate) mod exodus;
+pub(crate) mod febio;
 pub(crate) mod groups;
 pub(crate) mod inp;
 pub(crate) mod medit;
@@ -34,6 +36,7 @@ pub(crate) const FORMATS: &[&ExportFormat] = &[
     &msh::FORMAT_V2,
     &inp::FORMAT,
     &nastran::FORMAT,
+    &febio::FORMAT,
     &medit::FORMAT,
     &tetgen::FORMAT,
     &exodus::FORMAT,
@@ -53,6 +56,15 @@ const NAMES_AND_ROCK: &[ExportContent] = &[
     ExportContent::Properties,
     ExportContent::SplitNodes,
     ExportContent::Quadratic,
+];
+
+/// Content of formats that hold named elements and pairs of periodic nodes.
+const PERIODIC_ELEMENTS: &[ExportContent] = &[
+    ExportContent::Names,
+    ExportContent::Regions,
+    ExportContent::SplitNodes,
+    ExportContent::Quadratic,
+    ExportContent::PeriodicPairs,
 ];
 
 /// Content of formats that hold named elements, linear or quadratic, without values.

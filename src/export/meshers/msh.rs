@@ -6,6 +6,8 @@
 //! surface along which the mesh is split, prisms without thickness are in a physical volume with
 //! the name of the surface.
 //!
+//! Opposite sides of a periodic mesh are periodic entities, with the pairs of their nodes.
+//!
 //! The numbers of nodes and tetrahedra are those of the mesh plus 1. The numbers of triangles and
 //! prisms follow. All physical groups have different numbers, whatever their dimension, since some
 //! readers (DARTS) ignore the dimension.
@@ -14,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
 
-use super::NAMED_ELEMENTS;
+use super::PERIODIC_ELEMENTS;
 use super::groups::NamedSides;
 use super::groups::sorted_regions;
 use super::simplices::{SimplexMesh, TornSurface};
@@ -38,7 +40,7 @@ pub const FORMAT_V4: ExportFormat = ExportFormat {
     has_companion: false,
     holds_any_cells: false,
     uses_depth: false,
-    supported_content: NAMED_ELEMENTS,
+    supported_content: PERIODIC_ELEMENTS,
     deck_path: None,
     names: FormatNames {
         faces_overlap: true,
@@ -57,7 +59,7 @@ pub const FORMAT_V2: ExportFormat = ExportFormat {
     has_companion: false,
     holds_any_cells: false,
     uses_depth: false,
-    supported_content: NAMED_ELEMENTS,
+    supported_content: PERIODIC_ELEMENTS,
     deck_path: None,
     // Readers take an element in two groups for two elements.
     names: FormatNames {
@@ -89,13 +91,13 @@ fn write_header(
         writeln!(out, "$Comments\n{comments}$EndComments")?;
     }
     writeln!(out, "$PhysicalNames")?;
-    let sides = mesh.named_sides.len() + mesh.torn_surfaces.len();
+    let sides = mesh.named_sides.len() + mesh.elements_between().len();
     let count = sides + regions.len() + names.cell_sets.len() + mesh.node_sets.len();
     writeln!(out, "{count}")?;
     for NamedSides { number, name, .. } in &mesh.named_sides {
         writeln!(out, "{} {number} \"{name}\"", dim - 1)?;
     }
-    for TornSurface { number, name, .. } in &mesh.torn_surfaces {
+    for TornSurface { number, name, .. } in mesh.elements_between() {
         writeln!(out, "{dim} {number} \"{name}\"")?;
     }
     for (number, region) in (mesh.next_number()..).zip(regions) {
@@ -140,10 +142,8 @@ fn end_with_nodes(mesh: &SimplexMesh, text: &mut TextBuilder, corners: &[u32]) {
 
 /// Returns the number of prisms between split faces.
 fn prism_count(mesh: &SimplexMesh) -> usize {
-    mesh.torn_surfaces
-        .iter()
-        .map(|torn| torn.face_pairs.len())
-        .sum()
+    let surfaces = mesh.elements_between().iter();
+    surfaces.map(|torn| torn.face_pairs.len()).sum()
 }
 
 /// Writes version 2.2.
@@ -187,7 +187,7 @@ pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
             number,
             face_pairs: pairs,
             ..
-        } in &mesh.torn_surfaces
+        } in mesh.elements_between()
         {
             write_items(out, pairs.len(), |text, i| {
                 let text = text.int(next + i).spaced_int(PRISM_TYPE).word(" 2");
@@ -206,8 +206,46 @@ pub fn write_v2(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
             text.spaced_int(region).spaced_int(region);
             end_with_nodes(mesh, text, mesh.get(t));
         })?;
-        writeln!(out, "$EndElements")
+        writeln!(out, "$EndElements")?;
+        write_periodic(out, mesh, "Affine", Some)
     })
+}
+
+/// Writes the pairs of nodes on opposite sides of a periodic mesh. `entity_of` returns the number of
+/// the entity of the side with this number. `affine` begins the line with the map between them.
+fn write_periodic(
+    out: FileWriter,
+    mesh: &SimplexMesh,
+    affine: &str,
+    entity_of: impl Fn(usize) -> Option<usize>,
+) -> WriteResult {
+    let sides = (0..3).filter_map(|axis| {
+        let period = mesh.period(axis)?;
+        let near_and_far = [2 * axis + 1, 2 * axis + 2];
+        let has_side = |number: usize| mesh.named_sides.iter().any(|s| s.number == number);
+        if !near_and_far.into_iter().all(has_side) {
+            return None;
+        }
+        let [near, far] = near_and_far.map(&entity_of);
+        Some((axis, period, near?, far?))
+    });
+    let sides: Vec<_> = sides.collect();
+    if sides.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "$Periodic\n{}", sides.len())?;
+    let dim = mesh.corner_count - 2;
+    for (axis, [x, y, z], near, far) in sides {
+        let pairs = mesh.opposite_nodes(axis);
+        writeln!(out, "{dim} {far} {near}")?;
+        writeln!(out, "{affine} 1 0 0 {x} 0 1 0 {y} 0 0 1 {z} 0 0 0 1")?;
+        writeln!(out, "{}", pairs.len())?;
+        write_items(out, pairs.len(), |text, i| {
+            let [node, base] = pairs[i];
+            text.int(node + 1).spaced_int(base + 1).end_line();
+        })?;
+    }
+    writeln!(out, "$EndPeriodic")
 }
 
 /// Elements of one dimension that are in the same physical groups.
@@ -340,7 +378,7 @@ pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
         write_entities(out, mesh, [&points, &side_entities, &cells])?;
         write_nodes(out, mesh, cells.first().map_or(1, |entity| entity.tag))?;
         let entity_count = points.len() + side_entities.len() + cells.len();
-        let blocks = entity_count + mesh.torn_surfaces.len();
+        let blocks = entity_count + mesh.elements_between().len();
         let point_count: usize = points.iter().map(|entity| entity.elements.len()).sum();
         let count = mesh.len() + sides.len() + prism_count(mesh) + point_count;
         writeln!(out, "$Elements\n{blocks} {count} 1 {count}")?;
@@ -360,7 +398,7 @@ pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
             })?;
             next += entity.elements.len();
         }
-        for torn in &mesh.torn_surfaces {
+        for torn in mesh.elements_between() {
             let pairs = &torn.face_pairs;
             writeln!(out, "{dim} {} {PRISM_TYPE} {}", torn.number, pairs.len())?;
             write_items(out, pairs.len(), |text, i| {
@@ -379,7 +417,11 @@ pub fn write_v4(model: &Model, names: &ExportNames, batch: &mut Batch, path: &Pa
                 end_with_nodes(mesh, text, mesh.get(cell as usize));
             })?;
         }
-        writeln!(out, "$EndElements")
+        writeln!(out, "$EndElements")?;
+        write_periodic(out, mesh, "16", |number| {
+            let mut with_side = side_entities.iter().filter(|e| e.groups.contains(&number));
+            with_side.next().map(|entity| entity.tag)
+        })
     })
 }
 
@@ -402,7 +444,7 @@ fn write_block(
 fn write_entities(out: FileWriter, mesh: &SimplexMesh, parts: [&[Entity]; 3]) -> WriteResult {
     let dim = mesh.corner_count - 1;
     let mut counts = [0; 4];
-    counts[dim] = mesh.torn_surfaces.len();
+    counts[dim] = mesh.elements_between().len();
     for entity in parts.into_iter().flatten() {
         counts[entity.dim] += 1;
     }
@@ -428,7 +470,7 @@ fn write_entities(out: FileWriter, mesh: &SimplexMesh, parts: [&[Entity]; 3]) ->
     for entity in sides {
         line(out, entity, &extent, " 0")?;
     }
-    for TornSurface { number, .. } in &mesh.torn_surfaces {
+    for TornSurface { number, .. } in mesh.elements_between() {
         writeln!(out, "{number} {extent} 1 {number} 0")?;
     }
     for entity in cells {

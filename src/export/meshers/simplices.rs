@@ -1,6 +1,7 @@
 //! Meshes of simplices for formats that hold nothing else: tetrahedra with named triangles, or in
 //! 2-D triangles with named edges.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use crate::files::Batch;
 use crate::files::text::write_items;
 use crate::geometry::sorted_distinct;
 use crate::mesh::FACES;
-use crate::model::reservoir::Model;
+use crate::model::reservoir::{Model, PeriodicPair};
 use crate::names::csv_field;
 use crate::store::named_sets::NamedSet;
 
@@ -39,6 +40,8 @@ pub struct SimplexMesh<'a> {
     pub torn_surfaces: Vec<TornSurface>,
     /// Sets of nodes, besides those of sides.
     pub node_sets: Vec<NamedSet>,
+    /// Nodes on far sides of a periodic mesh, also those in the middle of edges.
+    pub periodic_pairs: Vec<PeriodicPair>,
 }
 
 /// Surface along which a mesh is split.
@@ -83,6 +86,7 @@ impl<'a> SimplexMesh<'a> {
             named_sides: Vec::new(),
             torn_surfaces: Vec::new(),
             node_sets: Vec::new(),
+            periodic_pairs: model.periodic.node_pairs(),
         };
         let sets = names.node_sets.iter();
         simplices.node_sets = sets.map(|set| simplices.node_set(model, set)).collect();
@@ -129,6 +133,7 @@ impl<'a> SimplexMesh<'a> {
         simplices.named_sides.extend(sides);
         if model.is_quadratic {
             simplices.find_edges();
+            simplices.pair_edges(model);
         }
         Ok(simplices)
     }
@@ -167,6 +172,61 @@ impl<'a> SimplexMesh<'a> {
         edges.par_sort_unstable();
         edges.dedup();
         self.edges = edges;
+    }
+
+    /// Adds the pairs of nodes in the middle of edges of a periodic mesh.
+    fn pair_edges(&mut self, model: &Model) {
+        let first = self.nodes.len();
+        let pair = |(i, edge): (usize, &[u32; 2])| {
+            let (base, axes) = model.periodic.base_edge(*edge)?;
+            let base = self.edges.binary_search(&sorted_edge(base)).ok()?;
+            Some(PeriodicPair {
+                node: (first + i) as u32,
+                base: (first + base) as u32,
+                axes,
+            })
+        };
+        let pairs: Vec<PeriodicPair> = self.edges.iter().enumerate().filter_map(pair).collect();
+        self.periodic_pairs.extend(pairs);
+    }
+
+    /// Returns the period of a periodic mesh along an axis of the image, as a vector; `None` if it is
+    /// not periodic along that axis.
+    pub fn period(&self, axis: usize) -> Option<[f64; 3]> {
+        let mut pairs = self.periodic_pairs.iter();
+        let pair = pairs.find(|pair| pair.axes == 1 << axis)?;
+        let [x, y] = [pair.node, pair.base].map(|n| self.point(n as usize));
+        Some(std::array::from_fn(|k| x[k] - y[k]))
+    }
+
+    /// Returns the nodes on the far side of a periodic mesh along an axis of the image, each with the
+    /// node opposite it.
+    pub fn opposite_nodes(&self, axis: usize) -> Vec<[u32; 2]> {
+        // Nodes that are far along several axes have bases that are near along all of them.
+        let pairs = self.periodic_pairs.iter();
+        let places = pairs
+            .clone()
+            .map(|pair| ((pair.base, pair.axes), pair.node));
+        let nodes: BTreeMap<(u32, u8), u32> = places.collect();
+        let opposite = |pair: &PeriodicPair| {
+            let axes = pair.axes & !(1 << axis);
+            let base = match axes {
+                0 => Some(pair.base),
+                _ => nodes.get(&(pair.base, axes)).copied(),
+            };
+            (pair.axes >> axis & 1 == 1).then_some([pair.node, base?])
+        };
+        pairs.filter_map(opposite).collect()
+    }
+
+    /// Returns the surfaces with elements between their two sides. Between quadratic elements there
+    /// are none, as no program has them.
+    pub fn elements_between(&self) -> &[TornSurface] {
+        if self.is_quadratic() {
+            &[]
+        } else {
+            &self.torn_surfaces
+        }
     }
 
     /// Returns the number of edges of each simplex.
@@ -283,22 +343,30 @@ impl<'a> SimplexMesh<'a> {
     }
 
     /// Writes the face pairs of a split mesh to `NAME-twins.csv` beside the file: surface, cells,
-    /// and nodes of the lower and of the upper side. Numbers begin with `first`.
+    /// and nodes of the lower and of the upper side, in a quadratic mesh six each. Numbers begin with
+    /// `first`.
     pub fn write_face_pairs(&self, batch: &mut Batch, path: &Path, first: u32) -> Result<()> {
         if self.torn_surfaces.is_empty() {
             return Ok(());
         }
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         batch.write(&path.with_file_name(format!("{stem}-twins.csv")), |out| {
-            writeln!(out, "surface,cell_a,cell_b,a1,a2,a3,b1,b2,b3")?;
+            let count = if self.is_quadratic() { 6 } else { 3 };
+            write!(out, "surface,cell_a,cell_b")?;
+            for side in ["a", "b"] {
+                (1..=count).try_for_each(|n| write!(out, ",{side}{n}"))?;
+            }
+            writeln!(out)?;
             for torn in &self.torn_surfaces {
                 write_items(out, torn.face_pairs.len(), |text, i| {
                     text.word(&csv_field(&torn.name));
-                    for n in torn.cells[i]
-                        .iter()
-                        .chain(torn.face_pairs[i].as_flattened())
-                    {
+                    for n in torn.cells[i] {
                         text.word(",").int(n + first);
+                    }
+                    for face in &torn.face_pairs[i] {
+                        self.visit_nodes(face, |n| {
+                            text.word(",").int(n + first);
+                        });
                     }
                     text.end_line();
                 })?;

@@ -178,7 +178,10 @@ fn simplex_grid<'a>(mesh: &'a SimplexMesh) -> (NamedNodes<'a>, usize, NodeSets) 
     let mut connectivity: Vec<i64> = Vec::new();
     (0..mesh.len()).for_each(|i| mesh.visit_nodes(mesh.get(i), |n| connectivity.push(n.into())));
     let size = connectivity.len() / mesh.len().max(1);
-    let wedges = mesh.torn_surfaces.iter().flat_map(|torn| &torn.face_pairs);
+    let wedges = mesh
+        .elements_between()
+        .iter()
+        .flat_map(|torn| &torn.face_pairs);
     for &pair in wedges {
         connectivity.extend(pair.as_flattened().iter().map(|&n| i64::from(n)));
     }

@@ -1,7 +1,7 @@
-//! Isosurfaces: the surfaces (in 2-D the curves) on which an image has a given value.
+//! Isosurfaces: the surfaces (in 2-D the curves) on which an image has a given value, or one of several.
 //!
-//! The value is the option `threshold`: 300 HU for the surface of bone in a CT image, for example.
-//! If it is not given, it is Otsu's threshold (Otsu 1979, "A threshold selection method from
+//! The values are the option `threshold`: 300 HU for the surface of bone in a CT image, for example.
+//! If none is given, it is Otsu's threshold (Otsu 1979, "A threshold selection method from
 //! gray-level histograms"). It divides the samples into two classes so that the variance between
 //! the classes is largest.
 //!
@@ -13,15 +13,16 @@
 //!    the same way. Only the axis nearest to the normal counts, so that each column of samples that
 //!    the surface passes gets one point.
 //!
-//! All points have the same strength, the value itself, so that all are followed. Noise makes small
-//! surfaces around single samples, which are dropped by their area. The samples below and above the
-//! value are two regions ([`value_regions`]), so that the surface has no holes and keeps its volume.
+//! All points have the same strength, the lowest value, so that all are followed. The samples below,
+//! between and above the values are regions ([`value_regions`]), so that the surfaces have no holes, end
+//! on the sides of the image, and keep the volumes of the regions. Noise makes small parts of regions
+//! around single samples, which join the region around them.
 //!
 //! Scale: the image is not smoothed, unless a scale is given. Smoothing over s samples moves a
 //! surface of radius r towards its centre of curvature, by about s^2 (D - 1) / (2 r). Assumption:
 //! the image is continuous. A mask of two values has an isosurface of steps, unless it is smoothed.
 
-use super::value_regions::{REGION_VALUES, value_regions};
+use super::value_regions::{region_values, value_regions};
 use super::{Detector, DetectorInput, DetectorOutput, ThresholdMeaning, Thresholds};
 use crate::error::{Error, Result, cause};
 use crate::feature::candidate::{Candidate, dominant_axes};
@@ -87,18 +88,14 @@ fn find_in_samples<const D: usize>(
     if scale > 0.0 {
         samples.smooth(scale, cancel);
     }
-    let (level, origin) = match input.thresholds() {
-        Some(thresholds) => (thresholds.high, thresholds.origin),
-        None => (otsu_threshold(&samples, live, cancel)?, "Otsu's threshold"),
+    let (levels, origin) = match input.thresholds() {
+        Some(thresholds) => (levels(input, thresholds.high), thresholds.origin),
+        None => (
+            vec![otsu_threshold(&samples, live, cancel)?],
+            "Otsu's threshold",
+        ),
     };
-    let smoothing = if scale > 0.0 {
-        format!(" after smoothing over {scale} samples")
-    } else {
-        String::new()
-    };
-    notes.push(format!(
-        "isosurface of the value {level} ({origin}){smoothing}"
-    ));
+    notes.push(levels_note(&levels, origin, scale));
     let (mut candidates, mut layers) = (Vec::new(), CoveredLayers::default());
     let mut values: Vec<f32> = Vec::new();
     let is_in_memory = input.image().is_ok();
@@ -113,7 +110,7 @@ fn find_in_samples<const D: usize>(
                 }),
             );
         }
-        candidates.extend(crossings(window, level, cancel));
+        candidates.extend(crossings(window, &levels, cancel));
     };
     samples.for_each_window(
         HALO_LAYERS,
@@ -125,28 +122,35 @@ fn find_in_samples<const D: usize>(
     )?;
     let has_points = (input.grid).any("points of value", !candidates.is_empty())?;
     // A part of an image need not have the value.
-    if input.resolved.is_none() && !has_points {
+    if input.resolved.is_none() && (levels.len() > 1 || !has_points) {
         let [min, max] = value_range(&samples, live, cancel)?;
-        return Err(Error::Feature(cause(
-            format!("threshold {level}"),
-            format!("is a value that no surface has: values of the image are from {min} to {max}"),
-            "give a value between them",
-        )));
+        let mut absent = levels
+            .iter()
+            .filter(|level| **level <= min || **level > max);
+        if let Some(level) = absent.next().or((!has_points).then_some(&levels[0])) {
+            return Err(Error::Feature(cause(
+                format!("threshold {level}"),
+                format!(
+                    "is a value that no surface has: values of the image are from {min} to {max}"
+                ),
+                "give a value between them",
+            )));
+        }
     }
     let thresholds = Thresholds {
-        low: level,
-        high: level,
+        low: levels[0],
+        high: levels[0],
         origin,
     };
-    if let Some(options) = (input.options.labels.iter()).find(|o| !REGION_VALUES.contains(&o.label))
-    {
-        return Err(missing_label_error(options, &REGION_VALUES));
+    let regions = region_values(levels.len());
+    if let Some(options) = (input.options.labels.iter()).find(|o| !regions.contains(&o.label)) {
+        return Err(missing_label_error(options, &regions));
     }
     if is_in_memory {
         values = input.grid.concatenated("smoothed values", values)?;
     }
     let is_complete = values.len() == input.dims().iter().product::<usize>();
-    let regions = is_complete.then(|| value_regions(input, &values, level, notes));
+    let regions = is_complete.then(|| value_regions(input, values, &levels, notes));
     let labels = regions.flatten();
     if let Some((label_map, _)) = &labels {
         // Surfaces around parts that joined the other region are no interfaces.
@@ -155,15 +159,49 @@ fn find_in_samples<const D: usize>(
     Ok(DetectorOutput {
         layers: Some(layers.0),
         labels,
+        levels: if levels.len() > 1 { levels } else { Vec::new() },
         ..DetectorOutput::new(candidates, scale, thresholds)
     })
 }
 
-/// Returns the points at which the image has the value `level`, in the interior of a window with a
+/// Returns the values of the isosurfaces, in ascending order: those of the whole image if this is a part of one,
+/// or else the first one and those that are given beside it.
+fn levels<const D: usize>(input: &DetectorInput<'_, D>, first: f32) -> Vec<f32> {
+    match input.resolved {
+        Some(resolved) if !resolved.levels.is_empty() => resolved.levels.clone(),
+        Some(_) => vec![first],
+        None => {
+            let mut levels = vec![first];
+            levels.extend(&input.options.further_levels);
+            levels.sort_by(f32::total_cmp);
+            levels.dedup();
+            levels
+        }
+    }
+}
+
+/// Returns the note on the values of isosurfaces, and on the smoothing over `scale` samples before.
+fn levels_note(levels: &[f32], origin: &str, scale: f64) -> String {
+    let smoothing = if scale > 0.0 {
+        format!(" after smoothing over {scale} samples")
+    } else {
+        String::new()
+    };
+    match levels {
+        [level] => format!("isosurface of the value {level} ({origin}){smoothing}"),
+        _ => {
+            let levels: Vec<String> = levels.iter().map(f32::to_string).collect();
+            let levels = levels.join(", ");
+            format!("isosurfaces of the values {levels} ({origin}){smoothing}")
+        }
+    }
+}
+
+/// Returns the points at which the image has one of the values `levels`, in the interior of a window with a
 /// halo of [`HALO_LAYERS`], in the order of samples.
 fn crossings<const D: usize>(
     window: &LayerWindow<'_, D>,
-    level: f32,
+    levels: &[f32],
     cancel: &CancelToken<'_>,
 ) -> Vec<Candidate<D>> {
     let stack = window.smoothed;
@@ -173,18 +211,24 @@ fn crossings<const D: usize>(
         for x in 0..volume.dims[0] {
             let (mut at, i) = (first, start + x);
             at[0] = x;
-            let is_inside = |i: usize| volume.samples[i] >= level;
             let (before, after) = volume.neighbour_offsets(at);
             for axis in 0..D {
-                let differs = |neighbour: usize| is_inside(neighbour) != is_inside(i);
-                if !differs(i + after[axis]) && !differs(i - before[axis]) {
-                    continue;
-                }
-                let crossing = Crossing::near(volume, at, axis, level)
-                    .filter(|crossing| dominant_axes(crossing.normal).any(|a| a == axis));
-                if let Some(Crossing { offset, normal }) = crossing {
-                    let at = stack.to_volume(at);
-                    found.push(Candidate::new(window.dims, at, axis, offset, normal, level));
+                let neighbours = [i + after[axis], i - before[axis]];
+                for &level in levels {
+                    let is_inside = |i: usize| volume.samples[i] >= level;
+                    if neighbours.iter().all(|&n| is_inside(n) == is_inside(i)) {
+                        continue;
+                    }
+                    let crossing = Crossing::near(volume, at, axis, level)
+                        .filter(|crossing| dominant_axes(crossing.normal).any(|a| a == axis));
+                    if let Some(Crossing { offset, normal }) = crossing {
+                        let at = stack.to_volume(at);
+                        // All points are equally strong, so that all are followed.
+                        let strength = levels[0];
+                        let candidate =
+                            Candidate::new(window.dims, at, axis, offset, normal, strength);
+                        found.push(candidate);
+                    }
                 }
             }
         }

@@ -9,8 +9,11 @@
 //! - `edges`: ridges of Prewitt's gradient magnitude
 //! - `canny`: maxima of the gradient magnitude along the gradient
 //! - `isosurface`: surfaces on which the image has a given value
+//! - `value_regions`: the regions between values
 //! - `labels`: interfaces between labels
 //! - `masks`: the medial surface of thin masks
+//! - `label_gaps`: thickness of labels at their interfaces
+//! - `label_slices`: labels between slices that are far apart
 //! - `label_smoothing`: winning label of each sample after smoothing
 //! - `horizons`: crests and troughs of seismic amplitude
 //! - `faults`: places where layers of seismic amplitude do not continue
@@ -32,6 +35,8 @@ pub(crate) mod faults_and_horizons;
 pub(crate) mod horizons;
 mod input;
 pub(crate) mod isosurface;
+pub(crate) mod label_gaps;
+pub(crate) mod label_slices;
 pub(crate) mod label_smoothing;
 pub(crate) mod labels;
 pub(crate) mod masks;
@@ -112,8 +117,8 @@ feature_kinds! {
     Edges = "edges" [edges::Edges];
     /// Steps of brightness, by non-maximum suppression and hysteresis
     Canny = "canny" [canny::Canny];
-    /// Surfaces on which the image has the value of --threshold, such as 300 HU for bone in CT
-    /// images; without it, that of Otsu's threshold
+    /// Closed regions below and above the value of --threshold, such as 300 HU for bone in CT images,
+    /// or between several; without it, that of Otsu's threshold
     Isosurface = "isosurface" [isosurface::Isosurface];
     /// The boundary of an object, by random shortest paths (2-D; needs a point of the object)
     Paths = "paths" [paths::Paths];

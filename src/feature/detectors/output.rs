@@ -55,6 +55,8 @@ pub struct DetectorOutput<const D: usize> {
     pub vertical_axis: usize,
     /// Value of the thin mask whose medial surface was searched for.
     pub mask_value: Option<f32>,
+    /// Values of isosurfaces, in ascending order, if there are several.
+    pub levels: Vec<f32>,
     /// For labels: the winning labels, and the distance between atoms in each component.
     pub labels: Option<(LabelMap<D>, labels::LabelSpacing<D>)>,
     /// Share of the image in chaotic zones, whose candidates are dropped; `None` if there are none.
@@ -76,6 +78,7 @@ impl<const D: usize> DetectorOutput<D> {
             has_sharp_normals: false,
             vertical_axis: D - 1,
             mask_value: None,
+            levels: Vec::new(),
             labels: None,
             chaotic_share: None,
             confidence: None,

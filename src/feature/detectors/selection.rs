@@ -71,6 +71,13 @@ pub fn selection_from_choice<const D: usize>(
         doubt,
     } = choice;
     let kind = detector.kind();
+    if options.min_part > 1 && !detector.has_labels() {
+        return Err(Error::Feature(cause(
+            format!("min-part {}", options.min_part),
+            format!("is about parts of labels, but the image has {kind} ({reason})"),
+            "omit it, or choose --feature labels or isosurface",
+        )));
+    }
     match options.threshold {
         Some(threshold) if detector.threshold_meaning() == ThresholdMeaning::Unused => {
             Err(Error::Feature(cause(

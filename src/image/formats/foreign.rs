@@ -420,12 +420,16 @@ mod tests {
             .flat_map(|w: &i32| w.to_be_bytes())
             .collect();
         vec![
+            (
+                b"\x08\0\x05\0CS\x0a\0ISO_IR 100".to_vec(),
+                "dcm2niix FOLDER",
+            ),
             (b"dGB\x01\x02".to_vec(), "from OpendTect"),
             (b"GOCAD Voxet 1\n".to_vec(), "--raw"),
             (b"GOCAD TSurf 1\n".to_vec(), "not a mesh"),
             (
                 bytes(400, &[(0, b"\x08\0\x05\0CS\x0a\0ISO_IR 100")]),
-                "dcm2niix FOLDER",
+                "without a preamble",
             ),
             (bytes(1024, &[(208, b"MAP \x44\x44\0\0")]), "mrcfile"),
             (bytes(300, &[(0, &mgh)]), "mri_convert"),

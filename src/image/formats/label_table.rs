@@ -93,7 +93,7 @@ fn read_text(path: &Path) -> Result<String> {
 
 /// Returns the only table of labels beside an image that has the same name but for its ending, and its
 /// names. Plain tables without the names of their columns are not taken for one.
-pub fn find_adjacent(image: &Path) -> Option<(PathBuf, LabelNames)> {
+pub fn companion_table(image: &Path) -> Option<(PathBuf, LabelNames)> {
     let name = image.file_name()?.to_str()?;
     let lower = name.to_lowercase();
     let endings = [".nii.gz", ".seg.nrrd", ".ome.tif", ".ome.tiff", ".inr.gz"];
@@ -381,20 +381,20 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         let image = path("scan.nii.gz");
-        assert_eq!(find_adjacent(&image), None);
+        assert_eq!(companion_table(&image), None);
         std::fs::write(path("scan.csv"), "1,bone\n").unwrap();
         assert_eq!(
-            find_adjacent(&image),
+            companion_table(&image),
             None,
             "columns without names may be anything"
         );
         std::fs::write(path("scan.csv"), "label,name\n1,bone\n").unwrap();
         assert_eq!(
-            find_adjacent(&image).unwrap().1,
+            companion_table(&image).unwrap().1,
             [(LabelValue::Whole(1), "bone".into())]
         );
         std::fs::write(path("scan.txt"), "1 skin 1 2 3 4\n").unwrap();
-        assert_eq!(find_adjacent(&image), None, "two tables are ambiguous");
+        assert_eq!(companion_table(&image), None, "two tables are ambiguous");
     }
 
     #[test]

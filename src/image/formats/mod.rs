@@ -371,7 +371,7 @@ pub(crate) fn name_labels(
         Some(file) if file == Path::new("none") => return Ok(()),
         Some(file) => (file.to_path_buf(), label_table::read(file)?, false),
         None if has_names => return Ok(()),
-        None => match label_table::find_adjacent(path) {
+        None => match label_table::companion_table(path) {
             Some((file, names)) => (file, names, true),
             None => return Ok(()),
         },

@@ -25,7 +25,7 @@ const SLICE_EXTENSIONS: [&str; 3] = ["png", "tif", "tiff"];
 /// Endings of pictures that are not read as slices.
 const OTHER_PICTURES: [&str; 8] = ["jpg", "jpeg", "bmp", "gif", "jp2", "webp", "pgm", "ppm"];
 
-/// The remedy for pictures that are no slices of one volume.
+/// Remedy for a folder of pictures that are no slices of one volume.
 const ONE_STACK_REMEDY: &str = "give a folder with the slices of one volume alone";
 
 /// Returns the files of a folder with one of these endings.
@@ -242,7 +242,7 @@ pub fn open(folder: &Path) -> Result<ImageStream> {
     })
 }
 
-/// The content of the file of one slice.
+/// The content of one file of a slice.
 struct Slice {
     dims: [usize; 2],
     geometry: Geometry<3>,

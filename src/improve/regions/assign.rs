@@ -145,12 +145,13 @@ fn visit_compositions(
 }
 
 /// Returns the label of each simplex: the label of the largest part of it, unless the cell would
-/// then be a spike between cells of another label that covers nearly as much of it.
+/// then be a spike between cells of another label that covers nearly as much of it. Also returns the
+/// sample points of each label in each simplex.
 pub fn assign_labels<const D: usize, M: Simplices<D>>(
     mesh: &M,
     neighbours: &[u32],
     labelled: &LabelMap<D>,
-) -> Vec<u32> {
+) -> (Vec<u32>, Vec<Votes>) {
     let votes = SamplePoints::from_simplices(mesh).votes(labelled);
     let node_labels = NodeLabels::new(mesh, &votes, labelled);
     let may_have = |c: usize, label: u32| node_labels.allows(mesh.cell(c), label);
@@ -200,7 +201,7 @@ pub fn assign_labels<const D: usize, M: Simplices<D>>(
             break;
         }
     }
-    regions
+    (regions, votes)
 }
 
 /// The labels near the nodes of cells that contain several labels. A cell would be a spike if its
@@ -291,7 +292,7 @@ impl Votes {
     }
 
     /// Returns the share of the sample points that have the label.
-    fn share(&self, label: u32) -> f64 {
+    pub(super) fn share(&self, label: u32) -> f64 {
         let total: u32 = self.0.iter().map(|(_, count)| count).sum();
         let entry = self.0.iter().find(|(known, _)| *known == label);
         f64::from(entry.map_or(0, |(_, count)| *count)) / f64::from(total.max(1))

@@ -18,7 +18,8 @@ use crate::parallel::prelude::*;
 
 use super::AnchoredNodes;
 use super::assign::directions;
-use super::{balance, region_volumes};
+use super::parts::LabelParts;
+use super::{balance, part_volumes};
 use crate::feature::LabelMap;
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{add_scaled, dot, norm, normal, sorted_distinct, sub, unit};
@@ -28,7 +29,7 @@ use crate::mesh::complex::NONE;
 use crate::progress::CancelToken;
 
 /// Largest number of moves of each node.
-const MAX_SWEEPS: usize = 10;
+const MAX_SWEEPS: usize = 14;
 /// Largest number of times that cells of spikes change their label.
 const MAX_TRIMS: usize = 4;
 /// First sweep in which volumes are balanced.
@@ -58,6 +59,10 @@ pub struct InterfaceFit<'a, const D: usize> {
     pub labelled: &'a LabelMap<D>,
     /// Label of each cell.
     pub regions: &'a [u32],
+    /// Connected parts of the labels, which keep their volumes.
+    pub parts: &'a LabelParts<D>,
+    /// Part of each cell, or [`NONE`].
+    pub cell_parts: &'a [u32],
     /// Adjacent cell for every cell and face, in order.
     pub neighbours: &'a [u32],
     /// Kind of each node.
@@ -75,6 +80,8 @@ struct InterfaceFace<const D: usize> {
     nodes: [u32; D],
     /// The two regions, the smaller label first. The normal points from the first into the second.
     regions: [u32; 2],
+    /// The parts on its two sides, or [`NONE`].
+    parts: [u32; 2],
     normal: [f64; D],
     area: f64,
     /// Distance of the interface for each node, and the confidence of it (share of the sample
@@ -163,7 +170,6 @@ pub fn fit<const D: usize, M: Simplices<D>>(
     for (i, &n) in nodes.iter().enumerate() {
         index_of_node[n as usize] = i;
     }
-    let count = fitting.labelled.labels.len();
     let step = fitting.labelled.min_step();
     let mut shifts: BTreeMap<[u32; 2], f64> = BTreeMap::new();
     for sweep in 0..MAX_SWEEPS {
@@ -174,13 +180,13 @@ pub fn fit<const D: usize, M: Simplices<D>>(
             .map(|&cell_face| fitting.measure_face(&*mesh, cell_face))
             .collect();
         if sweep >= FIRST_BALANCED_SWEEP {
-            let volumes = region_volumes(&*mesh, fitting.regions, count);
-            let deficits: Vec<f64> = (fitting.labelled.volumes.iter().zip(&volumes))
+            let volumes = part_volumes(&*mesh, fitting.cell_parts, fitting.parts.len());
+            let deficits: Vec<f64> = (fitting.parts.volumes.iter().zip(&volumes))
                 .map(|(target, volume)| if *volume > 0.0 { target - volume } else { 0.0 })
                 .collect();
             let mut areas: BTreeMap<[u32; 2], f64> = BTreeMap::new();
-            for face in &faces {
-                *areas.entry(face.regions).or_default() += face.area;
+            for face in faces.iter().filter(|face| !face.parts.contains(&NONE)) {
+                *areas.entry(face.parts).or_default() += face.area;
             }
             let areas: Vec<_> = areas.into_iter().collect();
             let pressure = balance::pressures(&deficits, &areas);
@@ -198,7 +204,7 @@ pub fn fit<const D: usize, M: Simplices<D>>(
             for (&n, &(offset, confidence)) in face.nodes.iter().zip(&face.offsets) {
                 equations[index_of_node[n as usize]].add(
                     face.normal,
-                    offset + shift_of(face.regions),
+                    offset + shift_of(face.parts),
                     confidence * face.area,
                 );
             }
@@ -251,6 +257,7 @@ impl<const D: usize> InterfaceFit<'_, D> {
         let normal = unit(normal);
         let neighbour = self.neighbours[(D + 1) * c + k];
         let pair = [c, neighbour as usize].map(|c| self.regions[c]);
+        let parts = [c, neighbour as usize].map(|c| self.cell_parts[c]);
         let step = self.labelled.min_step();
         let mut sums = [(0.0, 0.0, 0.0); D];
         for weights in quadrature::<D>() {
@@ -272,6 +279,7 @@ impl<const D: usize> InterfaceFit<'_, D> {
         InterfaceFace {
             nodes,
             regions: pair,
+            parts,
             normal,
             area,
             offsets: sums.map(|(distance_sum, found_weight, total_weight)| {

@@ -4,6 +4,8 @@
 //! - `assign`: assigns to each cell the label of the largest part of its volume
 //! - `fit`: moves nodes between labels so that faces lie on the interface on average
 //! - `balance`: computes by how much interfaces move so that regions have their volumes
+//! - `parts`: finds the connected parts of labels, in the image and in the mesh
+//! - `topology`: keeps parts apart that touch nowhere in the image
 //!
 //! An interface that is a union of faces between cells of different labels has no holes, whatever
 //! the labels are. Its faces count as faces on features.
@@ -12,22 +14,30 @@ mod anchors;
 mod assign;
 mod balance;
 mod fit;
+mod parts;
+mod topology;
 
 pub use anchors::AnchoredNodes;
 pub use assign::{SamplePoints, Votes, assign_labels, interface_marks};
 pub use fit::{InterfaceFit, fit, remove_spikes};
+pub use parts::LabelParts;
+pub use topology::PartTopology;
 
 use crate::mesh::Simplices;
+use crate::mesh::complex::NONE;
 
-/// Returns the total volume of the cells of each label, for `count` labels.
-fn region_volumes<const D: usize, M: Simplices<D>>(
+/// Returns the total volume of the cells of each part, for `count` parts. Cells without a part have
+/// [`NONE`].
+fn part_volumes<const D: usize, M: Simplices<D>>(
     mesh: &M,
-    regions: &[u32],
+    parts: &[u32],
     count: usize,
 ) -> Vec<f64> {
     let mut volumes = vec![0.0; count];
-    for (region, volume) in regions.iter().zip(mesh.volumes()) {
-        volumes[*region as usize] += volume;
+    for (part, volume) in parts.iter().zip(mesh.volumes()) {
+        if *part != NONE {
+            volumes[*part as usize] += volume;
+        }
     }
     volumes
 }

@@ -60,16 +60,16 @@ impl TetImprover<'_> {
         }
     }
 
-    /// Returns `true` if all of the nodes lie in one side of the box.
+    /// Returns `true` if all of the nodes lie in one side of the box whose faces may change.
     pub(super) fn is_in_side(&self, nodes: &[u32]) -> bool {
         self.common_sides(nodes) != 0
     }
 
-    /// Returns the sides of the box in which all of the nodes lie: bit k for a side normal to axis
-    /// k.
+    /// Returns the sides of the box in which all of the nodes lie, other than those whose faces do
+    /// not change: bit k for a side normal to axis k.
     pub(super) fn common_sides(&self, nodes: &[u32]) -> u8 {
         let points = nodes.iter().map(|&n| self.complex.nodes[n as usize]);
-        common_sides(points, self.extent)
+        common_sides(points, self.extent) & !self.frozen_axes
     }
 }
 

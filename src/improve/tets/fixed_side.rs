@@ -1,5 +1,5 @@
-//! Makes a Delaunay mesh of a box match given triangles on one side, and improves it without changing
-//! them, so that it fits another mesh that ends there.
+//! Makes a Delaunay mesh of a box match given triangles on its sides, and improves it without changing
+//! them, so that it fits another mesh that ends there, or copies of itself.
 //!
 //! The faces of the mesh on that side are a triangulation of the same nodes. Any two triangulations of a
 //! convex polygon differ by flips of edges (Lawson 1972). Each missing edge is inserted by flips of the
@@ -60,22 +60,53 @@ pub fn improve_beside(
 ) -> Result<(TetMesh, Vec<AtomKind>, ImproveReport)> {
     let Delaunay { mesh, neighbours } = delaunay;
     let mut improver = TetImprover::new(mesh, neighbours, kinds, context, cancel);
-    let mut side = SideTriangles::new(&improver, axis);
-    let edges = triangles.iter().flat_map(|t| edges_of(*t));
-    for edge in sorted_distinct(edges.map(sorted)) {
-        if !side.insert_edge(&mut improver, edge) {
-            return Err(Error::Mesh(cause(
-                format!("edge {edge:?}"),
-                "cannot be inserted into a side of the box",
-                "choose another distance, and please report it: this is an error in atomesh",
-            )));
-        }
-    }
+    let side = BoxSide {
+        axis,
+        is_high: true,
+    };
+    improver.match_side(side, triangles)?;
     // The box ends beyond the side now. So its faces are those where the mesh ends, which do not change.
     improver.extent[axis] *= 2.0;
     let report = improver.improve(cancel)?;
     let finished = improver.finish(kinds);
     Ok((finished.mesh, finished.kinds, report))
+}
+
+/// A side of the box.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BoxSide {
+    /// The axis to which it is normal.
+    pub axis: usize,
+    /// `true` for the upper side.
+    pub is_high: bool,
+}
+
+/// Improves a mesh as [`improve`](super::improve) does, after it has made its faces on sides of the box
+/// equal to the triangles that are given for these sides. Improvement does not change them.
+///
+/// All nodes on these sides are nodes of the triangles, and are fixed. They keep their numbers if they
+/// come first.
+///
+/// # Errors
+/// Returns [`Error::Mesh`] if the triangles do not fit a side.
+pub fn improve_between(
+    mesh: &mut TetMesh,
+    neighbours: &mut Vec<[u32; 4]>,
+    kinds: &mut Vec<AtomKind>,
+    sides: &[(BoxSide, Vec<[u32; 3]>)],
+    context: ImproveContext<'_>,
+    cancel: &CancelToken<'_>,
+) -> Result<(ImproveReport, Vec<u8>)> {
+    let (owned_mesh, owned_neighbours) = (std::mem::take(mesh), std::mem::take(neighbours));
+    let mut improver = TetImprover::new(owned_mesh, owned_neighbours, kinds, context, cancel);
+    for (side, triangles) in sides {
+        improver.match_side(*side, triangles)?;
+        improver.frozen_axes |= 1 << side.axis;
+    }
+    let report = improver.improve(cancel)?;
+    let finished = improver.finish(kinds);
+    (*mesh, *neighbours, *kinds) = (finished.mesh, finished.neighbours, finished.kinds);
+    Ok((report, finished.feature_faces))
 }
 
 /// Returns the edges of a triangle.
@@ -85,18 +116,23 @@ fn edges_of([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
 
 /// The triangles of a mesh on one side of its box.
 struct SideTriangles {
-    axis: usize,
+    side: BoxSide,
     /// For each edge, the nodes opposite it in its one or two triangles.
     opposite_nodes: HashMap<[u32; 2], Vec<u32>>,
 }
 
 impl SideTriangles {
-    /// Finds the triangles on the upper side normal to `axis`.
-    fn new(improver: &TetImprover<'_>, axis: usize) -> Self {
-        let complex = &improver.complex;
-        let is_in_side = |n: &u32| complex.nodes[*n as usize][axis] == improver.extent[axis];
+    /// Finds the triangles on a side.
+    fn new(improver: &TetImprover<'_>, side: BoxSide) -> Self {
+        let (complex, axis) = (&improver.complex, side.axis);
+        let plane = if side.is_high {
+            improver.extent[axis]
+        } else {
+            0.0
+        };
+        let is_in_side = |n: &u32| complex.nodes[*n as usize][axis] == plane;
         let mut side = Self {
-            axis,
+            side,
             opposite_nodes: HashMap::new(),
         };
         for (tet, neighbours) in complex.tets.iter().zip(&complex.neighbours) {
@@ -134,7 +170,7 @@ impl SideTriangles {
     /// Returns twice the signed area of a triangle in the side.
     fn area(&self, improver: &TetImprover<'_>, [a, b, c]: [u32; 3]) -> f64 {
         let [a, b, c] = [a, b, c].map(|n| improver.complex.nodes[n as usize]);
-        cross(sub(b, a), sub(c, a))[self.axis]
+        cross(sub(b, a), sub(c, a))[self.side.axis]
     }
 
     /// Returns `true` if two segments between four different nodes cross.
@@ -202,7 +238,7 @@ impl SideTriangles {
                 crossing.push_back(edge);
                 continue;
             }
-            if !improver.flip_side_edge(edge, self.axis) {
+            if !improver.flip_side_edge(edge, self.side) {
                 return false;
             }
             let [a, b] = edge;
@@ -219,9 +255,25 @@ impl SideTriangles {
 }
 
 impl TetImprover<'_> {
-    /// Exchanges an edge on the upper side normal to `axis` for the other diagonal of its two triangles.
-    /// Inserts a node if necessary.
-    fn flip_side_edge(&mut self, [a, b]: [u32; 2], axis: usize) -> bool {
+    /// Exchanges edges on a side until its triangles are the given ones.
+    fn match_side(&mut self, side: BoxSide, triangles: &[[u32; 3]]) -> Result<()> {
+        let mut side = SideTriangles::new(self, side);
+        let edges = triangles.iter().flat_map(|t| edges_of(*t));
+        for edge in sorted_distinct(edges.map(sorted)) {
+            if !side.insert_edge(self, edge) {
+                return Err(Error::Mesh(cause(
+                    format!("edge {edge:?}"),
+                    "cannot be inserted into a side of the box",
+                    "choose another distance, and please report it: this is an error in atomesh",
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Exchanges an edge on a side for the other diagonal of its two triangles. Inserts a node if
+    /// necessary.
+    fn flip_side_edge(&mut self, [a, b]: [u32; 2], side: BoxSide) -> bool {
         let mut star = std::mem::take(&mut self.star);
         let tet = self.complex.tet_with_edge(a, b, &mut star);
         self.star = star;
@@ -256,7 +308,10 @@ impl TetImprover<'_> {
             sines.fold(f64::INFINITY, f64::min)
         };
         // Flat tetrahedra may leave little room above the edge, but more towards the nodes around it.
-        let mut directions = vec![std::array::from_fn(|k| if k == axis { -1.0 } else { 0.0 })];
+        let inwards = if side.is_high { -1.0 } else { 1.0 };
+        let mut directions = vec![std::array::from_fn(|k| {
+            if k == side.axis { inwards } else { 0.0 }
+        })];
         let around = &ring.nodes[1..m - 1];
         directions.extend(around.iter().map(|&n| unit(sub(nodes[n as usize], middle))));
         let candidates = directions.iter().flat_map(|&direction| {

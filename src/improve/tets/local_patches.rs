@@ -197,6 +197,7 @@ impl<'a> TetImprover<'a> {
             numbering: PartNumbering::default(),
             improver: Self::empty(self.extent, self.planes, self.distance, self.target_sine),
         });
+        patch.improver.frozen_axes = self.frozen_axes;
         let result = patch.try_repairs(self, tets, cancel);
         lock().push(patch);
         result

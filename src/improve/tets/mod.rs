@@ -13,7 +13,7 @@
 //! - `finish`: the mesh at the end, its faces on features, and what blocks the rest
 //! - `exude`: the second method; nodes get weights, and none of them moves
 //! - `slabs`: improves large meshes slab by slab
-//! - `fixed_side`: makes a mesh match given triangles on one side of its box
+//! - `fixed_side`: makes a mesh match given triangles on sides of its box
 //! - `reshape`: adds, removes and moves atoms in a part of a mesh
 
 mod attempt_cache;
@@ -33,7 +33,7 @@ mod slabs;
 mod smooth;
 
 pub use exude::exude;
-pub use fixed_side::improve_beside;
+pub use fixed_side::{BoxSide, improve_beside, improve_between};
 pub use shared_work::SharedWork;
 pub use slabs::{DistributedSlabs, KnownAtoms, SlabCuts, SlabResult};
 
@@ -142,6 +142,8 @@ struct TetImprover<'a> {
     /// Surfaces close to the nodes at the beginning; empty once any node has moved.
     proximities: Vec<SurfaceProximity>,
     extent: [f64; 3],
+    /// Bit k: the faces on the sides normal to axis k do not change.
+    frozen_axes: u8,
     planes: &'a FeaturePlanes,
     distance: &'a Distance<3>,
     /// Tetrahedra to be processed.
@@ -244,6 +246,7 @@ impl<'a> TetImprover<'a> {
             constraints: Vec::new(),
             proximities: Vec::new(),
             extent,
+            frozen_axes: 0,
             planes,
             distance,
             queue: Vec::new(),

@@ -278,6 +278,7 @@ impl<'a> TriImprover<'a> {
             triangle_of_node,
             constraints,
             kinds: nodes.iter().map(|&n| self.kinds[n as usize]).collect(),
+            has_fixed_sides: self.has_fixed_sides,
             extent: self.extent,
             planes: self.planes,
             distance: self.distance,

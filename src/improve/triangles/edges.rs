@@ -141,9 +141,11 @@ impl TriImprover<'_> {
         }
         let mut point = point;
         let sides = self.common_sides(a, b);
-        if across.is_none() && sides == 0 {
+        let are_fixed = [a, b].map(|n| self.kinds[n as usize] == AtomKind::Fixed) == [true; 2];
+        let is_fixed = self.has_fixed_sides && are_fixed;
+        if across.is_none() && (sides == 0 || is_fixed) {
             // The edge is on the outline of a part of a mesh, and the triangle beyond it cannot be
-            // split here.
+            // split here; or the mesh has to match another one along it.
             return false;
         }
         for i in (0..2).filter(|i| sides >> i & 1 == 1) {

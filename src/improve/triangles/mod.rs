@@ -37,7 +37,7 @@ use crate::geometry::{add_scaled, dot, norm, sub, to_3d};
 use crate::improve::constraint::common_sides;
 use crate::lattice::AtomKind;
 use crate::lattice::distance::Distance;
-use crate::lattice::seeding::Atoms;
+use crate::lattice::seeding::{Atoms, kind_at};
 use crate::mesh::TriMesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::delaunay::delaunay_plane;
@@ -141,6 +141,8 @@ struct TriImprover<'a> {
     triangle_of_node: Vec<u32>,
     constraints: Vec<NodeConstraint>,
     kinds: Vec<AtomKind>,
+    /// `true` if edges on the sides between fixed nodes stay whole, because another side has to match them.
+    has_fixed_sides: bool,
     extent: [f64; 2],
     planes: &'a FeaturePlanes,
     distance: &'a Distance<2>,
@@ -180,7 +182,13 @@ impl<'a> TriImprover<'a> {
                 triangle_of_node[n as usize] = t as u32;
             }
         }
+        // Only where whole sides are fixed, corners are.
+        let has_fixed_sides = nodes
+            .iter()
+            .zip(kinds)
+            .any(|(x, kind)| *kind == AtomKind::Fixed && kind_at(*x, extent) == AtomKind::Corner);
         Self {
+            has_fixed_sides,
             neighbours,
             nodes,
             triangles,

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use crate::feature::{
     Confidences, Doubt, DroppedPoints, FeaturePoint, Features, FlatFaults, KindOutcome, LabelMap,
-    MissingData, PointCounts, ResolvedOptions,
+    MissingData, PointCounts, ResolvedOptions, ValueField,
 };
 use crate::files::codec::{Codec, codec_fields, codec_variants};
 use crate::image::{ScalarField, SparseField};
@@ -29,8 +29,9 @@ codec_fields! {
     FlatFaults as FlatFaults { min_dip, count, largest_area, dips, assumed_velocity }
     MissingData as MissingData { bridged, without_features }
     DroppedPoints as DroppedPoints { near_another_surface, in_small_pieces, in_narrow_parts, weak }
-    ResolvedOptions as ResolvedOptions { kind, scale, low, high, min_area, mask }
-    @(const D: usize) LabelMap<D> as LabelMap { dims, step, labels, names, winner, lead, volumes }
+    ResolvedOptions as ResolvedOptions { kind, scale, low, high, min_area, mask, levels }
+    @(const D: usize) LabelMap<D> as LabelMap { dims, step, labels, names, winner, lead, values, volumes }
+    @(const D: usize) ValueField<D> as ValueField { dims, samples, levels }
     @(const D: usize) Features<D> as Features {
         points, surface, names, on_horizon, potential, spacing, global_counts, sigma, outcomes, missing, notes, resolved, labels, confidence, doubt,
     }

@@ -21,26 +21,27 @@ use crate::comm::{Comm, SelfComm};
 use crate::error::cause;
 use crate::feature::{LabelMap, ResolvedOptions};
 use crate::files::vtk::DataArray;
+use crate::geometry::{add_scaled, bounding_box, sub};
 use crate::image::{Geometry, Image, ImageSource, LiveVolume};
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::view::MeshView;
 use crate::mesh::{Mesh, Simplices};
 use crate::mesh_file::array_names::{
-    ANGLES_ARRAY, ATOM_KIND_ARRAY, DISTANCE_ARRAY, FEATURES_FIELD, HORIZON_FACES_ARRAY,
-    IMAGE_ARRAY, LIVE_ARRAY, REGION_ARRAY,
+    ANGLES_ARRAY, ATOM_KIND_ARRAY, DISTANCE_ARRAY, FAR_AXES_ARRAY, FEATURES_FIELD,
+    HORIZON_FACES_ARRAY, IMAGE_ARRAY, LIVE_ARRAY, PERIODIC_NODE_ARRAY, REGION_ARRAY,
 };
 use crate::mesh_file::labels::regions_field;
 use crate::mesh_file::lattice_space::common_fields;
 use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::mesh_file::pvtu::{extract_partition, is_pvtu, with_global_nodes, write_partition};
 use crate::mesh_file::{
-    AnyMesh, FieldValue, LabelledRegion, LatticeSpace, MeshFile, face_bits_to_physical,
-    to_physical, write_cells_vtu, write_vtu,
+    AnyMesh, FieldValue, LabelledRegion, LatticeSpace, MeshFile, TakeCells, face_bits_to_physical,
+    take_cells, to_physical, write_cells_vtu, write_vtu,
 };
 use crate::progress::CancelToken;
 use crate::report::smallest_angles;
-use crate::report::{Quality, quality, quality_of_partition};
+use crate::report::{BodySize, Quality, quality, quality_of_partition};
 use crate::{Error, Result};
 use cells::cell_mesh_file;
 use lines::write_lines;
@@ -57,13 +58,14 @@ pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
     let mesh = to_physical(lattice, outcome.step, geometry);
     let kinds: Vec<u8> = (annotated.node_kinds.iter().map(|&kind| kind as u8)).collect();
     let potential = &outcome.features.potential;
+    let in_features = |&x: &[f64; D]| add_scaled(x, 1.0, outcome.feature_offset);
     let feature: Vec<f32> = nodes
         .par_iter()
-        .map(|&x| potential.value(x) as f32)
+        .map(|x| potential.value(in_features(x)) as f32)
         .collect();
     let distance: Vec<f32> = nodes
         .par_iter()
-        .map(|&x| outcome.distance.value_at(x) as f32)
+        .map(|x| outcome.distance.value_at(in_features(x)) as f32)
         .collect();
     let cells = || (0..lattice.len()).into_par_iter();
     let smallest = smallest_angles(lattice);
@@ -111,6 +113,11 @@ pub fn simplex_mesh_file<const D: usize, M: Simplices<D>>(
             fields
         },
     };
+    if let Some(periodic) = &outcome.periodic_nodes {
+        let base = DataArray::scalars(PERIODIC_NODE_ARRAY, periodic.base.clone());
+        let axes = DataArray::scalars(FAR_AXES_ARRAY, periodic.far_axes.clone());
+        file.point_data.extend([base, axes]);
+    }
     file.cell_data.extend(live_array(outcome));
     file.cell_data.extend(physical_angles);
     if !outcome.face_names.is_empty()
@@ -144,6 +151,22 @@ pub(super) fn feature_names<const D: usize, M>(outcome: &Outcome<D, M>) -> Vec<S
     names.map(|name| name.name.clone()).collect()
 }
 
+impl<const D: usize, M> Outcome<D, M> {
+    /// Returns a file of the mesh without the cells that are left out.
+    ///
+    /// # Errors
+    /// Returns the errors of [`take_cells`].
+    pub(crate) fn with_kept_cells<C: TakeCells<D>>(
+        &self,
+        file: MeshFile<C>,
+    ) -> Result<MeshFile<C>> {
+        match &self.kept_cells {
+            Some(cells) => take_cells(file, cells),
+            None => Ok(file),
+        }
+    }
+}
+
 impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
     /// Returns the mesh with all its data in world coordinates, as [`Self::write_with_image`]
     /// writes it.
@@ -159,7 +182,8 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         Ok(match &self.mesh {
             MeshResult::Simplices(annotated) => self.simplex_file(annotated, Some(image))?.into(),
             MeshResult::Voronoi { mesh, weld } => {
-                with_image(cell_mesh_file(self, mesh, *weld), image)?.into()
+                let file = with_image(cell_mesh_file(self, mesh, *weld), image)?;
+                self.with_kept_cells(file)?.into()
             }
         })
     }
@@ -207,6 +231,7 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         image: Option<ImageSource<'_, D>>,
     ) -> Result<MeshFile<M>> {
         let file = with_optional_image(simplex_mesh_file(self, annotated), image)?;
+        let file = self.with_kept_cells(file)?;
         Ok(match &self.padding {
             Some(padding) => {
                 with_padding(file, &annotated.mesh, padding, &self.geometry, self.step)
@@ -241,9 +266,42 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
             MeshResult::Voronoi { .. } if in_parts => Err(no_partitions_error(path)),
             MeshResult::Voronoi { mesh, weld } => {
                 let file = cell_mesh_file(self, mesh, *weld);
-                write_cells_vtu(path, &with_optional_image(file, image)?)
+                let file = self.with_kept_cells(with_optional_image(file, image)?)?;
+                write_cells_vtu(path, &file)
             }
         }
+    }
+
+    /// Returns the size of the box around the cells, along the axes of the image; `None` for a bare array,
+    /// whose samples lie nowhere.
+    pub(crate) fn body_size(&self) -> Option<BodySize> {
+        let geometry = &self.geometry;
+        if *geometry == Geometry::default() {
+            return None;
+        }
+        let mut lengths = self.extent;
+        if let Some(cells) = &self.kept_cells {
+            let nodes = match &self.mesh {
+                MeshResult::Simplices(annotated) => {
+                    annotated.mesh.with_cells(cells).0.nodes().to_vec()
+                }
+                MeshResult::Voronoi { mesh, .. } => mesh.with_cells(cells).0.nodes,
+            };
+            let [low, high] = bounding_box(nodes);
+            lengths = sub(high, low);
+        }
+        let spacing = geometry.spacing();
+        // Units are those of coordinates, and axes may be turned.
+        let units = geometry.axes.map(|axis| {
+            let longest = (0..D).max_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs()));
+            geometry.units[longest.unwrap_or(0)].clone()
+        });
+        Some(BodySize {
+            lengths: (0..D)
+                .map(|k| lengths[k] / self.step[k] * spacing[k])
+                .collect(),
+            units: units.to_vec(),
+        })
     }
 
     /// Returns the quality of tetrahedra or triangles in world coordinates, if it differs from that
@@ -258,7 +316,10 @@ impl<const D: usize, M: Simplices<D>> Outcome<D, M> {
         let Some(geometry) = geometry_of_other_shapes(&self.geometry, self.step) else {
             return Ok(None);
         };
-        let mesh = to_physical(&annotated.mesh, self.step, &geometry);
+        let mut mesh = to_physical(&annotated.mesh, self.step, &geometry);
+        if let Some(cells) = &self.kept_cells {
+            mesh = mesh.with_cells(cells).0;
+        }
         Ok(Some(match &self.share {
             None => quality(&mesh),
             Some(share) => quality_of_partition(
@@ -368,6 +429,8 @@ pub fn with_image<const D: usize, M: Mesh<D>>(
     image: ImageSource<'_, D>,
 ) -> Result<MeshFile<M>> {
     let space = LatticeSpace::from_file(&file, file.mesh.nodes()).filter(|space| space.is_stored);
+    // A mesh that covers voxels begins half a sample before its image.
+    let space = space.filter(|space| !space.covers_voxels_of(image.dims()));
     let geometry = space.map_or_else(|| image.geometry().clone(), |space| space.geometry);
     let (nodes, centre) = (file.mesh.nodes(), file.mesh.centres());
     let node_values = image.interpolate_linear(nodes.len(), |n| geometry.to_index(nodes[n]))?;

@@ -6,10 +6,12 @@
 //! extend [`validate`](MeshSpec::validate), and use it as `params.spec.FIELD`.
 //!
 //! - `config`: options from a configuration file
+//! - `lengths`: options in units of length
 //! - `values`: types of option values that are more than one number or word
 //! - `validate`: checks of options and their combinations
 
 mod config;
+mod lengths;
 mod validate;
 mod values;
 
@@ -18,6 +20,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::cover::Cover;
 use super::params::{Evaluator, Optimizer};
 use crate::error::cause;
 use crate::feature::{
@@ -27,12 +30,16 @@ use crate::image::LabelValue;
 use crate::image::formats::InputOptions;
 use crate::improve::{Effort, SliverMethod, Target};
 use crate::mesh::delaunay::DelaunayKernel;
-pub use crate::option_text::{InvalidValue, NumberOrFile, PointValue, SignedAxis};
+use crate::mesh_file::CellChoice;
+pub use crate::mesh_file::RegionNames;
+pub use crate::option_text::{
+    InvalidValue, Length, NumberOrFile, PointValue, SignedAxis, ThresholdValues,
+};
 use crate::published::relax::Scheme;
 pub use crate::surface_file::FileOption;
 use crate::{Error, Result};
 pub(crate) use values::DEFAULT_DISTANCES;
-pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding};
+pub use values::{DistanceSource, FeatureWeights, Metric, NominalDistance, Padding, PeriodicAxes};
 
 /// Headings of the command line's help; options without one come first.
 const FEATURES: &str = "Features";
@@ -47,7 +54,8 @@ pub struct MeshSpec {
     /// The mesh to write [default: the image's name with .vtu, in this folder]
     #[arg(short, long, value_name = "MESH.vtu")]
     pub output: Option<PathBuf>,
-    /// Nominal distance between atoms, in samples: one number, or MIN:MAX
+    /// Nominal distance between atoms, in samples: one number, or MIN:MAX; or in a unit of length, such as 3mm,
+    /// 0.5mm:2mm or 40ft, if the image has one
     #[arg(long, value_name = "D", default_value_t = defaults().distance)]
     pub distance: NominalDistance,
     /// Source of a distance MIN:MAX: gaps (MAX, decreasing to MIN where features run close together
@@ -75,10 +83,15 @@ pub struct MeshSpec {
     /// Scale of the features, in samples [default: depends on the kind of feature]
     #[arg(long, value_name = "S", help_heading = FEATURES)]
     pub sigma: Option<f64>,
-    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value
+    /// Smooths the boundaries of labels over this many samples, also beyond the half sample that is
+    /// allowed otherwise [default: as little as the steps of the samples ask for]
+    #[arg(long, value_name = "S", help_heading = FEATURES)]
+    pub label_smoothing: Option<f64>,
+    /// Smallest strength of a feature, in units of the feature image; for an isosurface, its value, or
+    /// several values in ascending order with commas between them, which divide the image into regions
     /// [default: automatic; it is printed]
-    #[arg(long, value_name = "T", allow_negative_numbers = true, help_heading = FEATURES)]
-    pub threshold: Option<f32>,
+    #[arg(long, value_name = "T[,T]", allow_hyphen_values = true, help_heading = FEATURES)]
+    pub threshold: Option<ThresholdValues>,
     /// How faults are recognised in seismic amplitudes
     #[arg(
             long,
@@ -112,11 +125,31 @@ pub struct MeshSpec {
             help_heading = FEATURES
         )]
     pub feature_weights: FeatureWeights,
-    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, in samples),
+    /// Options of one label: VALUE:distance=D,name=NAME (distance between atoms in it, as for --distance),
     /// or VALUE:into=VALUE, which merges it into another label; may be repeated
     #[arg(long, value_name = "VALUE:OPTIONS", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub label: Vec<LabelOptions>,
+    /// Labels, by value or name, whose cells the mesh leaves out, such as 0 for the background. Their boundaries
+    /// keep their names, such as interface_0_3
+    #[arg(
+        long,
+        value_name = "LABEL,...",
+        allow_hyphen_values = true,
+        conflicts_with = "keep"
+    )]
+    pub drop: Option<RegionNames>,
+    /// Labels, by value or name, whose cells alone the mesh has
+    #[arg(long, value_name = "LABEL,...", allow_hyphen_values = true)]
+    pub keep: Option<RegionNames>,
+    /// Of each label that stays, keep only the largest connected part
+    #[arg(long)]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub keep_largest: bool,
+    /// Number of samples below which a connected part of a label, or of a region of --feature isosurface,
+    /// joins the labels around it before the image is meshed
+    #[arg(long, value_name = "N", help_heading = FEATURES)]
+    pub min_part: Option<NonZeroUsize>,
     /// A point of the object, in physical coordinates, for --feature paths; may be repeated
     #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -176,9 +209,9 @@ pub struct MeshSpec {
     #[arg(long, value_name = "FILE.csv", help_heading = ATOMS)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub well: Vec<FileOption>,
-    /// Distance between atoms at wells, in samples; it increases to --distance away from them
+    /// Distance between atoms at wells, in samples or in a unit of length; it increases to --distance away from them
     #[arg(long, value_name = "D", help_heading = ATOMS)]
-    pub well_distance: Option<f64>,
+    pub well_distance: Option<Length>,
     /// Evaluator of the lattice energy
     #[arg(
             long,
@@ -248,12 +281,17 @@ pub struct MeshSpec {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[arg(long, value_name = "HOW", help_heading = SHAPES)]
     pub smooth: Option<Scheme>,
-    /// Metric of lattice space: auto (shape for scans, else samples), samples, physical (--distance is then in
+    /// Metric of lattice space: auto (shape for scans, for labels outside surveys, and for distances in a unit of length,
+    /// else samples), samples, physical (--distance is then in
     /// physical units, not in samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
     /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
     /// (SX,SY in 2-D)
     #[arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)]
     pub metric: Metric,
+    /// The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an axis of N samples), or
+    /// voxels (N steps; the outermost samples continue to the edges of their voxels)
+    #[arg(long, value_name = "WHAT", default_value_t = defaults().cover, value_enum)]
+    pub cover: Cover,
     /// Continue the mesh beyond the image, with cells that coarsen away from it:
     /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The cells belong to the
     /// regions overburden, underburden and sideburden
@@ -265,6 +303,10 @@ pub struct MeshSpec {
     /// above=DIST of --pad
     #[arg(long, value_name = "FILE[:NAME][,...]")]
     pub topography: Option<FileOption>,
+    /// Make opposite sides match node by node along these axes, so that copies of the mesh fill space:
+    /// x, y and z (x and y in 2-D). The last layer of the image along them must repeat the first
+    #[arg(long, value_name = "AXES")]
+    pub periodic: Option<PeriodicAxes>,
     /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
     /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
     /// resampled
@@ -312,6 +354,7 @@ impl Default for MeshSpec {
             feature: FeatureKind::Auto,
             surface: Vec::new(),
             sigma: None,
+            label_smoothing: None,
             threshold: None,
             fault_evidence: FaultEvidence::default(),
             min_dip: MIN_FAULT_DIP,
@@ -320,6 +363,10 @@ impl Default for MeshSpec {
             keep_chaos: false,
             feature_weights: FeatureWeights::default(),
             label: Vec::new(),
+            drop: None,
+            keep: None,
+            keep_largest: false,
+            min_part: None,
             object: Vec::new(),
             background: Vec::new(),
             potential_out: None,
@@ -347,8 +394,10 @@ impl Default for MeshSpec {
             weld: 0.0,
             smooth: None,
             metric: Metric::Auto,
+            cover: Cover::Samples,
             pad: None,
             topography: None,
+            periodic: None,
             velocity: None,
             rng_seed: 1,
             report: None,
@@ -466,6 +515,15 @@ impl MeshSpec {
         })
     }
 
+    /// Returns which cells of the mesh are kept.
+    pub fn cell_choice(&self) -> CellChoice<'_> {
+        CellChoice {
+            drop: self.drop.as_ref(),
+            keep: self.keep.as_ref(),
+            keep_largest: self.keep_largest,
+        }
+    }
+
     /// Returns how much work goes into the mesh.
     pub fn effort(&self) -> Effort {
         self.effort.unwrap_or_default()
@@ -486,7 +544,10 @@ impl MeshSpec {
             CellKind::Simplices => AtomAlignment::On,
             CellKind::Voronoi => AtomAlignment::Alongside,
         });
-        if self.feature == FeatureKind::Auto && !self.label.is_empty() {
+        let is_about_labels = !self.label.is_empty()
+            || self.label_smoothing.is_some()
+            || !self.cell_choice().keeps_all();
+        if self.feature == FeatureKind::Auto && is_about_labels {
             self.feature = FeatureKind::Labels;
         }
         self
@@ -532,10 +593,14 @@ impl MeshSpec {
     /// # Errors
     /// Returns [`Error::Job`] for a point that does not have `D` coordinates.
     pub fn detection_options<const D: usize>(&self, step: [f64; D]) -> Result<DetectionOptions<D>> {
+        let (threshold, further_levels) = self.threshold_levels();
         Ok(DetectionOptions {
             kind: self.feature,
             scale: self.sigma,
-            threshold: self.threshold,
+            label_smoothing: self.label_smoothing,
+            threshold,
+            further_levels,
+            min_part: self.min_part_samples(),
             fault_evidence: self.fault_evidence,
             min_dip: self.min_dip,
             min_fault_size: self.min_fault_size,
@@ -550,6 +615,16 @@ impl MeshSpec {
             keep_nulls: self.input.keeps_nulls(),
             ..DetectionOptions::default()
         })
+    }
+
+    /// Returns the threshold, and further values of isosurfaces.
+    pub(crate) fn threshold_levels(&self) -> (Option<f32>, Vec<f32>) {
+        (self.threshold.as_ref()).map_or_else(Default::default, ThresholdValues::first_and_further)
+    }
+
+    /// Returns the number of samples below which a connected part of a label joins the labels around it.
+    pub(crate) fn min_part_samples(&self) -> usize {
+        self.min_part.map_or(0, NonZeroUsize::get)
     }
 
     /// Returns the points near which random shortest paths begin and end.

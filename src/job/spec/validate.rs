@@ -6,14 +6,16 @@
 use std::fmt::Display;
 
 use super::{
-    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NominalDistance,
-    NumberOrFile, SeedingKind, Slivers,
+    AtomAlignment, CellKind, DistanceSource, LATTICE_OPTIONS, MeshSpec, NumberOrFile, SeedingKind,
+    Slivers,
 };
 use crate::Result;
 use crate::error::{Error, cause};
 use crate::feature::{FeatureKind, LabelOptions, ThresholdMeaning};
 use crate::image::LabelValue;
+use crate::job::cover::Cover;
 use crate::job::params::Evaluator;
+use crate::mesh_file::pvtu::is_pvtu;
 use crate::names::first_repeated;
 use crate::option_text::names_image;
 
@@ -81,6 +83,9 @@ impl MeshSpec {
         options.check_alignment()?;
         options.check_cells()?;
         options.check_topography()?;
+        options.check_choice()?;
+        options.check_cover()?;
+        options.check_periodic()?;
         if self.seeding == SeedingKind::Canny {
             options.check_canny()?;
         } else {
@@ -99,6 +104,86 @@ impl Options<'_> {
         let problem = "is where the cells beyond the image end, but there are none";
         let remedy = "add --pad, for example --pad below=500,sides=1000";
         self.refuse(&["topography"], problem, remedy)
+    }
+
+    /// Checks that the mesh can cover voxels.
+    fn check_cover(&self) -> Result<()> {
+        if self.spec.cover == Cover::Samples {
+            return Ok(());
+        }
+        if self.spec.cell_kind() == CellKind::Voronoi {
+            let problem =
+                "is for tetrahedra and triangles: squeezed at the sides, Voronoi cells are none";
+            let remedy = "omit it, or choose --cells tets";
+            return Err(option_error("cover", "voxels", problem, remedy));
+        }
+        let problem = "needs a mesh through the outermost samples";
+        let remedy = "omit it, or --cover voxels";
+        let options = [
+            "pad",
+            "topography",
+            "periodic",
+            "page",
+            "potential-out",
+            "trace",
+            "checkpoint",
+        ];
+        self.refuse(&options, problem, remedy)
+    }
+
+    /// Checks the labels that are left out.
+    fn check_choice(&self) -> Result<()> {
+        let choice = self.spec.cell_choice();
+        choice.validate()?;
+        if choice.keeps_all() {
+            return Ok(());
+        }
+        let problem = "continues the mesh beyond the image, but labels of it are left out";
+        let remedy = "omit it, or leave labels out afterwards (atomesh export --drop)";
+        self.refuse(&["pad", "periodic"], problem, remedy)?;
+        match &self.spec.output {
+            Some(output) if is_pvtu(output) => Err(Error::Job(cause(
+                format!("output {}", output.display()),
+                "is a mesh in several files, of which no label can be left out",
+                "give a name that ends in .vtu",
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks that nothing else determines the sides of a periodic mesh.
+    fn check_periodic(&self) -> Result<()> {
+        let Some(axes) = self.spec.periodic else {
+            return Ok(());
+        };
+        if self.spec.cell_kind() == CellKind::Voronoi {
+            let problem = "is for tetrahedra and triangles, but the mesh has Voronoi cells";
+            let remedy = "omit it, or choose --cells tets";
+            return Err(option_error("periodic", axes, problem, remedy));
+        }
+        let problem = format!(
+            "is not for periodic meshes (periodic {axes}), whose sides follow from the image alone"
+        );
+        let names = [
+            "pad",
+            "topography",
+            "surface",
+            "atoms-from",
+            "well",
+            "smooth",
+            "slivers",
+            "velocity",
+        ];
+        self.refuse(&names, &problem, "omit one of the two")?;
+        if self.spec.seeding == SeedingKind::Canny {
+            return Err(option_error(
+                "seeding",
+                "canny",
+                &problem,
+                "omit one of the two",
+            ));
+        }
+        Ok(())
     }
 
     /// Checks the alignment. Voronoi cells need atoms alongside features and strictly inside the
@@ -260,22 +345,20 @@ impl Options<'_> {
     fn check_distance(&self) -> Result<()> {
         let spec = self.spec;
         match (&spec.distance, &spec.distance_from) {
-            (NominalDistance::Constant(_), DistanceSource::Gaps) => Ok(()),
-            (NominalDistance::Constant(d), source) => Err(option_error(
+            (distance, DistanceSource::Gaps) if !distance.varies() => Ok(()),
+            (d, source) if !d.varies() => Err(option_error(
                 "distance-from",
                 source,
                 &format!("makes the distance vary, but it is {d} everywhere"),
                 "omit it, or give a range MIN:MAX such as --distance 5:15",
             )),
-            (NominalDistance::Range { .. }, DistanceSource::File(path)) if !names_image(path) => {
-                Err(option_error(
-                    "distance-from",
-                    path.display(),
-                    "is not gaps, features, image, laplacian or a file",
-                    "give one of these, or an image of distances in samples",
-                ))
-            }
-            (NominalDistance::Range { .. }, _) => Ok(()),
+            (_, DistanceSource::File(path)) if !names_image(path) => Err(option_error(
+                "distance-from",
+                path.display(),
+                "is not gaps, features, image, laplacian or a file",
+                "give one of these, or an image of distances in samples",
+            )),
+            _ => Ok(()),
         }
     }
 
@@ -289,7 +372,7 @@ impl Options<'_> {
             );
         }
         match self.spec.well_distance {
-            Some(d) if !(d.is_finite() && d > 0.0) => Err(option_error(
+            Some(d) if d.value <= 0.0 => Err(option_error(
                 "well-distance",
                 d,
                 "is not a positive number of samples",
@@ -392,11 +475,13 @@ impl Options<'_> {
             let remedy = "omit it, or give about the features' thickness";
             return Err(option_error("sigma", sigma, problem, remedy));
         }
-        if let Some(threshold) = spec.threshold.filter(|t| !t.is_finite()) {
+        if let Some(thresholds) = &spec.threshold
+            && !thresholds.values().iter().all(|t| t.is_finite())
+        {
             let remedy = "omit it: the automatic threshold is printed";
             return Err(option_error(
                 "threshold",
-                threshold,
+                thresholds,
                 "is not a finite number",
                 remedy,
             ));
@@ -419,11 +504,44 @@ impl Options<'_> {
     /// Checks that no option is given that applies to other kinds of features than the `kind` that is
     /// followed.
     fn check_options_of_kind(&self, kind: FeatureKind) -> Result<()> {
-        // An isosurface divides the image into the labels 0 and 1.
+        let spec = self.spec;
+        if let Some(thresholds) = &spec.threshold
+            && thresholds.values().len() > 1
+            && kind != FeatureKind::Isosurface
+        {
+            return Err(option_error(
+                "threshold",
+                thresholds,
+                &format!(
+                    "has several values, which divide an image into regions, but {kind} are followed"
+                ),
+                "give one value, or choose --feature isosurface",
+            ));
+        }
+        if !matches!(
+            kind,
+            FeatureKind::Auto | FeatureKind::Labels | FeatureKind::Isosurface
+        ) {
+            let problem = format!("is about parts of labels, but {kind} are followed");
+            self.refuse(
+                &["min-part"],
+                &problem,
+                "omit it, or follow labels or an isosurface (--feature)",
+            )?;
+        }
+        // An isosurface divides the image into the labels 0 and 1, or more.
         if !matches!(kind, FeatureKind::Labels | FeatureKind::Isosurface) {
             let problem = format!("is about a label, but {kind} are followed");
             self.refuse(
-                &["label"],
+                &["label", "drop", "keep", "keep-largest"],
+                &problem,
+                "omit it, or follow labels (--feature labels)",
+            )?;
+        }
+        if kind != FeatureKind::Labels {
+            let problem = format!("smooths the boundaries of labels, but {kind} are followed");
+            self.refuse(
+                &["label-smoothing"],
                 &problem,
                 "omit it, or follow labels (--feature labels)",
             )?;
@@ -540,6 +658,7 @@ mod tests {
             "seeding = \"canny\"\nsmooth = \"odt\"\nfeature = \"labels\"\nslivers = \"none\"",
             "feature = \"paths\"\nobject = [\"1,2\", \"-3,4.5\"]\nevaluator = \"sampled\"",
             "feature = \"faults+horizons\"\nfeature-weights = \"1,0.5\"\nmetric = \"1,1,0.2\"",
+            "feature = \"isosurface\"\nthreshold = [300, 700.5]\nmin-part = 20",
             "velocity = 2400.0",
             "velocity = \"velocities.sgy\"",
             "label = [\"3:distance=4,name=fault\", \"5:into=3\"]",
@@ -587,6 +706,9 @@ mod tests {
             ("seeding = \"canny\"\ndistance = 5", "distance"),
             ("seeding = \"canny\"\nrng-seed = 5", "rng-seed"),
             ("feature = \"labels\"\nthreshold = 0.5", "threshold"),
+            ("feature = \"edges\"\nthreshold = [0.5, 2]", "threshold"),
+            ("threshold = \"300,700\"", "threshold"),
+            ("feature = \"edges\"\nmin-part = 20", "min-part"),
             ("feature = \"paths\"\nthreshold = 0.5", "threshold"),
             ("object = [\"1,2\"]", "object"),
             ("background = [\"1,2\"]", "background"),

@@ -8,13 +8,16 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::feature::LabelOptions;
-use crate::option_text::{InvalidValue, finite_number, finite_numbers, joined, serde_as_text};
+use crate::option_text::{
+    InvalidValue, Length, finite_number, finite_numbers, joined, serde_as_text,
+};
+use crate::units::Unit;
 
 /// Default limits of the nominal distance, in samples: 8, and a third of that in gaps between
 /// features.
 pub(crate) const DEFAULT_DISTANCES: [f64; 2] = [2.7, 8.0];
 
-/// Nominal distance between atoms, in samples.
+/// Nominal distance between atoms, in samples or in a unit of length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NominalDistance {
     /// A constant distance.
@@ -26,6 +29,16 @@ pub enum NominalDistance {
         /// Largest distance.
         max: f64,
     },
+    /// A distance in a unit of length, which [`MeshSpec::with_lengths_in`](super::MeshSpec::with_lengths_in)
+    /// converts to samples: constant if both limits are the same.
+    InUnit {
+        /// Smallest distance.
+        min: f64,
+        /// Largest distance.
+        max: f64,
+        /// The unit of both.
+        unit: Unit,
+    },
 }
 
 impl NominalDistance {
@@ -33,7 +46,21 @@ impl NominalDistance {
     pub fn limits(self) -> [f64; 2] {
         match self {
             Self::Constant(d) => [d; 2],
-            Self::Range { min, max } => [min, max],
+            Self::Range { min, max } | Self::InUnit { min, max, .. } => [min, max],
+        }
+    }
+
+    /// Returns `true` if the distance varies.
+    pub fn varies(self) -> bool {
+        let [min, max] = self.limits();
+        matches!(self, Self::Range { .. }) || min < max
+    }
+
+    /// Returns the unit of length, if the distance has one.
+    pub fn unit(self) -> Option<Unit> {
+        match self {
+            Self::InUnit { unit, .. } => Some(unit),
+            _ => None,
         }
     }
 }
@@ -49,20 +76,31 @@ impl FromStr for NominalDistance {
     type Err = InvalidValue;
 
     fn from_str(text: &str) -> Result<Self, InvalidValue> {
-        let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15";
-        let distance = |word| match finite_number(word) {
-            Some(value) if value > 0.0 => Ok(value),
-            Some(_) => Err(InvalidValue::new("is not positive", remedy)),
-            None => Err(InvalidValue::new("is not a finite number", remedy)),
+        let remedy = "give a positive number of samples such as 8, or MIN:MAX such as 5:15, or a length such as 3mm";
+        let distance = |word| match Length::parse(word) {
+            Ok(length) if length.value > 0.0 => Ok(length),
+            Ok(_) => Err(InvalidValue::new("is not positive", remedy)),
+            Err(problem) => Err(InvalidValue::new(problem, remedy)),
         };
-        let Some((min, max)) = text.split_once(':') else {
-            return distance(text).map(Self::Constant);
+        let (min, max) = match text.split_once(':') {
+            Some((min, max)) => (distance(min)?, distance(max)?),
+            None => (distance(text)?, distance(text)?),
         };
-        let (min, max) = (distance(min)?, distance(max)?);
+        // A unit behind one of the numbers counts for both, in that of the largest.
+        let unit = max.unit.or(min.unit);
+        let in_unit = |length: Length| match (length.unit, unit) {
+            (Some(own), Some(unit)) if own != unit => length.value * own.size / unit.size,
+            _ => length.value,
+        };
+        let (min, max) = (in_unit(min), in_unit(max));
         if min > max {
             return Err(InvalidValue::new("has a minimum above its maximum", remedy));
         }
-        Ok(Self::Range { min, max })
+        Ok(match unit {
+            Some(unit) => Self::InUnit { min, max, unit },
+            None if text.contains(':') => Self::Range { min, max },
+            None => Self::Constant(max),
+        })
     }
 }
 
@@ -71,6 +109,10 @@ impl Display for NominalDistance {
         match self {
             Self::Constant(d) => write!(f, "{d}"),
             Self::Range { min, max } => write!(f, "{min}:{max}"),
+            Self::InUnit { min, max, unit } if min == max => write!(f, "{max}{}", unit.symbol),
+            Self::InUnit { min, max, unit } => {
+                write!(f, "{min}{symbol}:{max}{symbol}", symbol = unit.symbol)
+            }
         }
     }
 }
@@ -205,6 +247,43 @@ impl Display for Padding {
     }
 }
 
+/// Axes along which a mesh is periodic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PeriodicAxes(pub [bool; 3]);
+
+impl PeriodicAxes {
+    /// The names of the axes.
+    pub const NAMES: [&'static str; 3] = ["x", "y", "z"];
+}
+
+impl FromStr for PeriodicAxes {
+    type Err = InvalidValue;
+
+    fn from_str(text: &str) -> Result<Self, InvalidValue> {
+        let remedy = "give axes of the image such as x or x,y,z";
+        let mut axes = [false; 3];
+        for name in text.split(',') {
+            match Self::NAMES.iter().position(|known| *known == name.trim()) {
+                Some(k) if axes[k] => return Err(InvalidValue::new("names an axis twice", remedy)),
+                Some(k) => axes[k] = true,
+                None => return Err(InvalidValue::new("names no axis x, y or z", remedy)),
+            }
+        }
+        Ok(Self(axes))
+    }
+}
+
+impl Display for PeriodicAxes {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let named = Self::NAMES
+            .iter()
+            .zip(self.0)
+            .filter(|(_, is_periodic)| *is_periodic);
+        let names: Vec<&str> = named.map(|(name, _)| *name).collect();
+        f.write_str(&names.join(","))
+    }
+}
+
 /// The length of one sample along each axis of lattice space, in which cells are well shaped.
 ///
 /// Lattice space has these lengths except for a common factor: a unit cube of it holds one sample, so
@@ -292,6 +371,7 @@ serde_as_text!(
     DistanceSource: [","; 2],
     FeatureWeights: [","; 2],
     Padding: [","; 2],
+    PeriodicAxes: [","; 2],
     Metric: [","; 2],
     LabelOptions: [",", ":"],
 );

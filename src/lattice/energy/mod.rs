@@ -13,12 +13,14 @@
 //! - [`pair`]: phi and the force
 //! - `neighbours`: the Verlet list
 //! - `mirror_images`: mirror images of atoms beyond the sides
+//! - `tied`: atoms on periodic sides
 //! - [`pairwise`]: the exact energy and gradient from pairs of atoms, the default
 
 pub(crate) mod mirror_images;
 pub(crate) mod neighbours;
 pub mod pair;
 pub mod pairwise;
+pub(crate) mod tied;
 
 pub(crate) use neighbours::CHUNK_ATOMS;
 pub use pairwise::PairwiseEnergy;

@@ -1,7 +1,7 @@
 //! Checks of polyhedra and polygons: cells are closed and contain their sites; faces are flat and
 //! lie between two cells or in a side of the box.
 
-use super::{BoxBounds, CellChecks, Check, CheckHints, SideCoverage, flat};
+use super::{BoxBounds, CellChecks, Check, CheckHints, OuterBoundary, SideCoverage, flat};
 use crate::Result;
 use crate::geometry::NONE;
 use crate::geometry::dot;
@@ -142,7 +142,13 @@ impl<const D: usize> CellChecks<D> for PolyMesh<D> {
             warp,
             self_crossing_width: crossing_width,
         });
-        Ok(boundary_sides(mesh, in_columns, bounds, report))
+        Ok(boundary_sides(
+            mesh,
+            in_columns,
+            hints.outer,
+            bounds,
+            report,
+        ))
     }
 }
 
@@ -253,11 +259,12 @@ fn contains_site<const D: usize>(
     })
 }
 
-/// Adds every face with one cell to the coverage of its side of the box. Returns `None` if such a
-/// face lies in no side.
+/// Adds every face with one cell to the coverage of its side of the box, except those where cells were
+/// left out. Returns `None` if such a face lies in no side.
 fn boundary_sides<const D: usize>(
     mesh: &PolyMesh<D>,
     in_columns: bool,
+    outer: Option<&OuterBoundary>,
     bounds: &BoxBounds<D>,
     report: &mut Check,
 ) -> Option<SideCoverage<D>> {
@@ -268,6 +275,10 @@ fn boundary_sides<const D: usize>(
         sides.must_be_covered = std::array::from_fn(|axis| axis == 2);
     }
     for f in mesh.inner_face_count()..mesh.face_cells.len() {
+        if outer.is_some_and(|outer| outer.contains(mesh.faces.get(f))) {
+            sides.declared_faces += 1;
+            continue;
+        }
         let FaceNeighbour::Side(side) = mesh.face_neighbour(f) else {
             // A cell of a column may lie beside no cell where a fault offsets the next column.
             if in_columns && mesh.is_upright(f) {

@@ -20,6 +20,7 @@ pub use simplices::nodes_on_bent_side;
 use super::Mesh;
 use super::view::{MeshView, WHOLE_MESH_NEVER_FAILS};
 use crate::Result;
+use crate::geometry::sorted;
 use crate::progress::CancelToken;
 use serde::Serialize;
 
@@ -40,7 +41,11 @@ pub struct Check {
     pub boundary_faces: usize,
     /// Number of boundary faces that do not lie in a side of the box.
     pub faces_off_sides: usize,
-    /// |sum of volumes - volume of the box| / volume of the box. For columns, the volume between top and base replaces that of the box.
+    /// Number of boundary faces where cells were left out.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub outer_faces: usize,
+    /// |sum of volumes - volume of the box| / volume of the box. If cells were left out, the declared share
+    /// of the box replaces the first volume of the box. For columns, the volume between top and base replaces that of the box.
     pub volume_error: f64,
     /// Largest distance of a boundary node from the side of its face, relative to the box's longest
     /// side.
@@ -60,18 +65,29 @@ impl Check {
         self.problems.is_empty()
     }
 
+    /// Records how many faces of the declared boundary are boundary faces.
+    fn count_declared(&mut self, outer: &OuterBoundary, declared_faces: usize) {
+        self.outer_faces = declared_faces;
+        if declared_faces != outer.faces.len() {
+            self.add_problem(format!(
+                "{declared_faces} of the {} faces where cells were left out are on the boundary",
+                outer.faces.len()
+            ));
+        }
+    }
+
     fn add_problem(&mut self, problem: String) {
         self.problems.push(problem);
     }
 
     /// Records what the totals of the cells and the number of unused nodes say. `cells_name` is the
-    /// plural name of the cells; `target_volume` is the volume that they should fill.
+    /// plural name of the cells; the two volumes are the one that they should fill, and that of the box.
     fn judge(
         &mut self,
         cells_name: &str,
         totals: &CellTotals,
         unused: usize,
-        target_volume: f64,
+        [target_volume, box_volume]: [f64; 2],
         tolerance: f64,
     ) {
         self.non_positive_cells = totals.not_positive;
@@ -89,13 +105,27 @@ impl Check {
             ));
         }
         let volume = totals.volume;
-        self.volume_error = ((volume - target_volume) / target_volume).abs();
+        self.volume_error = ((volume - target_volume) / box_volume).abs();
         if self.volume_error > tolerance || self.volume_error.is_nan() {
+            let part = if target_volume == box_volume {
+                "box's"
+            } else {
+                "declared"
+            };
             self.add_problem(format!(
-                "the {cells_name} fill {volume} instead of the box's {target_volume}"
+                "the {cells_name} fill {volume} instead of the {part} {target_volume}"
             ));
         }
     }
+}
+
+/// Returns `true` for 0, which reports omit.
+#[allow(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Totals over all cells.
@@ -161,6 +191,34 @@ pub struct CheckHints<'a> {
     /// For simplices: number of the side of the box that may be bent: 2 axis for the lower side, 2 axis + 1 for the
     /// upper side. Lines along the axis must cross it once. The cells fill the space between it and the opposite side.
     pub bent_side: Option<usize>,
+    /// The boundary at which cells were left out, if the mesh does not fill its box.
+    pub outer: Option<&'a OuterBoundary>,
+}
+
+/// The declared boundary of a mesh that does not fill its box, because cells were left out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct OuterBoundary {
+    /// The share of the box that the cells fill.
+    pub filled_share: f64,
+    /// The nodes of each face where cells were left out, ascending, and the number of its set in `names`,
+    /// from 0; the faces are sorted.
+    pub faces: Vec<(Vec<u32>, u32)>,
+    /// The names of the sets of faces that the boundary has.
+    pub names: Vec<String>,
+}
+
+impl OuterBoundary {
+    /// Returns `true` if a face with these nodes, in any order, is declared.
+    pub fn contains(&self, nodes: &[u32]) -> bool {
+        self.set_of(nodes).is_some()
+    }
+
+    /// Returns the number of the set of a face with these nodes, in any order.
+    pub fn set_of(&self, nodes: &[u32]) -> Option<u32> {
+        let nodes = sorted(nodes.to_vec());
+        let found = self.faces.binary_search_by(|entry| entry.0.cmp(&nodes));
+        found.ok().map(|index| self.faces[index].1)
+    }
 }
 
 /// The box that a mesh should fill, and the tolerance.
@@ -277,14 +335,25 @@ pub(crate) fn check_view<const D: usize, M: Mesh<D>>(
         tolerance,
         bent_side: hints.bent_side,
     };
+    let volumes = match hints.outer {
+        Some(outer) => {
+            let box_volume = bounds.extent().iter().product();
+            [outer.filled_share * box_volume, box_volume]
+        }
+        None => [mesh.target_volume(&bounds); 2],
+    };
     report.judge(
         M::CELLS_NAME,
         &CellTotals::new(view)?,
         unused_nodes(view)?,
-        mesh.target_volume(&bounds),
+        volumes,
         tolerance,
     );
-    if let Some(sides) = M::check_faces(view, hints, &bounds, &mut report, cancel)? {
+    if let Some(mut sides) = M::check_faces(view, hints, &bounds, &mut report, cancel)? {
+        if let Some(outer) = hints.outer {
+            report.count_declared(outer, sides.declared_faces);
+            sides.must_be_covered = [false; D];
+        }
         sides.judge(&bounds, &mut report);
     }
     Ok(report)
@@ -295,17 +364,18 @@ const SIDE_TOLERANCE: f64 = 1e-6;
 
 /// Returns the fraction of the box `[0, extent]` that the cells fill: 1 for a valid mesh, less for
 /// a mesh with a hole, more where cells overlap. With a bent side, it is the fraction of the part of the box that this
-/// side bounds. Returns `None` if a cell is flat or inverted, because then the sum has no meaning.
+/// side bounds; where cells were left out, of the declared share of the box. Returns `None` if a cell is flat or
+/// inverted, because then the sum has no meaning.
 pub fn filled_share<const D: usize, M: Mesh<D>>(
     mesh: &M,
     extent: [f64; D],
-    bent_side: Option<usize>,
+    hints: CheckHints<'_>,
 ) -> Option<f64> {
     let bounds = BoxBounds {
         low: [0.0; D],
         high: extent,
         tolerance: SIDE_TOLERANCE,
-        bent_side,
+        bent_side: hints.bent_side,
     };
     let mut total = 0.0;
     for volume in mesh.volumes() {
@@ -314,7 +384,10 @@ pub fn filled_share<const D: usize, M: Mesh<D>>(
         }
         total += volume;
     }
-    Some(total / mesh.target_volume(&bounds))
+    Some(match hints.outer {
+        Some(outer) => total / (outer.filled_share * extent.iter().product::<f64>()),
+        None => total / mesh.target_volume(&bounds),
+    })
 }
 
 /// Returns the singular of a plural name of cells.
@@ -331,6 +404,8 @@ pub struct SideCoverage<const D: usize> {
     area: [[f64; 2]; D],
     /// `true` for each axis whose two sides must be covered.
     must_be_covered: [bool; D],
+    /// Number of boundary faces that the outer boundary declares.
+    declared_faces: usize,
 }
 
 impl<const D: usize> SideCoverage<D> {
@@ -339,6 +414,7 @@ impl<const D: usize> SideCoverage<D> {
         Self {
             area: [[0.0; 2]; D],
             must_be_covered: [true; D],
+            declared_faces: 0,
         }
     }
 

@@ -2,7 +2,8 @@
 //! share a whole face.
 
 use super::{
-    BoxBounds, CellChecks, Check, CheckHints, SIDE_TOLERANCE, SideCoverage, singular_name,
+    BoxBounds, CellChecks, Check, CheckHints, OuterBoundary, SIDE_TOLERANCE, SideCoverage,
+    singular_name,
 };
 use crate::geometry::sorted;
 use crate::mesh::Simplices;
@@ -69,13 +70,15 @@ impl<const D: usize, M: Simplices<D>> CellChecks<D> for M {
                 ));
                 return Ok(None);
             }
-            return boundary_sides(view, neighbours, bounds, report).map(Some);
+            return boundary_sides(view, neighbours, hints.outer, bounds, report).map(Some);
         }
         if cancel.is_cancelled() {
             return Ok(None);
         }
         match view.mesh.neighbours() {
-            Ok(neighbours) => boundary_sides(view, &neighbours, bounds, report).map(Some),
+            Ok(neighbours) => {
+                boundary_sides(view, &neighbours, hints.outer, bounds, report).map(Some)
+            }
             Err(face) => {
                 report.add_problem(format!(
                     "face {face:?} belongs to more than two {}",
@@ -263,10 +266,11 @@ fn flattened<const D: usize>(nodes: [[f64; D]; D], axis: usize) -> [[f64; D]; D]
 }
 
 /// Adds every face without a neighbour, on any rank, to the side of the box whose plane is nearest
-/// to it. Collective.
+/// to it, except those where cells were left out. Collective.
 fn boundary_sides<const D: usize, M: Simplices<D>>(
     view: &MeshView<'_, D, M>,
     neighbours: &[u32],
+    outer: Option<&OuterBoundary>,
     bounds: &BoxBounds<D>,
     report: &mut Check,
 ) -> crate::Result<SideCoverage<D>> {
@@ -278,6 +282,10 @@ fn boundary_sides<const D: usize, M: Simplices<D>>(
     }
     for (i, _) in neighbours.iter().enumerate().filter(|(_, n)| **n == NONE) {
         let face = mesh.face(i / (D + 1), i % (D + 1));
+        if outer.is_some_and(|outer| outer.contains(&face)) {
+            sides.declared_faces += 1;
+            continue;
+        }
         let p = face.map(|n| mesh.nodes()[n as usize]);
         let ((axis, upper), offset) = nearest_side::<D>(&p, bounds);
         let p = match bounds.bent_side {

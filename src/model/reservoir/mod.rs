@@ -3,6 +3,7 @@
 //! module `export` writes it.
 //!
 //! - `model_sets`: named sets of cells, faces and nodes
+//! - `periodic_pairs`: nodes that are images of one another on opposite sides
 //! - `prepared_model`: models from mesh files
 //! - `region_shares`: regions from an image that the mesh was not made of
 //! - `rock_options`: options for the rock in the cells
@@ -34,6 +35,7 @@ mod extended_faults;
 pub(crate) mod gouge;
 pub(crate) mod model_frame;
 mod model_sets;
+pub(crate) mod periodic_pairs;
 pub(crate) mod prepared_model;
 pub(crate) mod region_shares;
 pub(crate) mod rock_options;
@@ -45,6 +47,7 @@ pub(crate) mod trajectory;
 pub(crate) mod well_options;
 
 pub use model_sets::ModelSets;
+pub use periodic_pairs::{PeriodicImages, PeriodicPair};
 pub use prepared_model::{MeshPlacement, PreparedModel};
 
 use crate::parallel::prelude::*;
@@ -125,6 +128,8 @@ pub struct Model {
     pub surfaces: FaceSurfaces,
     /// Sets of cells, faces and nodes that have names in the file of the mesh.
     pub sets: ModelSets,
+    /// Nodes that are images of one another on opposite sides of a periodic mesh.
+    pub periodic: PeriodicImages,
     /// The fault laws of the surfaces.
     pub barriers: Barriers,
     /// `true` for each cell whose porosity or permeability is zero, so that it takes no part. Empty

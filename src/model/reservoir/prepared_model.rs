@@ -15,6 +15,7 @@ use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Mesh, Positions, Simplices, TetMesh};
 use crate::model::columns::{COLUMN, LAYER};
 use crate::model::flow::anisotropy::AxisRatios;
+use crate::model::reservoir::periodic_pairs::PeriodicImages;
 use crate::model::reservoir::region_shares::RegionShares;
 use crate::model::reservoir::{
     CellMeans, DepthAxis, FaceSurfaces, MeanKind, Model, ModelFrame, ModelSets, SamplePositions,
@@ -108,6 +109,7 @@ struct ModelParts {
     labels: Vec<LabelledRegion>,
     named_regions: Vec<NamedRegion>,
     sets: ModelSets,
+    periodic: PeriodicImages,
 }
 
 /// Returns the error for a mesh from which no model can be built.
@@ -151,6 +153,9 @@ impl<const D: usize, M: Simplices<D>> ToModelCells<D> for M {
         mesh.assign_sides([0.0; D], stored.space.extent);
         if let Some(side) = stored.space.bent_side {
             mesh.assign_bent_side(side, [0.0; D], stored.space.extent);
+        }
+        if let Some(outer) = &stored.outer {
+            mesh.release_outer_faces(outer);
         }
         let surface = labels_of_faces(&mesh, facets);
         let sites = mesh.sites.iter().map(|&x| stored.space.to_world(x));
@@ -196,6 +201,7 @@ impl ModelParts {
         let sets = std::mem::take(&mut stored.named_sets);
         stored.check_filled(place)?;
         let space = stored.space.clone();
+        let filled_share = (stored.outer.as_ref()).map_or(1.0, |outer| outer.filled_share);
         let marks = stored.feature_marks();
         let has_feature_faces = marks.is_some();
         let marks = marks.filter(|_| with_surfaces);
@@ -226,10 +232,11 @@ impl ModelParts {
             geometry: space.geometry.to_3d(),
             step: std::array::from_fn(|k| space.step.get(k).copied().unwrap_or(1.0)),
             dims: std::array::from_fn(dim),
-            box_volume: volume * if D == 2 { thickness } else { 1.0 },
+            box_volume: filled_share * volume * if D == 2 { thickness } else { 1.0 },
             is_bent: space.bent_side.is_some() || arrays.cell_array(COLUMN).is_some(),
             has_feature_faces,
             labels: read_labels(&arrays),
+            periodic: PeriodicImages::from_file(&arrays),
             named_regions: read_named_regions(&arrays),
             cell_data: arrays.cell_data,
         };
@@ -335,6 +342,7 @@ impl PreparedModel {
         let mut model = Model::new(mesh, tets);
         model.labels = parts.labels;
         model.sets = parts.sets;
+        model.periodic = parts.periodic;
         model.named_regions = parts.named_regions;
         if let Some(surfaces) = parts.surfaces {
             model.surfaces = surfaces;

@@ -2,6 +2,7 @@
 
 use super::SurfaceKind;
 use crate::error::cause;
+pub use crate::mesh_file::named_regions::interface_name;
 use crate::names::{NameRules, WantedName, assign};
 use crate::{Error, Result};
 
@@ -11,11 +12,6 @@ const MAX_LISTED_NAMES: usize = 20;
 pub(crate) const NO_MATCH_PROBLEM: &str = "matches no surface";
 pub(crate) const NO_MATCH_REMEDY: &str =
     "give one of these names, a number that `atomesh surface` prints, or faults, horizons or all";
-
-/// Returns the name of the interface between two regions, from their names or numbers.
-pub fn interface_name([a, b]: [&str; 2]) -> String {
-    format!("interface_{a}_{b}")
-}
 
 /// The names of the surfaces of a mesh, from surface 1 on, as all formats use them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

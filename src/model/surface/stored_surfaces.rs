@@ -10,6 +10,7 @@ use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
+use crate::mesh_file::CUT_NAME;
 use crate::mesh_file::named_surfaces::NamedSurfaces;
 use crate::names::append_distinct;
 use crate::store::{LabelledRegion, Storable, StoredMesh, read_labels};
@@ -334,8 +335,53 @@ pub fn find_interfaces<const D: usize, M: Storable<D>>(
     let mut facets: Vec<_> = (pair_facets.into_iter())
         .map(|(pair, facet)| (facet, interface_number(pair)))
         .collect();
+    add_outer_interfaces(stored, &mut names, &mut facets);
     facets.sort_unstable();
     Interfaces { names, facets }
+}
+
+/// Adds the interfaces with regions that were left out, which bound the mesh.
+fn add_outer_interfaces<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+    names: &mut Vec<String>,
+    facets: &mut Vec<([u32; D], u32)>,
+) {
+    let Some(outer) = &stored.outer else {
+        return;
+    };
+    let known = names.len() as u32;
+    append_distinct(names, outer.names.iter().cloned());
+    let outer_facets = outer_facets(stored).into_iter();
+    let is_interface = |set: u32| outer.names[set as usize] != CUT_NAME;
+    facets.extend(
+        outer_facets
+            .filter(|&(_, set)| is_interface(set))
+            .map(|(facet, set)| (facet, known + set + 1)),
+    );
+}
+
+/// Returns the facets at which cells were left out (nodes ascending, sorted), each with the number of its
+/// set in [`OuterBoundary::names`](crate::mesh::check::OuterBoundary).
+pub fn outer_facets<const D: usize, M: Storable<D>>(
+    stored: &StoredMesh<D, M>,
+) -> Vec<([u32; D], u32)> {
+    let mut facets = Vec::new();
+    let Some(outer) = &stored.outer else {
+        return facets;
+    };
+    // A mesh with a face of three cells is refused elsewhere.
+    let cells = stored.lattice.cells_of_faces().unwrap_or_default();
+    let boundary = cells.iter().enumerate();
+    for (face, _) in boundary.filter(|(_, [cell, beyond])| *cell != NONE && *beyond == NONE) {
+        if let Some(set) = outer.set_of(&stored.lattice.nodes_of_face(face)) {
+            stored.lattice.facets(face, |mut facet| {
+                facet.sort_unstable();
+                facets.push((facet, set));
+            });
+        }
+    }
+    facets.sort_unstable();
+    facets
 }
 
 /// Returns the name of a region: the name or else the value of its label, or its number.

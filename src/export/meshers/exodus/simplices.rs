@@ -48,7 +48,7 @@ pub fn exodus_mesh(model: &Model, names: &ExportNames, mesh: &SimplexMesh) -> Ex
     };
     let mut blocks: Vec<Block> = regions.into_iter().map(region_block).collect();
     let last = blocks.iter().map(|block| block.number).max().unwrap_or(0);
-    for (number, torn) in (last + 1..).zip(&mesh.torn_surfaces) {
+    for (number, torn) in (last + 1..).zip(mesh.elements_between()) {
         let nodes = torn.face_pairs.iter().flat_map(|pair| pair.as_flattened());
         blocks.push(Block {
             name: torn.name.clone(),

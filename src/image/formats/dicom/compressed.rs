@@ -18,7 +18,7 @@ const ITEM_HEAD_BYTES: usize = 8;
 /// Bytes of the head of a frame of RLE: a number of segments and fifteen offsets.
 const RLE_HEAD_BYTES: usize = 64;
 
-/// The remedy for compressions that are not read.
+/// Remedy that names programs that decompress files.
 const DECOMPRESS_REMEDY: &str =
     "decompress the files: gdcmconv --raw IN OUT, or dcmdjpls IN OUT of DCMTK";
 

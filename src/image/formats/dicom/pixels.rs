@@ -11,7 +11,7 @@ use super::compressed::{Codec, StoredSamples, stored_samples};
 use super::dataset::{DataSet, DicomFile, integer, items, numbers, text};
 use crate::error::Result;
 
-/// The remedy for files that are not pictures of one number for each sample.
+/// Remedy for files that are not pictures of one number for each sample.
 const GREY_REMEDY: &str = "give a scan, with one number for each sample";
 
 /// How the samples of a file are stored, and what they stand for.

@@ -25,7 +25,7 @@ const MAX_OFFSET: f64 = 0.05;
 /// Largest number of slices for each frame: more would be a grid of empty slices.
 const MAX_SLICES_PER_FRAME: usize = 4096;
 
-/// The remedy for segmentations that are not read.
+/// Remedy that names other programs that read segmentations.
 const CONVERT_REMEDY: &str =
     "convert it to .nrrd with segimage2itkimage of dcmqi, or in Python with highdicom";
 

@@ -99,7 +99,7 @@ pub(super) fn series_at(path: &Path) -> Result<Series> {
     for file in read {
         match file {
             Ok(file) => files.push(file),
-            // A damaged file may be of the same series.
+            // A damaged file of another series does not matter, but its series is unknown.
             Err(error) => return Err(error),
         }
     }
@@ -331,7 +331,7 @@ fn one_pass(
         let mut values: Vec<String> = files.iter().map(value).collect();
         values.sort();
         values.dedup();
-        let members = |value_of_group: &String| -> Vec<&DicomFile> {
+        let files_with = |value_of_group: &String| -> Vec<&DicomFile> {
             files
                 .iter()
                 .filter(|file| value(file) == *value_of_group)
@@ -339,7 +339,7 @@ fn one_pass(
         };
         // Values that tell every image apart say nothing.
         let is_useful = (2..=files.len() / 2).contains(&values.len());
-        if !is_useful || !values.iter().all(|value| heights(&members(value))) {
+        if !is_useful || !values.iter().all(|value| heights(&files_with(value))) {
             continue;
         }
         let groups = grouped(files, |a, b| value(a) == value(b));

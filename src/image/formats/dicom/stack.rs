@@ -142,9 +142,9 @@ pub(super) fn stack(places: &[Place], thickness: f64) -> std::result::Result<Sta
         let even: [f64; 3] = std::array::from_fn(|c| lowest.position[c] + k as f64 * step[c]);
         let offset = sub(places[plane].position, even);
         let along = dot(offset, normal);
-        let side_step = norm(sub(offset, normal.map(|x| x * along)));
-        if side_step > MAX_SIDE_STEP * sample {
-            return Err(StackProblem::Beside(plane, side_step));
+        let deviation = norm(sub(offset, normal.map(|x| x * along)));
+        if deviation > MAX_SIDE_STEP * sample {
+            return Err(StackProblem::Beside(plane, deviation));
         }
         largest = largest.max(along.abs());
     }

@@ -1,7 +1,7 @@
-//! Sets of cells, faces and nodes that have names in the file of another program, as our files store
-//! them.
+//! Sets of cells, faces and nodes that have names, as our files store them: those of other programs'
+//! files, and the boundaries at which cells were left out.
 //!
-//! Regions divide a mesh, and named surfaces ([`NamedSurfaces`](crate::mesh_file::named_surfaces::NamedSurfaces))
+//! Regions divide a mesh, and named surfaces ([`NamedSurfaces`](super::named_surfaces::NamedSurfaces))
 //! lie inside it. Sets may overlap, and sets of faces may lie on the boundary. A set of cells or of
 //! nodes is an array of 0 and 1, `cell_set:NAME` or `node_set:NAME`. Sets of faces are two fields,
 //! because a file has no array of faces.
@@ -59,24 +59,7 @@ impl NamedSets {
         file.cell_data.extend(cell_arrays);
         let node_arrays = self.nodes.iter().map(|s| array(NODE_SET_PREFIX, s, nodes));
         file.point_data.extend(node_arrays);
-        if self.faces.is_empty() {
-            return;
-        }
-        let mut numbers = Vec::new();
-        for (number, set) in (1..).zip(&self.faces) {
-            for i in 0..set.faces.len() {
-                let face = set.faces.get(i);
-                numbers.extend([number, face.len() as i64]);
-                numbers.extend(face.iter().map(|&n| i64::from(n)));
-            }
-        }
-        let names: Vec<&str> = self.faces.iter().map(|set| set.name.as_str()).collect();
-        file.field_data.push((
-            FACE_SET_NAMES_FIELD.into(),
-            FieldValue::Text(names.join("\n")),
-        ));
-        file.field_data
-            .push((FACE_SETS_FIELD.into(), FieldValue::Ints(numbers)));
+        file.field_data.extend(face_set_fields(&self.faces));
     }
 
     /// Reads the sets of a file. Faces without a set are ignored.
@@ -97,6 +80,29 @@ impl NamedSets {
             nodes: sets(&file.point_data, NODE_SET_PREFIX),
         }
     }
+}
+
+/// Returns the fields that store sets of faces; empty if there are none.
+pub fn face_set_fields(sets: &[FaceSet]) -> Vec<(String, FieldValue)> {
+    if sets.is_empty() {
+        return Vec::new();
+    }
+    let mut numbers = Vec::new();
+    for (number, set) in (1..).zip(sets) {
+        for i in 0..set.faces.len() {
+            let face = set.faces.get(i);
+            numbers.extend([number, face.len() as i64]);
+            numbers.extend(face.iter().map(|&n| i64::from(n)));
+        }
+    }
+    let names: Vec<&str> = sets.iter().map(|set| set.name.as_str()).collect();
+    vec![
+        (
+            FACE_SET_NAMES_FIELD.into(),
+            FieldValue::Text(names.join("\n")),
+        ),
+        (FACE_SETS_FIELD.into(), FieldValue::Ints(numbers)),
+    ]
 }
 
 /// Reads the sets of faces; `None` if there are none, or if their fields are damaged.

@@ -1,0 +1,200 @@
+//! Labels that are left out of the mesh: which cells are kept, and large cells where none are.
+
+use super::spec::MeshSpec;
+use super::{AnnotatedMesh, MeshResult, Params};
+use crate::Result;
+use crate::error::{Error, cause};
+use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions};
+use crate::image::{ImageSource, LabelTable, LabelValue};
+use crate::lattice::distance::Distance;
+use crate::mesh::Simplices;
+use crate::mesh_file::{ChosenCells, KnownRegion, TakeCells};
+use crate::report::{self, Quality, RegionSummary, Report};
+
+/// Distance between atoms in a label that is left out, in units of the largest distance elsewhere. Cells
+/// grow towards it away from the labels that stay.
+const COARSE_RATIO: f64 = 4.0;
+/// Largest distance between atoms, as a share of the shortest side of the box.
+const MAX_SHARE_OF_SIDE: f64 = 0.5;
+/// Name of the image in errors.
+const PLACE: &str = "the image";
+
+/// Returns the same parameters with large distances between atoms in the labels that are left out, and
+/// for which the options give none; `None` if no label is left out. The box has the sides `box_extent`, in
+/// the unit of distances.
+///
+/// # Errors
+/// Returns the errors of loading the image, and of options that name no label.
+pub(super) fn with_coarse_cells<const D: usize>(
+    params: &Params<D>,
+    source: ImageSource<'_, D>,
+    box_extent: [f64; D],
+) -> Result<Option<Params<D>>> {
+    let choice = params.spec.cell_choice();
+    if choice.drop.is_none() && choice.keep.is_none() {
+        return Ok(None);
+    }
+    let labels = match params.spec.feature {
+        FeatureKind::Isosurface => [0, 1].map(LabelValue::Whole).to_vec(),
+        FeatureKind::Labels => match LabelTable::from_image(&*source.to_image()?) {
+            Some(table) => table.values,
+            None => return Ok(None),
+        },
+        _ => return Ok(None),
+    };
+    let options = &params.spec.label;
+    let regions: Vec<KnownRegion> = (labels.iter().zip(0..))
+        .map(|(&label, region)| KnownRegion {
+            region,
+            label: Some(label),
+            name: (options.iter().find(|o| o.label == label)).and_then(|o| o.name.clone()),
+        })
+        .collect();
+    let kept = choice.kept_regions(&regions, PLACE)?;
+    let max = params.spacing().max();
+    let shortest = box_extent.into_iter().fold(f64::INFINITY, f64::min);
+    let coarse = (COARSE_RATIO * max).min(MAX_SHARE_OF_SIDE * shortest);
+    if coarse <= max {
+        return Ok(None);
+    }
+    let mut params = params.clone();
+    let dropped = labels.iter().zip(&kept).filter(|(_, kept)| !**kept);
+    for (&label, _) in dropped {
+        match params.spec.label.iter_mut().find(|o| o.label == label) {
+            Some(options) => options.distance = options.distance.or(Some(coarse)),
+            None => params.spec.label.push(LabelOptions {
+                label,
+                distance: Some(coarse),
+                unit: None,
+                name: None,
+                merge_into: None,
+            }),
+        }
+    }
+    Ok(Some(params))
+}
+
+/// Returns the regions that labels become.
+fn known_regions<const D: usize>(labels: &LabelMap<D>) -> Vec<KnownRegion> {
+    let named = labels.labels.iter().zip(&labels.names);
+    named
+        .zip(labels.regions())
+        .map(|((&label, name), region)| KnownRegion {
+            region,
+            label: Some(label),
+            name: name.clone(),
+        })
+        .collect()
+}
+
+/// Checks, before the mesh is made, that the options name labels that the image has.
+///
+/// # Errors
+/// Returns [`Error::Job`] if they do not, or if the features are no labels.
+pub(super) fn check_choice<const D: usize>(
+    params: &Params<D>,
+    features: &Features<D>,
+) -> Result<()> {
+    let choice = params.spec.cell_choice();
+    if choice.keeps_all() {
+        return Ok(());
+    }
+    let labels = require_labels(&params.spec, features)?;
+    choice.kept_regions(&known_regions(labels), PLACE)?;
+    Ok(())
+}
+
+/// Returns the labels of the image.
+fn require_labels<'a, const D: usize>(
+    spec: &MeshSpec,
+    features: &'a Features<D>,
+) -> Result<&'a LabelMap<D>> {
+    features.labels.as_ref().ok_or_else(|| {
+        Error::Job(cause(
+            "drop, keep, keep-largest",
+            format!("are about labels, but {} are followed", spec.feature),
+            "omit them, or follow labels (--feature labels)",
+        ))
+    })
+}
+
+/// Returns the cells that files of the mesh contain; `None` for all of them. The report then has the
+/// figures of these cells, and says what is left out.
+///
+/// # Errors
+/// Returns the errors of [`CellChoice::cells`](crate::mesh_file::CellChoice::cells).
+pub(super) fn choose_cells<const D: usize, M: Simplices<D>>(
+    params: &Params<D>,
+    mesh: &MeshResult<D, M>,
+    features: &Features<D>,
+    distance: &Distance<D>,
+    extent: [f64; D],
+    report: &mut Report,
+) -> Result<Option<Vec<u32>>> {
+    let choice = params.spec.cell_choice();
+    if choice.keeps_all() {
+        return Ok(None);
+    }
+    let known = known_regions(require_labels(&params.spec, features)?);
+    let kept = choice.kept_regions(&known, PLACE)?;
+    let chosen = match mesh {
+        MeshResult::Simplices(annotated) => {
+            let regions = &annotated.regions;
+            choice.cells(&annotated.mesh, regions, &known, PLACE)?
+        }
+        MeshResult::Voronoi { mesh, .. } => choice.cells(mesh, &mesh.region, &known, PLACE)?,
+    };
+    let Some(ChosenCells { cells, note }) = chosen else {
+        return Ok(None);
+    };
+    if let (MeshResult::Simplices(annotated), Some(_)) = (mesh, &report.quality) {
+        let distance_at = |x| distance.value_at(x);
+        report.quality = Some(quality_of_kept(
+            annotated,
+            Some(&cells),
+            extent,
+            &distance_at,
+        ));
+    }
+    let dropped = known.iter().zip(&kept).filter(|(_, kept)| !**kept);
+    let dropped: Vec<LabelValue> = dropped.filter_map(|(region, _)| region.label).collect();
+    if let Some(regions) = &mut report.regions {
+        forget_labels(regions, &dropped);
+    }
+    report.notes.push(note);
+    Ok(Some(cells))
+}
+
+/// Returns the shapes of the cells that are kept, all if `kept` is `None`, in the box `[0, extent]`.
+/// `distance_at` returns the nominal distance at a position.
+pub(super) fn quality_of_kept<const D: usize, M: Simplices<D>>(
+    annotated: &AnnotatedMesh<M>,
+    kept: Option<&[u32]>,
+    extent: [f64; D],
+    distance_at: &dyn Fn([f64; D]) -> f64,
+) -> Quality {
+    let quality_of = |mesh: &M, faces: &[u8]| {
+        let at_node = |n: u32| distance_at(mesh.nodes()[n as usize]);
+        Quality {
+            angles: Some(report::assess_angles(mesh, faces, extent, at_node).angles),
+            ..report::quality(mesh)
+        }
+    };
+    let Some(kept) = kept else {
+        return quality_of(&annotated.mesh, &annotated.feature_faces);
+    };
+    let faces = kept
+        .iter()
+        .filter_map(|&c| annotated.feature_faces.get(c as usize));
+    let faces: Vec<u8> = faces.copied().collect();
+    quality_of(&annotated.mesh.with_cells(kept).0, &faces)
+}
+
+/// Removes labels from the report on regions.
+fn forget_labels(regions: &mut RegionSummary, dropped: &[LabelValue]) {
+    let is_kept = |label: &LabelValue| !dropped.contains(label);
+    regions.regions.retain(|region| is_kept(&region.label));
+    regions.lost.retain(|lost| is_kept(&lost.label));
+    regions.damaged.retain(|damaged| is_kept(&damaged.label));
+    regions.holes.retain(|hole| hole.labels.iter().any(is_kept));
+}

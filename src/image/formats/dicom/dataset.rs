@@ -7,6 +7,7 @@ use dicom_object::mem::InMemElement;
 use dicom_object::{InMemDicomObject, OpenFileOptions, Tag};
 
 use super::super::packed::{DAMAGED_REMEDY, file_error};
+use super::lengths::check_lengths;
 use crate::error::Result;
 use crate::names;
 
@@ -29,6 +30,7 @@ impl DicomFile {
     /// # Errors
     /// Returns an [`Error::Io`](crate::Error::Io) if the file cannot be read or is damaged.
     pub fn read(path: &Path, with_samples: bool) -> Result<Self> {
+        check_lengths(path)?;
         let options = OpenFileOptions::new();
         let options = if with_samples {
             options

@@ -7,6 +7,7 @@
 //!
 //! - `dataset`: values of elements, and those of each frame
 //! - `compressed`: samples of a frame as they are stored: native, RLE, JPEG, JPEG 2000
+//! - `lengths`: lengths of elements against that of the file
 //! - `pixels`: bits, padding and values of samples
 //! - `frames`: positions and scales of the frames of a file
 //! - `stack`: the geometry of planes with positions
@@ -16,6 +17,7 @@
 mod compressed;
 mod dataset;
 mod frames;
+mod lengths;
 mod pixels;
 mod segmentation;
 mod series;

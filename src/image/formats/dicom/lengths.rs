@@ -134,15 +134,11 @@ fn are_within(source: &mut dyn Source, form: ElementForm) -> io::Result<bool> {
     let mut in_fragments = false;
     while let Some(head) = read_head(source, form)? {
         if head.group == ITEM_GROUP {
-            match head.element {
-                0xe000 if in_fragments => {
-                    if !source.pass(head.length.into())? {
-                        return Ok(false);
-                    }
-                }
-                0xe0dd => in_fragments = false,
-                _ => {}
+            let is_fragment = in_fragments && head.element == 0xe000;
+            if is_fragment && !source.pass(head.length.into())? {
+                return Ok(false);
             }
+            in_fragments &= head.element != 0xe0dd;
             continue;
         }
         match (&head.representation, head.length) {

@@ -1,8 +1,9 @@
 //! Connected components of labels: samples of one label that touch face to face.
 
 use super::volume::Volume;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::union_find::UnionFind;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One connected component of a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +69,31 @@ impl<const D: usize> Components<D> {
             component_of_sample,
             components,
         }
+    }
+
+    /// Returns the pairs of components that touch at a side, an edge or a corner of a sample, the smaller
+    /// number first.
+    pub fn contacts(&self) -> BTreeSet<[u32; 2]> {
+        let mut pairs = BTreeSet::new();
+        let strides = Volume::new(self.dims, &[]).strides();
+        // Half of the neighbours of a sample are enough, as the others visit this sample.
+        let count = 3usize.pow(D as u32);
+        for_each_sample(self.dims, |i, at| {
+            for number in count / 2 + 1..count {
+                let step: [usize; D] = index_at([3; D], number);
+                let is_inside =
+                    (0..D).all(|k| at[k] + step[k] > 0 && at[k] + step[k] <= self.dims[k]);
+                if !is_inside {
+                    continue;
+                }
+                let neighbour = (0..D).fold(i, |n, k| n + step[k] * strides[k] - strides[k]);
+                let [a, b] = [i, neighbour].map(|i| self.component_of_sample[i]);
+                if a != b {
+                    pairs.insert([a.min(b), a.max(b)]);
+                }
+            }
+        });
+        pairs
     }
 
     /// Gives each component that is not to be kept the label that it touches most. Components that

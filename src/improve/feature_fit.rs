@@ -11,9 +11,8 @@
 use crate::feature::FeaturePoint;
 use crate::geometry::cell_list::CellList;
 use crate::geometry::counting_sort::sort_by_group;
-use crate::geometry::{
-    add_scaled, distance2, dot, norm, normal, solve_positive, sorted_distinct, sub, unit,
-};
+use crate::geometry::{distance2, dot, norm, normal, sorted_distinct, sub, unit};
+use crate::improve::node_moves::{MoveEquations, MovingNode, mean_offsets};
 use crate::lattice::AtomKind;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
@@ -24,14 +23,8 @@ use crate::progress::CancelToken;
 const SWEEPS: usize = 8;
 /// Smallest cosine between the normals of a face and of the feature that it lies on (60 degrees).
 const MIN_COSINE: f64 = 0.5;
-/// Largest move of a node at a time, as a share of its shortest edge.
-const MAX_MOVE_RATIO: f64 = 0.25;
-/// Damping of moves in directions that no face determines, as a share of the trace of the equations.
-const DAMPING: f64 = 0.02;
 /// Smallest move, as a share of the shortest edge of a node, that is made.
 const MIN_MOVE_RATIO: f64 = 1e-4;
-/// Fractions of a move that are tried.
-const STEP_FRACTIONS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 /// Number of parts into which an edge of a face is divided by its sample points.
 const PARTS_PER_EDGE: usize = 5;
 
@@ -105,21 +98,18 @@ pub fn fit_feature_faces<const D: usize, M: Simplices<D>>(
                 )
             })
             .collect();
-        let mut equations = vec![([[0.0; D]; D], [0.0; D]); nodes.len()];
+        let mut equations = vec![MoveEquations::<D>::default(); nodes.len()];
         for face in &measured {
             for (&n, &(offset, confidence)) in face.nodes.iter().zip(&face.offsets) {
-                let (matrix, rhs) = &mut equations[index_of_node[n as usize]];
-                let weight = confidence * face.area;
-                for i in 0..D {
-                    for j in 0..D {
-                        matrix[i][j] += weight * face.normal[i] * face.normal[j];
-                    }
-                    rhs[i] += weight * face.normal[i] * offset;
-                }
+                equations[index_of_node[n as usize]].add(
+                    face.normal,
+                    offset,
+                    confidence * face.area,
+                );
             }
         }
-        for (&n, (matrix, rhs)) in nodes.iter().zip(equations) {
-            if let Some(displacement) = fit.allowed_move(mesh.nodes()[n as usize], n, matrix, rhs) {
+        for (&n, equation) in nodes.iter().zip(&equations) {
+            if let Some(displacement) = fit.allowed_move(mesh.nodes()[n as usize], n, equation) {
                 fit.try_move(mesh, n, displacement, star(n));
             }
         }
@@ -150,28 +140,12 @@ impl<const D: usize> FeatureFit<'_, D> {
         let scaled_normal = normal(&x);
         let area = norm(scaled_normal);
         let normal = unit(scaled_normal);
-        let mut sums = [(0.0, 0.0, 0.0); D];
-        for weights in weights {
-            let mut point = [0.0; D];
-            for (weight, corner) in weights.iter().zip(&x) {
-                point = add_scaled(point, *weight, *corner);
-            }
-            let distance = self.distance_along(point, normal, cells);
-            for (sum, weight) in sums.iter_mut().zip(weights) {
-                sum.2 += weight;
-                if let Some(distance) = distance {
-                    sum.0 += weight * distance;
-                    sum.1 += weight;
-                }
-            }
-        }
         FittedFace {
             nodes,
             normal,
             area,
-            offsets: sums.map(|(distance_sum, found_weight, total_weight)| {
-                let mean = distance_sum / f64::max(found_weight, 1e-12);
-                (mean, found_weight / total_weight)
+            offsets: mean_offsets(x, weights.iter().copied(), |point| {
+                self.distance_along(point, normal, cells)
             }),
         }
     }
@@ -196,36 +170,13 @@ impl<const D: usize> FeatureFit<'_, D> {
 
     /// Returns the move of node `n` at `x` that solves its equations, within the sides of the box; `None` if the
     /// node is fixed.
-    fn allowed_move(
-        &self,
-        x: [f64; D],
-        n: u32,
-        mut matrix: [[f64; D]; D],
-        mut rhs: [f64; D],
-    ) -> Option<[f64; D]> {
+    fn allowed_move(&self, x: [f64; D], n: u32, equations: &MoveEquations<D>) -> Option<[f64; D]> {
         if matches!(self.kinds[n as usize], AtomKind::Corner | AtomKind::Fixed) {
             return None;
         }
-        let trace: f64 = (0..D).map(|i| matrix[i][i]).sum();
-        if trace <= 0.0 {
-            return None;
-        }
-        for i in 0..D {
-            matrix[i][i] += DAMPING * trace;
-        }
-        for i in (0..D).filter(|&i| x[i] <= 0.0 || x[i] >= self.extent[i]) {
-            for j in 0..D {
-                matrix[i][j] = 0.0;
-                matrix[j][i] = 0.0;
-            }
-            matrix[i][i] = 1.0;
-            rhs[i] = 0.0;
-        }
-        let displacement = solve_positive(matrix, rhs);
-        displacement
-            .iter()
-            .all(|c| c.is_finite())
-            .then_some(displacement)
+        equations.solve(std::array::from_fn(|k| {
+            x[k] <= 0.0 || x[k] >= self.extent[k]
+        }))
     }
 
     /// Moves a node by the largest fraction of the displacement that the angles around it allow.
@@ -236,31 +187,15 @@ impl<const D: usize> FeatureFit<'_, D> {
         displacement: [f64; D],
         star: &[u32],
     ) {
-        let x = mesh.nodes()[n as usize];
-        let mut shortest = f64::INFINITY;
-        let mut min_sine = self.min_angle.to_radians().sin();
-        for &c in star {
-            min_sine = min_sine.min(mesh.min_sine(c as usize));
-            for &m in mesh.cell(c as usize).iter().filter(|m| **m != n) {
-                shortest = shortest.min(norm(sub(mesh.nodes()[m as usize], x)));
-            }
+        let moving = MovingNode {
+            node: n,
+            star,
+            extent: self.extent,
+        };
+        let (shortest, min_sine) = moving.limits(mesh, self.min_angle);
+        if norm(displacement) >= MIN_MOVE_RATIO * shortest {
+            moving.move_by(mesh, displacement, shortest, min_sine);
         }
-        let length = norm(displacement);
-        if length < MIN_MOVE_RATIO * shortest {
-            return;
-        }
-        let scale = (MAX_MOVE_RATIO * shortest / length).min(1.0);
-        for fraction in STEP_FRACTIONS {
-            let mut trial = add_scaled(x, scale * fraction, displacement);
-            for k in 0..D {
-                trial[k] = trial[k].clamp(0.0, self.extent[k]);
-            }
-            mesh.parts_mut().0[n as usize] = trial;
-            if star.iter().all(|&c| mesh.min_sine(c as usize) >= min_sine) {
-                return;
-            }
-        }
-        mesh.parts_mut().0[n as usize] = x;
     }
 }
 
@@ -287,6 +222,7 @@ fn sample_weights<const D: usize>() -> Vec<[f64; D]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::add_scaled;
 
     #[test]
     fn sample_points_of_a_face_have_its_centroid_as_their_mean() {

@@ -15,6 +15,7 @@
 //! - `snap`: snaps atoms near features onto them
 //! - `intersect`: finds where edges pass through features
 //! - `seal`: adds the faces that close holes in feature surfaces
+//! - `node_moves`: moves of nodes that fit the faces around them to a surface
 //! - `feature_fit`: moves nodes on features so that faces lie on the features on average
 //! - `regions`: assigns the image's labels to cells, and fits faces to the interfaces between
 //!   labels
@@ -36,6 +37,7 @@ pub(crate) mod triangles;
 
 mod improve_report;
 mod intersect;
+mod node_moves;
 mod plane_cache;
 mod reshape;
 mod seal;

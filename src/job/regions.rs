@@ -11,7 +11,7 @@ use crate::feature::detectors::labels::absorb_parts_below;
 use crate::feature::volume::Volume;
 use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
-use crate::geometry::{norm, normal};
+use crate::geometry::{norm, normal, sorted};
 use crate::image::{Image, LabelTable, LabelValue};
 use crate::improve::regions::{self, InterfaceFit, LabelParts, PartTopology, SamplePoints};
 use crate::improve::{FeatureFit, fit_feature_faces};
@@ -193,31 +193,6 @@ pub(super) fn contacts_of_cells<const D: usize>(
         }
     }
     contacts
-}
-
-/// Returns the pairs of labels whose samples touch in an image, at a side, an edge or a corner.
-fn touching_labels<const D: usize>(dims: [usize; D], labels: &[u32]) -> BTreeSet<[u32; 2]> {
-    let mut pairs = BTreeSet::new();
-    let strides = Volume::new(dims, &[]).strides();
-    // Half of the neighbours of a sample are enough, as the others visit this sample.
-    let count = 3usize.pow(D as u32);
-    for_each_sample(dims, |i, at| {
-        for number in count / 2 + 1..count {
-            let step = |k: usize| number / 3usize.pow(k as u32) % 3;
-            let is_inside = (0..D).all(|k| at[k] + step(k) > 0 && at[k] + step(k) <= dims[k]);
-            if !is_inside {
-                continue;
-            }
-            let neighbour = (0..D).fold(i, |neighbour, k| {
-                neighbour + step(k) * strides[k] - strides[k]
-            });
-            let [a, b] = [labels[i], labels[neighbour]];
-            if a != b {
-                pairs.insert([a.min(b), a.max(b)]);
-            }
-        }
-    });
-    pairs
 }
 
 /// The labels of samples by which regions are judged.
@@ -506,7 +481,10 @@ impl<const D: usize> LabelledImage<'_, D> {
     /// first.
     fn holes(&self, contacts: &Contacts) -> Vec<Hole> {
         let sample_side = self.sample_volume().powf((D - 1) as f64 / D as f64);
-        let touching = touching_labels(self.image.dims(), &self.indices);
+        let label_of = |part: u32| self.parts.components[part as usize].label;
+        let touching: BTreeSet<[u32; 2]> = (self.parts.contacts().into_iter())
+            .map(|pair| sorted(pair.map(label_of)))
+            .collect();
         let mut holes: Vec<Hole> = (contacts.iter())
             .filter(|(pair, _)| !touching.contains(*pair))
             .map(|(pair, area)| Hole {

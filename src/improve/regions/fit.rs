@@ -23,6 +23,7 @@ use super::{balance, part_volumes};
 use crate::feature::LabelMap;
 use crate::geometry::counting_sort::sort_by_group;
 use crate::geometry::{add_scaled, dot, norm, normal, sorted_distinct, sub, unit};
+use crate::improve::node_moves::{MoveEquations, MovingNode, mean_offsets};
 use crate::lattice::AtomKind;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
@@ -38,20 +39,12 @@ const FIRST_BALANCED_SWEEP: usize = 2;
 const SEARCH_RADIUS: f64 = 3.0;
 /// Largest shift of an interface for the volume balance, in samples.
 const MAX_BALANCE_SHIFT: f64 = 0.35;
-/// Largest move of a node at a time, as a share of its shortest edge.
-const MAX_MOVE_RATIO: f64 = 0.25;
-/// Damping of moves in directions that no face determines, as a share of the trace of the
-/// equations.
-const DAMPING: f64 = 0.02;
 /// Smallest move, in samples, of a node that counts as far from its interface.
 const MIN_SPIKE_LENGTH: f64 = 0.75;
 /// Smallest angle, in degrees, that such a move may leave.
 const MIN_SPIKE_ANGLE: f64 = 20.0;
 /// Largest distance, in samples, of the tip of a spike from the interface to be pulled back to it.
 const MAX_TIP_DISTANCE: f64 = 8.0;
-/// Fractions of a move that are tried.
-const STEP_FRACTIONS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
-
 /// Input of the fit of interfaces.
 #[derive(Debug, Clone, Copy)]
 pub struct InterfaceFit<'a, const D: usize> {
@@ -259,34 +252,15 @@ impl<const D: usize> InterfaceFit<'_, D> {
         let pair = [c, neighbour as usize].map(|c| self.regions[c]);
         let parts = [c, neighbour as usize].map(|c| self.cell_parts[c]);
         let step = self.labelled.min_step();
-        let mut sums = [(0.0, 0.0, 0.0); D];
-        for weights in quadrature::<D>() {
-            let mut point = [0.0; D];
-            for (weight, corner) in weights.iter().zip(&x) {
-                point = add_scaled(point, *weight, *corner);
-            }
-            let distance =
-                self.labelled
-                    .interface_distance(point, normal, pair, SEARCH_RADIUS * step);
-            for (sum, weight) in sums.iter_mut().zip(weights) {
-                sum.2 += weight;
-                if let Some(distance) = distance {
-                    sum.0 += weight * distance;
-                    sum.1 += weight;
-                }
-            }
-        }
         InterfaceFace {
             nodes,
             regions: pair,
             parts,
             normal,
             area,
-            offsets: sums.map(|(distance_sum, found_weight, total_weight)| {
-                (
-                    distance_sum / f64::max(found_weight, 1e-12),
-                    found_weight / total_weight,
-                )
+            offsets: mean_offsets(x, quadrature::<D>(), |point| {
+                let reach = SEARCH_RADIUS * step;
+                (self.labelled).interface_distance(point, normal, pair, reach)
             }),
         }
     }
@@ -374,103 +348,20 @@ impl<const D: usize> InterfaceFit<'_, D> {
         displacement: [f64; D],
         star: &[u32],
     ) {
-        let x = mesh.nodes()[n as usize];
-        let mut shortest = f64::INFINITY;
-        for &c in star {
-            for &m in mesh.cell(c as usize) {
-                if m != n {
-                    shortest = shortest.min(norm(sub(mesh.nodes()[m as usize], x)));
-                }
-            }
-        }
+        let moving = MovingNode {
+            node: n,
+            star,
+            extent: self.extent,
+        };
+        let (shortest, mut min_sine) = moving.limits(mesh, self.min_angle);
         let length = norm(displacement);
         if length < 1e-6 * shortest {
             return;
         }
-        let scale = (MAX_MOVE_RATIO * shortest / length).min(1.0);
-        let mut min_sine = self.min_angle.to_radians().sin();
-        for &c in star {
-            min_sine = min_sine.min(mesh.min_sine(c as usize));
-        }
         if length > MIN_SPIKE_LENGTH * self.labelled.min_step() {
             min_sine = min_sine.min(MIN_SPIKE_ANGLE.to_radians().sin());
         }
-        for fraction in STEP_FRACTIONS {
-            let mut trial = add_scaled(x, scale * fraction, displacement);
-            for k in 0..D {
-                trial[k] = trial[k].clamp(0.0, self.extent[k]);
-            }
-            mesh.parts_mut().0[n as usize] = trial;
-            if star.iter().all(|&c| mesh.min_sine(c as usize) >= min_sine) {
-                return;
-            }
-        }
-        mesh.parts_mut().0[n as usize] = x;
-    }
-}
-
-/// Least-squares equations of the move of a node, as its faces give them.
-#[derive(Debug, Clone, Copy)]
-struct MoveEquations<const D: usize> {
-    matrix: [[f64; D]; D],
-    rhs: [f64; D],
-}
-
-impl<const D: usize> Default for MoveEquations<D> {
-    fn default() -> Self {
-        Self {
-            matrix: [[0.0; D]; D],
-            rhs: [0.0; D],
-        }
-    }
-}
-
-impl<const D: usize> MoveEquations<D> {
-    /// Adds the equation that the node moves by `offset` along a normal.
-    fn add(&mut self, normal: [f64; D], offset: f64, weight: f64) {
-        for i in 0..D {
-            for j in 0..D {
-                self.matrix[i][j] += weight * normal[i] * normal[j];
-            }
-            self.rhs[i] += weight * normal[i] * offset;
-        }
-    }
-
-    /// Returns the least-squares move along the axes that are not fixed.
-    fn solve(mut self, is_fixed: [bool; D]) -> Option<[f64; D]> {
-        let trace: f64 = (0..D).map(|i| self.matrix[i][i]).sum();
-        if trace <= 0.0 {
-            return None;
-        }
-        for i in 0..D {
-            self.matrix[i][i] += DAMPING * trace;
-            if is_fixed[i] {
-                for j in 0..D {
-                    self.matrix[i][j] = 0.0;
-                    self.matrix[j][i] = 0.0;
-                }
-                self.matrix[i][i] = 1.0;
-                self.rhs[i] = 0.0;
-            }
-        }
-        // The matrix is positive definite, so elimination needs no pivots.
-        let (mut a, mut b) = (self.matrix, self.rhs);
-        for i in 0..D {
-            for j in i + 1..D {
-                let factor = a[j][i] / a[i][i];
-                for k in i..D {
-                    a[j][k] -= factor * a[i][k];
-                }
-                b[j] -= factor * b[i];
-            }
-        }
-        for i in (0..D).rev() {
-            for j in i + 1..D {
-                b[i] -= a[i][j] * b[j];
-            }
-            b[i] /= a[i][i];
-        }
-        b.iter().all(|c| c.is_finite()).then_some(b)
+        moving.move_by(mesh, displacement, shortest, min_sine);
     }
 }
 

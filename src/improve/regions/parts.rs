@@ -4,11 +4,10 @@
 //! and parts that touch nowhere in the image are kept apart in the mesh.
 
 use crate::feature::LabelMap;
-use crate::feature::components::{Components, for_each_sample};
+use crate::feature::components::Components;
 use crate::feature::label_map::volumes;
 use crate::feature::volume::Volume;
 use crate::geometry::add_scaled;
-use crate::geometry::grid_index::index_at;
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::parallel::prelude::*;
@@ -19,7 +18,7 @@ pub struct LabelParts<const D: usize> {
     components: Components<D>,
     /// Volume of each part inside the box, in lattice units.
     pub volumes: Vec<f64>,
-    /// Pairs of parts of different labels that touch at a side, an edge or a corner of a sample, the
+    /// Pairs of parts that touch at a side, an edge or a corner of a sample, the
     /// smaller first, in ascending order.
     contacts: Vec<[u32; 2]>,
     /// The only part of each label; `None` if the label has several parts.
@@ -51,7 +50,7 @@ impl<const D: usize> LabelParts<D> {
         }
         Self {
             volumes: part_volumes,
-            contacts: contacts(&components),
+            contacts: components.contacts().into_iter().collect(),
             components,
             only_part,
         }
@@ -140,39 +139,3 @@ impl<const D: usize> LabelParts<D> {
         parts
     }
 }
-
-/// Returns the pairs of parts that touch at a side, an edge or a corner of a sample.
-fn contacts<const D: usize>(components: &Components<D>) -> Vec<[u32; 2]> {
-    let (dims, parts) = (components.dims, &components.component_of_sample);
-    let strides = Volume::new(dims, &[]).strides();
-    // Half of the neighbours of a sample are enough, as the others visit this sample.
-    let count = 3usize.pow(D as u32);
-    let steps: Vec<[usize; D]> = (count / 2 + 1..count)
-        .map(|i| index_at([3; D], i))
-        .collect();
-    let mut pairs: Vec<[u32; 2]> = Vec::new();
-    let mut last = [NONE; 2];
-    for_each_sample(dims, |i, at| {
-        for step in &steps {
-            if (0..D).any(|k| at[k] + step[k] == 0 || at[k] + step[k] > dims[k]) {
-                continue;
-            }
-            let neighbour = (0..D).fold(i, |n, k| n + step[k] * strides[k] - strides[k]);
-            let pair = [parts[i], parts[neighbour]];
-            if pair[0] != pair[1] && pair != last {
-                last = pair;
-                pairs.push([pair[0].min(pair[1]), pair[0].max(pair[1])]);
-            }
-        }
-        if pairs.len() > MAX_PENDING_PAIRS && pairs.len() > 2 * pairs.capacity() / 3 {
-            pairs.sort_unstable();
-            pairs.dedup();
-        }
-    });
-    pairs.sort_unstable();
-    pairs.dedup();
-    pairs
-}
-
-/// Number of pairs of touching samples that are collected before repeated ones are removed.
-const MAX_PENDING_PAIRS: usize = 1 << 20;

@@ -1,11 +1,12 @@
 #!/bin/sh
 # Installs the independent programs with which tests check the files of atomesh. From PyPI into .venv: VTK, Gmsh,
 # toughio, xtgeo, resqpy, open-DARTS, SciPy, meshio, readers of images (segyio, nibabel, pynrrd, SimpleITK, tifffile,
-# zarr, ome-zarr, ngff-zarr), of logs (lasio), of models for FEBio (pyfebio) and a reader of simulation results (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
+# zarr, ome-zarr, ngff-zarr, pydicom), of logs (lasio), of models for FEBio (pyfebio) and a reader of simulation results
+# (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio netCDF4
-segyio nibabel nrrd SimpleITK tifffile zarr ome_zarr ngff_zarr lasio pyfebio"
+segyio nibabel nrrd SimpleITK tifffile zarr ome_zarr ngff_zarr pydicom lasio pyfebio"
 packages="libopm-simulators-bin openfoam calculix-ccx octave libglu1-mesa libxft2 libxcursor1 libxinerama1"
 # Systems without a package of the headless shell (Ubuntu) have a package of the whole browser.
 browser="chromium-headless-shell chromium"
@@ -28,7 +29,8 @@ install_modules() {
     pip=".venv/bin/pip install --quiet --disable-pip-version-check"
     # VTK is installed without its dependencies, which are for plots.
     { $pip --no-deps vtk && $pip resfo gmsh toughio h5py scipy xtgeo resqpy xarray flopy meshio netCDF4 &&
-        $pip segyio nibabel pynrrd SimpleITK tifffile zarr ome-zarr ngff-zarr lasio pyfebio==0.3.0; } ||
+        $pip segyio nibabel pynrrd SimpleITK tifffile zarr ome-zarr ngff-zarr lasio pyfebio==0.3.0 &&
+        $pip pydicom pylibjpeg pylibjpeg-libjpeg pylibjpeg-openjpeg; } ||
         absent "pip install fails"
     # Further readers of the test of one model in many programs, which runs without them, too.
     # pyNastran asks for an older NumPy than the others.

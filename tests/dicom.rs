@@ -411,3 +411,29 @@ fn folders_of_slices_are_meshed_as_volumes() {
         "{error}"
     );
 }
+
+/// Compares the files of pydicom's test data: those that both read have the same values, at the same
+/// positions.
+#[test]
+#[ignore = "needs pydicom: make test-all"]
+fn values_are_the_same_in_pydicom() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/images/dicom.py");
+    let arguments = [
+        script.as_os_str(),
+        crate::PROGRAM.as_ref(),
+        folder.path().as_os_str(),
+    ];
+    let stdout = crate::common::run_python("pydicom", &arguments);
+    println!("{stdout}");
+    let summary = stdout.lines().rfind(|line| line.contains(" files: "));
+    let [_, equal, refused, _, faults]: [usize; 5] = numbers(summary.unwrap());
+    assert!(equal >= 40 && refused > 0 && faults == 0, "{stdout}");
+}
+
+/// Returns the numbers in a line.
+fn numbers<const N: usize>(line: &str) -> [usize; N] {
+    let words = line.split(|c: char| !c.is_ascii_digit());
+    let numbers: Vec<usize> = words.filter_map(|word| word.parse().ok()).collect();
+    numbers.try_into().unwrap()
+}

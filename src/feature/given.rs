@@ -25,6 +25,11 @@ const MIN_PARALLEL_COSINE: f32 = 0.9;
 /// smallest cosine between their normals.
 const STEP_DISTANCE: f64 = 1.5;
 const MIN_STEP_COSINE: f32 = 0.6;
+
+/// Largest distance (samples) from the plane of a given surface at which boundaries of labels are those that
+/// the surface makes, whatever their normal. Where the boundary meets others, its normal is not that of the
+/// surface.
+const CUT_DISTANCE: f64 = 0.75;
 /// Distance (samples) between neighbours of a point in one surface: those of adjacent columns.
 const NEIGHBOUR_DISTANCE: f64 = 1.8;
 /// Distance (samples) from a point to the mean of its neighbours from which its surface ends there.
@@ -129,7 +134,7 @@ impl<const D: usize> GivenPoints<D> {
 
     /// Drops the candidates that are parallel to a given surface and nearer to it than `distance`
     /// samples. Returns their number. Boundaries of labels (`are_labels`) also follow the surface where
-    /// they are steps of samples beside it.
+    /// they are steps of samples beside it, or end at it.
     pub(super) fn drop_parallel(
         &self,
         candidates: &mut Vec<Candidate<D>>,
@@ -141,10 +146,12 @@ impl<const D: usize> GivenPoints<D> {
         let is_parallel = |c: &Candidate<D>| {
             let (position, mut is_near) = (c.position.map(f64::from), false);
             grid.visit_within(position, distance.max(STEP_DISTANCE), |i| {
-                let offset = norm(sub(positions[i], position));
-                let cosine = dot(self.points[i].0.normal, c.normal).abs();
-                is_near |= offset <= distance && cosine >= MIN_PARALLEL_COSINE
-                    || are_labels && offset <= STEP_DISTANCE && cosine >= MIN_STEP_COSINE;
+                let (point, offset) = (&self.points[i].0, sub(positions[i], position));
+                let cosine = dot(point.normal, c.normal).abs();
+                let height = dot(point.normal.map(f64::from), offset).abs();
+                let is_step = cosine >= MIN_STEP_COSINE || height <= CUT_DISTANCE;
+                is_near |= norm(offset) <= distance && cosine >= MIN_PARALLEL_COSINE
+                    || are_labels && norm(offset) <= STEP_DISTANCE && is_step;
             });
             is_near
         };

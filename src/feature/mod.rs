@@ -89,7 +89,7 @@ use crate::error::Result;
 use crate::image::{Image, ImageSource, LiveMask, ScalarField, SparseField};
 use crate::progress::{CancelToken, Stage};
 use detectors::auto::LayerChoice;
-use detectors::label_gaps::label_gaps;
+use detectors::label_gaps::{bend_limits, label_gaps};
 use detectors::labels::{LabelSpacing, ThinDistances};
 use detectors::{Detector, DetectorInput, DetectorOutput};
 use potential::PotentialValleys;
@@ -656,8 +656,10 @@ fn point_spacing<const D: usize>(
         let mut gaps = label_gaps(label_map, points, max);
         let samples = label_map.winner.len();
         let distances = ThinDistances::for_gaps(&gaps, [min, max], label_map.min_step(), samples);
-        gaps.iter_mut()
-            .for_each(|gap| *gap = distances.in_gap(*gap));
+        let bends = bend_limits(points, label_map.min_step(), input.cancel);
+        for (gap, bend) in gaps.iter_mut().zip(bends) {
+            *gap = distances.in_gap(*gap).min(bend.max(min as f32));
+        }
         local_feature_size::propagate_gaps(grid, points, step, &gaps, max)
     };
     let mut spacing = gaps.map(gap_spacing).transpose()?;

@@ -1,13 +1,18 @@
-//! Measures how thick labels are at the points of their interfaces.
+//! Measures how thick labels are at the points of their interfaces, and how much these bend.
 //!
 //! From each point, a ray follows the normal into the label on either side until another label wins. Its
 //! length is the thickness there. A ray that leaves through an interface at more than
 //! [`MAX_WEDGE_ANGLE`] degrees to that of the point is in a corner, not in a thin part.
+//!
+//! The bend is that of the normals within [`BEND_RADIUS`]: on a surface with the principal radii of curvature R1
+//! and R2, the normals in a disc of radius r have the variance r^2 / 4 (1 / R1^2 + 1 / R2^2).
 
 use crate::feature::FeaturePoint;
 use crate::feature::label_map::LabelMap;
-use crate::geometry::{add_scaled, dot, unit};
+use crate::geometry::cell_list::CellList;
+use crate::geometry::{add_scaled, distance2, dot, unit};
 use crate::parallel::prelude::*;
+use crate::progress::CancelToken;
 
 /// Largest angle, in degrees, between the two interfaces of a thin part.
 const MAX_WEDGE_ANGLE: f64 = 40.0;
@@ -17,6 +22,11 @@ const RAY_STEP: f64 = 0.25;
 const RAY_START: f64 = 0.15;
 /// Distance, in samples, between the positions whose difference gives the normal of an interface.
 const NORMAL_STEP: f64 = 0.75;
+
+/// Distance, in samples, within which normals say how much an interface bends.
+const BEND_RADIUS: f64 = 4.0;
+/// Smallest cosine between normals of one interface: beyond it (60 degrees), there is an edge between them.
+const MIN_BEND_COSINE: f64 = 0.5;
 
 /// Returns the thickness of the thinner label at each point, in lattice units; at most `max`.
 pub fn label_gaps<const D: usize>(
@@ -33,6 +43,41 @@ pub fn label_gaps<const D: usize>(
         gaps[0].min(gaps[1]) as f32
     };
     points.par_iter().map(gap).collect()
+}
+
+/// Returns the largest length of faces at each point, in lattice units, at which they stay within half a sample of
+/// an interface that bends as it does there.
+pub fn bend_limits<const D: usize>(
+    points: &[FeaturePoint<D>],
+    min_step: f64,
+    cancel: &CancelToken<'_>,
+) -> Vec<f32> {
+    let positions: Vec<[f64; D]> = points.iter().map(|p| p.position.map(f64::from)).collect();
+    let radius = BEND_RADIUS * min_step;
+    let cells = CellList::new(&positions, 0.5 * radius);
+    // The variance of a coordinate in a disc, or in a segment in the plane.
+    let spread = radius * radius / if D == 2 { 3.0 } else { 4.0 };
+    let limit = |i: usize| {
+        if cancel.is_cancelled() {
+            return f32::INFINITY;
+        }
+        let own = points[i].normal.map(f64::from);
+        let (mut sum, mut count) = ([0.0; D], 0.0);
+        cells.visit_within(positions[i], radius, |j| {
+            let normal = points[j].normal.map(f64::from);
+            let cosine = dot(normal, own);
+            let is_near = distance2(&positions[i], &positions[j]) <= radius * radius;
+            if is_near && cosine.abs() >= MIN_BEND_COSINE {
+                sum = add_scaled(sum, 1.0_f64.copysign(cosine), normal);
+                count += 1.0;
+            }
+        });
+        let variance = (1.0 - dot(sum, sum) / f64::max(count * count, 1.0)).max(1e-12);
+        let curvature_radius = (spread / variance).sqrt();
+        // A face of length l on a sphere of radius R is l^2 / (8 R) off its middle.
+        (2.0 * (curvature_radius * min_step).sqrt()) as f32
+    };
+    (0..points.len()).into_par_iter().map(limit).collect()
 }
 
 /// Returns the length of a ray inside the label that it enters; `max` if the ray is longer or the label
@@ -120,5 +165,36 @@ mod tests {
             }
         }
         assert_eq!(label_gaps(&layer(30.0), &[], 8.0), Vec::<f32>::new());
+    }
+
+    /// Returns points on the wall of a cylinder of this radius about z, one for each square of a sample.
+    fn cylinder(radius: f64) -> Vec<FeaturePoint<3>> {
+        let count = (2.0 * std::f64::consts::PI * radius).round() as usize;
+        let point = |i: usize| {
+            let angle = 2.0 * std::f64::consts::PI * (i % count) as f64 / count as f64;
+            FeaturePoint {
+                position: [
+                    (radius * angle.cos()) as f32,
+                    (radius * angle.sin()) as f32,
+                    (i / count) as f32,
+                ],
+                normal: [angle.cos() as f32, angle.sin() as f32, 0.0],
+                strength: 1.0,
+            }
+        };
+        (0..20 * count).map(point).collect()
+    }
+
+    #[test]
+    fn faces_on_cylinders_are_as_long_as_their_curvature_allows_within_a_fifth() {
+        for radius in [6.0, 10.0, 20.0] {
+            let limits = bend_limits(&cylinder(radius), 1.0, &CancelToken::never());
+            let middle = limits[limits.len() / 2];
+            let ratio = f64::from(middle) / (2.0 * radius.sqrt());
+            assert!((ratio - 1.0).abs() < 0.2, "{radius} {middle}");
+        }
+        // On a narrow tube the disc wraps around it.
+        let limits = bend_limits(&cylinder(2.5), 1.0, &CancelToken::never());
+        assert!(limits.iter().all(|limit| *limit < 4.0), "{limits:?}");
     }
 }

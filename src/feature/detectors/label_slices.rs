@@ -13,6 +13,7 @@
 
 use super::label_smoothing::smooth_labels;
 use crate::feature::volume::Volume;
+use crate::geometry::grid_index::index_at;
 use crate::geometry::{norm, sub};
 use crate::parallel::prelude::*;
 use crate::progress::CancelToken;
@@ -148,15 +149,18 @@ fn distances<const D: usize>(
                 }
                 let i = volume.index(at);
                 let mut best = distance_to(i, nearest[i]);
-                for k in 0..D {
-                    let before = (at[k] > 0).then(|| i - strides[k]);
-                    let after = (at[k] + 1 < dims[k]).then(|| i + strides[k]);
-                    for j in before.into_iter().chain(after) {
-                        let distance = distance_to(i, nearest[j]);
-                        if distance < best - 1e-9 {
-                            (best, nearest[i]) = (distance, nearest[j]);
-                            is_changed = true;
-                        }
+                for number in 0..3usize.pow(D as u32) {
+                    let offset: [usize; D] = index_at([3; D], number);
+                    let is_inside =
+                        (0..D).all(|k| at[k] + offset[k] > 0 && at[k] + offset[k] <= dims[k]);
+                    if !is_inside {
+                        continue;
+                    }
+                    let j = volume.index(std::array::from_fn(|k| at[k] + offset[k] - 1));
+                    let distance = distance_to(i, nearest[j]);
+                    if distance < best - 1e-9 {
+                        (best, nearest[i]) = (distance, nearest[j]);
+                        is_changed = true;
                     }
                 }
             }

@@ -7,11 +7,12 @@
 //!    where they bend, and lose what is thin.
 //! 2. Therefore the fraction of each sample's cube that each label covers is measured, and the
 //!    difference from the label of the sample, smoothed over [`UPDATE_RATIO`] sigma, is added to the
-//!    scores ([`UPDATE_ROUNDS`] times). This is Van Cittert's iteration, with the fractions in place of
-//!    a linear operator. In the limit, each interface bounds the volume of the samples in every
-//!    neighbourhood of that width, not only in total.
+//!    scores ([`UPDATE_ROUNDS`] times, and as often after step 3). This is Van Cittert's iteration, with
+//!    the fractions in place of a linear operator. In the limit, each interface bounds the volume of the
+//!    samples in every neighbourhood of that width, not only in total.
 //! 3. What is thinner than the filter needs more: where the smoothed difference is above
-//!    [`THIN_THRESHOLD`], it is added again with a narrow filter, until no such place is left.
+//!    [`THIN_THRESHOLD`], it is added again with a narrow filter, until no such place is left or
+//!    [`MAX_THIN_ROUNDS`] times.
 //! 4. If the interface is bounded by the samples, a sample that another label still wins gets its own
 //!    label back, with a small lead. So no interface passes the centre of a sample.
 //!
@@ -32,8 +33,9 @@ const FILTER_RATIO: f64 = 1.2;
 /// Width of the filter of updates, in widths of the first filter. A narrower one brings back the steps of
 /// the samples: on a ball of radius 16, normals deviate by 5.7 degrees rms with 1.0 and 4.1 with 1.6.
 const UPDATE_RATIO: f64 = 1.6;
-/// Number of updates everywhere.
-const UPDATE_ROUNDS: usize = 3;
+/// Number of updates everywhere, and again after the corrections of thin parts, which make some of these too
+/// thick.
+const UPDATE_ROUNDS: usize = 2;
 /// Width of the filter for thin parts, in samples.
 const THIN_SIGMA: f64 = 0.7;
 /// Smallest smoothed difference of fractions, from -2 to 2, that is corrected in thin parts. The steps of
@@ -69,49 +71,49 @@ pub fn smooth_labels<const D: usize>(
         lead: vec![0.0; label.len()],
     };
     result.update(&grid, &bricks, |_| true);
+    let everywhere = UpdateFilter {
+        sigma: UPDATE_RATIO * sigma,
+        threshold: 0.0,
+        gain: 1.0,
+    };
+    let in_thin_parts = UpdateFilter {
+        sigma: THIN_SIGMA,
+        threshold: THIN_THRESHOLD,
+        gain: THIN_GAIN,
+    };
+    let steps = [
+        (&everywhere, UPDATE_ROUNDS),
+        (&in_thin_parts, MAX_THIN_ROUNDS),
+        (&everywhere, UPDATE_ROUNDS),
+    ];
     let mut differences: Vec<Vec<Difference>> = vec![Vec::new(); bricks.len()];
     let mut has_changed = vec![true; bricks.len()];
-    for round in 0..UPDATE_ROUNDS + MAX_THIN_ROUNDS {
-        if cancel.is_cancelled() {
-            break;
+    for (filter, rounds) in steps {
+        for round in 0..rounds {
+            if cancel.is_cancelled() || round > 0 && !has_changed.contains(&true) {
+                break;
+            }
+            let is_affected = grid.dilated(&has_changed, 1);
+            let measured = differences.par_iter_mut().enumerate();
+            measured.for_each(|(number, differences)| {
+                if is_affected[number] {
+                    *differences = grid.differences(number, label, &result);
+                }
+            });
+            // A new filter has to see every brick.
+            let is_affected = if round == 0 {
+                vec![true; bricks.len()]
+            } else {
+                grid.dilated(&has_changed, 1 + radius(filter.sigma))
+            };
+            has_changed = (bricks.par_iter_mut().enumerate())
+                .map(|(number, brick)| {
+                    is_affected[number]
+                        && brick.add_differences(&grid, number, &differences, filter, cancel)
+                })
+                .collect();
+            result.update(&grid, &bricks, |number| has_changed[number]);
         }
-        let filter = if round < UPDATE_ROUNDS {
-            UpdateFilter {
-                sigma: UPDATE_RATIO * sigma,
-                threshold: 0.0,
-                gain: 1.0,
-            }
-        } else {
-            UpdateFilter {
-                sigma: THIN_SIGMA,
-                threshold: THIN_THRESHOLD,
-                gain: THIN_GAIN,
-            }
-        };
-        let is_affected = grid.dilated(&has_changed, 1);
-        let measured = differences.par_iter_mut().enumerate();
-        measured.for_each(|(number, differences)| {
-            if is_affected[number] {
-                *differences = grid.differences(number, label, &result);
-            }
-        });
-        let reach = radius(filter.sigma);
-        // In the first thin round, the filter is another one, so that every brick is visited.
-        let is_affected = if round == UPDATE_ROUNDS {
-            vec![true; bricks.len()]
-        } else {
-            grid.dilated(&has_changed, 1 + reach)
-        };
-        has_changed = (bricks.par_iter_mut().enumerate())
-            .map(|(number, brick)| {
-                is_affected[number]
-                    && brick.add_differences(&grid, number, &differences, &filter, cancel)
-            })
-            .collect();
-        if !has_changed.contains(&true) {
-            break;
-        }
-        result.update(&grid, &bricks, |number| has_changed[number]);
     }
     if is_bounded {
         let samples = result.winner.iter_mut().zip(&mut result.lead);
@@ -643,8 +645,7 @@ mod tests {
     }
 
     #[test]
-    fn plates_of_one_sample_and_bars_of_two_keep_their_samples_and_their_volumes_within_an_eighth()
-    {
+    fn plates_of_one_sample_and_bars_of_two_keep_their_samples_and_their_volumes_within_a_tenth() {
         let plate = |x: [f64; 3]| x[2] == 8.0 && x[0] > 4.0 && x[0] < 30.0 && x[1] > 5.0;
         let tilted = |x: [f64; 3]| ((x[0] + 2.0 * x[2]) / 2.0).floor() == 17.0;
         let bar = |x: [f64; 3]| (9.0..11.0).contains(&x[0]) && (11.0..13.0).contains(&x[1]);
@@ -655,11 +656,11 @@ mod tests {
         ] {
             let (label, map) = smoothed([36, 34, 20], inside);
             let ratio = volume_ratio(&label, &map);
-            assert!((ratio - 1.0).abs() < 0.125, "{name} {ratio}");
+            assert!((ratio - 1.0).abs() < 0.1, "{name} {ratio}");
             assert_eq!(map.winner, label, "{name}");
         }
         let (label, map) = smoothed([40, 36], |x| x[1] == 17.0 && x[0] > 3.0);
-        assert!((volume_ratio(&label, &map) - 1.0).abs() < 0.125);
+        assert!((volume_ratio(&label, &map) - 1.0).abs() < 0.1);
         assert_eq!(map.winner, label);
     }
 

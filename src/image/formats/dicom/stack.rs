@@ -190,7 +190,8 @@ fn check_distances(
         .collect();
     let mut sorted = gaps.clone();
     sorted.sort_by(f64::total_cmp);
-    let median = sorted[sorted.len() / 2];
+    // Of two gaps in the middle, the smaller: the other may span a missing plane.
+    let median = sorted[(sorted.len() - 1) / 2];
     let is_even = |gap: f64| (gap - median).abs() <= 2.0 * MAX_UNEVENNESS * median;
     let line = |k: usize| {
         let share = k as f64 / (order.len() - 1) as f64;

@@ -7,9 +7,11 @@
 //! - `job`: the verb `mesh`
 //! - `check`: which files a job reads and writes, and whether it may
 //! - `trace`: the lattices of a job as files
+//! - `image_cache`: images that stay in memory after they were read from files
 //! - `others`: the files beside the mesh of a job: report, page, surfaces, lines, potential
 
 mod check;
+mod image_cache;
 mod job;
 mod others;
 mod trace;
@@ -29,8 +31,9 @@ use crate::mesh_file::AnyMesh;
 use crate::progress::Progress;
 use crate::store::read_any_mesh_with_notes;
 use crate::surface_file::AnySurfaces;
+pub use image_cache::ImageCache;
 #[cfg(feature = "cli")]
-pub(crate) use {check::check_files, job::run_distributed};
+pub(crate) use {check::check_files, check::output_path, job::run_distributed};
 
 /// Meshes and images in memory by name, such as `<volume>`. All other names are those of files.
 #[derive(Debug, Default)]
@@ -41,6 +44,8 @@ pub struct Objects {
     pub images: HashMap<PathBuf, Arc<AnyImage>>,
     /// `true` if the main result of a verb is kept in memory if its name begins with `<`.
     pub keeps_results: bool,
+    /// Images of files that stay in memory once they are read, if any do.
+    pub read_images: Option<ImageCache>,
 }
 
 impl Objects {
@@ -52,9 +57,10 @@ impl Objects {
     }
 
     fn read_image(&self, name: &Path, input: &InputOptions) -> Result<AnyImage> {
-        match self.image(name, input)? {
-            Some(image) => Ok(image),
-            None => read_with_options(name, input),
+        match (self.image(name, input)?, &self.read_images) {
+            (Some(image), _) => Ok(image),
+            (None, Some(cache)) => cache.read(name, input),
+            (None, None) => read_with_options(name, input),
         }
     }
 
@@ -83,7 +89,11 @@ impl Objects {
     }
 
     fn hash(&self, name: &Path) -> Result<String> {
-        self.known_hash(name).map_or_else(|| file_hash(name), Ok)
+        match (self.known_hash(name), &self.read_images) {
+            (Some(hash), _) => Ok(hash),
+            (None, Some(cache)) => cache.hash(name),
+            (None, None) => file_hash(name),
+        }
     }
 
     fn keeps(&self, name: &Path) -> bool {

@@ -60,6 +60,7 @@ mod round_trips;
 mod scans;
 mod scans_files;
 mod scans_labels;
+mod script;
 mod seeding;
 mod segment;
 mod simulators;

@@ -293,5 +293,5 @@ fn kept_name(output: &Path) -> PathBuf {
     name.into()
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "cli"))]
 mod tests;

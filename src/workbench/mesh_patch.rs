@@ -1,4 +1,4 @@
-//! What an action changed in a mesh, for those who show it.
+//! The nodes, cells and values that an action changed in a mesh, for those who show it.
 
 use serde_json::{Value, json};
 

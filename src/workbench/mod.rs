@@ -46,7 +46,7 @@ pub struct Action<'a> {
 pub struct Reply {
     /// The report of the verb.
     pub answer: Answer,
-    /// What changed in the mesh.
+    /// The nodes, cells and values that changed.
     pub patch: MeshPatch,
 }
 

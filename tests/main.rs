@@ -76,5 +76,6 @@ mod verdict;
 mod voronoi;
 mod vtk;
 mod wells;
+mod workbench;
 mod xu;
 mod zarr;

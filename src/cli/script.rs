@@ -1,6 +1,7 @@
 //! Scripts: commands as the lines of a text, which a resident session runs.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use clap::Parser;
 use serde_json::{Value, json};
@@ -25,6 +26,7 @@ pub(crate) fn run_script(path: &Path, progress: &mut dyn Progress) -> Result<Ans
     let (mut texts, mut reports) = (Vec::new(), Vec::new());
     let text = read_text(path)?;
     for (line, number) in text.lines().zip(1..).filter(|(line, _)| is_command(line)) {
+        let start = Instant::now();
         let (answer, patch) = run_line(&mut workbench, line, progress).map_err(|error| {
             let place = format!("{}:{number}: {}", path.display(), error.cause().place);
             error.with_place(place)
@@ -37,6 +39,7 @@ pub(crate) fn run_script(path: &Path, progress: &mut dyn Progress) -> Result<Ans
             "command": line.trim(),
             "report": answer.json,
             "change": patch.map(|patch| patch.to_json()),
+            "seconds": start.elapsed().as_secs_f64(),
         }));
     }
     workbench.write_meshes()?;

@@ -292,6 +292,3 @@ fn kept_name(output: &Path) -> PathBuf {
     name.push(output.file_name().unwrap_or(output.as_os_str()));
     name.into()
 }
-
-#[cfg(all(test, feature = "cli"))]
-mod tests;

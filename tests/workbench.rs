@@ -1,14 +1,30 @@
-use std::fs;
+//! Tests the resident session, with the lines of scripts.
 
-use super::*;
-use crate::cli::run_line;
-use crate::geometry::random::Random;
-use crate::image::synth::SynthSpec;
-use crate::mesh::Mesh;
-use crate::mesh::check::check;
-use crate::mesh_file::with_mesh;
-use crate::progress::NoProgress;
-use crate::store::StoredMesh;
+use std::fs;
+use std::path::PathBuf;
+
+use atomesh::cli::run_line;
+use atomesh::mesh::Mesh;
+use atomesh::mesh::check::check;
+use atomesh::mesh_file::AnyMesh;
+use atomesh::progress::NoProgress;
+use atomesh::store::StoredMesh;
+use atomesh::workbench::{MeshPatch, Workbench};
+use atomesh::{Result, SynthSpec, with_mesh};
+
+/// Random numbers.
+struct Random(u64);
+
+impl Random {
+    /// Returns a number from 0 to `bound`, without `bound`.
+    fn below(&mut self, bound: f64) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f64 / (1u64 << 24) as f64 * bound
+    }
+}
 
 /// A folder with an image, and a session on it.
 struct Bench {
@@ -25,7 +41,7 @@ impl Bench {
             dims: dims.parse().unwrap(),
             ..SynthSpec::default()
         };
-        let image = crate::synth("faults".parse().unwrap(), &spec).unwrap();
+        let image = atomesh::synth("faults".parse().unwrap(), &spec).unwrap();
         image.write(&folder.path().join("image.npy")).unwrap();
         let mut bench = Self {
             folder,
@@ -42,7 +58,8 @@ impl Bench {
 
     /// Runs a line, in which the names of files are words in capitals.
     fn run(&mut self, line: &str) -> Result<Option<MeshPatch>> {
-        let [image, mesh] = ["image.npy", "mesh.vtu"].map(|name| path_text(&self.path(name)));
+        let [image, mesh] =
+            ["image.npy", "mesh.vtu"].map(|name| self.path(name).display().to_string());
         let line = line.replace("IMAGE", &image).replace("MESH", &mesh);
         run_line(&mut self.workbench, &line, &mut NoProgress).map(|(_, patch)| patch)
     }
@@ -61,7 +78,7 @@ impl Bench {
     /// Returns a line of a random kind at a random place.
     fn random_line(&self, random: &mut Random) -> String {
         let nodes = with_mesh!(self.mesh().unwrap(), file => file.mesh.nodes().len());
-        let coordinate = |&n: &usize| (random.range(0.0, (n - 1) as f64) * 8.0).round() / 8.0;
+        let coordinate = |&n: &usize| (random.below((n - 1) as f64) * 8.0).round() / 8.0;
         let place: Vec<String> = self
             .dims
             .iter()
@@ -69,8 +86,8 @@ impl Bench {
             .map(|x| x.to_string())
             .collect();
         let place = place.join(",");
-        let atom = random.range(0.0, nodes as f64) as usize;
-        match random.range(0.0, 7.0) as usize {
+        let atom = random.below(nodes as f64) as usize;
+        match random.below(7.0) as usize {
             0 => format!("edit MESH IMAGE -o MESH --add {place}"),
             1 => format!("edit MESH IMAGE -o MESH --add {place} --free"),
             2 | 3 => format!("edit MESH IMAGE -o MESH --move {atom}:{place} --free"),
@@ -122,7 +139,7 @@ fn check_patch(patch: &MeshPatch, copy: &mut (Vec<f64>, Vec<u32>), mesh: &AnyMes
 /// Runs random actions with undo and redo between them.
 fn check_random_actions(dims: &str, options: &str, count: usize) {
     let mut bench = Bench::new(dims, options);
-    let mut random = Random::new(7);
+    let mut random = Random(7);
     // The bytes of the mesh after each action that is done.
     let mut history = vec![bench.bytes()];
     let mut copy = (Vec::new(), Vec::new());
@@ -131,7 +148,7 @@ fn check_random_actions(dims: &str, options: &str, count: usize) {
     check_patch(&patch, &mut copy, bench.mesh().unwrap());
     let (mut position, mut refused) = (0, 0);
     for _ in 0..count {
-        let kind = random.draw();
+        let kind = random.below(1.0);
         let patch = if kind < 0.2 && position > 0 {
             position -= 1;
             bench.workbench.undo()

@@ -24,6 +24,7 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use crate::Result;
+use crate::edit::EditCache;
 use crate::export::convert::open_with_options;
 use crate::files::output::path_text;
 use crate::image::formats::{AnyImage, InputOptions, OpenedImage, file_hash, read_with_options};
@@ -44,8 +45,8 @@ pub struct Objects {
     pub images: HashMap<PathBuf, Arc<AnyImage>>,
     /// `true` if the main result of a verb is kept in memory if its name begins with `<`.
     pub keeps_results: bool,
-    /// Images of files that stay in memory once they are read, if any do.
-    pub read_images: Option<ImageCache>,
+    /// Data of files that stay in memory between verbs, if they do.
+    pub resident: Option<ResidentData>,
 }
 
 impl Objects {
@@ -57,9 +58,9 @@ impl Objects {
     }
 
     fn read_image(&self, name: &Path, input: &InputOptions) -> Result<AnyImage> {
-        match (self.image(name, input)?, &self.read_images) {
+        match (self.image(name, input)?, &self.resident) {
             (Some(image), _) => Ok(image),
-            (None, Some(cache)) => cache.read(name, input),
+            (None, Some(resident)) => resident.images.read(name, input),
             (None, None) => read_with_options(name, input),
         }
     }
@@ -89,9 +90,9 @@ impl Objects {
     }
 
     fn hash(&self, name: &Path) -> Result<String> {
-        match (self.known_hash(name), &self.read_images) {
+        match (self.known_hash(name), &self.resident) {
             (Some(hash), _) => Ok(hash),
-            (None, Some(cache)) => cache.hash(name),
+            (None, Some(resident)) => resident.images.hash(name),
             (None, None) => file_hash(name),
         }
     }
@@ -99,6 +100,15 @@ impl Objects {
     fn keeps(&self, name: &Path) -> bool {
         self.keeps_results && name.as_os_str().as_encoded_bytes().starts_with(b"<")
     }
+}
+
+/// Data of files that stay in memory between verbs. A file that changes meanwhile is not read again.
+#[derive(Debug, Default)]
+pub struct ResidentData {
+    /// Images as they were read.
+    pub images: ImageCache,
+    /// The image of the last edit as it was prepared, with its features.
+    pub edits: EditCache,
 }
 
 /// The main result of a verb, which is written to a file or kept in memory.

@@ -25,7 +25,7 @@ use crate::files::output::{check_output, path_text};
 use crate::files::{commit_immediately, transaction};
 use crate::mesh_file::AnyMesh;
 use crate::progress::Progress;
-use crate::session::{Answer, ImageCache, Objects, Output, Session};
+use crate::session::{Answer, ImageCache, Objects, Output, ResidentData, Session};
 use crate::{Error, Result};
 use mesh_change::MeshChange;
 pub use mesh_patch::{ArrayPatch, MeshPatch};
@@ -107,7 +107,7 @@ impl Default for Workbench {
         Self {
             objects: Objects {
                 keeps_results: true,
-                read_images: Some(ImageCache::default()),
+                resident: Some(ResidentData::default()),
                 ..Objects::default()
             },
             done: Vec::new(),
@@ -187,7 +187,9 @@ impl Workbench {
     ) -> Result<T> {
         let result = self.run(progress, verb);
         // The verb may have replaced an image.
-        self.objects.read_images = Some(ImageCache::default());
+        if let Some(resident) = &mut self.objects.resident {
+            resident.images = ImageCache::default();
+        }
         result
     }
 

@@ -47,7 +47,8 @@ where
 {
     let edits = named_edits(changes);
     let progress = &mut NoProgress;
-    edit_cells(file.clone(), "mesh", image, params, &edits, false, progress)
+    let input = EditImage::new(image, params);
+    edit_cells(file.clone(), "mesh", input, &edits, false, progress)
 }
 
 /// Returns the cell whose site is nearest to a position in samples.
@@ -420,8 +421,7 @@ fn impossible_edits_of_cells_are_refused() {
     let error = edit_cells(
         file,
         "mesh",
-        &other,
-        &params,
+        EditImage::new(&other, &params),
         &edits,
         false,
         &mut NoProgress,

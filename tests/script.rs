@@ -11,7 +11,7 @@ const ACTIONS: [&str; 5] = [
     "edit OLD image.npy -o NEW --add 10.5,12,8 --move 100:16.5,9,20",
     "paint OLD -o NEW --seed 5,5,5=2 --seed 30,20,20",
     "edit OLD image.npy -o NEW --remove 90",
-    "flow OLD -o NEW --source 5,5,5 --sink 30,20,20",
+    "flow OLD -o NEW --source 5,5,5 --sink 30,20,20 --faults 0.01",
 ];
 
 #[test]

@@ -1,19 +1,17 @@
 //! Images as edits prepare them, which stay in memory between the edits of a session.
 
-use std::any::Any;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use super::whole_features::{EditImage, WholeFeatures};
 use crate::Result;
 use crate::image::Image;
 use crate::job::{MeshSpec, Params};
+use crate::memory::LastValue;
 
 /// The image of the last edit, as it was prepared for the options of its mesh, with its features. An
 /// edit of another mesh of the same image with the same options takes it over.
 #[derive(Debug, Default)]
-pub struct EditCache {
-    last: Mutex<Option<Arc<dyn Any + Send + Sync>>>,
-}
+pub struct EditCache(LastValue);
 
 impl EditCache {
     /// Returns the image that was prepared for these options, or prepares it. `hash` is that of the
@@ -27,17 +25,9 @@ impl EditCache {
         spec: &MeshSpec,
         prepare: impl FnOnce() -> Result<(Image<D>, Params<D>)>,
     ) -> Result<Arc<PreparedImage<D>>> {
-        // The entry is complete whenever the lock is released.
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = last.clone();
-        let known = known.and_then(|known| known.downcast::<PreparedImage<D>>().ok());
-        if let Some(known) = known.filter(|known| known.hash == hash && known.spec == *spec) {
-            return Ok(known);
-        }
-        *last = None;
-        let prepared = Arc::new(PreparedImage::new(hash, spec, prepare()?));
-        *last = Some(Arc::clone(&prepared) as Arc<dyn Any + Send + Sync>);
-        Ok(prepared)
+        let fits = |known: &PreparedImage<D>| known.hash == hash && known.spec == *spec;
+        let make = || Ok(PreparedImage::new(hash, spec, prepare()?));
+        self.0.get_or_make(fits, make)
     }
 }
 

@@ -29,6 +29,7 @@ use crate::export::convert::open_with_options;
 use crate::files::output::path_text;
 use crate::image::formats::{AnyImage, InputOptions, OpenedImage, file_hash, read_with_options};
 use crate::mesh_file::AnyMesh;
+use crate::model::paint::PaintCache;
 use crate::progress::Progress;
 use crate::store::read_any_mesh_with_notes;
 use crate::surface_file::AnySurfaces;
@@ -109,6 +110,8 @@ pub struct ResidentData {
     pub images: ImageCache,
     /// The image of the last edit as it was prepared, with its features.
     pub edits: EditCache,
+    /// The cells of the mesh that was painted last.
+    pub paints: PaintCache,
 }
 
 /// The main result of a verb, which is written to a file or kept in memory.

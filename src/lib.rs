@@ -8,8 +8,8 @@
 //! memory        checks that a task fits into memory
 //! progress      reports progress, stops long work, and measures its cost
 //! parallel      parallel iterators
-//! option_text   values of options as texts
 //! units         units of length and time, and their names
+//! option_text   values of options as texts
 //! names         names of objects by the rules of a format
 //! geometry      vectors, cell lists, union-find, quantiles: what all other modules use
 //! files         files that appear complete or not at all; VTK's XML format; values as bytes

@@ -278,11 +278,9 @@ impl Workbench {
     /// Returns [`Error::Io`] if a file cannot be written.
     pub fn write_meshes(&self) -> Result<()> {
         transaction(|| {
-            let meshes = self.mesh_names();
-            let meshes = meshes
-                .iter()
-                .filter_map(|name| Some((name, self.mesh(name)?)));
-            meshes.map(|(name, mesh)| mesh.write(name)).collect()
+            let names = self.mesh_names();
+            let mut meshes = (names.iter()).filter_map(|name| Some((name, self.mesh(name)?)));
+            meshes.try_for_each(|(name, mesh)| mesh.write(name))
         })
     }
 }

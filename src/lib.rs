@@ -38,6 +38,7 @@
 //! assess        quality of a mesh from a file, and a page with it
 //! surfaces      surfaces of a mesh, also by the features of an image
 //! session       verbs on files, and on objects in memory in place of files
+//! workbench     a resident session, whose actions change meshes in memory and can be undone
 //! cli           the command line (feature `cli`)
 //! ```
 //!
@@ -103,6 +104,7 @@ pub mod surface_file;
 pub mod surfaces;
 pub(crate) mod units;
 pub(crate) mod well_file;
+pub mod workbench;
 
 pub use assess::{QualitySpec, ReportSpec, quality, report};
 #[cfg(feature = "cli")]

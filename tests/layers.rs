@@ -56,7 +56,7 @@ const LAYERS: [Layer; 4] = [
     },
     Layer {
         name: "roof",
-        modules: &["edit", "assess", "surfaces", "session", "cli"],
+        modules: &["edit", "assess", "surfaces", "session", "workbench", "cli"],
         below: &["ground", "mesher", "uses"],
     },
 ];

@@ -16,6 +16,7 @@ use crate::cli::verbs::mesh::MeshArgs;
 use crate::cli::verbs::paint::PaintArgs;
 use crate::cli::verbs::quality::QualityArgs;
 use crate::cli::verbs::report::ReportArgs;
+use crate::cli::verbs::script::ScriptArgs;
 use crate::cli::verbs::segment::SegmentArgs;
 use crate::cli::verbs::setup::{CompletionsArgs, ManArgs};
 use crate::cli::verbs::slice::SliceArgs;
@@ -141,6 +142,9 @@ pub enum Verb {
         after_help = "Example:\n  atomesh synth faults -o faults.vti --truth distance.npy --dims 170,150,128"
     )]
     Synth(SynthArgs),
+    /// Runs a script of commands, whose meshes stay in memory until its end
+    #[command(after_help = "Example:\n  atomesh script steps.txt")]
+    Script(ScriptArgs),
     /// Shows how this program was built, what it runs on, and which related programs are installed
     #[command(after_help = "Example:\n  atomesh doctor")]
     Doctor,

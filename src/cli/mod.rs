@@ -3,6 +3,7 @@
 //! - [`args`]: the command line as a whole
 //! - [`verbs`]: the verbs, one file each with its arguments
 //! - [`common`]: code that several verbs share
+//! - `script`: commands as the lines of a text
 //! - `option_table`: the options of all verbs as JSON
 //! - [`console`]: the console, on which verbs print
 //! - [`interrupts`]: handling of Ctrl-C
@@ -15,12 +16,15 @@ pub mod common;
 pub mod console;
 pub mod interrupts;
 mod option_table;
+mod script;
 mod time_left;
 pub mod verbs;
 
 #[doc(hidden)]
 pub use crate::comm::world;
 pub use option_table::option_table;
+#[doc(hidden)]
+pub use script::run_line;
 
 use std::mem::ManuallyDrop;
 use std::process::ExitCode;
@@ -178,15 +182,16 @@ fn run_verb(
     }
     match &line.verb {
         Verb::Mesh(args) => return verbs::mesh::mesh(args, interrupts, console, comm),
+        Verb::Script(args) => return verbs::script::script(args, interrupts, console),
         Verb::Doctor => verbs::setup::doctor(console, has_mpi)?,
         Verb::Completions(args) => verbs::setup::completions(args),
         Verb::Man(args) => verbs::setup::man(args, console)?,
         verb => {
-            let session = Session {
+            let mut session = Session {
                 objects: &Objects::default(),
                 progress: &mut console.progress(interrupts),
             };
-            let (answer, checked) = run_session(verb, session)?;
+            let (answer, checked) = run_session(verb, &mut session)?;
             console.answer(&answer);
             checked?;
         }
@@ -195,7 +200,7 @@ fn run_verb(
 }
 
 /// Runs a verb on files. Also returns the error of a mesh that was found to be invalid.
-fn run_session(verb: &Verb, mut session: Session<'_>) -> Result<(Answer, Result<()>)> {
+fn run_session(verb: &Verb, session: &mut Session<'_>) -> Result<(Answer, Result<()>)> {
     /// Returns the result with names of options as on the command line.
     fn named<A: Args>(_: &A, result: Result<Answer>) -> Result<Answer> {
         result.map_err(with_option_name::<A>)
@@ -222,7 +227,7 @@ fn run_session(verb: &Verb, mut session: Session<'_>) -> Result<(Answer, Result<
             let checked = CheckerVerdict::require_valid(&verdicts, &path_text(&a.mesh));
             return Ok((answer, checked));
         }
-        Verb::Mesh(_) | Verb::Doctor | Verb::Completions(_) | Verb::Man(_) => {
+        Verb::Mesh(_) | Verb::Script(_) | Verb::Doctor | Verb::Completions(_) | Verb::Man(_) => {
             unreachable!("they need more than files")
         }
     };

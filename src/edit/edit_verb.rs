@@ -2,8 +2,12 @@
 
 use serde_json::{Value, json};
 
+use std::sync::Arc;
+
 use super::cells::{self, edit_cells};
+use super::edit_cache::{EditCache, PreparedImage};
 use super::edit_spec::EditSpec;
+use super::whole_features::EditImage;
 use super::{Edit, EditedMesh, Summary, edit_simplices, editable_mesh};
 use crate::error::cause;
 use crate::feature;
@@ -73,6 +77,21 @@ pub fn edit<'a>(
     spec: &EditSpec,
     progress: &mut dyn Progress,
 ) -> Result<EditOutcome> {
+    edit_with_cache(mesh, image, spec, None, progress)
+}
+
+/// Edits a mesh as [`edit`] does. With a cache, all edits of an image share its features, which the
+/// first of them detects in the whole image; an image whose hash is not known is not shared.
+///
+/// # Errors
+/// Returns the errors of [`edit`].
+pub fn edit_with_cache<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    image: impl Into<ImageInput<'a>>,
+    spec: &EditSpec,
+    cache: Option<&EditCache>,
+    progress: &mut dyn Progress,
+) -> Result<EditOutcome> {
     spec.validate()?;
     let MeshInput {
         mesh,
@@ -84,6 +103,7 @@ pub fn edit<'a>(
         name,
         image: image.into(),
         read_image,
+        cache,
         progress,
     };
     with_mesh!(mesh,
@@ -111,8 +131,7 @@ pub fn input_options(mesh: &AnyMesh, name: &str, input: &InputOptions) -> Result
 type EditFn<const D: usize, M> = fn(
     MeshFile<M>,
     &str,
-    &Image<D>,
-    &Params<D>,
+    EditImage<'_, D>,
     &[Edit<D>],
     bool,
     &mut dyn Progress,
@@ -125,6 +144,7 @@ struct EditRun<'a> {
     name: &'a str,
     image: ImageInput<'a>,
     read_image: ReadImage<'a>,
+    cache: Option<&'a EditCache>,
     progress: &'a mut dyn Progress,
 }
 
@@ -144,19 +164,19 @@ impl EditRun<'_> {
         let (mut recorded, mut notes) = recorded_spec(self.name, &file)?;
         recorded.input = self.spec.input.with_fallback(&recorded.input);
         notes.extend(notes_on_input(&self.image, &file, &dropped));
-        let image = self.image.checked()?;
-        let (image, params) = prepare_image(image, &recorded, self.read_image)?;
+        let hash = self.image.sha256.clone();
+        let (image, read_image) = (self.image, self.read_image);
+        let prepare = || prepare_image(image.checked()?, &recorded, read_image);
+        let shared = self.cache.zip(hash);
+        let prepared = match &shared {
+            Some((cache, hash)) => cache.prepared(hash, &recorded, prepare)?,
+            None => Arc::new(PreparedImage::new("", &recorded, prepare()?)),
+        };
+        let input = prepared.for_edit(shared.is_some());
+        let image = input.image;
         let before = file.mesh.len();
         let free = self.spec.free;
-        let edited = edit(
-            file,
-            self.name,
-            &image,
-            &params,
-            &edits,
-            free,
-            self.progress,
-        )?;
+        let edited = edit(file, self.name, input, &edits, free, self.progress)?;
         let mut summary = edited.summary;
         summary.notes.splice(0..0, notes);
         Ok(EditOutcome {
@@ -167,8 +187,8 @@ impl EditRun<'_> {
                 summary,
             },
             mesh: {
-                let file = with_live(edited.file, &image)?;
-                with_image(file, ImageSource::InMemory(&image))?.into()
+                let file = with_live(edited.file, image)?;
+                with_image(file, ImageSource::InMemory(image))?.into()
             },
         })
     }

@@ -3,6 +3,7 @@
 
 use super::Edit;
 use super::resolve::{EditGroup, INFLUENCE_RADIUS};
+use super::whole_features::WholeFeatures;
 use super::window::EditWindow;
 use crate::Result;
 use crate::feature::resolved::detection_reach;
@@ -26,6 +27,8 @@ pub struct Context<'a, const D: usize> {
     pub beta: Beta<D>,
     /// All edits.
     pub edits: &'a [Edit<D>],
+    /// The features of the whole image, if they are known.
+    pub whole_features: Option<&'a WholeFeatures<D>>,
 }
 
 impl<'a, const D: usize> Context<'a, D> {
@@ -41,6 +44,7 @@ impl<'a, const D: usize> Context<'a, D> {
         step: [f64; D],
     ) -> Result<Self> {
         Ok(Self {
+            whole_features: None,
             image,
             params,
             resolved_options,
@@ -76,6 +80,8 @@ impl<const D: usize> EditGroup<D> {
 pub struct LocalFields<const D: usize> {
     /// Features in the window.
     pub features: Features<D>,
+    /// Number of samples in which features were detected.
+    pub detected_samples: usize,
     /// Nominal distance d(x).
     pub distance: Distance<D>,
     /// Weight of the image.
@@ -83,7 +89,8 @@ pub struct LocalFields<const D: usize> {
 }
 
 impl<const D: usize> LocalFields<D> {
-    /// Computes the fields in a window of an image whose samples are `step` apart.
+    /// Computes the fields in a window of an image whose samples are `step` apart. Features are
+    /// detected there if those of the whole image are not known.
     /// `variable_distance` is called for d(x) if it is not constant.
     ///
     /// # Errors
@@ -96,15 +103,16 @@ impl<const D: usize> LocalFields<D> {
         variable_distance: impl FnOnce() -> Result<Distance<D>>,
     ) -> Result<Self> {
         let params = context.params;
-        let options = params.feature_options(step);
-        let part = window.crop(context.image);
-        let features = detect_part(
-            &part,
-            &options,
-            &context.resolved_options,
-            &window.open_sides,
-            cancel,
-        )?;
+        let (features, detected_samples) = match context.whole_features {
+            Some(whole) => (whole.in_window(window), 0),
+            None => {
+                let options = params.feature_options(step);
+                let (part, resolved) = (window.crop(context.image), &context.resolved_options);
+                let sides = &window.open_sides;
+                let features = detect_part(&part, &options, resolved, sides, cancel)?;
+                (features, window.dims.iter().product())
+            }
+        };
         let distance = match params.spacing() {
             Spacing::Constant(d) => Distance::Constant(d),
             _ => variable_distance()?,
@@ -115,6 +123,7 @@ impl<const D: usize> LocalFields<D> {
         };
         Ok(Self {
             features,
+            detected_samples,
             distance,
             beta,
         })

@@ -10,6 +10,8 @@
 //! - `resolve`: checks the edits and sorts them into groups whose neighbourhoods do not overlap
 //! - `window`: the part of an image around an edit
 //! - `local_fields`: the features, the nominal distance and the image weight in a window
+//! - `whole_features`: the features of a whole image, which several edits share
+//! - `edit_cache`: images that stay prepared between edits
 //! - `spacing`: the nominal distance d(x) around an edit, from the nodes of the mesh
 //! - `neighbourhood`: the atoms and cells around an edit, and how they change
 //! - `editable_mesh`: a mesh of simplices whose nodes and cells can be replaced
@@ -18,6 +20,7 @@
 //! - `cells`: local edits of Voronoi cells
 
 pub(crate) mod cells;
+mod edit_cache;
 mod edit_spec;
 mod edit_verb;
 pub(crate) mod editable_mesh;
@@ -25,10 +28,13 @@ pub(crate) mod local_fields;
 pub(crate) mod neighbourhood;
 pub(crate) mod resolve;
 pub(crate) mod spacing;
+mod whole_features;
 pub(crate) mod window;
 
+pub use edit_cache::EditCache;
 pub use edit_spec::{AtomMove, AtomNumber, EditSpec};
-pub use edit_verb::{EditOutcome, EditReport, edit, input_options};
+pub use edit_verb::{EditOutcome, EditReport, edit, edit_with_cache, input_options};
+pub use whole_features::{EditImage, WholeFeatures};
 
 use serde::Serialize;
 
@@ -101,7 +107,8 @@ pub struct EditedMesh<M> {
     pub summary: Summary,
 }
 
-/// Edits a mesh that [`job::run`](crate::job::run()) made of `image` with the parameters `params`.
+/// Edits a mesh that [`job::run`](crate::job::run()) made of the image and with the parameters of
+/// `input`.
 ///
 /// Added and moved atoms stay exactly where the edits put them, unless `free` is `true`: then they
 /// start there and move like other atoms. `place` names the mesh in error messages.
@@ -118,12 +125,12 @@ pub struct EditedMesh<M> {
 pub fn edit_simplices<const D: usize, M: Reshape<D>>(
     file: MeshFile<M>,
     place: &str,
-    image: &Image<D>,
-    params: &Params<D>,
+    input: EditImage<'_, D>,
     edits: &[Edit<D>],
     free: bool,
     progress: &mut dyn Progress,
 ) -> Result<EditedMesh<M>> {
+    let EditImage { image, params, .. } = input;
     refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
     let mut stages = EditStages { clock, progress };
@@ -141,7 +148,8 @@ pub fn edit_simplices<const D: usize, M: Reshape<D>>(
         Some(resolved) => resolved,
         None => stages.resolve_detection(image, params, step, &mut summary, fields)?,
     };
-    let context = Context::new(image, params, edits, resolved, step)?;
+    let mut context = Context::new(image, params, edits, resolved, step)?;
+    context.whole_features = stages.whole_features(input, &context, step)?;
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&editable.lattice(), edits, free)
     })?;
@@ -228,6 +236,36 @@ impl EditStages<'_> {
         Ok(resolved)
     }
 
+    /// Returns the features of the whole image, if several edits share them. Detects them if this
+    /// is the first of these edits. `context` has the options of the detection. Features of labels and
+    /// of large images are not shared.
+    ///
+    /// # Errors
+    /// Returns the errors of the detection.
+    fn whole_features<'b, const D: usize>(
+        &mut self,
+        input: EditImage<'b, D>,
+        context: &Context<'_, D>,
+        step: [f64; D],
+    ) -> Result<Option<&'b WholeFeatures<D>>> {
+        let samples = input.image.dims().iter().product::<usize>();
+        let has_labels = context.resolved_options.iter().any(|r| r.kind.has_labels());
+        let Some(shared) = input
+            .features
+            .filter(|_| samples <= MAX_SHARED_SAMPLES && !has_labels)
+        else {
+            return Ok(None);
+        };
+        if let Some(known) = shared.get() {
+            return Ok(Some(known));
+        }
+        let (params, resolved) = (context.params, &context.resolved_options);
+        let features = self.run_stage(Stage::FeaturesEverywhere, |cancel| {
+            WholeFeatures::detect(input.image, params, resolved, step, cancel)
+        })?;
+        Ok(Some(shared.get_or_init(|| features)))
+    }
+
     /// Runs `work` as a stage and returns its result.
     ///
     /// # Errors
@@ -293,6 +331,10 @@ fn refuse_invalid<const D: usize, M: Simplices<D>>(parts: &[M; 2]) -> Result<()>
         "give other positions, or mesh the image again; please also report this error, with the mesh",
     )))
 }
+
+/// Largest number of samples of an image whose features edits share. In larger images, the first edit
+/// would wait minutes for them.
+const MAX_SHARED_SAMPLES: usize = 1 << 24;
 
 /// Maximum relative difference between the volume of the rebuilt cells and that of the cells they
 /// replace.

@@ -202,7 +202,7 @@ impl<const D: usize, M: Reshape<D>> Neighbourhood<D, M> {
         options.temperature = remaining.iter().map(temperature).collect();
         options.temperature.extend(vec![0.0; frozen_count]);
         summary.movable_atoms += options.temperature.iter().filter(|t| **t > 0.0).count();
-        summary.samples += fields.features.potential.dims.iter().product::<usize>();
+        summary.samples += fields.detected_samples;
 
         let extent = self.window.extent();
         let mobility = atoms.mobility(extent);
@@ -566,6 +566,7 @@ mod tests {
                 potential: SparseField::from_field(&potential),
                 ..Features::empty([61, 61], &DetectionOptions::default())
             },
+            detected_samples: 0,
             distance: Distance::Constant(d),
             beta: Beta::Constant(0.6),
         };

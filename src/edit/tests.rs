@@ -66,8 +66,7 @@ fn edit_mesh<const D: usize, M: Reshape<D>>(
     edit_simplices(
         file.clone(),
         "mesh",
-        image,
-        params,
+        EditImage::new(image, params),
         &edits,
         false,
         &mut NoProgress,
@@ -496,8 +495,7 @@ fn impossible_edits_are_refused() {
     let error = edit_simplices(
         file,
         "mesh",
-        &other,
-        &params,
+        EditImage::new(&other, &params),
         &edits,
         false,
         &mut NoProgress,

@@ -19,8 +19,8 @@ pub(crate) mod text;
 pub mod vtk;
 
 pub use atomic::{
-    Batch, atomic_write, check_target, check_tree, exit_without_unfinished, remove_unfinished,
-    transaction,
+    Batch, atomic_write, check_target, check_tree, commit_immediately, exit_without_unfinished,
+    remove_unfinished, transaction,
 };
 pub use open::{open, read};
 pub use read_at::read_exact_at;

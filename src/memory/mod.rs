@@ -3,6 +3,7 @@
 //! The memory of large tasks is estimated from measured figures. The available memory comes from
 //! the operating system, or from the user ([`set_limit`]).
 
+mod last_value;
 #[cfg_attr(target_arch = "wasm32", path = "wasm.rs")]
 mod system;
 
@@ -11,6 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use crate::error::cause;
 use crate::{Error, Result};
+pub(crate) use last_value::LastValue;
 use system::{available_bytes, used_bytes};
 
 /// Largest memory of the process in bytes; `u64::MAX` if the user sets no limit.

@@ -7,6 +7,7 @@
 //! between cell centres alone would be longer everywhere, by up to a half; the fewer faces a cell
 //! has, the longer they would be.
 
+use std::borrow::Borrow;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -16,10 +17,11 @@ use crate::mesh::Mesh;
 use crate::mesh::complex::NONE;
 use crate::model::surface::adjacency::CellAdjacency;
 
-/// Shortest-path search on the cells of a mesh: the cells and the planes of their faces.
+/// Shortest-path search on the cells of a mesh: the cells, borrowed or owned, and the planes of their
+/// faces.
 #[derive(Debug, Clone)]
-pub struct Geodesics<'a, const D: usize> {
-    cells: &'a CellAdjacency<D>,
+pub struct Geodesics<C, const D: usize> {
+    cells: C,
     /// The faces of all cells; those of cell c are `start[c]..start[c + 1]`.
     sides: Vec<CellFacePlane<D>>,
     start: Vec<u32>,
@@ -64,10 +66,10 @@ struct TurningPoint<const D: usize> {
     cost: f64,
 }
 
-impl<'a, const D: usize> Geodesics<'a, D> {
+impl<const D: usize, C: Borrow<CellAdjacency<D>>> Geodesics<C, D> {
     /// Prepares the search on a mesh of convex cells. `face_cells` is the result of
     /// [`Mesh::cells_of_faces`], and `cells` are the cells of the mesh.
-    pub fn new<F: Mesh<D>>(mesh: &F, face_cells: &[[u32; 2]], cells: &'a CellAdjacency<D>) -> Self {
+    pub fn new<F: Mesh<D>>(mesh: &F, face_cells: &[[u32; 2]], cells: C) -> Self {
         let nodes = mesh.nodes();
         let (mut owners, mut planes) = (Vec::new(), Vec::new());
         let mut links = 0;
@@ -104,7 +106,8 @@ impl<'a, const D: usize> Geodesics<'a, D> {
             }
             links += u32::from(second != NONE);
         }
-        let (start, order) = sort_by_group(cells.len(), owners.iter().copied());
+        let cell_count = cells.borrow().len();
+        let (start, order) = sort_by_group(cell_count, owners.iter().copied());
         let sides = order.iter().map(|&i| planes[i as usize]).collect();
         Self {
             cells,
@@ -123,7 +126,7 @@ impl<'a, const D: usize> Geodesics<'a, D> {
         penalty: impl Fn(usize) -> f64,
         max_cost: f64,
     ) -> Arrivals {
-        let cells = self.cells;
+        let cells = self.cells();
         let mut arrivals = Arrivals {
             cost: vec![f64::INFINITY; cells.len()],
             label: vec![None; cells.len()],
@@ -201,8 +204,8 @@ impl<'a, const D: usize> Geodesics<'a, D> {
     }
 
     /// Returns the cells.
-    pub fn cells(&self) -> &'a CellAdjacency<D> {
-        self.cells
+    pub fn cells(&self) -> &CellAdjacency<D> {
+        self.cells.borrow()
     }
 
     /// Returns the cost of the straight path to the centre of a cell, or `None` if the path crosses
@@ -214,10 +217,10 @@ impl<'a, const D: usize> Geodesics<'a, D> {
         passes: impl Fn(usize) -> bool,
         penalty: impl Fn(usize) -> f64,
     ) -> Option<f64> {
-        let direction = sub(self.cells.centres[target as usize], start_point.position);
+        let direction = sub(self.cells().centres[target as usize], start_point.position);
         let (mut cell, mut entry_link, mut cost) = (start_point.cell, None, norm(direction));
         // Because of rounding, the walk may circle around an edge endlessly.
-        let max_steps = 64 + 8 * self.cells.len().isqrt();
+        let max_steps = 64 + 8 * self.cells().len().isqrt();
         for _ in 0..max_steps {
             if cell == target {
                 return Some(cost);
@@ -238,7 +241,7 @@ impl<'a, const D: usize> Geodesics<'a, D> {
             }
             cost += penalty(exit_link as usize);
             entry_link = Some(exit_link);
-            let [a, b] = self.cells.links[exit_link as usize].cells;
+            let [a, b] = self.cells().links[exit_link as usize].cells;
             cell = if a == cell { b } else { a };
         }
         None

@@ -7,9 +7,11 @@
 //! - `job`: the verb `mesh`
 //! - `check`: which files a job reads and writes, and whether it may
 //! - `trace`: the lattices of a job as files
+//! - `image_cache`: images that stay in memory after they were read from files
 //! - `others`: the files beside the mesh of a job: report, page, surfaces, lines, potential
 
 mod check;
+mod image_cache;
 mod job;
 mod others;
 mod trace;
@@ -22,15 +24,18 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use crate::Result;
+use crate::edit::EditCache;
 use crate::export::convert::open_with_options;
 use crate::files::output::path_text;
 use crate::image::formats::{AnyImage, InputOptions, OpenedImage, file_hash, read_with_options};
 use crate::mesh_file::AnyMesh;
+use crate::model::paint::PaintCache;
 use crate::progress::Progress;
 use crate::store::read_any_mesh_with_notes;
 use crate::surface_file::AnySurfaces;
+pub use image_cache::ImageCache;
 #[cfg(feature = "cli")]
-pub(crate) use {check::check_files, job::run_distributed};
+pub(crate) use {check::check_files, check::output_path, job::run_distributed};
 
 /// Meshes and images in memory by name, such as `<volume>`. All other names are those of files.
 #[derive(Debug, Default)]
@@ -41,6 +46,8 @@ pub struct Objects {
     pub images: HashMap<PathBuf, Arc<AnyImage>>,
     /// `true` if the main result of a verb is kept in memory if its name begins with `<`.
     pub keeps_results: bool,
+    /// Data of files that stay in memory between verbs, if they do.
+    pub resident: Option<ResidentData>,
 }
 
 impl Objects {
@@ -52,9 +59,10 @@ impl Objects {
     }
 
     fn read_image(&self, name: &Path, input: &InputOptions) -> Result<AnyImage> {
-        match self.image(name, input)? {
-            Some(image) => Ok(image),
-            None => read_with_options(name, input),
+        match (self.image(name, input)?, &self.resident) {
+            (Some(image), _) => Ok(image),
+            (None, Some(resident)) => resident.images.read(name, input),
+            (None, None) => read_with_options(name, input),
         }
     }
 
@@ -83,12 +91,27 @@ impl Objects {
     }
 
     fn hash(&self, name: &Path) -> Result<String> {
-        self.known_hash(name).map_or_else(|| file_hash(name), Ok)
+        match (self.known_hash(name), &self.resident) {
+            (Some(hash), _) => Ok(hash),
+            (None, Some(resident)) => resident.images.hash(name),
+            (None, None) => file_hash(name),
+        }
     }
 
     fn keeps(&self, name: &Path) -> bool {
         self.keeps_results && name.as_os_str().as_encoded_bytes().starts_with(b"<")
     }
+}
+
+/// Data of files that stay in memory between verbs. A file that changes meanwhile is not read again.
+#[derive(Debug, Default)]
+pub struct ResidentData {
+    /// Images as they were read.
+    pub images: ImageCache,
+    /// The image of the last edit as it was prepared, with its features.
+    pub edits: EditCache,
+    /// The cells of the mesh that was painted last.
+    pub paints: PaintCache,
 }
 
 /// The main result of a verb, which is written to a file or kept in memory.

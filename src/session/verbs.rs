@@ -7,7 +7,7 @@ use serde_json::json;
 use super::{Answer, Output, Session};
 use crate::Result;
 use crate::assess::{QualitySpec, ReportSpec};
-use crate::edit::{EditSpec, input_options};
+use crate::edit::{EditSpec, edit_with_cache, input_options};
 use crate::export::convert::{ConvertSpec, Converted};
 use crate::export::surfaces::vtp::read_shapes;
 use crate::export::{ExportFormat, ExportSpec};
@@ -18,7 +18,7 @@ use crate::job::FeatureSpec;
 use crate::model::columns::given::GivenHorizon;
 use crate::model::columns::{ColumnsInput, ColumnsSpec};
 use crate::model::flow::FlowSpec;
-use crate::model::paint::PaintSpec;
+use crate::model::paint::{PaintSpec, paint_with_cache};
 use crate::model::segment::SegmentSpec;
 use crate::model::slice::{SliceInput, SliceSpec};
 use crate::model::validate::CheckerVerdict;
@@ -181,7 +181,7 @@ impl Session<'_> {
     /// Edits the atoms of a mesh of an image.
     ///
     /// # Errors
-    /// Returns the errors of the options, of the files, and of [`edit`](crate::edit()).
+    /// Returns the errors of the options, of the files, and of [`edit_with_cache`].
     pub fn edit(
         &mut self,
         mesh: &Path,
@@ -201,8 +201,13 @@ impl Session<'_> {
             sha256: Some(self.objects.hash(image)?),
         };
         clock.end();
+        let cache = self
+            .objects
+            .resident
+            .as_ref()
+            .map(|resident| &resident.edits);
         let outcome = self.on_read_mesh(read_mesh, mesh, |mesh, progress| {
-            crate::edit(mesh, image, spec, progress)
+            edit_with_cache(mesh, image, spec, cache, progress)
         })?;
         self.progress.stage(Stage::Writing);
         clock.begin(Stage::Writing);
@@ -242,10 +247,17 @@ impl Session<'_> {
     /// Paints the cells of a mesh.
     ///
     /// # Errors
-    /// Returns the errors of the options, of the files, and of [`paint`](crate::paint).
+    /// Returns the errors of the options, of the files, and of [`paint_with_cache`].
     pub fn paint(&mut self, mesh: &Path, output: &Path, spec: &PaintSpec) -> Result<Answer> {
         spec.check_files(mesh, output)?;
-        let outcome = self.on_mesh(mesh, |mesh, progress| crate::paint(mesh, spec, progress))?;
+        let cache = self
+            .objects
+            .resident
+            .as_ref()
+            .map(|resident| &resident.paints);
+        let outcome = self.on_mesh(mesh, |mesh, progress| {
+            paint_with_cache(mesh, spec, cache, progress)
+        })?;
         self.progress.stage(Stage::Writing);
         outcome.write_others(spec)?;
         Answer::new(outcome.table(), file_report(output, outcome.to_json(spec)))

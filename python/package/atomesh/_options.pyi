@@ -1254,6 +1254,11 @@ class SynthOptions(TypedDict, total=False):
     #: begins [default: the free memory]
     max_memory: int | None
 
+class ScriptOptions(TypedDict, total=False):
+    #: Largest memory to use, such as 8G or 500M. A job that would need more is refused before it
+    #: begins [default: the free memory]
+    max_memory: int | None
+
 class DoctorOptions(TypedDict, total=False):
     #: Largest memory to use, such as 8G or 500M. A job that would need more is refused before it
     #: begins [default: the free memory]

@@ -11,6 +11,7 @@ pub mod mesh;
 pub mod paint;
 pub mod quality;
 pub mod report;
+pub mod script;
 pub mod segment;
 pub mod setup;
 pub mod slice;

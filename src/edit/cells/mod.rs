@@ -20,11 +20,11 @@ mod rebuilt;
 mod stitching;
 
 use super::local_fields::Context;
+use super::whole_features::EditImage;
 use super::{AtomChange, Edit, EditStages, EditedMesh, Summary, history, resolve};
 use crate::Result;
-use crate::image::Image;
 use crate::job::output::resolved_options;
-use crate::job::{JoinAtoms, LatticeParams, Params};
+use crate::job::{JoinAtoms, LatticeParams};
 use crate::mesh::poly::PolyMesh;
 use crate::mesh::{Dimension, Space};
 use crate::progress::{Progress, Stage};
@@ -35,7 +35,7 @@ use editable_cells::EditableCells;
 pub use editable_cells::dropped_arrays;
 use patch::{CellNeighbourhood, CellPatch};
 
-/// Edits Voronoi cells that [`job::run`](crate::job::run()) made of `image`. It works like
+/// Edits Voronoi cells that [`job::run`](crate::job::run()) made of the image of `input`. It works like
 /// [`edit`](super::edit()) for simplices; the number of an atom is that of its cell.
 ///
 /// Nodes that are farther than five d from every edited position, and cells with only such nodes,
@@ -47,8 +47,7 @@ use patch::{CellNeighbourhood, CellPatch};
 pub fn edit_cells<const D: usize>(
     file: MeshFile<PolyMesh<D>>,
     place: &str,
-    image: &Image<D>,
-    params: &Params<D>,
+    input: EditImage<'_, D>,
     edits: &[Edit<D>],
     free: bool,
     progress: &mut dyn Progress,
@@ -56,6 +55,7 @@ pub fn edit_cells<const D: usize>(
 where
     Space<D>: Dimension<D, Mesh: JoinAtoms<D>>,
 {
+    let EditImage { image, params, .. } = input;
     super::refuse_given_surfaces(params, place)?;
     let clock = Clock::new();
     let mut stages = EditStages { clock, progress };
@@ -74,7 +74,8 @@ where
         Some(resolved) => resolved,
         None => stages.resolve_detection(image, params, step, &mut summary, fields)?,
     };
-    let context = Context::new(image, params, edits, resolved, step)?;
+    let mut context = Context::new(image, params, edits, resolved, step)?;
+    context.whole_features = stages.whole_features(input, &context, step)?;
     let groups = stages.run_stage(Stage::Neighbourhoods, |_| {
         resolve::resolve(&editable.lattice(), edits, free)
     })?;
@@ -86,7 +87,7 @@ where
         let fields = stages.run_stage(Stage::Features, |cancel| {
             neighbourhood.local_fields(&context, cancel)
         })?;
-        summary.samples += fields.features.potential.dims.iter().product::<usize>();
+        summary.samples += fields.detected_samples;
         let surface = stages.run_stage(Stage::Conforming, |cancel| {
             neighbourhood.surface(&fields, &context, cancel)
         })?;

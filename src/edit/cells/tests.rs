@@ -1,4 +1,5 @@
 use crate::geometry::grid_index::index_at;
+use crate::image::Image;
 use crate::job::spec::{DistanceSource, MeshSpec, NominalDistance};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +9,7 @@ use crate::feature::FeatureKind;
 use crate::geometry::distance2;
 use crate::geometry::squared_distance_to_face;
 use crate::job::output::cells::cell_mesh_file;
-use crate::job::{self, BOX_TOLERANCE, CellKind, MeshImage};
+use crate::job::{self, BOX_TOLERANCE, CellKind, MeshImage, Params};
 use crate::mesh::Mesh;
 use crate::mesh::check::check;
 use crate::mesh::graph::Graph;
@@ -47,7 +48,8 @@ where
 {
     let edits = named_edits(changes);
     let progress = &mut NoProgress;
-    edit_cells(file.clone(), "mesh", image, params, &edits, false, progress)
+    let input = EditImage::new(image, params);
+    edit_cells(file.clone(), "mesh", input, &edits, false, progress)
 }
 
 /// Returns the cell whose site is nearest to a position in samples.
@@ -420,8 +422,7 @@ fn impossible_edits_of_cells_are_refused() {
     let error = edit_cells(
         file,
         "mesh",
-        &other,
-        &params,
+        EditImage::new(&other, &params),
         &edits,
         false,
         &mut NoProgress,

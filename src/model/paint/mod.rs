@@ -8,15 +8,19 @@
 //! clearance: neighbouring basins are merged if the saddle between them is at least `neck` times
 //! the lower peak. Paint then flows within the block of its seed.
 //!
+//! - `paint_graph`: the cells and blocks of a mesh, which stay in memory between paints
 //! - `paint_spec`: all options of `atomesh paint`, as one value
 //! - `paint_verb`: the whole computation, from a mesh and its options
 
+mod paint_graph;
 mod paint_spec;
 mod paint_verb;
 
+pub use paint_graph::PaintCache;
 pub use paint_spec::{PaintSeed, PaintSpec};
-pub use paint_verb::{PaintOutcome, PaintedRegion, paint};
+pub use paint_verb::{PaintOutcome, PaintedRegion, paint, paint_with_cache};
 
+use std::borrow::Borrow;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
@@ -171,7 +175,7 @@ fn sort_by_volume<const D: usize>(
 /// flows along the shortest path, at most as far as `level`, and stays in the block (see
 /// [`blocks`]) of its seed. `factors` (see [`contrast_factors`]) multiply the lengths of links.
 pub fn grow<const D: usize>(
-    geodesics: &Geodesics<'_, D>,
+    geodesics: &Geodesics<impl Borrow<CellAdjacency<D>>, D>,
     block: &[u32],
     factors: Option<&[f64]>,
     seeds: &[GeodesicSource<D>],

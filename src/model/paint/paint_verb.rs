@@ -3,14 +3,15 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::paint_graph::{PaintCache, PaintGraph};
 use super::paint_spec::{PaintSeed, PaintSpec, Seeds};
-use super::{blocks, contrast_factors, grow};
+use super::{contrast_factors, grow};
 use crate::error::cause;
 use crate::files::output::path_text;
 use crate::image::ScalarField;
 use crate::image::formats::ReadImage;
 use crate::mesh::Mesh;
-use crate::model::geodesics::{GeodesicSource, Geodesics};
+use crate::model::geodesics::GeodesicSource;
 use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
 use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
@@ -20,9 +21,6 @@ use crate::store::input::{MeshInput, read_mesh_image};
 use crate::store::with_mesh;
 use crate::store::{AnyMesh, LatticeSpace, MeshFile, Storable, StoredMesh};
 use crate::{Error, Result};
-
-/// Smallest number of cells of a compartment; smaller ones are fragments between surfaces.
-const MIN_COMPARTMENT_CELLS: usize = 24;
 
 /// A painted mesh.
 #[derive(Debug, Clone)]
@@ -116,6 +114,20 @@ pub fn paint<'a>(
     spec: &PaintSpec,
     progress: &mut dyn Progress,
 ) -> Result<PaintOutcome> {
+    paint_with_cache(mesh, spec, None, progress)
+}
+
+/// Paints cells as [`paint`] does. With a cache, the graph of the cells stays in memory until another
+/// mesh is painted.
+///
+/// # Errors
+/// Returns the errors of [`paint`].
+pub fn paint_with_cache<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    spec: &PaintSpec,
+    cache: Option<&PaintCache>,
+    progress: &mut dyn Progress,
+) -> Result<PaintOutcome> {
     spec.validate()?;
     let MeshInput {
         mesh,
@@ -126,6 +138,7 @@ pub fn paint<'a>(
         spec,
         name,
         read_image,
+        cache,
         progress,
     };
     with_mesh!(mesh, file => run.paint(file))
@@ -137,12 +150,14 @@ struct PaintRun<'a> {
     /// The name of the mesh in messages.
     name: &'a str,
     read_image: ReadImage<'a>,
+    cache: Option<&'a PaintCache>,
     progress: &'a mut dyn Progress,
 }
 
 impl PaintRun<'_> {
-    fn paint<const D: usize, M: Storable<D>>(self, file: MeshFile<M>) -> Result<PaintOutcome>
+    fn paint<const D: usize, M>(self, file: MeshFile<M>) -> Result<PaintOutcome>
     where
+        M: Storable<D> + Clone + PartialEq + Send + Sync + 'static,
         MeshFile<M>: Into<AnyMesh>,
         SurfaceFile<D>: Into<AnySurfaces>,
     {
@@ -168,18 +183,22 @@ impl PaintRun<'_> {
         closed.sort_unstable();
 
         self.progress.stage(Stage::Painting);
-        let face_cells = stored.lattice.cells_of_faces()?;
-        let cells = CellAdjacency::new(&stored.lattice, &face_cells, &closed);
-        let (block, block_count) = blocks(&cells, spec.neck, MIN_COMPARTMENT_CELLS);
+        let graph = &*PaintGraph::get(&stored.lattice, closed, spec.neck, self.cache)?;
         let space = stored.space.clone();
         let regions: Vec<u32> = match seeds {
-            None => block.iter().map(|b| b + 1).collect(),
+            None => graph.block.iter().map(|b| b + 1).collect(),
             Some(seeds) => {
-                let sources = self.sources(&seeds, &stored, &face_cells)?;
-                let contrast = self.contrast(&space, &cells)?;
-                let geodesics = Geodesics::new(&stored.lattice, &face_cells, &cells);
+                let sources = self.sources(&seeds, &stored, &graph.face_cells)?;
+                let geodesics = &graph.geodesics;
+                let contrast = self.contrast(&space, geodesics.cells())?;
                 let level = spec.level.unwrap_or(f64::INFINITY);
-                let painted = grow(&geodesics, &block, contrast.as_deref(), &sources, level);
+                let painted = grow(
+                    geodesics,
+                    &graph.block,
+                    contrast.as_deref(),
+                    &sources,
+                    level,
+                );
                 let label = |label: Option<u32>| label.unwrap_or(0);
                 painted.label.into_iter().map(label).collect()
             }
@@ -194,7 +213,7 @@ impl PaintRun<'_> {
         Ok(PaintOutcome {
             mesh: file.into(),
             regions: painted,
-            blocks: block_count,
+            blocks: graph.block_count,
             surfaces: surfaces.map(|s| s.with_space(&space.geometry, z_up).into()),
         })
     }

@@ -6,8 +6,8 @@
 //! the tangent plane of the nearest feature point along the normal of the face. A node moves to where the sum of
 //! the squares of these distances, over the faces around it, is smallest.
 //!
-//! No move makes an angle worse that is outside of the target range, or moves an angle out of that range. If the
-//! target is above 25 degrees, moves may go down to 25.
+//! No move makes an angle worse that is outside of the target range, or moves an angle out of that range. The
+//! exception is a long move, of a node far from where it has to be: it may leave angles down to 25 degrees.
 
 use crate::feature::FeaturePoint;
 use crate::geometry::cell_list::CellList;
@@ -26,9 +26,11 @@ const SWEEPS: usize = 8;
 const MIN_COSINE: f64 = 0.5;
 /// Smallest move, as a share of the shortest edge of a node, that is made.
 const MIN_MOVE_RATIO: f64 = 1e-4;
-/// Smallest angle, in degrees, that a move may leave. With 30 degrees, a blurred ball of radius 10 loses 8 % of its
-/// volume in cells of 8 samples, with 25 degrees 0.4 %.
+/// Smallest angle, in degrees, that a long move may leave. With 30 degrees, a blurred ball of radius 10 loses 8 % of
+/// its volume in cells of 8 samples, with 25 degrees 0.8 %.
 const MIN_FITTED_ANGLE: f64 = 25.0;
+/// Smallest length of such a move, as a share of the shortest edge of the node.
+const MIN_LONG_MOVE_RATIO: f64 = 0.05;
 /// Number of parts into which an edge of a face is divided by its sample points.
 const PARTS_PER_EDGE: usize = 5;
 
@@ -196,7 +198,10 @@ impl<const D: usize> FeatureFit<'_, D> {
             star,
             extent: self.extent,
         };
-        let (shortest, min_sine) = moving.limits(mesh, self.min_angle.min(MIN_FITTED_ANGLE));
+        let (shortest, mut min_sine) = moving.limits(mesh, self.min_angle);
+        if norm(displacement) >= MIN_LONG_MOVE_RATIO * shortest {
+            min_sine = min_sine.min(MIN_FITTED_ANGLE.to_radians().sin());
+        }
         if norm(displacement) >= MIN_MOVE_RATIO * shortest {
             moving.move_by(mesh, displacement, shortest, min_sine);
         }

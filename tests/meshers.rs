@@ -925,11 +925,7 @@ fn calculix_homogenises_a_periodic_laminate() {
             ccx.current_dir(folder).arg("job");
             run_simulator(&mut ccx);
             let data = std::fs::read_to_string(folder.join("job.dat")).unwrap();
-            let line = data
-                .lines()
-                .filter(|line| !line.trim().is_empty())
-                .last()
-                .unwrap();
+            let line = data.lines().rfind(|line| !line.trim().is_empty()).unwrap();
             let forces: Vec<f64> = line
                 .split_whitespace()
                 .map(|w| w.parse().unwrap())

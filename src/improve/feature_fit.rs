@@ -7,7 +7,7 @@
 //! the squares of these distances, over the faces around it, is smallest.
 //!
 //! No move makes an angle worse that is outside of the target range, or moves an angle out of that range. The
-//! exception is a long move, of a node far from where it has to be: it may leave angles down to 25 degrees.
+//! exception is a long move in 3-D, of a node far from where it has to be: it may leave angles down to 25 degrees.
 
 use crate::feature::FeaturePoint;
 use crate::geometry::cell_list::CellList;
@@ -199,7 +199,8 @@ impl<const D: usize> FeatureFit<'_, D> {
             extent: self.extent,
         };
         let (shortest, mut min_sine) = moving.limits(mesh, self.min_angle);
-        if norm(displacement) >= MIN_LONG_MOVE_RATIO * shortest {
+        // In the plane, targets leave enough room for moves.
+        if D == 3 && norm(displacement) >= MIN_LONG_MOVE_RATIO * shortest {
             min_sine = min_sine.min(MIN_FITTED_ANGLE.to_radians().sin());
         }
         if norm(displacement) >= MIN_MOVE_RATIO * shortest {

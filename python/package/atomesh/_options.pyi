@@ -42,6 +42,9 @@ class MeshOptions(TypedDict, total=False):
     surface: _Values | None
     #: Scale of the features, in samples [default: depends on the kind of feature]
     sigma: _Number | None
+    #: Smooths the boundaries of labels over this many samples, also beyond the half sample that is
+    #: allowed otherwise [default: as little as the steps of the samples ask for]
+    label_smoothing: _Number | None
     #: Smallest strength of a feature, in units of the feature image; for an isosurface, its value,
     #: or several values in ascending order with commas between them, which divide the image into
     #: regions [default: automatic; it is printed]
@@ -146,9 +149,9 @@ class MeshOptions(TypedDict, total=False):
     #: as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these permeabilities along
     #: x, y and z; only their ratios count), or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     metric: _Value | None
-    #: The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an
-    #: axis of N samples), or voxels (N steps; the outermost samples continue to the edges of their
-    #: voxels)
+    #: The part of the image that the mesh covers: samples (the box through the outermost samples,
+    #: N - 1 steps along an axis of N samples), or voxels (N steps; the outermost samples continue
+    #: to the edges of their voxels)
     cover: Literal["samples", "voxels"] | None
     #: Continue the mesh beyond the image, with cells that coarsen away from it:
     #: above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left
@@ -204,9 +207,12 @@ class MeshOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -305,9 +311,12 @@ class FeatureOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -365,9 +374,12 @@ class InfoOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -400,6 +412,9 @@ class ConvertOptions(TypedDict, total=False):
     like: _Path | None
     #: The samples of SEG-Y that is written: ibm or ieee floats [default: as in the survey]
     sample_format: _Value | None
+    #: Write the names of labels that the image or its table has (--label-table): NAMES.csv or
+    #: .tsv, which atomesh mesh --label-table reads
+    label_table_out: _Path | None
     #: The file holds raw samples: NXxNYxNZ:TYPE (NXxNY:TYPE in 2-D), x fastest, e.g.
     #: 100x400x208:f32be
     raw: _Value | None
@@ -434,9 +449,12 @@ class ConvertOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -462,8 +480,8 @@ class ConvertOptions(TypedDict, total=False):
 class QualityOptions(TypedDict, total=False):
     #: The exact distance to the features, as `synth --truth` writes it
     truth: _Path | None
-    #: The image of labels that was meshed: also compare the mesh with each connected part of its labels,
-    #: sample by sample
+    #: The image of labels that was meshed: also compare the mesh with each connected part of its
+    #: labels, sample by sample
     labels: _Path | None
     #: Also write the lines where features, or a feature and a side of the box, meet at less than
     #: 30 degrees, with their angles
@@ -512,9 +530,12 @@ class ReportOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -622,9 +643,12 @@ class EditOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -693,9 +717,12 @@ class ColumnsOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -785,9 +812,12 @@ class ExportOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -959,9 +989,12 @@ class SliceOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -1063,9 +1096,12 @@ class SurfaceOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -1136,9 +1172,12 @@ class PaintOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet
@@ -1209,9 +1248,12 @@ class SegmentOptions(TypedDict, total=False):
     #: Leave out what lies outside: a polygon in map view (a table of x,y, a closed line .pl or
     #: .vtp), or an image with as many samples that is 0 outside
     inside: _Path | None
-    #: A segmentation of 3D Slicer (.seg.nrrd) whose segments overlap: the number of the layer to
-    #: read, from 0
+    #: A segmentation of 3D Slicer (.seg.nrrd) or of DICOM whose segments overlap: the number of
+    #: the layer to read, from 0
     layer: int | None
+    #: Names of the labels of the image: a table of ITK-SNAP, FreeSurfer or 3D Slicer, or one of
+    #: values and names (.csv, .tsv). none: not those of a table that lies beside the image
+    label_table: _Path | None
     #: SEG-Y: time or depth, in which the samples are [default: time, or depth if the textual
     #: header says so]. In depth, sample intervals are in thousandths of a metre or foot, and the
     #: first sample in metres or feet

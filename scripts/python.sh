@@ -43,6 +43,8 @@ check_libraries() {
 # it needs, and that it makes the same mesh as the program that `make test` has built, if there is one.
 program() {
     default=target/debug/atomesh
+    # A run that was stopped leaves links to the same file.
+    rm -f target/python/atomesh
     [ ! -x $default ] || ln -f $default target/python/default
     cargo build --package atomesh --package atomesh-python --no-default-features --features atomesh/cli \
         --bin atomesh --locked --quiet

@@ -141,7 +141,7 @@ def test_numbers_of_cells_in_fields_follow(cells):
         (lambda n: np.zeros(n + 1, dtype=bool), IndexError, "the mask has .* give one value per cell"),
         (lambda n: [n], IndexError, "there is no cell .* give numbers below"),
         (lambda n: [0.5], TypeError, "give a mask of cells, or their numbers"),
-        (lambda n: "core", TypeError, "give a mask of cells, or their numbers"),
+        (lambda n: "mantle", IndexError, "there is no region and no set of cells .* give one of .*core"),
         (lambda n: [], ValueError, "no cell is selected"),
         (lambda n: [3, 3], ValueError, "a cell is selected twice"),
     ],
@@ -183,7 +183,7 @@ def test_images_are_copied_and_pickled(through):
     assert np.array_equal(again.samples, image.samples) and np.array_equal(again.axes, image.axes)
     assert np.array_equal(again.origin, image.origin) and again.units == image.units and again.report == image.report
     # Exact labels come along.
-    assert atomesh.mesh(again, distance=2, feature="labels").regions[1].label == 2**60 + 1
+    assert atomesh.mesh(again, distance=1, feature="labels").regions[1].label == 2**60 + 1
 
 
 @pytest.mark.parametrize(

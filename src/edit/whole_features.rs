@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 
 use super::window::EditWindow;
 use crate::Result;
-use crate::feature::{FeaturePoint, Features, ResolvedOptions, detect_part};
+use crate::feature::{DetectionOptions, FeaturePoint, Features, ResolvedOptions, detect_part};
 use crate::image::{Image, ScalarField, SparseField};
 use crate::job::{LatticeParams, Params};
 use crate::progress::CancelToken;
@@ -89,15 +89,8 @@ impl<const D: usize> WholeFeatures<D> {
             names: whole.names.clone(),
             potential: SparseField::from_field(&window.crop_field(&self.potential)),
             spacing,
-            global_counts: None,
             sigma: whole.sigma,
-            outcomes: Vec::new(),
-            missing: None,
-            notes: Vec::new(),
-            resolved: Vec::new(),
-            labels: None,
-            confidence: None,
-            doubt: None,
+            ..Features::empty(window.dims, &DetectionOptions::default())
         }
     }
 }

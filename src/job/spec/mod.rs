@@ -71,12 +71,12 @@ pub struct MeshSpec {
     /// The features to follow
     #[arg(long, value_name = "KIND", default_value_t = defaults().feature, value_enum)]
     pub feature: FeatureKind,
-    /// Faults and horizons to follow as they are, beside the features that are found (none with
-    /// --feature none): FILE for all its surfaces, FILE:NAME for one, or to name the only one. GOCAD
-    /// .ts and .pl, .vtp, .obj, grids (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), fault sticks and points x,y,z, which are
+    /// Faults and horizons to follow as they are, beside the features that are found (none with --feature
+    /// none): FILE for all its surfaces, FILE:NAME for one, or to name the only one. GOCAD .ts and .pl,
+    /// .vtp, .obj, grids (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), fault sticks and points x,y,z, which are
     /// brought to the image's coordinates. What the file does not say follows it: ,fault or ,horizon;
-    /// ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or ,domain=depth; ,null=-999.
-    /// May be repeated
+    /// ,unit=ft (of z) or ,unit=m,m,ft; ,z=up or ,z=down; ,domain=time or ,domain=depth; ,null=-999. May be
+    /// repeated
     #[arg(long, value_name = "FILE[:NAME][,...]", help_heading = FEATURES)]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface: Vec<FileOption>,
@@ -281,35 +281,36 @@ pub struct MeshSpec {
     /// Smooth the triangles of a 2-D image where it is flat; nodes on features do not move
     #[arg(long, value_name = "HOW", help_heading = SHAPES)]
     pub smooth: Option<Scheme>,
-    /// Metric of lattice space: auto (shape for scans, for labels outside surveys, and for distances in a unit of length,
-    /// else samples), samples, physical (--distance is then in
-    /// physical units, not in samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells for two-point fluxes in rock with these
-    /// permeabilities along x, y and z; only their ratios count), or a scale per axis SX,SY,SZ
-    /// (SX,SY in 2-D)
+    /// Metric of lattice space: auto (shape for scans, for labels outside surveys, and for distances in a
+    /// unit of length, else samples), samples, physical (--distance is then in physical units, not in
+    /// samples), shape (physical proportions, with as many samples per cell as samples), k:KX,KY,KZ (cells
+    /// for two-point fluxes in rock with these permeabilities along x, y and z; only their ratios count),
+    /// or a scale per axis SX,SY,SZ (SX,SY in 2-D)
     #[arg(long, value_name = "SPACE", default_value_t = defaults().metric, help_heading = ATOMS)]
     pub metric: Metric,
-    /// The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1 steps along an axis of N samples), or
-    /// voxels (N steps; the outermost samples continue to the edges of their voxels)
+    /// The part of the image that the mesh covers: samples (the box through the outermost samples, N - 1
+    /// steps along an axis of N samples), or voxels (N steps; the outermost samples continue to the edges
+    /// of their voxels)
     #[arg(long, value_name = "WHAT", default_value_t = defaults().cover, value_enum)]
     pub cover: Cover,
     /// Continue the mesh beyond the image, with cells that coarsen away from it:
-    /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The cells belong to the
-    /// regions overburden, underburden and sideburden
+    /// above=DIST,below=DIST,sides=DIST in the image's physical units, of which any may be left out. The
+    /// cells belong to the regions overburden, underburden and sideburden
     #[arg(long, value_name = "SIDE=DIST,...")]
     pub pad: Option<Padding>,
-    /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or FILE:NAME, a grid of
-    /// heights (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), GOCAD .ts, .vtp, .obj or points x,y,z, which are brought to the image's coordinates; what
-    /// it does not say follows it, as for --surface. It must cover the image and the sides of --pad, and replaces
-    /// above=DIST of --pad
+    /// End the cells above the image at this surface, such as the ground or the seafloor: FILE or
+    /// FILE:NAME, a grid of heights (IRAP, ZMAP+, CPS-3, Surfer, ESRI ASCII), GOCAD .ts, .vtp, .obj or
+    /// points x,y,z, which are brought to the image's coordinates; what it does not say follows it, as for
+    /// --surface. It must cover the image and the sides of --pad, and replaces above=DIST of --pad
     #[arg(long, value_name = "FILE[:NAME][,...]")]
     pub topography: Option<FileOption>,
     /// Make opposite sides match node by node along these axes, so that copies of the mesh fill space:
     /// x, y and z (x and y in 2-D). The last layer of the image along them must repeat the first
     #[arg(long, value_name = "AXES")]
     pub periodic: Option<PeriodicAxes>,
-    /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the whole image, or a
-    /// file of interval velocities in m/s on a grid in two-way time. With a file, the image is
-    /// resampled
+    /// Convert two-way time to depth (in the unit of x and y, m or ft), with one velocity in m/s for the
+    /// whole image, or a file of interval velocities in m/s on a grid in two-way time. With a file, the
+    /// image is resampled
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub velocity: Option<NumberOrFile>,
     /// Seed of all random numbers

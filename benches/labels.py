@@ -26,11 +26,19 @@ import subprocess
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import mutable, vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkStaticCellLocator
-from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+from label_judge import (
+    bends,
+    dihedrals,
+    distance_to_squares,
+    distance_to_triangles,
+    interface,
+    normals_and_areas,
+    random_points,
+    read_vtu,
+    squares,
+    triangle_locator,
+)
 
 DISTANCES = 0.05, 3.0  # range of the bound on the distance of CGAL's faces to the boundary, in samples
 COUNT_TOLERANCE = 0.04  # relative difference of the numbers of tetrahedra
@@ -70,16 +78,6 @@ def layers(data):
     return np.unique(values.round(), return_inverse=True)[1].reshape(50, 50, 50).T + 1, None
 
 
-def read_vtu(path):
-    reader = vtkXMLUnstructuredGridReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    grid = reader.GetOutput()
-    tets = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 4)
-    points = vtk_to_numpy(grid.GetPoints().GetData()).astype(float)
-    return points, tets, vtk_to_numpy(grid.GetCellData().GetArray("region"))
-
-
 def read_medit(path):
     words = path.read_text().split()
 
@@ -99,88 +97,11 @@ def processor_time(command):
     return used() - before, result.stdout
 
 
-def dihedrals(points, tets):
-    corners = points[tets]
-    normals = []
-    for k in range(4):
-        a, b, c = (corners[:, i] for i in range(4) if i != k)
-        up = np.cross(b - a, c - a)
-        up *= np.sign(np.einsum("ij,ij->i", up, corners[:, k] - a))[:, None]
-        normals.append(up / np.linalg.norm(up, axis=1)[:, None])
-    pairs = [(i, j) for i in range(4) for j in range(i)]
-    cosines = [-np.einsum("ij,ij->i", normals[i], normals[j]) for i, j in pairs]
-    return np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-
-
-def interface(tets, region):
-    """Returns the triangles between tetrahedra of different regions, and the two regions of each."""
-    faces = np.concatenate([np.delete(tets, k, axis=1) for k in range(4)])
-    faces.sort(axis=1)
-    order = np.lexsort(faces.T[::-1])
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
-    one, other = order[1:][same], order[:-1][same]
-    regions = np.tile(region, 4)
-    differ = regions[one] != regions[other]
-    return faces[one[differ]], np.stack([regions[one[differ]], regions[other[differ]]], axis=1)
-
-
-def bends(normals, faces):
-    """Returns the mean angle between faces that share an edge which no third face has."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [0, 2]], faces[:, [1, 2]]])
-    edges.sort(axis=1)
-    order = np.lexsort(edges.T)
-    starts = np.flatnonzero(np.r_[True, (np.diff(edges[order], axis=0) != 0).any(axis=1)])
-    pairs = starts[np.diff(np.r_[starts, len(order)]) == 2]
-    one, other = (normals[order[pairs + i] % len(faces)] for i in (0, 1))
-    return np.degrees(np.arccos(np.clip(np.abs((one * other).sum(axis=1)), 0, 1))).mean()
-
-
 def distance_to_level_set(points, field):
     """Returns the distances of points to the zero level set of a field, approximated by value over slope."""
     interpolate = lambda values: ndimage.map_coordinates(values, points.T[::-1], order=1)
     slope = np.sqrt(sum(interpolate(part) ** 2 for part in np.gradient(field)))
     return np.abs(interpolate(field)) / np.maximum(slope, 1e-12)
-
-
-def squares(labels):
-    """Returns the centres (x, y, z) and the axes of the squares between samples of different labels."""
-    middles, axes = [], []
-    for axis in range(3):
-        centres = np.argwhere(np.diff(labels, axis=2 - axis) != 0)[:, ::-1].astype(float)
-        centres[:, axis] += 0.5
-        middles.append(centres)
-        axes.append(np.full(len(centres), axis))
-    return np.concatenate(middles), np.concatenate(axes)
-
-
-def distance_to_squares(points, middles, axes):
-    """Returns the distances of points to the nearest square."""
-    _, nearest = cKDTree(middles).query(points, k=12)
-    offsets = np.abs(points[:, None] - middles[nearest])
-    in_plane = np.maximum(offsets - 0.5, 0)
-    is_normal = np.arange(3) == axes[nearest][..., None]
-    return np.sqrt((np.where(is_normal, offsets, in_plane) ** 2).sum(axis=2)).min(axis=1)
-
-
-def distance_to_triangles(positions, points, faces):
-    """Returns the distances of positions to the nearest triangle."""
-    surface = vtkPolyData()
-    nodes = vtkPoints()
-    nodes.SetData(numpy_to_vtk(points, deep=True))
-    cells = vtkCellArray()
-    for face in faces:
-        cells.InsertNextCell(3, face.tolist())
-    surface.SetPoints(nodes)
-    surface.SetPolys(cells)
-    locator = vtkStaticCellLocator()
-    locator.SetDataSet(surface)
-    locator.BuildLocator()
-    closest, cell, part, square = [0.0] * 3, mutable(0), mutable(0), mutable(0.0)
-    distances = []
-    for x in positions:
-        locator.FindClosestPoint(x, closest, cell, part, square)
-        distances.append(square.get() ** 0.5)
-    return np.array(distances)
 
 
 def count_lost(labels, points, tets, region):
@@ -205,19 +126,16 @@ def figures(labels, truth, points, tets, region):
     random = np.random.default_rng(2)
     angles = dihedrals(points, tets)
     faces, sides = interface(tets, region)
-    middles, axes = squares(labels)
-    corners = points[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normals, axis=1)
-    chosen = random.choice(len(faces), 30000, p=area / area.sum())
-    positions = np.einsum("ij,ijk->ik", random.dirichlet([1, 1, 1], len(chosen)), corners[chosen])
+    middles, axes, _ = squares(labels)
+    normals, areas = normals_and_areas(points, faces)
+    positions, chosen = random_points(random, points, faces, areas, 30000)
     truth_share = "-"
     if truth:
         label, field = truth
         distances = distance_to_level_set(positions[(sides[chosen] == label).any(axis=1)], field)
         truth_share = f"{100 * (distances <= 0.25).mean():.1f}"
     targets = middles[random.choice(len(middles), min(len(middles), 20000), replace=False)]
-    coverage = distance_to_triangles(targets, points, faces)
+    coverage = distance_to_triangles(targets, triangle_locator(points, faces))
     edges = points[tets[:, 1:]] - points[tets[:, :1]]
     volume = np.abs(np.linalg.det(edges)) / 6
     # Half of a sample on a side of the box is inside the box.
@@ -236,7 +154,7 @@ def figures(labels, truth, points, tets, region):
         "precision, 1/2 sample, %": f"{100 * (distance_to_squares(positions, middles, axes) <= 0.5).mean():.1f}",
         "coverage, 1/2 and 1 sample, %": f"{100 * (coverage <= 0.5).mean():.1f}, {100 * (coverage <= 1).mean():.1f}",
         "truth, 1/4 sample, %": truth_share,
-        "bends, degrees": f"{bends(normals / area[:, None], faces):.1f}",
+        "bends, degrees": f"{bends(normals, faces).mean():.1f}",
         "volumes off by at most, %": f"{max(errors):.2f}",
         "the whole box off by, %": f"{100 * abs(volume.sum() / weight.sum() - 1):.2f}",
         "parts lost": str(count_lost(labels, points, tets, region)),

@@ -10,8 +10,9 @@ the nearest one. Lengths are in samples, except that angles and bends are those 
 - lost: parts whose tetrahedra have less than a quarter of their volume;
 - Dice coefficients of the samples of parts and labels, and those in their tetrahedra; samples that changed labels;
 - pinches: nodes of two parts that are not neighbours in any of the 26 directions; pairs of such parts of one label whose
-  tetrahedra share faces (joined); nodes at which a part touches itself that are further than 1.5 samples from a corner of
-  samples at which it does so in the image;
+  tetrahedra share faces (joined); nodes at which a part touches itself, and nodes at which it has the thickness zero, though
+  the parts on both sides may be neighbours elsewhere. Both are counted only further than 1.5 samples from a corner of samples at
+  which samples of the part, or those around it, touch at an edge or a corner only;
 - Euler number of the surface of each part. In the image it is that with samples connected face to face (6) and that with
   samples connected also at edges and corners (26), and any number between: where samples touch at an edge or a
   corner only, the mesh may go either way. In the mesh, tetrahedra are connected face to face;
@@ -46,7 +47,8 @@ MIN_THICK_SHARE = 0.9  # share of a thick part in balls of this radius
 MIN_KEPT_SHARE = 0.25  # parts with a smaller share of their volume are lost
 MAX_CONTACT_DISTANCE = 1.5  # distance in samples from a contact in the image to the same one in the mesh
 POINTS, MIN_POINTS, MAX_POINTS = 60000, 50, 3000  # numbers of points for distances: in all, and of each part
-MAX_THICKNESS = 100.0
+TOLERANCE = 1e-5  # distance in samples within which a sample is in a tetrahedron, or a node on a side of the box
+MAX_THICKNESS = 100.0  # beyond it, the thickness is not measured
 CHUNK = 4_000_000  # pairs of a sample and a tetrahedron that are tested at a time
 CLASSES = "thick", "thin", "small", "speck"
 
@@ -256,8 +258,8 @@ def pair_number(one, other, count):
 
 def corner_tables():
     """Returns for each pattern of the eight samples around a corner its share in the Euler number of the set with samples
-    connected face to face, in that with samples connected also at edges and corners, and whether there are
-    samples that touch at an edge or the corner only."""
+    connected face to face, in that with samples connected also at edges and corners, and whether
+    samples of the set, or those around it, touch at an edge or the corner only."""
     cells = np.array(list(np.ndindex(2, 2, 2)))
     faces, edges, tables = [], [], np.zeros((3, 256))
     for i in range(8):
@@ -276,14 +278,17 @@ def corner_tables():
         links = [(i, j) for i, j in faces if has[i] and has[j]]
         graph = sparse.coo_matrix((np.ones(len(links)), tuple(zip(*links)) or ([], [])), (8, 8))
         is_split = len(set(sparse.csgraph.connected_components(graph, False)[1][has])) > 1
+        others = [(i, j) for i, j in faces if not has[i] and not has[j]]
+        graph = sparse.coo_matrix((np.ones(len(others)), tuple(zip(*others)) or ([], [])), (8, 8))
+        is_split |= len(set(sparse.csgraph.connected_components(graph, False)[1][np.logical_not(has)])) > 1
         is_diagonal = any([has[k] for k in group] in ([1, 0, 0, 1], [0, 1, 1, 0]) for group in edges)
         tables[2, pattern] = is_split or is_diagonal
     return tables
 
 
 def voxel_euler(parts):
-    """Returns the least and the largest Euler number of the surface of each part, the corners at which parts touch
-    themselves at an edge or a corner only, and these parts."""
+    """Returns the least and the largest Euler number of the surface of each part, the corners at which samples of a
+    part, or those around it, touch at an edge or a corner only, and these parts."""
     count = parts.max() + 1
     padded = np.pad(parts, 1, constant_values=-1)
     shape = np.array(padded.shape) - 1
@@ -336,8 +341,8 @@ def cells_of_samples(points, tets, shape):
     cells = np.full(shape, -1)
     corners = points[tets]
     inverse = np.linalg.inv(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2))
-    low = np.maximum(np.ceil(corners.min(axis=1) - 1e-9), 0).astype(int)
-    high = np.minimum(np.floor(corners.max(axis=1) + 1e-9), np.array(shape)[::-1] - 1).astype(int)
+    low = np.maximum(np.ceil(corners.min(axis=1) - TOLERANCE), 0).astype(int)
+    high = np.minimum(np.floor(corners.max(axis=1) + TOLERANCE), np.array(shape)[::-1] - 1).astype(int)
     sides = np.maximum(high - low + 1, 0)
     totals = np.r_[0, np.cumsum(sides.prod(axis=1))]
     start = 0
@@ -348,7 +353,7 @@ def cells_of_samples(points, tets, shape):
         x, rest = within % sides[chosen, 0], within // sides[chosen, 0]
         at = low[chosen] + np.stack([x, rest % sides[chosen, 1], rest // sides[chosen, 1]], axis=1)
         inner = np.einsum("ijk,ik->ij", inverse[chosen], at - corners[chosen, 0])
-        is_inside = (inner >= -1e-9).all(axis=1) & (inner.sum(axis=1) <= 1 + 1e-9)
+        is_inside = (inner >= -TOLERANCE).all(axis=1) & (inner.sum(axis=1) <= 1 + TOLERANCE)
         cells[tuple(at[is_inside].T[::-1])] = chosen[is_inside]
         start = end
     return cells
@@ -383,7 +388,7 @@ def mesh_euler(tets, cell_parts, faces, cells, count):
 
 def contacts_of_parts(tets, cell_parts, faces, cells, allowed, count):
     """Returns the nodes of parts that are not neighbours in the image with two such parts, the nodes at which a part
-    touches itself with that part, and the pairs of parts of one label whose tetrahedra share faces without being neighbours."""
+    touches itself with that part, and the nodes at which a part has the thickness zero with that part."""
     nodes = np.column_stack([tets.ravel(), np.repeat(cell_parts, 4)])
     rows, _ = unique_rows(nodes)
     pinches = []
@@ -397,6 +402,7 @@ def contacts_of_parts(tets, cell_parts, faces, cells, allowed, count):
     pinches = np.concatenate(pinches) if pinches else np.zeros((0, 3), int)
     # Corners of tetrahedra of one part are linked across faces.
     is_inner = (cells[:, 1] >= 0) & (cell_parts[cells[:, 0]] == cell_parts[cells[:, 1]])
+    all_faces, all_cells = faces, cells
     faces, cells = faces[is_inner], cells[is_inner]
     ends = []
     for side in (0, 1):
@@ -407,7 +413,41 @@ def contacts_of_parts(tets, cell_parts, faces, cells, allowed, count):
     _, index = np.unique(group, return_index=True)
     rows, counts = unique_rows(nodes[index])
     touches = rows[counts > 1]
-    return pinches, touches
+    return pinches, touches, holes_in_parts(tets, cell_parts, all_faces, all_cells, group)
+
+
+def holes_in_parts(tets, cell_parts, faces, cells, group):
+    """Returns the nodes, with a part, at which the part is one piece and what surrounds it is not: the part has the thickness
+    zero there. `group` has the piece of each corner of a tetrahedron: tetrahedra of a part around a node, connected face to face."""
+    is_outer = cells[:, 1] < 0
+    is_wall = is_outer | (cell_parts[cells[:, 0]] != cell_parts[cells[:, 1]])
+    faces, cells, is_outer = faces[is_wall], cells[is_wall], is_outer[is_wall]
+    sides = []
+    for side in (0, 1):
+        corner = (tets[cells[:, side]][:, :, None] == faces[:, None, :]).argmax(axis=1)
+        pieces = group[4 * cells[:, side, None] + corner]
+        # The space outside the mesh is one piece.
+        sides.append(np.where((side == 1) & is_outer[:, None], -1, pieces))
+    links, _ = unique_rows(np.column_stack([faces.ravel(), sides[0].ravel(), sides[1].ravel()]))
+    part_of_piece = np.empty(group.max() + 2, int)
+    part_of_piece[group], part_of_piece[-1] = np.repeat(cell_parts, 4), -1
+    bounds = np.flatnonzero(np.r_[True, np.diff(links[:, 0]) != 0, True])
+    holes = []
+    for start, end in zip(bounds, bounds[1:]):
+        pairs = links[start:end, 1:]
+        pieces = np.unique(pairs).tolist()
+        if len(pieces) < 3:
+            continue
+        owners = part_of_piece[pieces].tolist()
+        for part in {owner for owner in owners if owner >= 0 and owners.count(owner) == 1}:
+            root = {piece: piece for piece, owner in zip(pieces, owners) if owner != part}
+            for a, b in pairs.tolist():
+                if a in root and b in root and root[a] != root[b]:
+                    old, new = root[a], root[b]
+                    root = {piece: new if group == old else group for piece, group in root.items()}
+            if len(set(root.values())) > 1:
+                holes.append([links[start, 0], part])
+    return np.array(holes, int).reshape(-1, 2)
 
 
 def class_of(parts, part, box, samples):
@@ -444,7 +484,7 @@ def part_distances(points, tets, cell_parts, faces, cells, parts, names, box):
     sides = cell_parts[cells]
     sides[~is_inner, 1] = -1
     # Faces on the surface of the mesh lie at dropped labels, unless they lie on a side of the box.
-    is_side = ((np.abs(points - box[0]) < 1e-6) | (np.abs(points - box[1]) < 1e-6))[faces].all(axis=1).any(axis=1)
+    is_side = ((np.abs(points - box[0]) < TOLERANCE) | (np.abs(points - box[1]) < TOLERANCE))[faces].all(axis=1).any(axis=1)
     is_interface = np.where(is_inner, names[sides[:, 0]] != names[sides[:, 1]], ~is_side)
     is_wall = ~is_inner | (sides[:, 0] != sides[:, 1])
     middles, axes, square_parts = squares(parts)
@@ -504,6 +544,8 @@ def judge(labels, matrix, points, tets, region, dropped=()):
     is_kept = ~np.isin(names, dropped)
     cell_parts = parts_of_cells(points, tets, region, parts, names)
     is_known = cell_parts >= 0
+    if not is_known.any():
+        raise SystemExit("no tetrahedron has a label of the image; give the image that was meshed, and a mesh of its labels")
     unknown = sorted(set(region[~is_known].tolist()))
     tets, region, cell_parts = tets[is_known], region[is_known], cell_parts[is_known]
 
@@ -532,11 +574,13 @@ def judge(labels, matrix, points, tets, region, dropped=()):
     euler, contacts, contact_corners, contact_parts = voxel_euler(parts)
     euler_in_mesh = mesh_euler(tets, cell_parts, faces, cells, count)
     allowed = neighbours(parts)
-    pinches, touches = contacts_of_parts(tets, cell_parts, faces, cells, allowed, count)
+    pinches, touches, holes = contacts_of_parts(tets, cell_parts, faces, cells, allowed, count)
     expected = cKDTree(np.column_stack([contact_corners, 1e3 * contact_parts])) if len(contact_corners) else None
-    if expected and len(touches):
-        at = np.column_stack([points[touches[:, 0]], 1e3 * touches[:, 1]])
-        touches = touches[expected.query(at)[0] > MAX_CONTACT_DISTANCE]
+    if expected:
+        is_far = lambda found: (
+            expected.query(np.column_stack([points[found[:, 0]], 1e3 * found[:, 1]]))[0] > MAX_CONTACT_DISTANCE
+        )
+        touches, holes = (found[is_far(found)] for found in (touches, holes))
     sides = cell_parts[cells]
     is_inner = cells[:, 1] >= 0
     meets = is_inner & (sides[:, 0] != sides[:, 1]) & (names[sides[:, 0]] == names[sides[:, 1]])
@@ -607,6 +651,8 @@ def judge(labels, matrix, points, tets, region, dropped=()):
         ],
         "self_touches": len(touches),
         "touches": [{"at": points[node].round(2).tolist(), "part": describe(part)} for node, part in touches[:100]],
+        "hole_nodes": len(holes),
+        "holes": [{"at": points[node].round(2).tolist(), "part": describe(part)} for node, part in holes[:100]],
         "joined_pairs": [[describe(n // count), describe(n % count)] for n in joined.tolist()],
         "parts": reports,
     }
@@ -668,6 +714,7 @@ def print_tables(figures):
         f"{figures['label_dice_min']:.3f}; {'-' if dice_50 is None else f'{dice_50:.3f}'}",
         "nodes of parts that are apart": f"{figures['pinch_nodes']}",
         "nodes at which a part touches itself": f"{figures['self_touches']}",
+        "nodes at which a part has the thickness zero": f"{figures['hole_nodes']}",
         "pairs of parts of one label joined": f"{len(figures['joined_pairs'])}",
     }
     print("| figure | value |\n|---|---|")

@@ -19,9 +19,10 @@ use crate::mesh::check::check_with_hints;
 use crate::mesh::graph::Graph;
 use crate::mesh::poly::PolyMesh;
 use crate::mesh_file::array_names::DISTANCE_ARRAY;
+use crate::mesh_file::{CellChoice, KnownRegion, RegionNames};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::angles::mean_edge_lengths;
-use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify, parts_left_out};
 use crate::report::{self, AngleAssessment, Certificate, Quality, Reference, Report};
 use crate::store::MeshInput;
 use crate::store::input::{image_part, read_mesh_image};
@@ -132,6 +133,8 @@ struct LabelsOfMesh<const D: usize> {
     table: LabelTable,
     components: Components<D>,
     names: Vec<Option<String>>,
+    /// `true` for each connected part that the mesh leaves out on request.
+    left_out: Vec<bool>,
     cells: Vec<u32>,
 }
 
@@ -142,6 +145,7 @@ impl<const D: usize> LabelsOfMesh<D> {
             indices: &self.table.indices,
             labels: &self.table.values,
             names: &self.names,
+            left_out: &self.left_out,
             geometry: &self.geometry,
         };
         certify(&image, cells, &CancelToken::never())
@@ -175,22 +179,63 @@ impl<const D: usize> LabelsOfMesh<D> {
     }
 }
 
-/// Returns the options of labels with which a mesh was made, as it records them.
-fn recorded_label_options<M>(file: &MeshFile<M>) -> Vec<LabelOptions> {
-    let Some(FieldValue::Text(text)) = file.field_value("parameters") else {
-        return Vec::new();
-    };
-    let recorded: Option<toml::Table> = toml::from_str(text.trim_end_matches('\0')).ok();
-    let labels = recorded
-        .as_ref()
-        .and_then(|table| table.get("label")?.as_array());
-    let labels = labels
-        .into_iter()
-        .flatten()
-        .filter_map(|item| item.as_str());
-    labels
-        .filter_map(|text| LabelOptions::parse(text).ok())
-        .collect()
+/// The options with which a mesh of labels was made, as it records them.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "kebab-case")]
+struct RecordedOptions {
+    label: Vec<String>,
+    drop: Option<RegionNames>,
+    keep: Option<RegionNames>,
+    keep_largest: bool,
+}
+
+impl RecordedOptions {
+    /// Returns the options that a mesh records; none if it has no record.
+    fn of_file<M>(file: &MeshFile<M>) -> Self {
+        let Some(FieldValue::Text(text)) = file.field_value("parameters") else {
+            return Self::default();
+        };
+        toml::from_str(text.trim_end_matches('\0')).unwrap_or_default()
+    }
+
+    fn labels(&self) -> Vec<LabelOptions> {
+        let labels = self.label.iter();
+        labels
+            .filter_map(|text| LabelOptions::parse(text).ok())
+            .collect()
+    }
+
+    /// Returns which labels the mesh keeps. If the record uses names that are not known here, these are the labels that have
+    /// cells: `cells` has the index of the label of each cell.
+    fn kept_labels(
+        &self,
+        labels: &[LabelValue],
+        names: &[Option<String>],
+        cells: &[u32],
+    ) -> Vec<bool> {
+        let choice = CellChoice {
+            drop: self.drop.as_ref(),
+            keep: self.keep.as_ref(),
+            keep_largest: self.keep_largest,
+        };
+        let known = labels.iter().zip(names).zip(0..);
+        let known: Vec<KnownRegion> = known
+            .map(|((&label, name), region)| KnownRegion {
+                region,
+                label: Some(label),
+                name: name.clone(),
+            })
+            .collect();
+        choice
+            .kept_regions(&known, "the image")
+            .unwrap_or_else(|_| {
+                let mut has_cells = vec![false; labels.len()];
+                cells
+                    .iter()
+                    .for_each(|&label| has_cells[label as usize] = true);
+                has_cells
+            })
+    }
 }
 
 impl QualitySpec {
@@ -214,7 +259,8 @@ impl QualitySpec {
         let image: Image<D> =
             read_mesh_image(path, &InputOptions::default(), &stored.space, read_image)?;
         // The mesh was made of this image: labels merged, and those of missing samples filled in.
-        let options = recorded_label_options(&stored.arrays);
+        let recorded = RecordedOptions::of_file(&stored.arrays);
+        let options = recorded.labels();
         let image = merge_labels(&image, &options)?.unwrap_or(image);
         let image = match image.mark_dead(false)? {
             Some(marked) => marked.image.filled_from_nearest(),
@@ -243,9 +289,12 @@ impl QualitySpec {
                 .name
                 .clone()
         };
+        let names: Vec<Option<String>> = table.values.iter().map(name_of).collect();
+        let kept = recorded.kept_labels(&table.values, &names, &cells);
         Ok(Some(LabelsOfMesh {
             geometry: image.geometry.clone(),
-            names: table.values.iter().map(name_of).collect(),
+            left_out: parts_left_out(&components, &kept, recorded.keep_largest),
+            names,
             table,
             components,
             cells,

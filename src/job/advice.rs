@@ -2,8 +2,9 @@
 //! recommended that makes the figure of the issue better there and no other figure of the certificate
 //! worse.
 //!
-//! 1. The crop is the largest whose meshes have together at most a fifth of the cells of the mesh
-//!    ([`MAX_TRIAL_SHARE`]), so that trials cost at most a fifth of the job.
+//! 1. The crop is the largest whose meshes have together at most a fifth of the nodes of the mesh
+//!    ([`MAX_TRIAL_SHARE`]), so that trials cost at most a fifth of the job, or [`MIN_TRIAL_NODES`], which take a few
+//!    seconds.
 //! 2. The crop is meshed with the options of the job, then with each candidate, the most promising first,
 //!    until one helps.
 
@@ -21,14 +22,27 @@ use crate::progress::{Progress, Stage};
 use crate::report::certificate::{Certificate, PartClass, PartIssue, PartIssueKind};
 use crate::report::{Advice, Clock, Trial};
 
-/// Largest number of cells of all trials, as a fraction of those of the mesh.
+/// Largest number of nodes of all trials, as a fraction of those of the mesh.
 const MAX_TRIAL_SHARE: f64 = 0.2;
+
+/// Number of nodes that all trials may have in any case.
+const MIN_TRIAL_NODES: f64 = 15_000.0;
+
+/// Half the length of the sides of crops, in samples, below which few issues occur in the crop as well. Smaller
+/// crops are used only if no larger one is possible.
+const MIN_HALF_SIDE: usize = 9;
 
 /// Half the length of the sides of crops that are considered, in samples, the largest first.
 const HALF_SIDES: [usize; 8] = [32, 24, 18, 14, 11, 9, 7, 6];
 
-/// Factor by which a candidate makes distances smaller: twice as many cells.
+/// Factors by which candidates make distances smaller: twice and eight times as many cells.
 const FINER_DISTANCE: f64 = 0.8;
+const FINEST_DISTANCE: f64 = 0.5;
+
+/// Smallest distance of the range that replaces a constant one, as a share of that, and the number of cells that
+/// this takes, as a multiple.
+const RANGE_SHARE: f64 = 0.4;
+const RANGE_COST: f64 = 4.0;
 
 /// Least distance between atoms that is tried, in samples.
 const MIN_DISTANCE: f64 = 0.7;
@@ -136,7 +150,7 @@ fn tried_advice(
         crop: Vec::new(),
         trials: Vec::new(),
     };
-    let mut left = MAX_TRIAL_SHARE;
+    let mut left = MAX_TRIAL_SHARE.max(MIN_TRIAL_NODES / nodes.len().max(1) as f64);
     for (number, at) in places.iter().enumerate() {
         let at: [f64; 3] = at.as_slice().try_into().ok()?;
         let centre = image.geometry.to_index(at)?;
@@ -151,14 +165,16 @@ fn tried_advice(
                 .map(|candidate| candidate.cost);
             first_cost + costs.sum::<f64>()
         };
-        // All candidates in the largest crop, or else the first ones in the smallest.
-        let chosen = (1..=candidates.len()).rev().find_map(|count| {
-            let place = shares
-                .iter()
-                .position(|share| share * cost_of(count) <= left)?;
-            Some((place, count))
-        });
-        let Some((place, count)) = chosen else {
+        // As many candidates as possible, in the largest crop.
+        let chosen = |least_half: usize| {
+            (1..=candidates.len()).rev().find_map(|count| {
+                let place = (shares.iter().zip(HALF_SIDES)).position(|(share, half)| {
+                    half >= least_half && share * cost_of(count) <= left
+                })?;
+                Some((place, count))
+            })
+        };
+        let Some((place, count)) = chosen(MIN_HALF_SIDE).or_else(|| chosen(0)) else {
             break;
         };
         left -= shares[place];
@@ -291,41 +307,42 @@ fn candidates(params: &Params<3>, issue: &PartIssue) -> Vec<Candidate> {
             change: Change::MinPart(size),
         }];
     }
-    let finer = |d: f64| (100.0 * FINER_DISTANCE * d).round() / 100.0;
+    let scaled = |d: f64, factor: f64| (100.0 * factor * d).round() / 100.0;
     let [min, max] = spec.distance.limits();
-    let distance = match spec.distance {
-        NominalDistance::Constant(d) => NominalDistance::Constant(finer(d)),
-        NominalDistance::Range { .. } => NominalDistance::Range {
-            min: finer(min),
-            max: finer(max),
-        },
-        NominalDistance::InUnit { unit, .. } => NominalDistance::InUnit {
-            min: finer(min),
-            max: finer(max),
-            unit,
-        },
+    let with_factor = |factor: f64| {
+        let (min, max) = (scaled(min, factor), scaled(max, factor));
+        let distance = match spec.distance {
+            NominalDistance::Constant(_) => NominalDistance::Constant(min),
+            NominalDistance::Range { .. } => NominalDistance::Range { min, max },
+            NominalDistance::InUnit { unit, .. } => NominalDistance::InUnit { min, max, unit },
+        };
+        let option = ("distance", Value::String(distance.to_string()));
+        (min >= MIN_DISTANCE).then_some((option, factor.powi(-3)))
     };
-    let finer_distance = ("distance", Value::String(distance.to_string()));
-    let finer_cost = FINER_DISTANCE.powi(-3);
+    let finer = with_factor(FINER_DISTANCE);
+    let range = match spec.distance {
+        NominalDistance::Constant(max) if max > MIN_DISTANCE => {
+            let min = scaled(max, RANGE_SHARE).max(MIN_DISTANCE);
+            let range = NominalDistance::Range { min, max };
+            Some((("distance", Value::String(range.to_string())), RANGE_COST))
+        }
+        _ => None,
+    };
     let smoothing = |name: &'static str, size: f64| (name, Value::Float(size));
     let [weak, strong] = LABEL_SMOOTHING.map(|size| smoothing("label-smoothing", size));
-    let mut choices = if with_options(spec, std::slice::from_ref(&strong)).is_some() {
-        vec![
-            (vec![finer_distance.clone()], finer_cost),
-            (vec![strong], 1.0),
-            (vec![weak, finer_distance], finer_cost),
-        ]
+    let alone = |(option, cost)| (vec![option], cost);
+    let mut choices: Vec<(Vec<(&str, Value)>, f64)> = range.into_iter().map(alone).collect();
+    if with_options(spec, std::slice::from_ref(&strong)).is_some() {
+        choices.extend(finer.clone().map(alone));
+        choices.push((vec![strong], 1.0));
+        choices.extend(finer.map(|(option, cost)| (vec![weak, option], cost)));
     } else {
         let [weak, weaker] = SIGMA.map(|size| smoothing("sigma", size));
-        vec![
-            (vec![weaker, finer_distance.clone()], finer_cost),
-            (vec![weak], 1.0),
-            (vec![finer_distance], finer_cost),
-        ]
-    };
-    if finer(min) < MIN_DISTANCE {
-        choices.retain(|(options, _)| options.iter().all(|(name, _)| *name != "distance"));
+        choices.extend((finer.clone()).map(|(option, cost)| (vec![weaker, option], cost)));
+        choices.push((vec![weak], 1.0));
+        choices.extend(finer.map(alone));
     }
+    choices.extend(with_factor(FINEST_DISTANCE).map(alone));
     let candidate = |(options, cost): (Vec<(&str, Value)>, f64)| {
         let changed = with_options(spec, &options)?;
         let text = |(name, value): &(&str, Value)| match value {

@@ -139,7 +139,8 @@ where
             let step = features.potential.step;
             let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
             let cells = LabelledCells::from_cells(&mesh, indices, to_index);
-            report.certificate = regions::certificate(image, &judged, &cells, cancel);
+            let choice = params.spec().cell_choice();
+            report.certificate = regions::certificate(image, &judged, &choice, &cells, cancel);
             let (points, contacts) = (
                 SamplePoints::from_cells(&mesh),
                 regions::contacts_of_cells(&mesh, indices),
@@ -325,17 +326,17 @@ where
     };
     let atoms = placed.atoms.all_gather(stages.comm)?;
     let joined = SimplexMesh::<D>::join(atoms, &scene, None, Some(&target), None, stages)?;
-    let (joined, neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
+    let (joined, mut neighbours) = simplices::seal_mesh(joined, &scene, stages)?;
     let mut annotated = joined.annotated_mesh;
-    let face_names = stages.run_cancellable(|cancel| {
+    let mut face_names = stages.run_cancellable(|cancel| {
         let marks = &mut annotated.feature_faces;
         close_given_surfaces(&annotated.mesh, &neighbours, &scene, marks, cancel)
     })?;
-    let (angle, names) = (Some(target.min_dihedral), &face_names);
+    let angle = Some(target.min_dihedral);
     stages.run_cancellable(|cancel| {
         let faces = regions::CellFaces {
-            neighbours: &neighbours,
-            names,
+            neighbours: &mut neighbours,
+            names: &mut face_names,
             pinned: &[],
         };
         regions::assign_regions(&mut annotated, faces, &scene, angle, cancel)

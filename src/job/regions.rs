@@ -13,13 +13,16 @@ use crate::feature::{FeatureKind, Features, LabelMap, LabelOptions, label_map};
 use crate::geometry::union_find::UnionFind;
 use crate::geometry::{norm, normal, sorted};
 use crate::image::{Image, LabelTable, LabelValue};
-use crate::improve::regions::{self, InterfaceFit, LabelParts, PartTopology, SamplePoints};
+use crate::improve::regions::{
+    self, InterfaceFit, LabelParts, PartTopology, PinchedMesh, SamplePoints,
+};
 use crate::improve::{FeatureFit, fit_feature_faces};
 use crate::mesh::Simplices;
 use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
+use crate::mesh_file::{CellChoice, KnownRegion};
 use crate::progress::CancelToken;
-use crate::report::certificate::{CertifiedImage, LabelledCells, certify};
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify, parts_left_out};
 use crate::report::{
     Certificate, Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, VolumeReference,
     finer_distance,
@@ -35,12 +38,12 @@ const MAX_FACE_DISTANCE: f64 = 3.0;
 const CELLS_PER_TASK: usize = 1 << 12;
 
 /// The neighbours, the names of faces and the given labels of the cells of a mesh.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub(super) struct CellFaces<'a> {
     /// For every cell and face, in order, the cell on the other side, or `NONE`.
-    pub neighbours: &'a [u32],
+    pub neighbours: &'a mut Vec<u32>,
     /// Names of faces, as in [`Outcome::face_names`](super::Outcome::face_names).
-    pub names: &'a [u32],
+    pub names: &'a mut Vec<u32>,
     /// Cells whose label is given, with its index.
     pub pinned: &'a [(usize, u32)],
 }
@@ -56,10 +59,11 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     cancel: &CancelToken<'_>,
 ) -> Option<Vec<u32>> {
     let CellFaces {
-        neighbours,
+        neighbours: face_neighbours,
         names: face_names,
         pinned,
     } = faces;
+    let neighbours = &*face_neighbours;
     let Some(labelled) = scene.features.labels.as_ref() else {
         if let Some(min_angle) = min_angle.filter(|_| has_fitted_faces(scene.features)) {
             fit_to_edges(annotated, neighbours, scene, min_angle, cancel);
@@ -100,7 +104,21 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
         repair(&annotated.mesh, &mut cell_parts, &mut regions);
         pin(&mut regions);
-        let interfaces = regions::interface_marks::<D>(&regions, neighbours);
+        // Cells with given labels are at sides whose faces match.
+        if pinned.is_empty() {
+            let mut pinched = PinchedMesh {
+                mesh: &mut annotated.mesh,
+                kinds: &mut annotated.node_kinds,
+                neighbours: face_neighbours,
+                face_names,
+                regions: &mut regions,
+                cell_parts: &mut cell_parts,
+                parts: &parts,
+                extent: scene.extent,
+            };
+            pinched.open(cancel);
+        }
+        let interfaces = regions::interface_marks::<D>(&regions, face_neighbours);
         annotated.feature_faces = named_faces::with_named(&interfaces, face_names);
     }
     let label_regions = labelled.regions();
@@ -298,6 +316,7 @@ pub(super) fn report<const D: usize>(
 pub(super) fn certificate<const D: usize>(
     image: &Image<D>,
     judged: &JudgedLabels<D>,
+    choice: &CellChoice<'_>,
     cells: &LabelledCells<'_, D>,
     cancel: &CancelToken<'_>,
 ) -> Option<Certificate> {
@@ -307,7 +326,19 @@ pub(super) fn certificate<const D: usize>(
         options.name.clone()
     };
     let names: Vec<Option<String>> = judged.table.values.iter().map(name_of).collect();
+    let known: Vec<KnownRegion> = (judged.table.values.iter().zip(&names).zip(0..))
+        .map(|((&label, name), region)| KnownRegion {
+            region,
+            label: Some(label),
+            name: name.clone(),
+        })
+        .collect();
+    // Names that are none were refused before.
+    let kept = choice.kept_regions(&known, "the image");
+    let kept = kept.unwrap_or_else(|_| vec![true; known.len()]);
+    let left_out = parts_left_out(&judged.components, &kept, choice.keep_largest);
     let certified = CertifiedImage {
+        left_out: &left_out,
         components: &judged.components,
         indices: &judged.table.indices,
         labels: &judged.table.values,

@@ -61,7 +61,7 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
     let options = params.spec().target();
     let comm = stages.comm;
     comm.ensure_identical("atoms at rest", &atoms)?;
-    let (joined, neighbours) = stages.load_or_run("5-improved", |stages| {
+    let (joined, mut neighbours) = stages.load_or_run("5-improved", |stages| {
         let joined = M::join(
             atoms,
             scene,
@@ -79,18 +79,18 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
         ..
     } = joined;
     comm.ensure_identical("the mesh", &annotated)?;
-    let face_names = stages.run_cancellable(|cancel| {
+    let mut face_names = stages.run_cancellable(|cancel| {
         let marks = &mut annotated.feature_faces;
         close_given_surfaces(&annotated.mesh, &neighbours, scene, marks, cancel)
     })?;
     let target = options.as_ref().filter(|_| improvement.is_some());
-    let (angle, names) = (target.map(|target| target.min_dihedral), &face_names);
+    let angle = target.map(|target| target.min_dihedral);
     let pinned = sides.map_or_else(Vec::new, |sides| {
         sides.pinned_labels(&annotated.mesh, &neighbours)
     });
     let faces = CellFaces {
-        neighbours: &neighbours,
-        names,
+        neighbours: &mut neighbours,
+        names: &mut face_names,
         pinned: &pinned,
     };
     let label_indices = stages.run_cancellable(|cancel| {
@@ -168,7 +168,7 @@ fn report_labels<const D: usize, M: Simplices<D>>(
     let Some(judged) = judged else { return };
     let to_index = |x: &[f64; D]| std::array::from_fn(|k| x[k] / step[k]);
     let cells = LabelledCells::from_simplices(mesh, neighbours, indices, to_index);
-    report.certificate = regions::certificate(image, &judged, &cells, cancel);
+    report.certificate = regions::certificate(image, &judged, &spec.cell_choice(), &cells, cancel);
     let points = SamplePoints::from_simplices(mesh);
     let contacts = regions::contacts_of_simplices(mesh, neighbours, indices);
     report.regions = regions::report(image, judged, &points, &contacts, indices, step, cancel);

@@ -31,6 +31,9 @@ const MAX_GENTLE_FAULT_SHARE: f64 = 0.25;
 /// smaller target was given.
 const DEFAULT_MIN_ANGLE: f64 = 20.0;
 
+/// Angles that are closer to 0 and 180 degrees are worse than any other issue of a mesh of labels.
+const MIN_USABLE_ANGLE: f64 = 5.0;
+
 /// Maximum fraction of faces below the first of
 /// [`TINY_FACE_RATIOS`](super::cells::TINY_FACE_RATIOS). More is an issue.
 const MAX_TINY_FACE_SHARE: f64 = 0.01;
@@ -110,6 +113,7 @@ impl Report {
         self.no_feature_issue()
             .or_else(|| self.doubt_issue())
             .or_else(|| self.given_surface_issue())
+            .or_else(|| self.part_issue().filter(|_| self.are_angles_usable()))
             .or_else(|| self.shape_issue())
             .or_else(|| self.voronoi.as_ref().and_then(|v| self.flow_issue(v)))
             .or_else(|| self.scan_issue())
@@ -201,6 +205,14 @@ impl Report {
         let [smallest, largest] = angle_range(quality);
         let is_within = smallest >= min_allowed && largest <= 180.0 - min_allowed;
         quality.below_20.max(quality.above_160) > 0 && !is_within
+    }
+
+    /// Returns `true` if no angle is so small or so large that simulators fail.
+    fn are_angles_usable(&self) -> bool {
+        self.judged_quality().is_none_or(|quality| {
+            let [smallest, largest] = angle_range(quality);
+            smallest >= MIN_USABLE_ANGLE && largest <= 180.0 - MIN_USABLE_ANGLE
+        })
     }
 
     /// Returns the angles with which finite elements fail, in words, if the space that is judged has some.

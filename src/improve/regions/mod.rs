@@ -6,6 +6,7 @@
 //! - `balance`: computes by how much interfaces move so that regions have their volumes
 //! - `parts`: finds the connected parts of labels, in the image and in the mesh
 //! - `topology`: keeps parts apart that touch nowhere in the image
+//! - `pinches`: splits cells where this needs more than other labels of cells
 //!
 //! An interface that is a union of faces between cells of different labels has no holes, whatever
 //! the labels are. Its faces count as faces on features.
@@ -15,12 +16,14 @@ mod assign;
 mod balance;
 mod fit;
 mod parts;
+mod pinches;
 mod topology;
 
 pub use anchors::AnchoredNodes;
 pub use assign::{SamplePoints, Votes, assign_labels, interface_marks};
 pub use fit::{InterfaceFit, fit, remove_spikes};
 pub use parts::LabelParts;
+pub use pinches::PinchedMesh;
 pub use topology::PartTopology;
 
 use crate::mesh::Simplices;

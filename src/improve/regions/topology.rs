@@ -4,7 +4,8 @@
 //! sides touch there, and what the shell keeps back leaks. A node is *pinched* if
 //!
 //! - two parts meet at it that touch nowhere in the image, at a side, an edge or a corner of a sample, or
-//! - the cells of a part around it are not connected by faces, or those of all other parts are not.
+//! - the cells of a part around it are not connected by faces, or those of all other parts, with what is outside
+//!   of the mesh, are not.
 //!
 //! At each such node, the cells of one part (all of them, those connected by faces around the node, or one
 //! cell) take the part on their other side, if this leaves fewer pinches in all. Of several changes, the one whose
@@ -54,7 +55,7 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
     }
 
     /// Returns the cells around a node, in ascending order.
-    fn star(&self, n: u32) -> &[u32] {
+    pub(super) fn star(&self, n: u32) -> &[u32] {
         let n = n as usize;
         &self.star_cells[self.start[n] as usize..self.start[n + 1] as usize]
     }
@@ -78,13 +79,33 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
         nodes
     }
 
-    /// Returns groups of cells of a star that are connected by faces at the node, as the index of the first
-    /// cell of the group for each cell. Only cells of equal `key` are connected.
-    fn groups<K: PartialEq>(&self, star: &[u32], key: impl Fn(u32) -> K) -> Vec<usize> {
-        let mut group: Vec<usize> = (0..star.len()).collect();
+    /// Returns groups of cells around node `n` that are connected by faces at the node, as the index of the first
+    /// cell of the group in `star` for each cell. Only cells of equal `key` are connected. If `outside` is the key of what
+    /// is outside of the mesh, that follows the cells as one more, which is connected through the sides of the mesh.
+    fn groups<K: PartialEq>(
+        &self,
+        n: u32,
+        star: &[u32],
+        key: impl Fn(u32) -> K,
+        outside: Option<K>,
+    ) -> Vec<usize> {
+        // A neighbour in the star shares a face at the node, as only one face of a cell is not at the
+        // node, and what lies beyond it is not in the star.
+        let adjacent_cells = |i: usize| {
+            let faces = &self.neighbours[(D + 1) * star[i] as usize..][..D + 1];
+            faces.iter().filter_map(|c| star.binary_search(c).ok())
+        };
+        let is_at_side = |i: usize| {
+            let (c, range) = (star[i] as usize, 0..=D);
+            let cell = self.mesh.cell(c);
+            let mut faces = range.filter(|&k| self.neighbours[(D + 1) * c + k] == NONE);
+            faces.any(|k| cell[k] != n)
+        };
+        let has_outside_key = |i: usize| outside.as_ref() == Some(&key(star[i]));
+        let mut group: Vec<usize> = (0..star.len() + usize::from(outside.is_some())).collect();
         let mut stack = Vec::new();
-        let mut is_visited = vec![false; star.len()];
-        for first in 0..star.len() {
+        let mut is_visited = vec![false; group.len()];
+        for first in 0..group.len() {
             if is_visited[first] {
                 continue;
             }
@@ -92,25 +113,37 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
             stack.push(first);
             while let Some(i) = stack.pop() {
                 group[i] = first;
-                let c = star[i];
-                for &n in &self.neighbours[(D + 1) * c as usize..][..D + 1] {
-                    // A neighbour in the star shares a face at the node, as only one face of a cell is not
-                    // at the node, and what lies beyond it is not in the star.
-                    let Ok(j) = star.binary_search(&n) else {
-                        continue;
-                    };
-                    if !is_visited[j] && key(n) == key(c) {
-                        is_visited[j] = true;
+                let mut visit = |j: usize| {
+                    if !std::mem::replace(&mut is_visited[j], true) {
                         stack.push(j);
                     }
+                };
+                if i == star.len() {
+                    let at_side = (0..star.len()).filter(|&j| has_outside_key(j) && is_at_side(j));
+                    at_side.for_each(visit);
+                    continue;
+                }
+                let same_key = |j: &usize| key(star[*j]) == key(star[i]);
+                adjacent_cells(i).filter(same_key).for_each(&mut visit);
+                if has_outside_key(i) && is_at_side(i) {
+                    visit(star.len());
                 }
             }
         }
         group
     }
 
+    /// Returns `true` if a side of the mesh is at node `n`.
+    fn is_on_side(&self, n: u32, star: &[u32]) -> bool {
+        star.iter().any(|&c| {
+            let c = c as usize;
+            let mut faces = self.mesh.cell(c).iter().enumerate();
+            faces.any(|(k, m)| *m != n && self.neighbours[(D + 1) * c + k] == NONE)
+        })
+    }
+
     /// Returns how much is wrong at a node; 0 if it is not pinched.
-    fn defects(&self, n: u32, part: &[u32]) -> u32 {
+    pub(super) fn defects(&self, n: u32, part: &[u32]) -> u32 {
         let star = self.star(n);
         let parts_here = sorted_distinct(star.iter().map(|&c| part[c as usize]));
         if parts_here.len() < 2 {
@@ -126,14 +159,15 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
                 }
             }
         }
-        let groups = self.groups(star, |c| part[c as usize]);
+        let groups = self.groups(n, star, |c| part[c as usize], None);
         defects += (group_count(&groups) - parts_here.len()) as u32;
-        if parts_here.len() > 2 {
+        let is_on_side = self.is_on_side(n, star);
+        if parts_here.len() > 2 || is_on_side {
             for &a in &parts_here {
-                let groups = self.groups(star, |c| part[c as usize] == a);
+                let is_own = |c: u32| part[c as usize] == a;
+                let groups = self.groups(n, star, is_own, is_on_side.then_some(false));
                 // One group of the others, and those of the part itself.
-                let own =
-                    (0..star.len()).filter(|&i| groups[i] == i && part[star[i] as usize] == a);
+                let own = (0..star.len()).filter(|&i| groups[i] == i && is_own(star[i]));
                 defects += (group_count(&groups) - own.count() - 1) as u32;
             }
         }
@@ -184,7 +218,7 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
         cell_counts: &[usize],
     ) -> Option<Change> {
         let star = self.star(n).to_vec();
-        let groups = self.groups(&star, |c| part[c as usize]);
+        let groups = self.groups(n, &star, |c| part[c as usize], None);
         let mut candidates: Vec<Vec<u32>> = Vec::new();
         for first in 0..star.len() {
             let group = (0..star.len()).filter(|&i| groups[i] == first);

@@ -24,7 +24,7 @@ pub use labelled_cells::LabelledCells;
 
 use serde::Serialize;
 
-use crate::feature::components::Components;
+use crate::feature::components::{Component, Components};
 use crate::geometry::NONE;
 use crate::geometry::grid_index::index_at;
 use crate::image::{Geometry, LabelValue};
@@ -311,8 +311,30 @@ pub struct CertifiedImage<'a, const D: usize> {
     pub labels: &'a [LabelValue],
     /// Names of the labels; may be empty.
     pub names: &'a [Option<String>],
+    /// `true` for each part that the mesh leaves out on request, and that is not judged; may be empty.
+    pub left_out: &'a [bool],
     /// The geometry of the image.
     pub geometry: &'a Geometry<D>,
+}
+
+/// Returns for each connected part whether a mesh leaves it out: if its label is not kept, or if it is not the
+/// largest part of its label and `keeps_largest`.
+pub fn parts_left_out<const D: usize>(
+    components: &Components<D>,
+    is_label_kept: &[bool],
+    keeps_largest: bool,
+) -> Vec<bool> {
+    let parts = &components.components;
+    let mut largest = vec![0; is_label_kept.len()];
+    for part in parts {
+        let largest = &mut largest[part.label as usize];
+        *largest = part.sample_count.max(*largest);
+    }
+    let is_left_out = |part: &Component<D>| {
+        let label = part.label as usize;
+        !is_label_kept[label] || keeps_largest && part.sample_count < largest[label]
+    };
+    parts.iter().map(is_left_out).collect()
 }
 
 /// Judges the cells of a mesh by the samples of an image. Returns `None` if `cancel` is cancelled.
@@ -345,7 +367,12 @@ pub fn certify<const D: usize>(
         thickness: [voxel_thickness(voxels), surfaces.mesh_thickness()],
         mesh_euler: euler_numbers(cells, mesh, part_count),
     };
-    let pinched = pinched_nodes(mesh, voxels);
+    let mut pinched = pinched_nodes(mesh, voxels);
+    pinched.retain(|node| {
+        node.parts
+            .iter()
+            .any(|&part| judged.is_judged(part as usize))
+    });
     let pinches = |nodes: &[PinchedNode]| judged.pinches(nodes, cells);
     Some(judged.certificate(&pinched, pinches))
 }
@@ -432,6 +459,14 @@ struct JudgedParts<'a, const D: usize> {
 }
 
 impl<const D: usize> JudgedParts<'_, D> {
+    fn is_judged(&self, part: usize) -> bool {
+        !self
+            .image
+            .left_out
+            .get(part)
+            .is_some_and(|left_out| *left_out)
+    }
+
     fn place(&self, x: [f64; D]) -> Vec<f64> {
         self.image.geometry.to_physical(x).to_vec()
     }
@@ -531,7 +566,10 @@ impl<const D: usize> JudgedParts<'_, D> {
         let part_count = self.image.components.components.len();
         let touch = self.parts_in_touch();
         let mut counter = Counter::default();
-        let mut order: Vec<usize> = (0..part_count).collect();
+        let mut order: Vec<usize> = (0..part_count)
+            .filter(|&part| self.is_judged(part))
+            .collect();
+        let part_count = order.len();
         let size = |part: usize| self.image.components.components[part].sample_count;
         order.sort_by_key(|&part| (std::cmp::Reverse(size(part)), part));
         let mut part_reports = Vec::new();
@@ -544,7 +582,8 @@ impl<const D: usize> JudgedParts<'_, D> {
         }
         let total = |sums: &[DistanceSum<D>]| {
             let mut total = DistanceSum::default();
-            sums.iter().for_each(|sum| total.merge(sum));
+            let judged = (0..sums.len()).filter(|&part| self.is_judged(part));
+            judged.for_each(|part| total.merge(&sums[part]));
             self.distances(&total)
         };
         let pinches = pinches(pinched);

@@ -7,6 +7,9 @@ use clap::Parser;
 use serde_json::{Value, json};
 
 use super::args::{CommandLine, Verb, value_error};
+use super::common::global::CommonOptions;
+use super::console::Console;
+use super::interrupts::Interrupts;
 use super::run_session;
 use super::verbs::mesh::MeshJob;
 use crate::error::cause;
@@ -91,6 +94,28 @@ pub fn run_line(
         }
     })?;
     Ok((reply.answer, Some(reply.patch)))
+}
+
+/// Runs a line of a script, as [`run_line`] does, and prints its progress on standard error.
+///
+/// # Errors
+/// Returns the errors of [`run_line`].
+pub fn run_line_on_console(
+    workbench: &mut Workbench,
+    line: &str,
+) -> Result<(Answer, Option<MeshPatch>)> {
+    let common = CommonOptions {
+        quiet: false,
+        json: false,
+        threads: None,
+        max_memory: None,
+    };
+    let (mut console, interrupts) = (Console::new(&common, true), Interrupts::default());
+    run_line(
+        workbench,
+        line,
+        &mut console.job_progress(&interrupts, true),
+    )
 }
 
 /// Returns the input and the output of a verb that makes a mesh of a mesh; `None` for others.

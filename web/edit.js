@@ -124,6 +124,15 @@ class EditTool {
     return true;
   }
 
+  /** Finds the features that all edits need, once for each mesh that was made. */
+  async enterPanel() {
+    const { bench } = this;
+    const line = bench.session.done.findLast(text => text.startsWith('mesh '));
+    if (bench.mesh.isEmpty || line === this.prepared) return;
+    this.prepared = line;
+    await bench.perform(() => bench.session.prepare(MESH, bench.image, text => bench.progress?.(text)), 'Finding the features that edits need …');
+  }
+
   leave() { this.drag = null; }
 
   /** Returns the figures of the last edit. */

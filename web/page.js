@@ -142,8 +142,7 @@ function makeMesh(more = []) {
     bench.apply(reply);
     bench.redraw();
     state.seconds = (performance.now() - start) / 1000;
-    state.report = reply.report;
-    $('report').textContent = [reply.text, ...notes].join('\n');
+    bench.meshed(reply, notes);
     await showResults();
     say(`Done in ${state.seconds.toFixed(1)} s, with ${formatBytes(session.memoryBytes)} of memory.`);
     await project.keep();
@@ -276,6 +275,11 @@ async function forgetAll() {
 }
 
 bench.makeMesh = makeMesh;
+bench.meshed = (reply, notes) => {
+  state.report = reply.report;
+  $('report').textContent = [reply.text, ...notes].join('\n');
+};
+bench.progress = line => { if (line.endsWith(' ...')) say(`${line.slice(0, -4)} …`); };
 bench.changed = () => { listDownloads(); project.keep(); };
 bench.listen();
 $('file').addEventListener('change', event => useFiles(event.target.files));

@@ -76,7 +76,7 @@ class Project {
   /** Saves the state in the browser's storage, after the saves before. */
   keep() {
     this.saving = this.saving.then(async () => {
-      if (!this.isKept || !this.bench.image) return;
+      if (!this.isKept || this.isLoading || !this.bench.image) return;
       const { session } = this.bench;
       const content = await this.content();
       if (this.keptHash !== this.hash || this.keptName !== this.bench.image) {
@@ -96,6 +96,16 @@ class Project {
 
   /** Brings the page into the state of a project whose image is open. */
   async load(content) {
+    // Until all actions are done again, the state that is kept stays.
+    this.isLoading = true;
+    try {
+      return await this.doAgain(content);
+    } finally {
+      this.isLoading = false;
+    }
+  }
+
+  async doAgain(content) {
     const { bench } = this;
     const { session } = bench;
     session.put(Object.fromEntries(Object.entries(content.files).map(([name, text]) => [name, fromText(text)])));
@@ -106,6 +116,7 @@ class Project {
     for (const line of [...content.script, ...content.undone]) {
       const reply = await bench.act(line, `Doing again: ${line}`);
       if (!reply) return false;
+      if (line.startsWith('mesh ')) bench.meshed(reply, []);
     }
     for (const _ of content.undone) await bench.undo();
     Object.assign(bench.show, content.view?.show);

@@ -114,6 +114,9 @@ class Session {
     return this.request({ do: 'run', line: typeof words === 'string' ? words : words.map(quoted).join(' ') }, options);
   }
 
+  /** Prepares edits, so that the first one takes no longer than later ones. */
+  prepare(mesh, image, onLine) { return this.request({ do: 'prepare', mesh, image }, { onLine }); }
+
   undo() { return this.request({ do: 'undo' }); }
 
   redo() { return this.request({ do: 'redo' }); }

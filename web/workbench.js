@@ -232,6 +232,8 @@ class Bench {
   async perform(work, text) {
     const start = performance.now();
     this.say(text);
+    // Long actions can be cancelled.
+    const timer = setTimeout(() => this.setCancellable(true), 1000);
     try {
       const reply = await work();
       const answered = performance.now();
@@ -246,7 +248,16 @@ class Bench {
       this.say(error.message.replace(/^error: /, ''), error.message !== 'cancelled');
       this.redraw();
       return null;
+    } finally {
+      clearTimeout(timer);
+      this.setCancellable(false);
     }
+  }
+
+  setCancellable(isLong) {
+    const row = document.getElementById('progress-row');
+    if (isLong) document.getElementById('progress').removeAttribute('value');
+    row.hidden = !isLong;
   }
 
   /** Applies what an action changed. */

@@ -96,26 +96,16 @@ pub fn run_line(
     Ok((reply.answer, Some(reply.patch)))
 }
 
-/// Runs a line of a script, as [`run_line`] does, and prints its progress on standard error.
-///
-/// # Errors
-/// Returns the errors of [`run_line`].
-pub fn run_line_on_console(
-    workbench: &mut Workbench,
-    line: &str,
-) -> Result<(Answer, Option<MeshPatch>)> {
+/// Runs `work` with a progress that is printed on standard error, as that of a mesh job is.
+pub fn with_console<T>(work: impl FnOnce(&mut dyn Progress) -> T) -> T {
     let common = CommonOptions {
         quiet: false,
         json: false,
         threads: None,
         max_memory: None,
     };
-    let (mut console, interrupts) = (Console::new(&common, true), Interrupts::default());
-    run_line(
-        workbench,
-        line,
-        &mut console.job_progress(&interrupts, true),
-    )
+    let interrupts = Interrupts::default();
+    work(&mut Console::new(&common, true).job_progress(&interrupts, true))
 }
 
 /// Returns the input and the output of a verb that makes a mesh of a mesh; `None` for others.

@@ -9,6 +9,7 @@
 //! | request | reply |
 //! |---|---|
 //! | `{"do": "run", "line": LINE}` | the report of a line of a script, and what it changed |
+//! | `{"do": "prepare", "mesh": NAME, "image": NAME}` | nothing; the first edit takes less time then |
 //! | `{"do": "undo"}`, `{"do": "redo"}` | what that changed |
 //! | `{"do": "write", "mesh": NAME}` | nothing; the file of the mesh is written |
 //!
@@ -20,7 +21,7 @@ use std::path::PathBuf;
 
 use atomesh::cli::allocator::OomExitAllocator;
 use atomesh::cli::console::{error_line, print_stderr};
-use atomesh::cli::run_line_on_console;
+use atomesh::cli::{run_line, with_console};
 use atomesh::workbench::{ArrayPatch, MeshPatch, Workbench};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -40,6 +41,13 @@ enum Request {
     Run {
         /// The line.
         line: String,
+    },
+    /// Detects the features that edits share.
+    Prepare {
+        /// The name of the mesh.
+        mesh: PathBuf,
+        /// The name of the image.
+        image: PathBuf,
     },
     /// Undoes the last action.
     Undo,
@@ -86,7 +94,7 @@ impl Reply {
         };
         let mut reply = Self::default();
         match request {
-            Request::Run { line } => match run_line_on_console(workbench, &line) {
+            Request::Run { line } => match with_console(|p| run_line(workbench, &line, p)) {
                 Ok((answer, patch)) => {
                     reply.set("text", answer.text);
                     reply.set("report", answer.json);
@@ -95,6 +103,12 @@ impl Reply {
                 }
                 Err(error) => reply = Self::error(error_line(&error)),
             },
+            Request::Prepare { mesh, image } => {
+                let prepared = with_console(|p| workbench.prepare_edits(&mesh, &image, p));
+                if let Err(error) = prepared {
+                    reply = Self::error(error_line(&error));
+                }
+            }
             Request::Undo => reply.add_patch(workbench.undo().as_ref()),
             Request::Redo => reply.add_patch(workbench.redo().as_ref()),
             Request::Write { mesh } => match workbench.mesh(&mesh).map(|file| file.write(&mesh)) {

@@ -115,7 +115,7 @@ deb: packages
 package: packages
 	rm -rf "$${CARGO_HOME:-$$HOME/.cargo}"/registry/src/-*/tetgen-sys-*
 	cargo clean --quiet --locked -p tetgen-sys
-	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --locked --allow-dirty \
+	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --exclude atomesh-page --locked --allow-dirty \
 	    --config profile.dev.package.atomesh.opt-level=0
 
 spelling:

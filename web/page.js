@@ -144,6 +144,7 @@ function makeMesh(more = []) {
     state.seconds = (performance.now() - start) / 1000;
     bench.meshed(reply, notes);
     await showResults();
+    $('bench').scrollIntoView();
     say(`Done in ${state.seconds.toFixed(1)} s, with ${formatBytes(session.memoryBytes)} of memory.`);
     await project.keep();
   });

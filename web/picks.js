@@ -20,7 +20,7 @@ function snapped(trace, at, kind) {
 
 class PickTool {
   constructor(bench) {
-    Object.assign(this, { bench, surfaces: [], current: -1, open: false, found: [] });
+    Object.assign(this, { bench, surfaces: [], current: -1, open: false, found: [], followed: [] });
     const id = name => document.getElementById(name);
     id('new-fault').onclick = () => this.addSurface('fault');
     id('new-horizon').onclick = () => this.addSurface('horizon');
@@ -122,9 +122,12 @@ class PickTool {
     const { bench } = this;
     const reply = await bench.perform(() => bench.session.run(['surface', MESH, '-o', 'found.vtp'], { take: ['found.vtp'] }), 'Listing surfaces …');
     if (!reply) return;
-    const list = reply.report.surfaces || [];
     bench.session.put({ 'found.vtp': reply.files['found.vtp'] });
-    this.found = list.map(surface => ({ name: surface.name, area: surface.area ?? surface.length, confidence: surface.confidence, isKept: true }));
+    const named = (reply.report.surfaces || []).map(surface => ({ name: surface.name || `${surface.kind}${surface.surface}`, area: surface.area ?? surface.length,
+      confidence: surface.confidence, isKept: true }));
+    // The picks are followed in any case.
+    this.found = named.filter(surface => !this.surfaces.some(own => own.name === surface.name));
+    this.followed = named.map(surface => surface.name);
     this.refresh();
   }
 

@@ -282,7 +282,7 @@ def draw_fault(b, n, pictures):
     check(b.value(STATUS).startswith("Done"), b.value(STATUS))
     b.click_element("#list-found")
     b.wait_idle()
-    found = b.value("atomesh.bench.tools.picks.found.map(surface => surface.name)")
+    found = b.value("atomesh.bench.tools.picks.followed")
     check("fault_pick1" in found, f"the mesh follows {found}")
     b.shot(os.path.join(pictures, "workbench-picks-mesh.png"))
 

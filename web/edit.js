@@ -139,7 +139,7 @@ class EditTool {
   figures() {
     const [before, after] = this.report?.quality || [];
     if (!after) return [];
-    const angle = quality => showNumber(quality?.min_dihedral?.min ?? quality?.dihedral?.min ?? quality?.min_angle ?? NaN, 3);
+    const angle = quality => showNumber(quality?.smallest_angle?.worst ?? NaN, 3);
     return [['Cells of the last edit', `${this.report.cells[0]} → ${this.report.cells[1]}`], ['Their smallest angle', `${angle(before)}° → ${angle(after)}°`]];
   }
 

@@ -215,8 +215,8 @@ class Section {
       for (const path of paths) context.stroke(path);
     };
     if (show.edges) {
-      context.globalAlpha = 0.55;
-      stroke(edges, show.map === 'grey' ? '#2f8fe0' : '#ffffff', 0.7);
+      context.globalAlpha = 0.75;
+      stroke(edges, show.map === 'grey' ? '#3fa3f5' : '#ffffff', 0.8);
       context.globalAlpha = 1;
     }
     stroke(borders, '#ffffff', 2.4);

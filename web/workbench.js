@@ -77,6 +77,7 @@ class Bench {
     const views = document.getElementById('views');
     views.replaceChildren(...this.sections.map(section => section.element), ...(this.body ? [this.body.element] : []));
     views.classList.toggle('flat', !this.body);
+    for (const label of document.querySelectorAll('.space')) label.hidden = !this.body;
     this.tools = { look: new LookTool(this), paint: new PaintTool(this), edit: new EditTool(this), picks: new PickTool(this), flow: new FlowTool(this) };
     this.choose('look');
     this.fillControls();

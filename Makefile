@@ -75,13 +75,14 @@ portable:
 	scripts/cross.sh x86_64-apple-darwin check --no-default-features --features cli
 
 web:
-	scripts/cross.sh wasm32-wasip1 build --release --no-default-features --features cli --bin atomesh
-	scripts/web.py target/cross/wasm32-wasip1/release/atomesh.wasm target/web/atomesh.html
+	scripts/cross.sh wasm32-wasip1 build --release --package atomesh-page
+	scripts/web.py target/cross/wasm32-wasip1/release/atomesh-page.wasm target/web/atomesh.html
 
 web-test: web validators
 	cargo build --locked
 	@mkdir -p target/web/pictures
 	python3 -B tests/data/page/web.py target/web/atomesh.html target/debug/atomesh target/web/pictures
+	python3 -B tests/data/page/workbench.py target/web/atomesh.html target/debug/atomesh target/web/pictures --axe .venv/axe.min.js
 
 # Ignored tests run, too, and fail if a program that they need is missing.
 test-all: lint without-c validators
@@ -114,7 +115,7 @@ deb: packages
 package: packages
 	rm -rf "$${CARGO_HOME:-$$HOME/.cargo}"/registry/src/-*/tetgen-sys-*
 	cargo clean --quiet --locked -p tetgen-sys
-	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --locked --allow-dirty \
+	cargo package --workspace --exclude atomesh-python --exclude atomesh-mpi --exclude atomesh-page --locked --allow-dirty \
 	    --config profile.dev.package.atomesh.opt-level=0
 
 spelling:

@@ -2,7 +2,7 @@
 # Installs the independent programs with which tests check the files of atomesh. From PyPI into .venv: VTK, Gmsh,
 # toughio, xtgeo, resqpy, open-DARTS, SciPy, meshio, readers of images (segyio, nibabel, pynrrd, SimpleITK, tifffile,
 # zarr, ome-zarr, ngff-zarr, pydicom), of logs (lasio), of models for FEBio (pyfebio) and a reader of simulation results
-# (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium.
+# (resfo). By apt: OPM Flow, OpenFOAM, CalculiX, Octave and Chromium. By npm: axe-core, which checks pages for accessibility.
 set -eu
 
 modules="vtkmodules.vtkIOXML resfo gmsh toughio scipy xtgeo resqpy darts flopy meshio netCDF4
@@ -78,6 +78,14 @@ install_packages() {
         absent "apt-get install fails"
 }
 
+install_axe() {
+    command -v npm >/dev/null 2>&1 || { absent "no npm to download axe-core"; return; }
+    folder="$(mktemp -d)"
+    { (cd "$folder" && npm pack --silent axe-core@4 >/dev/null && tar xzf axe-core-*.tgz) &&
+        mv "$folder/package/axe.min.js" .venv/axe.min.js; } || absent "npm pack axe-core fails"
+    rm -rf "$folder"
+}
+
 if command -v dpkg >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then
     install_packages
 else
@@ -87,3 +95,4 @@ fi
 if ! { [ -x .venv/bin/python ] && python_modules; }; then
     install_modules
 fi
+[ -e .venv/axe.min.js ] || install_axe

@@ -5,6 +5,9 @@ import gzip
 import os
 import sys
 
+# The scripts of the page, in one module. Later ones use earlier ones.
+SCRIPTS = ["session.js", "colors.js", "mesh_model.js", "sections.js", "body.js", "workbench.js", "paint.js", "edit.js", "picks.js", "flow.js",
+           "project.js", "tour.js", "page.js"]
 FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "web")
 
 
@@ -16,7 +19,7 @@ def part(name):
 def main(program, page):
     with open(program, "rb") as file:
         packed = base64.b64encode(gzip.compress(file.read(), mtime=0)).decode()
-    parts = {"style": part("style.css"), "script": part("page.js"), "worker": part("wasi.js") + part("worker.js"),
+    parts = {"style": part("style.css"), "script": "".join(map(part, SCRIPTS)), "worker": part("wasi.js") + part("worker.js"),
              "program": packed}
     text = part("index.html")
     for name, content in parts.items():

@@ -11,6 +11,7 @@ fn all_packages_have_the_version_of_the_program() {
     let quoted = format!("version = \"{version}\"");
     for (file, line) in [
         ("crates/mpi/Cargo.toml", &quoted),
+        ("crates/page/Cargo.toml", &quoted),
         ("python/Cargo.toml", &quoted),
         ("tetgen-sys/Cargo.toml", &quoted),
         ("CITATION.cff", &format!("version: {version}")),

@@ -225,6 +225,34 @@ fn random_actions_in_the_plane_are_undone_redone_and_repeated_to_the_byte() {
 }
 
 #[test]
+fn prepared_edits_make_the_same_mesh() {
+    for options in ["--feature ridges", "--cells voronoi"] {
+        let mut states = Vec::new();
+        for is_prepared in [false, true] {
+            let mut bench = Bench::new("60,50", &format!("--distance 6 {options}"));
+            let start = bench.bytes();
+            if is_prepared {
+                let [image, mesh] = ["image.npy", "mesh.vtu"].map(|name| bench.path(name));
+                let prepared = bench
+                    .workbench
+                    .prepare_edits(&mesh, &image, &mut NoProgress);
+                prepared.unwrap();
+                assert!(bench.bytes() == start && bench.workbench.done().count() == 1);
+                assert!(
+                    bench
+                        .workbench
+                        .prepare_edits(&image, &mesh, &mut NoProgress)
+                        .is_err()
+                );
+            }
+            bench.run("edit MESH IMAGE -o MESH --add 30.25,20").unwrap();
+            states.push(bench.bytes());
+        }
+        assert!(states[0] == states[1], "{options}");
+    }
+}
+
+#[test]
 fn voronoi_cells_are_edited_and_undone() {
     let mut bench = Bench::new("60,50", "--distance 6 --cells voronoi");
     let start = bench.bytes();

@@ -69,17 +69,17 @@ class MemoryFile {
 }
 
 /**
- * Runs a program and returns its exit code, its standard output and all files that it leaves.
- * `files` maps names to Blobs; `onError` receives each line of standard error.
+ * Starts a program that stays in memory, and returns functions that use it. `onError` receives each line of
+ * standard error.
  */
-function runProgram(module, args, files, onError) {
+function startProgram(module, onError) {
   const encode = text => new TextEncoder().encode(text);
   const decode = bytes => new TextDecoder().decode(bytes);
-  const decoders = [0, 1, 2].map(() => new TextDecoder());
+  const errorDecoder = new TextDecoder();
   const tree = new Map([['', null]]);
-  for (const [name, blob] of Object.entries(files)) tree.set(name, new MemoryFile(blob));
   const open = new Map();
-  const output = [[], [], []];
+  // Standard output as bytes, and the lines of standard error that are not complete.
+  let [input, output, errors] = [new Uint8Array(0), [], ''];
   let nextDescriptor = FIRST_DESCRIPTOR;
   let memory = null;
 
@@ -137,8 +137,8 @@ function runProgram(module, args, files, onError) {
 
   /** Passes complete lines of standard error on. */
   const flushLines = () => {
-    const lines = output[2].join('').split('\n');
-    output[2] = [lines.pop()];
+    const lines = errors.split('\n');
+    errors = lines.pop();
     lines.forEach(onError);
   };
   const putStatus = (pointer, kind, size) => {
@@ -170,8 +170,8 @@ function runProgram(module, args, files, onError) {
   };
 
   const calls = {
-    args_sizes_get: (count, size) => putSizes(args, count, size),
-    args_get: (pointers, texts) => putStrings(args, pointers, texts),
+    args_sizes_get: (count, size) => putSizes(['atomesh'], count, size),
+    args_get: (pointers, texts) => putStrings(['atomesh'], pointers, texts),
     environ_sizes_get: (count, size) => putSizes([], count, size),
     environ_get: () => {},
     clock_time_get(clock, _, pointer) {
@@ -214,7 +214,14 @@ function runProgram(module, args, files, onError) {
     fd_sync: () => {},
     fd_datasync: () => {},
     fd_read(descriptor, pointer, count, total) {
-      if (descriptor === 0) return putU32(total, 0);
+      if (descriptor === 0) {
+        return eachBuffer(pointer, count, total, buffer => {
+          const part = input.subarray(0, buffer.length);
+          buffer.set(part);
+          input = input.subarray(part.length);
+          return part.length;
+        });
+      }
       const entry = openedFile(descriptor);
       readFrom(entry.file, entry.position, pointer, count, total);
       entry.position += view().getUint32(total, true);
@@ -225,7 +232,8 @@ function runProgram(module, args, files, onError) {
     fd_write(descriptor, pointer, count, total) {
       if (descriptor < 3) {
         eachBuffer(pointer, count, total, buffer => {
-          output[descriptor].push(decoders[descriptor].decode(buffer.slice(), { stream: true }));
+          if (descriptor === 1) output.push(buffer.slice());
+          else errors += errorDecoder.decode(buffer.slice(), { stream: true });
           return buffer.length;
         });
         if (descriptor === 2) flushLines();
@@ -336,19 +344,37 @@ function runProgram(module, args, files, onError) {
   }
   const instance = new WebAssembly.Instance(module, imports);
   memory = instance.exports.memory;
-  let code = 0;
-  try {
-    instance.exports._start();
-  } catch (error) {
-    if (!(error instanceof Exit)) throw error;
-    code = error.code;
-  }
-  if (output[2].join('') !== '') onError(output[2].join(''));
-  const left = [...tree].filter(([name, file]) => file !== null && !(name in files));
+  instance.exports._start();
+
   return {
-    code,
-    output: output[1].join(''),
-    files: Object.fromEntries(left.map(([name, file]) => [name, file.toBlob()])),
-    memoryBytes: memory.buffer.byteLength,
+    /** Puts files, Blobs by name, where the program finds them. */
+    put(files) {
+      for (const [name, blob] of Object.entries(files)) tree.set(name, new MemoryFile(blob));
+    },
+
+    /** Returns the file of this name as a Blob and removes it; null if there is none. */
+    take(name) {
+      const file = tree.get(name);
+      if (!file) return null;
+      tree.delete(name);
+      return file.toBlob();
+    },
+
+    /** Returns the bytes with which the program answers a request. */
+    answer(request) {
+      [input, output] = [encode(JSON.stringify(request)), []];
+      instance.exports.answer_request();
+      const reply = new Uint8Array(output.reduce((sum, part) => sum + part.length, 0));
+      let at = 0;
+      for (const part of output) {
+        reply.set(part, at);
+        at += part.length;
+      }
+      output = [];
+      return reply;
+    },
+
+    /** Returns the size of the program's memory. */
+    memoryBytes: () => memory.buffer.byteLength,
   };
 }

@@ -1,11 +1,20 @@
-// Runs one command of the program. The page starts a worker for each command and ends it to cancel.
+// Holds the session of the page: the program stays in memory and answers one request after another.
 
-onmessage = ({ data: { module, args, files } }) => {
+let program = null;
+let current = 0;
+
+onmessage = ({ data: { id, module, files, request, take } }) => {
+  current = id;
   try {
-    postMessage({ result: runProgram(module, args, files, line => postMessage({ line })) });
+    program ??= startProgram(module, line => postMessage({ id: current, line }));
+    program.put(files || {});
+    const reply = request ? program.answer(request) : null;
+    const taken = {};
+    for (const name of take || []) taken[name] = program.take(name);
+    postMessage({ id, reply, files: taken, memoryBytes: program.memoryBytes() }, reply ? [reply.buffer] : []);
   } catch (error) {
-    const isFull = error instanceof RangeError || /memory|unreachable/.test(error.message);
-    const text = isFull ? 'memory: the browser has none left; give a larger distance or a part of the image' : String(error);
-    postMessage({ result: { code: 101, output: '', files: {}, memoryBytes: 0 }, line: `error: ${text}` });
+    const isFull = error instanceof RangeError || error instanceof Exit || /memory|unreachable/.test(error.message);
+    const failure = isFull ? 'memory: the browser has none left; give a larger distance or a part of the image' : String(error);
+    postMessage({ id, failure });
   }
 };

@@ -24,7 +24,7 @@ pub mod verbs;
 pub use crate::comm::world;
 pub use option_table::option_table;
 #[doc(hidden)]
-pub use script::run_line;
+pub use script::{run_line, with_console};
 
 use std::mem::ManuallyDrop;
 use std::process::ExitCode;

@@ -7,6 +7,9 @@ use clap::Parser;
 use serde_json::{Value, json};
 
 use super::args::{CommandLine, Verb, value_error};
+use super::common::global::CommonOptions;
+use super::console::Console;
+use super::interrupts::Interrupts;
 use super::run_session;
 use super::verbs::mesh::MeshJob;
 use crate::error::cause;
@@ -91,6 +94,18 @@ pub fn run_line(
         }
     })?;
     Ok((reply.answer, Some(reply.patch)))
+}
+
+/// Runs `work` with a progress that is printed on standard error, as that of a mesh job is.
+pub fn with_console<T>(work: impl FnOnce(&mut dyn Progress) -> T) -> T {
+    let common = CommonOptions {
+        quiet: false,
+        json: false,
+        threads: None,
+        max_memory: None,
+    };
+    let interrupts = Interrupts::default();
+    work(&mut Console::new(&common, true).job_progress(&interrupts, true))
 }
 
 /// Returns the input and the output of a verb that makes a mesh of a mesh; `None` for others.

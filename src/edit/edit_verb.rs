@@ -104,18 +104,38 @@ pub fn edit_with_cache<'a>(
         image: image.into(),
         read_image,
         cache,
+        is_preparation: false,
         progress,
     };
-    with_mesh!(mesh,
-        simplices file => {
-            let dropped = editable_mesh::dropped_arrays(&file);
-            run.edit(file, edit_simplices, dropped)
-        },
-        cells file => {
-            let dropped = cells::dropped_arrays(&file);
-            run.edit(file, edit_cells, dropped)
-        }
-    )
+    run.edit_any(mesh)
+}
+
+/// Detects the features that edits of this mesh share, and keeps them in the cache, so that the first
+/// edit takes no longer than later ones.
+///
+/// # Errors
+/// Returns the errors of [`edit`] for a mesh or an image that cannot be edited.
+pub fn prepare_edits<'a>(
+    mesh: impl Into<MeshInput<'a>>,
+    image: impl Into<ImageInput<'a>>,
+    cache: &EditCache,
+    progress: &mut dyn Progress,
+) -> Result<()> {
+    let MeshInput {
+        mesh,
+        name,
+        read_image,
+    } = mesh.into();
+    let run = EditRun {
+        spec: &EditSpec::default(),
+        name,
+        image: image.into(),
+        read_image,
+        cache: Some(cache),
+        is_preparation: true,
+        progress,
+    };
+    run.edit_any(mesh).map(|_| ())
 }
 
 /// Returns the options for reading the image of a mesh: those of `input`, and for all others those
@@ -145,10 +165,26 @@ struct EditRun<'a> {
     image: ImageInput<'a>,
     read_image: ReadImage<'a>,
     cache: Option<&'a EditCache>,
+    /// `true` if nothing is edited, but what edits share is prepared.
+    is_preparation: bool,
     progress: &'a mut dyn Progress,
 }
 
 impl EditRun<'_> {
+    /// Edits a mesh.
+    fn edit_any(self, mesh: AnyMesh) -> Result<EditOutcome> {
+        with_mesh!(mesh,
+            simplices file => {
+                let dropped = editable_mesh::dropped_arrays(&file);
+                self.edit(file, edit_simplices, dropped)
+            },
+            cells file => {
+                let dropped = cells::dropped_arrays(&file);
+                self.edit(file, edit_cells, dropped)
+            }
+        )
+    }
+
     /// Edits a mesh of any dimension and kind of cells. Arrays in `dropped` are not in the edited
     /// mesh.
     fn edit<const D: usize, M: Storable<D>>(
@@ -160,7 +196,11 @@ impl EditRun<'_> {
     where
         MeshFile<M>: Into<AnyMesh>,
     {
-        let edits = self.spec.edits()?;
+        let edits = if self.is_preparation {
+            Vec::new()
+        } else {
+            self.spec.edits()?
+        };
         let (mut recorded, mut notes) = recorded_spec(self.name, &file)?;
         recorded.input = self.spec.input.with_fallback(&recorded.input);
         notes.extend(notes_on_input(&self.image, &file, &dropped));

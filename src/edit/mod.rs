@@ -33,7 +33,7 @@ pub(crate) mod window;
 
 pub use edit_cache::EditCache;
 pub use edit_spec::{AtomMove, AtomNumber, EditSpec};
-pub use edit_verb::{EditOutcome, EditReport, edit, edit_with_cache, input_options};
+pub use edit_verb::{EditOutcome, EditReport, edit, edit_with_cache, input_options, prepare_edits};
 pub use whole_features::{EditImage, WholeFeatures};
 
 use serde::Serialize;

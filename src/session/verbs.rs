@@ -7,7 +7,7 @@ use serde_json::json;
 use super::{Answer, Output, Session};
 use crate::Result;
 use crate::assess::{QualitySpec, ReportSpec};
-use crate::edit::{EditSpec, edit_with_cache, input_options};
+use crate::edit::{EditSpec, edit_with_cache, input_options, prepare_edits};
 use crate::export::convert::{ConvertSpec, Converted};
 use crate::export::surfaces::vtp::read_shapes;
 use crate::export::{ExportFormat, ExportSpec};
@@ -178,6 +178,41 @@ impl Session<'_> {
         }
     }
 
+    /// Reads a mesh, and the image that was meshed, which has this name.
+    fn read_for_edit<'b>(
+        &mut self,
+        mesh: &Path,
+        (image, name): (&Path, &'b str),
+        input: &InputOptions,
+    ) -> Result<(AnyMesh, ImageInput<'b>)> {
+        let read_mesh = self.objects.read_mesh(mesh, self.progress)?;
+        let input = input_options(&read_mesh, &path_text(mesh), input)?;
+        let image = ImageInput {
+            image: self.objects.read_image(image, &input)?,
+            name,
+            sha256: Some(self.objects.hash(image)?),
+        };
+        Ok((read_mesh, image))
+    }
+
+    /// Detects the features that the edits of a resident session share, so that the first edit takes no
+    /// longer than later ones.
+    ///
+    /// # Errors
+    /// Returns the errors of the files, and of [`prepare_edits`].
+    pub(crate) fn prepare_edits(&mut self, mesh: &Path, image: &Path) -> Result<()> {
+        let Some(resident) = &self.objects.resident else {
+            return Ok(());
+        };
+        self.progress.stage(Stage::Reading);
+        let image_name = path_text(image);
+        let input = InputOptions::default();
+        let (read_mesh, image) = self.read_for_edit(mesh, (image, &image_name), &input)?;
+        self.on_read_mesh(read_mesh, mesh, |mesh, progress| {
+            prepare_edits(mesh, image, &resident.edits, progress)
+        })
+    }
+
     /// Edits the atoms of a mesh of an image.
     ///
     /// # Errors
@@ -193,13 +228,8 @@ impl Session<'_> {
         let mut clock = Clock::new();
         self.progress.stage(Stage::Reading);
         clock.begin(Stage::Reading);
-        let read_mesh = self.objects.read_mesh(mesh, self.progress)?;
-        let input = input_options(&read_mesh, &path_text(mesh), &spec.input)?;
-        let image = ImageInput {
-            image: self.objects.read_image(image, &input)?,
-            name: &path_text(image),
-            sha256: Some(self.objects.hash(image)?),
-        };
+        let image_name = path_text(image);
+        let (read_mesh, image) = self.read_for_edit(mesh, (image, &image_name), &spec.input)?;
         clock.end();
         let cache = self
             .objects

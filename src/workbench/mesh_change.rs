@@ -111,7 +111,7 @@ macro_rules! values_change {
             }
 
             /// Returns the indices that the last exchange changed, as [`ListChange::changed`] does.
-            pub(super) fn changed(&self, len: usize) -> Vec<u32> {
+            fn changed(&self, len: usize) -> Vec<u32> {
                 match self {
                     $(Self::$variant(change) => change.changed(len),)*
                 }
@@ -143,6 +143,14 @@ impl ArraysChange {
             .then(|| pairs().map(compare).collect::<Option<Vec<_>>>())
             .flatten()
             .map_or_else(|| Self::Other(other.to_vec()), Self::Values)
+    }
+
+    /// Returns the indices that the last exchange changed in array `i`, of `len` values.
+    pub(super) fn changed(&self, i: usize, len: usize) -> Vec<u32> {
+        match self {
+            Self::Values(changes) => changes[i].changed(len),
+            Self::Other(_) => (0..len as u32).collect(),
+        }
     }
 
     fn exchange(&mut self, arrays: &mut Vec<DataArray>) {
@@ -188,7 +196,7 @@ simplex_lists!(TetMesh, 3, 4, tets);
 pub(super) struct SimplexChange<const D: usize, const C: usize> {
     pub(super) nodes: ListChange<[f64; D]>,
     pub(super) cells: ListChange<[u32; C]>,
-    point_data: ArraysChange,
+    pub(super) point_data: ArraysChange,
     pub(super) cell_data: ArraysChange,
     field_data: Vec<(String, FieldValue)>,
 }

@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::mesh_change::{ArraysChange, MeshChange, SimplexChange, SimplexLists};
+use super::mesh_change::{MeshChange, SimplexChange, SimplexLists};
+use crate::files::vtk::DataArray;
 use crate::mesh_file::{AnyMesh, MeshFile, with_mesh};
 
 /// The nodes, cells and values of cells that an action changed.
@@ -30,17 +31,23 @@ pub struct MeshPatch {
     /// Their nodes, `dimensions` + 1 of each cell.
     pub corners: Vec<u32>,
     /// Changes of the values of cells.
-    pub arrays: Vec<ArrayPatch>,
+    pub cell_arrays: Vec<ArrayPatch>,
+    /// Changes of the values of nodes.
+    pub node_arrays: Vec<ArrayPatch>,
+    /// Names of all arrays that the mesh has with one value of each cell.
+    pub cell_array_names: Vec<String>,
+    /// Names of all arrays that the mesh has with one value of each node.
+    pub node_array_names: Vec<String>,
 }
 
-/// Values of cells that an action changed.
+/// Values of cells or nodes that an action changed.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ArrayPatch {
     /// The name of the array, such as `region`.
     pub name: String,
-    /// Ascending numbers of the cells.
-    pub cells: Vec<u32>,
+    /// Ascending numbers of the cells or nodes.
+    pub indices: Vec<u32>,
     /// Their values.
     pub values: Vec<f32>,
 }
@@ -90,10 +97,11 @@ impl MeshPatch {
         self.nodes = change.nodes.changed(nodes.len());
         self.cells = change.cells.changed(cells.len());
         self.add_lists(file);
-        let ArraysChange::Values(changes) = &change.cell_data else {
-            return self.add_arrays(file, |_| (0..cells.len() as u32).collect());
-        };
-        self.add_arrays(file, |i| changes[i].changed(cells.len()));
+        self.add_arrays(
+            file,
+            |i| change.point_data.changed(i, nodes.len()),
+            |i| change.cell_data.changed(i, cells.len()),
+        );
     }
 
     /// Adds a whole mesh of simplices.
@@ -105,7 +113,8 @@ impl MeshPatch {
         self.nodes = (0..nodes.len() as u32).collect();
         self.cells = (0..cells.len() as u32).collect();
         self.add_lists(file);
-        self.add_arrays(file, |_| (0..cells.len() as u32).collect());
+        let (node_indices, cell_indices) = (self.nodes.clone(), self.cells.clone());
+        self.add_arrays(file, |_| node_indices.clone(), |_| cell_indices.clone());
     }
 
     /// Adds the positions of the changed nodes, and the nodes of the changed cells.
@@ -121,24 +130,21 @@ impl MeshPatch {
         self.corners = self.cells.iter().flat_map(corners).collect();
     }
 
-    /// Adds the values of the cells that `changed` returns for each array of one value a cell.
-    fn add_arrays<M>(&mut self, file: &MeshFile<M>, changed: impl Fn(usize) -> Vec<u32>) {
-        for (i, array) in file.cell_data.iter().enumerate() {
-            let cells = changed(i);
-            if array.components == 1 && !cells.is_empty() {
-                self.arrays.push(ArrayPatch {
-                    name: array.name.clone(),
-                    values: array.values.select_tuples(&cells, 1).to_f32(),
-                    cells,
-                });
-            }
-        }
+    /// Adds the values of each array at the nodes and cells that changed in it.
+    fn add_arrays<M>(
+        &mut self,
+        file: &MeshFile<M>,
+        changed_nodes: impl Fn(usize) -> Vec<u32>,
+        changed_cells: impl Fn(usize) -> Vec<u32>,
+    ) {
+        (self.node_arrays, self.node_array_names) = array_patches(&file.point_data, changed_nodes);
+        (self.cell_arrays, self.cell_array_names) = array_patches(&file.cell_data, changed_cells);
     }
 
     /// Returns how many nodes, cells and values changed, as JSON.
     pub fn to_json(&self) -> Value {
-        let arrays = self.arrays.iter();
-        let arrays = arrays.map(|array| (array.name.clone(), array.cells.len().into()));
+        let arrays = self.cell_arrays.iter();
+        let arrays = arrays.map(|array| (array.name.clone(), array.indices.len().into()));
         json!({
             "mesh": self.mesh,
             "nodes": self.node_count,
@@ -148,6 +154,29 @@ impl MeshPatch {
             "changed_values": arrays.collect::<serde_json::Map<_, _>>(),
         })
     }
+}
+
+/// Returns the values that changed in each array of one value each, and the names of these arrays.
+fn array_patches(
+    arrays: &[DataArray],
+    changed: impl Fn(usize) -> Vec<u32>,
+) -> (Vec<ArrayPatch>, Vec<String>) {
+    let (mut patches, mut names) = (Vec::new(), Vec::new());
+    for (i, array) in arrays.iter().enumerate() {
+        if array.components != 1 {
+            continue;
+        }
+        names.push(array.name.clone());
+        let indices = changed(i);
+        if !indices.is_empty() {
+            patches.push(ArrayPatch {
+                name: array.name.clone(),
+                values: array.values.select_tuples(&indices, 1).to_f32(),
+                indices,
+            });
+        }
+    }
+    (patches, names)
 }
 
 /// Returns the numbers of nodes and cells of a mesh.

@@ -193,6 +193,20 @@ impl Workbench {
         result
     }
 
+    /// Detects the features that the edits of a mesh share, so that the first edit takes no longer than
+    /// later ones. Changes no mesh.
+    ///
+    /// # Errors
+    /// Returns the errors of the edits of a mesh or an image that cannot be edited.
+    pub fn prepare_edits(
+        &self,
+        mesh: &Path,
+        image: &Path,
+        progress: &mut dyn Progress,
+    ) -> Result<()> {
+        self.run(progress, |session| session.prepare_edits(mesh, image))
+    }
+
     /// Runs a verb, whose files appear when it succeeds, or not at all.
     fn run<T>(
         &self,

@@ -7,7 +7,7 @@ use crate::Result;
 use crate::memory::LastValue;
 use crate::mesh::Mesh;
 use crate::model::geodesics::Geodesics;
-use crate::model::surface::adjacency::CellAdjacency;
+use crate::model::surface::adjacency::{CellAdjacency, CellLocator};
 
 /// Smallest number of cells of a compartment; smaller ones are fragments between surfaces.
 const MIN_COMPARTMENT_CELLS: usize = 24;
@@ -25,6 +25,8 @@ pub(super) struct PaintGraph<const D: usize, M> {
     pub face_cells: Vec<[u32; 2]>,
     /// The shortest paths through the cells.
     pub geodesics: Geodesics<CellAdjacency<D>, D>,
+    /// Finds the cells of seeds.
+    pub locator: CellLocator<D>,
     /// The block of each cell.
     pub block: Vec<u32>,
     /// The number of blocks.
@@ -59,6 +61,7 @@ impl<const D: usize, M: Mesh<D> + Clone + PartialEq + Send + Sync + 'static> Pai
         let (block, block_count) = blocks(&cells, neck, MIN_COMPARTMENT_CELLS);
         Ok(Self {
             geodesics: Geodesics::new(mesh, &face_cells, cells),
+            locator: CellLocator::new(mesh, &face_cells),
             input: (mesh.clone(), closed, neck),
             face_cells,
             block,

@@ -12,7 +12,7 @@ use crate::image::ScalarField;
 use crate::image::formats::ReadImage;
 use crate::mesh::Mesh;
 use crate::model::geodesics::GeodesicSource;
-use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets, find_cell};
+use crate::model::surface::adjacency::{CellAdjacency, enclosing_facets};
 use crate::model::surface::kind::surface_kinds;
 use crate::model::surface::stored_surfaces::{group_facets, horizon_facets, tagged_facets};
 use crate::model::surface::{AnySurfaces, SurfaceFile, SurfaceKind};
@@ -188,7 +188,7 @@ impl PaintRun<'_> {
         let regions: Vec<u32> = match seeds {
             None => graph.block.iter().map(|b| b + 1).collect(),
             Some(seeds) => {
-                let sources = self.sources(&seeds, &stored, &graph.face_cells)?;
+                let sources = self.sources(&seeds, &stored, graph)?;
                 let geodesics = &graph.geodesics;
                 let contrast = self.contrast(&space, geodesics.cells())?;
                 let level = spec.level.unwrap_or(f64::INFINITY);
@@ -223,13 +223,14 @@ impl PaintRun<'_> {
         &self,
         seeds: &Seeds<D>,
         stored: &StoredMesh<D, M>,
-        face_cells: &[[u32; 2]],
+        graph: &PaintGraph<D, M>,
     ) -> Result<Vec<GeodesicSource<D>>> {
         (seeds.iter().zip(&self.spec.seed))
             .map(|(&(p, label), seed)| {
                 let position = stored.space.to_lattice(p);
                 let located = position.and_then(|position| {
-                    Some((position, find_cell(&stored.lattice, face_cells, position)?))
+                    let (mesh, faces) = (&stored.lattice, &graph.face_cells);
+                    Some((position, graph.locator.find(mesh, faces, position)?))
                 });
                 let (position, cell) = located.ok_or_else(|| {
                     let remedy = "give physical coordinates; atomesh info shows their range";

@@ -95,47 +95,98 @@ impl<const D: usize> CellAdjacency<D> {
     }
 }
 
-/// Returns the cell that contains a point; cells are convex. If several cells touch the point, it
-/// is the first of them. `face_cells` is the result of [`Mesh::cells_of_faces`].
+/// Finds the cells of a mesh that contain points; cells are convex.
+#[derive(Debug)]
+pub struct CellLocator<const D: usize> {
+    /// Size of the largest face.
+    face_size: f64,
+    /// Lowest and highest coordinates of each cell.
+    boxes: Vec<[[f64; D]; 2]>,
+}
+
+impl<const D: usize> CellLocator<D> {
+    /// Measures the cells of a mesh. `face_cells` is the result of [`Mesh::cells_of_faces`].
+    pub fn new<F: Mesh<D>>(mesh: &F, face_cells: &[[u32; 2]]) -> Self {
+        let nodes = mesh.nodes();
+        let mut size = 0.0f64;
+        let mut boxes = vec![[[f64::INFINITY; D], [f64::NEG_INFINITY; D]]; mesh.len()];
+        for (face, cells) in face_cells.iter().enumerate() {
+            mesh.facets(face, |facet| {
+                let corners = facet.map(|n| nodes[n as usize]);
+                size = size.max(norm(normal(&corners)));
+                for &cell in cells.iter().filter(|&&cell| cell != NONE) {
+                    let [low, high] = &mut boxes[cell as usize];
+                    for corner in &corners {
+                        for k in 0..D {
+                            low[k] = low[k].min(corner[k]);
+                            high[k] = high[k].max(corner[k]);
+                        }
+                    }
+                }
+            });
+        }
+        Self {
+            face_size: size.powf(1.0 / (D as f64 - 1.0)),
+            boxes,
+        }
+    }
+
+    /// Returns the cell that contains a point. If several cells touch the point, it is the first of
+    /// them. The arguments are those of [`new`](Self::new).
+    pub fn find<F: Mesh<D>>(&self, mesh: &F, face_cells: &[[u32; 2]], p: [f64; D]) -> Option<u32> {
+        let (nodes, size) = (mesh.nodes(), self.face_size);
+        // Rounding moves no cell by as much as the size of a face.
+        let is_near = |[low, high]: &[[f64; D]; 2]| {
+            (0..D).all(|k| low[k] - size <= p[k] && p[k] <= high[k] + size)
+        };
+        let near: Vec<bool> = self.boxes.iter().map(is_near).collect();
+        // For each cell near the point the largest signed distance of the point beyond one of its
+        // faces.
+        let mut outside: Vec<f64> = (near.iter())
+            .map(|&is_near| {
+                if is_near {
+                    f64::NEG_INFINITY
+                } else {
+                    f64::INFINITY
+                }
+            })
+            .collect();
+        for (face, cells) in face_cells.iter().enumerate() {
+            if !(cells.iter()).any(|&cell| cell != NONE && near[cell as usize]) {
+                continue;
+            }
+            mesh.facets(face, |facet| {
+                let corners = facet.map(|n| nodes[n as usize]);
+                let n = normal(&corners);
+                let area = norm(n);
+                let distance = dot(sub(p, corners[0]), n) / area;
+                let longest = (corners
+                    .iter()
+                    .flat_map(|a| corners.iter().map(|b| norm(sub(*a, *b)))))
+                .fold(0.0, f64::max);
+                // Rounding spoils the normals of narrow facets; without them the cell is hardly larger.
+                let is_wide = area > MIN_FACET_WIDTH_RATIO * size * longest.powi(D as i32 - 2);
+                for (&cell, distance) in cells.iter().zip([distance, -distance]) {
+                    if cell != NONE && is_wide {
+                        let largest = &mut outside[cell as usize];
+                        *largest = largest.max(distance);
+                    }
+                }
+            });
+        }
+        let tolerance = 1e-9 * size;
+        let cell = outside.iter().position(|&distance| distance <= tolerance);
+        cell.map(|cell| cell as u32)
+    }
+}
+
+/// Returns the cell that contains a point, as [`CellLocator::find`] does.
 pub fn find_cell<const D: usize, F: Mesh<D>>(
     mesh: &F,
     face_cells: &[[u32; 2]],
     p: [f64; D],
 ) -> Option<u32> {
-    let nodes = mesh.nodes();
-    let mut size = 0.0f64;
-    for face in 0..face_cells.len() {
-        mesh.facets(face, |facet| {
-            size = size.max(norm(normal(&facet.map(|n| nodes[n as usize]))));
-        });
-    }
-    let size = size.powf(1.0 / (D as f64 - 1.0));
-    // For each cell the largest signed distance of the point beyond one of its faces.
-    let mut outside: Vec<f64> = Vec::new();
-    for (face, cells) in face_cells.iter().enumerate() {
-        mesh.facets(face, |facet| {
-            let corners = facet.map(|n| nodes[n as usize]);
-            let n = normal(&corners);
-            let area = norm(n);
-            let distance = dot(sub(p, corners[0]), n) / area;
-            let longest = (corners
-                .iter()
-                .flat_map(|a| corners.iter().map(|b| norm(sub(*a, *b)))))
-            .fold(0.0, f64::max);
-            // Rounding spoils the normals of narrow facets; without them the cell is hardly larger.
-            let is_wide = area > MIN_FACET_WIDTH_RATIO * size * longest.powi(D as i32 - 2);
-            for (&cell, distance) in cells.iter().zip([distance, -distance]) {
-                if cell != NONE && is_wide {
-                    let cell = cell as usize;
-                    outside.resize(outside.len().max(cell + 1), f64::NEG_INFINITY);
-                    outside[cell] = outside[cell].max(distance);
-                }
-            }
-        });
-    }
-    let tolerance = 1e-9 * size;
-    let cell = outside.iter().position(|&distance| distance <= tolerance);
-    cell.map(|cell| cell as u32)
+    CellLocator::new(mesh, face_cells).find(mesh, face_cells, p)
 }
 
 /// Returns the facets that enclose all cells of `region`, oriented outwards. `face_cells` is the

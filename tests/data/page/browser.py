@@ -139,6 +139,13 @@ class Browser:
         self.call("Input.dispatchKeyEvent", type="keyUp", **code)
         self.settle()
 
+    def control(self, key):
+        """Presses a key with Control."""
+        code = {"key": key, "modifiers": 2}
+        self.call("Input.dispatchKeyEvent", type="rawKeyDown", **code)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **code)
+        self.settle()
+
     def click(self, x, y):
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)

@@ -55,17 +55,22 @@ class WebPage(Browser):
         self.value(f"(() => {{ const c = document.getElementById({control!r}); c.value = {value!r};"
                    "c.dispatchEvent(new Event('input', { bubbles: true })); })()")
 
-    def drop(self, path):
-        """Drops a file on the page, as from a file manager."""
-        data = {"items": [], "files": [os.path.abspath(path)], "dragOperationsMask": 1}
+    def drop_files(self, paths):
+        """Drops files on the page, as from a file manager."""
+        data = {"items": [], "files": [os.path.abspath(path) for path in paths], "dragOperationsMask": 1}
         for kind in ("dragEnter", "dragOver", "drop"):
             self.call("Input.dispatchDragEvent", type=kind, x=200, y=200, data=data)
+
+    def drop(self, path):
+        """Drops an image on the page, and waits until it is shown."""
+        self.value("scrollTo(0, 0)")
+        self.drop_files([path])
         name = os.path.basename(path)
         self.wait(f"atomesh.info && atomesh.image === {name!r} && {STATUS} === ''")
 
-    def output_file(self, name):
-        """Returns an output file of the last job."""
-        text = self.value(f"""atomesh.outputs[{name!r}].arrayBuffer().then(buffer => {{
+    def output_file(self, file):
+        """Returns the bytes of a file: an expression of JavaScript that returns it, or a promise of it."""
+        text = self.value(f"""Promise.resolve({file}).then(file => file.arrayBuffer()).then(buffer => {{
             const bytes = new Uint8Array(buffer), parts = [];
             for (let i = 0; i < bytes.length; i += 32768) parts.push(String.fromCharCode(...bytes.subarray(i, i + 32768)));
             return btoa(parts.join('')); }})""")
@@ -96,7 +101,7 @@ def use(browser, page, program, folder, name, pictures):
         start = time.monotonic()
         b.drop(os.path.join(folder, name))
         read_seconds = time.monotonic() - start
-        sections = b.value("document.querySelectorAll('#sections canvas').length")
+        sections = b.value("document.querySelectorAll('#views .section').length")
         check(sections == (1 if name.endswith(".png") else 3), f"{sections} sections")
         args = []
         for control, value in options.items():
@@ -116,21 +121,22 @@ def use(browser, page, program, folder, name, pictures):
         seconds = time.monotonic() - start
         status = b.value(STATUS)
         check(status.startswith("Done"), status)
-        native(program, folder, "mesh", name, "-o", "mesh.vtu", *args, "--page", "mesh.html", "--surfaces", "surfaces.vtp")
-        for file in ("mesh.vtu", "surfaces.vtp"):
-            check(b.output_file(file) == read(os.path.join(folder, file)), f"{name}: {file} differs from the program's")
+        native(program, folder, "mesh", name, "-o", "mesh.vtu", *args)
+        check(b.output_file("atomesh.session.meshFile('mesh.vtu')") == read(os.path.join(folder, "mesh.vtu")),
+              f"{name}: mesh.vtu differs from the program's")
+        exports = [("surfaces.vtp", ["surface", "mesh.vtu", "-o", "surfaces.vtp"])] + [
+            (f"mesh.{kind}", ["export", "mesh.vtu", "--to", kind, "-o", f"mesh.{kind}"]) for kind in exports]
         saved = os.path.join(folder, "saved")
         b.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=saved)
-        for kind in exports:
-            file = f"mesh.{kind}"
-            native(program, folder, "export", "mesh.vtu", "--to", kind, "-o", file)
+        for file, command in exports:
+            native(program, folder, *command)
             b.value(f"[...document.querySelectorAll('#download-list button')].find(b => b.textContent === {file!r}).click()")
             end = time.monotonic() + 60
             while not os.path.exists(os.path.join(saved, file)) and time.monotonic() < end:
                 b.settle()
             check(read(os.path.join(saved, file)) == read(os.path.join(folder, file)), f"{file} differs from the program's")
             os.remove(os.path.join(saved, file))
-        b.value("document.getElementById('viewer').scrollIntoView()")
+        b.value("document.getElementById('bench').scrollIntoView()")
         time.sleep(2)
         b.shot(os.path.join(pictures, name + "-result.png"))
         for dark in (False, True):

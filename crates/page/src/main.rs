@@ -1,8 +1,9 @@
 //! The session of the page that runs atomesh in a browser: a WebAssembly module that stays in memory and
 //! answers requests.
 //!
-//! The page starts the program, which does nothing but initialise the C library. Then the page puts a request on standard input, as JSON, and calls [`answer_request`]. The reply is on
-//! standard output: the length of a JSON text in four bytes, this text, and the numbers of the arrays that
+//! The page starts the program, which does nothing but initialise the C library. Then the page puts a
+//! request on standard input, as JSON, and calls [`answer_request`]. The reply is on standard output: the
+//! length of a JSON text in four bytes, this text, and the numbers of the arrays that
 //! it lists. Progress is printed on standard error, as the program prints it. Files are those of the WASI
 //! system of the page.
 //!

@@ -22,7 +22,7 @@ use crate::mesh_file::array_names::DISTANCE_ARRAY;
 use crate::mesh_file::{CellChoice, KnownRegion, RegionNames};
 use crate::progress::{CancelToken, Progress, Stage};
 use crate::report::angles::mean_edge_lengths;
-use crate::report::certificate::{CertifiedImage, LabelledCells, certify, parts_left_out};
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify, dropped_parts};
 use crate::report::{self, AngleAssessment, Certificate, Quality, Reference, Report};
 use crate::store::MeshInput;
 use crate::store::input::{image_part, read_mesh_image};
@@ -134,7 +134,7 @@ struct LabelsOfMesh<const D: usize> {
     components: Components<D>,
     names: Vec<Option<String>>,
     /// `true` for each connected part that the mesh leaves out on request.
-    left_out: Vec<bool>,
+    dropped: Vec<bool>,
     cells: Vec<u32>,
 }
 
@@ -145,7 +145,7 @@ impl<const D: usize> LabelsOfMesh<D> {
             indices: &self.table.indices,
             labels: &self.table.values,
             names: &self.names,
-            left_out: &self.left_out,
+            dropped: &self.dropped,
             geometry: &self.geometry,
         };
         certify(&image, cells, &CancelToken::never())
@@ -293,7 +293,7 @@ impl QualitySpec {
         let kept = recorded.kept_labels(&table.values, &names, &cells);
         Ok(Some(LabelsOfMesh {
             geometry: image.geometry.clone(),
-            left_out: parts_left_out(&components, &kept, recorded.keep_largest),
+            dropped: dropped_parts(&components, &kept, recorded.keep_largest),
             names,
             table,
             components,

@@ -338,6 +338,8 @@ where
             neighbours: &mut neighbours,
             names: &mut face_names,
             pinned: &[],
+            // Voronoi cells are as large as atoms are apart: small faces would only make them worse.
+            opens_pinches: false,
         };
         regions::assign_regions(&mut annotated, faces, &scene, angle, cancel)
     });

@@ -22,7 +22,7 @@ use crate::mesh::complex::NONE;
 use crate::mesh::poly::{FaceNeighbour, PolyMesh};
 use crate::mesh_file::{CellChoice, KnownRegion};
 use crate::progress::CancelToken;
-use crate::report::certificate::{CertifiedImage, LabelledCells, certify, parts_left_out};
+use crate::report::certificate::{CertifiedImage, LabelledCells, certify, dropped_parts};
 use crate::report::{
     Certificate, Hole, LostParts, MIN_MISSING_SHARE, RegionReport, RegionSummary, VolumeReference,
     finer_distance,
@@ -46,6 +46,8 @@ pub(super) struct CellFaces<'a> {
     pub names: &'a mut Vec<u32>,
     /// Cells whose label is given, with its index.
     pub pinned: &'a [(usize, u32)],
+    /// `true` if cells at pinched nodes may be split, and parts are kept off the sides of the box.
+    pub opens_pinches: bool,
 }
 
 /// Assigns regions to the cells of simplices, and fits the faces between regions. Returns the label
@@ -62,6 +64,7 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         neighbours: face_neighbours,
         names: face_names,
         pinned,
+        opens_pinches,
     } = faces;
     let neighbours = &*face_neighbours;
     let Some(labelled) = scene.features.labels.as_ref() else {
@@ -76,7 +79,11 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
     pin(&mut regions);
     let mut cell_parts = parts.assign(&annotated.mesh, neighbours, &regions, labelled);
     let repair = |mesh: &M, cell_parts: &mut [u32], regions: &mut [u32]| {
-        PartTopology::new(mesh, neighbours, &parts).repair(cell_parts, &votes);
+        let mut topology = PartTopology::new(mesh, neighbours, &parts);
+        if !opens_pinches {
+            topology = topology.without_sides();
+        }
+        topology.repair(cell_parts, &votes);
         for (region, &part) in regions.iter_mut().zip(&*cell_parts) {
             if part != NONE {
                 *region = parts.label(part);
@@ -105,7 +112,7 @@ pub(super) fn assign_regions<const D: usize, M: Simplices<D>>(
         repair(&annotated.mesh, &mut cell_parts, &mut regions);
         pin(&mut regions);
         // Cells with given labels are at sides whose faces match.
-        if pinned.is_empty() {
+        if opens_pinches && pinned.is_empty() {
             let mut pinched = PinchedMesh {
                 mesh: &mut annotated.mesh,
                 kinds: &mut annotated.node_kinds,
@@ -336,9 +343,9 @@ pub(super) fn certificate<const D: usize>(
     // Names that are none were refused before.
     let kept = choice.kept_regions(&known, "the image");
     let kept = kept.unwrap_or_else(|_| vec![true; known.len()]);
-    let left_out = parts_left_out(&judged.components, &kept, choice.keep_largest);
+    let dropped = dropped_parts(&judged.components, &kept, choice.keep_largest);
     let certified = CertifiedImage {
-        left_out: &left_out,
+        dropped: &dropped,
         components: &judged.components,
         indices: &judged.table.indices,
         labels: &judged.table.values,

@@ -92,6 +92,7 @@ pub(super) fn make_simplices<const D: usize, M: JoinAtoms<D>>(
         neighbours: &mut neighbours,
         names: &mut face_names,
         pinned: &pinned,
+        opens_pinches: true,
     };
     let label_indices = stages.run_cancellable(|cancel| {
         regions::assign_regions(&mut annotated, faces, scene, angle, cancel)

@@ -28,6 +28,8 @@ pub struct PartTopology<'a, const D: usize, M> {
     mesh: &'a M,
     neighbours: &'a [u32],
     parts: &'a LabelParts<D>,
+    /// `true` if what is outside of the mesh counts as a part.
+    judges_sides: bool,
     /// Cells around each node, as ranges of `star_cells`.
     start: Vec<u32>,
     star_cells: Vec<u32>,
@@ -49,8 +51,17 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
             mesh,
             neighbours,
             parts,
+            judges_sides: true,
             start,
             star_cells: slots.iter().map(|slot| slot / (D as u32 + 1)).collect(),
+        }
+    }
+
+    /// Returns the same without regard to what is outside of the mesh.
+    pub fn without_sides(self) -> Self {
+        Self {
+            judges_sides: false,
+            ..self
         }
     }
 
@@ -161,7 +172,7 @@ impl<'a, const D: usize, M: Simplices<D>> PartTopology<'a, D, M> {
         }
         let groups = self.groups(n, star, |c| part[c as usize], None);
         defects += (group_count(&groups) - parts_here.len()) as u32;
-        let is_on_side = self.is_on_side(n, star);
+        let is_on_side = self.judges_sides && self.is_on_side(n, star);
         if parts_here.len() > 2 || is_on_side {
             for &a in &parts_here {
                 let is_own = |c: u32| part[c as usize] == a;

@@ -312,14 +312,14 @@ pub struct CertifiedImage<'a, const D: usize> {
     /// Names of the labels; may be empty.
     pub names: &'a [Option<String>],
     /// `true` for each part that the mesh leaves out on request, and that is not judged; may be empty.
-    pub left_out: &'a [bool],
+    pub dropped: &'a [bool],
     /// The geometry of the image.
     pub geometry: &'a Geometry<D>,
 }
 
 /// Returns for each connected part whether a mesh leaves it out: if its label is not kept, or if it is not the
 /// largest part of its label and `keeps_largest`.
-pub fn parts_left_out<const D: usize>(
+pub fn dropped_parts<const D: usize>(
     components: &Components<D>,
     is_label_kept: &[bool],
     keeps_largest: bool,
@@ -330,11 +330,11 @@ pub fn parts_left_out<const D: usize>(
         let largest = &mut largest[part.label as usize];
         *largest = part.sample_count.max(*largest);
     }
-    let is_left_out = |part: &Component<D>| {
+    let is_dropped = |part: &Component<D>| {
         let label = part.label as usize;
         !is_label_kept[label] || keeps_largest && part.sample_count < largest[label]
     };
-    parts.iter().map(is_left_out).collect()
+    parts.iter().map(is_dropped).collect()
 }
 
 /// Judges the cells of a mesh by the samples of an image. Returns `None` if `cancel` is cancelled.
@@ -460,11 +460,7 @@ struct JudgedParts<'a, const D: usize> {
 
 impl<const D: usize> JudgedParts<'_, D> {
     fn is_judged(&self, part: usize) -> bool {
-        !self
-            .image
-            .left_out
-            .get(part)
-            .is_some_and(|left_out| *left_out)
+        !self.image.dropped.get(part).is_some_and(|dropped| *dropped)
     }
 
     fn place(&self, x: [f64; D]) -> Vec<f64> {

@@ -38,7 +38,7 @@ impl<const D: usize> Labels<D> {
             indices: &self.indices,
             labels: &self.values,
             names: &[],
-            left_out: &[],
+            dropped: &[],
             geometry: &self.geometry,
         };
         certify(&image, cells, &CancelToken::never()).unwrap()

@@ -129,6 +129,7 @@ def use(browser, page, program, folder, options):
 
         # Drag atoms; the first edit finds the features of the whole image.
         b.tool("edit")
+        b.wait_idle()
         times = []
         for share in ((0.5, 0.5, 0.5), (0.3, 0.6, 0.5), (0.7, 0.3, 0.5), (0.6, 0.6, 0.5)):
             times.append(measured(b, lambda: drag_atom(b, 0, [s * n for s in share], (7, 5))))

@@ -329,3 +329,26 @@ fn full_voxels_have_the_volume_of_the_image() {
         }
     }
 }
+
+#[test]
+fn labels_that_are_left_out_are_not_judged() {
+    let folder = folder();
+    for (options, parts) in [
+        ("--drop 0", 3),
+        ("--keep 3", 2),
+        ("--keep 3 --keep-largest", 1),
+    ] {
+        let mesh = format!("mesh l3.npy -o k.vtu --feature labels --distance 3 {options}");
+        let reports =
+            [&*mesh, "quality k.vtu --labels l3.npy"].map(|line| json(folder.path(), line));
+        for report in reports {
+            let certificate = &report["certificate"];
+            assert_eq!(certificate["parts"], parts, "{options}");
+            assert_eq!(certificate["lost_parts"], 0, "{options}");
+            for part in certificate["part_reports"].as_array().unwrap() {
+                let error = part["volume_error_percent"].as_f64().unwrap();
+                assert!(error.abs() < 0.5, "{options}: {part}");
+            }
+        }
+    }
+}

@@ -76,11 +76,11 @@ struct Step {
 ///
 /// let mut workbench = Workbench::default();
 /// let mesh = Path::new("mesh.vtu");
+/// let distance = "5".parse()?;
 /// let line = "mesh disc.npy -o mesh.vtu --distance 5";
 /// let action = Action { line, input: image, output: mesh };
 /// workbench.act(action, &mut NoProgress, |session, output| {
 ///     let output = Some(output.into());
-///     let distance = "5".parse()?;
 ///     session.mesh(image, &MeshSpec { output, distance, ..MeshSpec::default() })
 /// })?;
 /// let line = "edit mesh.vtu disc.npy -o mesh.vtu --add 30.5,25";
